@@ -1,4 +1,4 @@
-"""Interfaces of guidance and controller: from what an aircraft believes to a command, from the command to controls."""
+"""Interfaces of guidance (from the belief to a command) and controller (from the command to controls)."""
 
 import abc
 from typing import Any
@@ -13,7 +13,7 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class AbstractGuidance(eqx.Module):
-    """Source of the commands of one aircraft; concrete ones are final."""
+    """Source of the commands of one aircraft; concrete subclasses are final."""
 
     @abc.abstractmethod
     def init(self, belief: Belief, instant: Instant) -> Any:
@@ -23,43 +23,41 @@ class AbstractGuidance(eqx.Module):
     def command(
         self, guidance_state: Any, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, Any]:
-        """Command for the controller, the point (NED, m) that it is to be at, and the guidance's state after that.
+        """Command for the controller, the planned position (NED, m), and the guidance state after this sample.
 
         Parameters
         ----------
         guidance_state
             State of the guidance.
         belief
-            What the aircraft believes.
+            The aircraft's own estimate of its state and its goal's.
         plan
-            Its own; None where nobody plans for it.
+            The aircraft's plan; None without a planner.
         instant
-            Now.
+            Time, step and random numbers of this sample.
 
-        Returns
-        -------
-        The command is of the kind that the aircraft's controller takes; with a goal, a `PathCommand` (its hold gives
-        one too).
+        Returns ------- The command has the type expected by the aircraft's controller; for an aircraft with a goal,
+        also during the hold, a `PathCommand`.
         """
 
 
 class AbstractController(eqx.Module):
-    """Controller of one aircraft; concrete ones are final."""
+    """Controller of one aircraft; concrete subclasses are final."""
 
     @abc.abstractmethod
     def init(self, state: AircraftState, attitude: Vector3) -> Any:
-        """State of a controller that has been holding steady flight with the given (mu, alpha, beta), rad."""
+        """State of a controller after a long time in steady flight at the given (mu, alpha, beta), rad."""
 
     @abc.abstractmethod
     def control(
         self, controller_state: Any, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, Any, Any]:
-        """Controls to hold over a sampling period (s), signals for the record, the controller's state after that.
+        """Controls held over a sampling period (s), signals for the record, and the controller state after this sample.
 
-        The signals are None, or have a method `variables()` that gives some of `anser.variables.CATALOGUE` by key.
+        The signals are None, or have a method `variables()` that returns values of `anser.variables.CATALOGUE` by key.
         """
 
 
 def signal_variables(signals: Any) -> dict[str, Array]:
-    """Variables of a controller's signals for the record; none where it has no signals."""
+    """Variables of a controller's signals for the record; empty for a controller without signals."""
     return {} if signals is None else signals.variables()

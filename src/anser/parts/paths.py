@@ -1,6 +1,6 @@
-"""Motion along a path: the reference that guidance follows.
+"""Motion along a path: the reference for guidance, and the command for the controller.
 
-And the command (airspeed, path angle, course and their rates) that the controller flies.
+The command consists of airspeed, path angle and course with their rates.
 """
 
 import abc
@@ -16,10 +16,10 @@ _ROUNDINGS = 1e4
 
 
 def time_rounding(time: ScalarLike) -> float:
-    """By how much rounding may part two times of a flight that are the same, s: 0 in float64; 1.2 ms in float32.
+    """Greatest rounding error between two equal times of a flight, s: 0 in float64, 1.2 ms in float32.
 
-    The instant at which a path begins must not count as one before it, where nothing accelerates: float32 rounds a time
-    of ten minutes by 0.03 ms, and of four hours by 0.5 ms.
+    The start of a path must not count as earlier than the path, where nothing accelerates: float32 rounds a time of ten
+    minutes by 0.03 ms, and a time of four hours by 0.5 ms.
     """
     dtype = jnp.result_type(time)
     return 0.0 if dtype == jnp.float64 else _ROUNDINGS * float(jnp.finfo(dtype).eps)
@@ -31,11 +31,11 @@ class PathPoint(eqx.Module):
     Attributes
     ----------
     position_n
-        m.
+        Position, m.
     velocity_n
-        m/s.
+        Velocity, m/s.
     acceleration_n
-        m/s^2.
+        Acceleration, m/s^2.
     """
 
     position_n: Vector3
@@ -44,11 +44,11 @@ class PathPoint(eqx.Module):
 
 
 class AbstractReference(eqx.Module):
-    """A motion that can be followed."""
+    """A reference motion that guidance can follow."""
 
     @abc.abstractmethod
     def at(self, time: ScalarLike) -> PathPoint:
-        """Where to be at a time (s), how fast, and how that changes."""
+        """Position, velocity and acceleration at a time, s."""
 
     def position_n(self, time: ScalarLike) -> Vector3:
         """Position over the ground at a time, NED, m."""
@@ -64,7 +64,7 @@ class AbstractReference(eqx.Module):
 
 
 class PathCommand(eqx.Module):
-    """Velocity in polar form and its rates: what the trajectory asks of the autopilot."""
+    """Commanded velocity in polar form, with the rates of its components."""
 
     V: Scalar
     """Speed, m/s."""
@@ -73,7 +73,7 @@ class PathCommand(eqx.Module):
     chi: Scalar
     """Course, clockwise from North, rad, in (-pi, pi]."""
     V_dot: Scalar
-    """m/s^2."""
+    """Rate of the speed, m/s^2."""
     gamma_dot: Scalar
     """rad/s."""
     chi_dot: Scalar
@@ -86,22 +86,23 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
     Parameters
     ----------
     velocity_n
-        Velocity over the ground or relative to the air, NED, m/s. In vertical flight the course is reported as 0 and
-        its rate as 0, at rest all angles and rates.
+        Velocity over the ground or relative to the air, NED, m/s. In vertical flight, course and course rate are 0; at
+        rest, all angles and rates are 0.
     acceleration_n
-        Its time derivative, NED, m/s^2.
+        Time derivative of the velocity, NED, m/s^2.
 
     Notes
     -----
-    Theory section 6, "Commands along a trajectory"; the path angle by atan2 instead of asin, which loses digits and
-    its derivative near the vertical.
+    Theory section 6, "Commands along a "
+    "trajectory"; the path angle uses atan2 instead of asin, which loses digits and the
+    derivative near the vertical.
     """
     north, east, up = velocity_n[0], velocity_n[1], -velocity_n[2]
     north_dot, east_dot, up_dot = acceleration_n[0], acceleration_n[1], -acceleration_n[2]
     speed, level = norm(velocity_n), norm(velocity_n[:2])
     moving, turning = speed > 0.0, level > 0.0
     safe_speed, safe_level = jnp.where(moving, speed, 1.0), jnp.where(turning, level, 1.0)
-    # At rest atan2 is asked about (0, 1): its derivative at (0, 0) is not a number.
+    # At rest atan2 gets (0, 1), because its derivative at (0, 0) is not a number.
     gamma = jnp.arctan2(up, jnp.where(moving, level, 1.0))
     chi = jnp.arctan2(jnp.where(turning, east, 0.0), jnp.where(turning, north, 1.0))
     level_dot = (north * north_dot + east * east_dot) / safe_level
@@ -116,9 +117,9 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
 
 
 def rescale_command(command: PathCommand, scale: Vector3) -> PathCommand:
-    """Command for the velocity whose components are those of another one times `scale` (3,), taken as constant.
+    """Command after multiplication of the velocity components by `scale` (3,), a constant.
 
-    Takes a command from the coordinates of a chart to velocities over ground and back.
+    Converts a command between the coordinates of a chart and velocities over the ground.
     """
 
     def cartesian(V: Scalar, gamma: Scalar, chi: Scalar) -> Vector3:

@@ -1,6 +1,7 @@
-"""Interfaces of sensors and estimators, and the signals between them.
+"""Interfaces of sensors and estimators, and the signals between sensors, estimators and guidance.
 
-The instant, the truth, line of sight and readings, the aircraft's own estimate (belief) of its state and its goal's.
+The instant, the truth, line of sight and readings, and the aircraft's own estimate (belief) of its state and its
+goal's.
 """
 
 import abc
@@ -20,15 +21,15 @@ from anser.shapes import Count, Flag, Matrix33, Scalar, Vector3
 from anser.spatial.rotations import rotate_back
 from anser.spatial.vectors import norm
 
-# A sight line is treated as vertical below this ratio of horizontal distance to range.
+# A line of sight is treated as vertical below this ratio of horizontal distance to range.
 _VERTICAL = 1e-12
 
 
 class LineOfSight(eqx.Module):
-    """What the sensor gives, in axes North, East, up."""
+    """Line of sight to a goal and its rates, in axes North, East, up."""
 
     range: Scalar
-    """m."""
+    """Range, m."""
     azimuth: Scalar
     """Clockwise from North, rad."""
     elevation: Scalar
@@ -36,13 +37,13 @@ class LineOfSight(eqx.Module):
     range_rate: Scalar
     """m/s."""
     azimuth_rate: Scalar
-    """rad/s; grows without bound toward the vertical, its product with range and cos(elevation) does not."""
+    """Rate of the azimuth, rad/s; unbounded near the vertical, where range * cos(elevation) * rate stays bounded."""
     elevation_rate: Scalar
     """rad/s."""
 
 
 def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3]:
-    """Rows of theory's M, in NED: along the sight line, toward rising azimuth, toward rising elevation."""
+    """Rows of theory's M, in NED: along the line of sight, towards rising azimuth, towards rising elevation."""
     ca, sa, ce, se = jnp.cos(azimuth), jnp.sin(azimuth), jnp.cos(elevation), jnp.sin(elevation)
     return (
         jnp.stack([ca * ce, sa * ce, -se]),
@@ -52,33 +53,32 @@ def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3
 
 
 def measure_line_of_sight(
-    own_position_n: Vector3, own_velocity_n: Vector3, goal_position_n: Vector3, goal_velocity_n: Vector3
+    vehicle_position_n: Vector3, vehicle_velocity_n: Vector3, goal_position_n: Vector3, goal_velocity_n: Vector3
 ) -> LineOfSight:
-    """Give what a perfect sensor on the aircraft sees of a goal.
+    """Line of sight of an ideal sensor on the aircraft.
 
     Parameters
     ----------
-    own_position_n, goal_position_n
-        NED, m. They must differ: at zero range there is no sight line, and all angles and rates are reported as 0.
-    own_velocity_n, goal_velocity_n
+    vehicle_position_n, goal_position_n
+        NED, m. The two positions must differ; at zero range all angles and rates are 0.
+    vehicle_velocity_n, goal_velocity_n
         NED, m/s, both over the ground.
 
-    Notes
-    -----
-    Theory section 7. On the exact vertical the azimuth is free: it is laid along the horizontal relative velocity, so
-    that the azimuth rate is zero and the elevation rate holds the whole motion. Elsewhere the azimuth rate is formed
-    with the rounded elevation, so that `recover` gives the velocity back to rounding however close the vertical is.
+    Notes ----- Theory section 7. On the exact vertical the azimuth is undefined; the direction of the horizontal
+    relative velocity is used, so the azimuth rate is zero and the elevation rate contains the whole motion. Elsewhere
+    the azimuth rate uses the rounded elevation, so `goal_from_line_of_sight` recovers the velocity to rounding however
+    close the vertical is.
     """
-    relative, rate = goal_position_n - own_position_n, goal_velocity_n - own_velocity_n
-    distance, level = norm(relative), norm(relative[:2])
-    seen, vertical = distance > 0.0, level <= _VERTICAL * distance
-    safe_distance = jnp.where(seen, distance, 1.0)
+    relative, rate = goal_position_n - vehicle_position_n, goal_velocity_n - vehicle_velocity_n
+    distance, horizontal_distance = norm(relative), norm(relative[:2])
+    is_defined, vertical = distance > 0.0, horizontal_distance <= _VERTICAL * distance
+    safe_distance = jnp.where(is_defined, distance, 1.0)
 
-    sweeping = norm(rate[:2]) > 0.0
-    aside_n = jnp.where(vertical, jnp.where(sweeping, rate[0], 1.0), relative[0])
-    aside_e = jnp.where(vertical, jnp.where(sweeping, rate[1], 0.0), relative[1])
-    azimuth = jnp.where(seen, jnp.arctan2(aside_e, aside_n), 0.0)
-    elevation = jnp.arctan2(-relative[2], jnp.where(seen, level, 1.0))
+    has_horizontal_rate = norm(rate[:2]) > 0.0
+    direction_n = jnp.where(vertical, jnp.where(has_horizontal_rate, rate[0], 1.0), relative[0])
+    direction_e = jnp.where(vertical, jnp.where(has_horizontal_rate, rate[1], 0.0), relative[1])
+    azimuth = jnp.where(is_defined, jnp.arctan2(direction_e, direction_n), 0.0)
+    elevation = jnp.arctan2(-relative[2], jnp.where(is_defined, horizontal_distance, 1.0))
 
     along, across, above = _axes(azimuth, elevation)
     turn = jnp.where(vertical, 0.0, jnp.sum(across * rate))
@@ -87,18 +87,18 @@ def measure_line_of_sight(
         range=distance,
         azimuth=azimuth,
         elevation=elevation,
-        range_rate=jnp.where(seen, jnp.sum(along * rate), 0.0),
+        range_rate=jnp.where(is_defined, jnp.sum(along * rate), 0.0),
         azimuth_rate=turn / lever,
-        elevation_rate=jnp.where(seen, jnp.sum(above * rate) / safe_distance, 0.0),
+        elevation_rate=jnp.where(is_defined, jnp.sum(above * rate) / safe_distance, 0.0),
     )
 
 
 def goal_from_line_of_sight(
-    sight: LineOfSight, own_position_n: Vector3, own_velocity_n: Vector3
+    sight: LineOfSight, vehicle_position_n: Vector3, vehicle_velocity_n: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Goal position (NED, m) and velocity over the ground (NED, m/s) from the sensor and one's own motion.
+    """Goal position (NED, m) and velocity over the ground (NED, m/s) from line of sight and vehicle motion.
 
-    Exact without noise (theory section 7): M is orthonormal, its inverse is its transpose.
+    Exact without noise (theory section 7): M is orthonormal, so the inverse is the transpose.
     """
     along, across, above = _axes(sight.azimuth, sight.elevation)
     relative_rate = (
@@ -106,22 +106,22 @@ def goal_from_line_of_sight(
         + sight.range * jnp.cos(sight.elevation) * sight.azimuth_rate * across
         + sight.range * sight.elevation_rate * above
     )
-    return own_position_n + sight.range * along, own_velocity_n + relative_rate
+    return vehicle_position_n + sight.range * along, vehicle_velocity_n + relative_rate
 
 
 class Instant(eqx.Module):
-    """One sample of a flight, as every part of the closed loop gets it.
+    """Time, step and random numbers of one sample of a flight, common to every part of the closed loop.
 
     Attributes
     ----------
     environment
         Atmosphere, wind and Earth.
     number
-        Of the sample, from 0.
+        Number of the sample, from 0.
     step
         Sampling period, s.
     randomness
-        Source of the random numbers of this aircraft in this flight; None where nothing may draw any.
+        Source of random numbers of this aircraft in this flight; None if random numbers are not allowed.
     """
 
     environment: Environment
@@ -131,35 +131,35 @@ class Instant(eqx.Module):
 
     @property
     def time(self) -> Scalar:
-        """S."""
+        """Time since the start of the flight, s."""
         return self.number * self.step
 
     def normals(self, part: int, count: int, *, once: bool = False) -> Array:
-        """Standard normal numbers that a part of one aircraft draws, shape (count,).
+        """Standard normal random numbers for a part of one aircraft, shape (count,).
 
-        They follow from (seed, flight, aircraft, part, sample) alone.
+        The numbers depend only on (seed, flight, aircraft, part, sample).
 
         Parameters
         ----------
         part
-            One of those in `anser.numerics.randomness`, or a user's own from 100 on.
+            Number of the part: a constant of `anser.numerics.randomness`, or a user's number from 100 on.
         count
-            How many.
+            Number of random numbers.
         once
-            Those that are drawn once, before the first sample; else those of this sample.
+            Whether to draw the numbers of the initialization instead of this sample's.
 
         Raises
         ------
         ValueError
-            The flight has no seed.
+            If the flight has no seed.
         """
-        drawn = self._source().normals(part, INITIAL_SAMPLE if once else self.number, count)
-        return drawn.astype(self.step.dtype)
+        numbers = self._source().normals(part, INITIAL_SAMPLE if once else self.number, count)
+        return numbers.astype(self.step.dtype)
 
     def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
-        """As `normals`, between 0 and 1."""
-        drawn = self._source().uniforms(part, INITIAL_SAMPLE if once else self.number, count)
-        return drawn.astype(self.step.dtype)
+        """Uniform random numbers between 0 and 1; otherwise as `normals`."""
+        numbers = self._source().uniforms(part, INITIAL_SAMPLE if once else self.number, count)
+        return numbers.astype(self.step.dtype)
 
     def _source(self) -> AbstractRandomness:
         if self.randomness is None:
@@ -175,20 +175,20 @@ class GoalState(eqx.Module):
 
 
 class Truth(eqx.Module):
-    """What is true of one aircraft at one instant.
+    """True state of one aircraft and its goal at one instant.
 
     Attributes
     ----------
     airframe
-        What flies.
-    state, now
-        Its state, and the air data, forces and moments there.
+        The airframe that flies.
+    state, condition
+        State of the aircraft, with air data, forces and moments in this state.
     goal
-        Its goal; None for an aircraft without one.
+        Motion of the goal; None for an aircraft without a goal.
     goal_sensor_works
-        False once it has lost the sensor of its goal.
+        False after the loss of the goal sensor.
     disturbance
-        Gust and thrust, as far as they are not in the mean wind and a sound engine.
+        Gust in addition to the mean wind, and loss of thrust.
     """
 
     airframe: AbstractAirframe
@@ -200,19 +200,19 @@ class Truth(eqx.Module):
 
 
 class GoalReading(eqx.Module):
-    """One measurement of a goal, or none.
+    """One measurement of a goal, or an empty reading.
 
     Attributes
     ----------
     values
-        Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and their rates; or a goal's own
-        report: its position (NED, m) and velocity (NED, m/s) in the Earth's chart.
+        Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
+        goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
     sigmas
-        Standard deviations of their errors, same units.
+        Standard deviations of the errors, same units.
     measured
-        Which of them there are; none at a sample without a measurement.
+        Flags of the measured components; all false at a sample without a measurement.
     number
-        Sample at which it was measured; it may arrive later.
+        Sample of the measurement; the reading may arrive later.
     kind
         "sight" or "report".
     """
@@ -225,14 +225,14 @@ class GoalReading(eqx.Module):
 
 
 class Fix(eqx.Module):
-    """Position and velocity by satellite navigation.
+    """Position and velocity from satellite navigation.
 
     Attributes
     ----------
     position_n, velocity_n
-        NED, m in the Earth's chart and m/s over the ground; those of the last fix where there is no new one.
-    new
-        Whether it is of this sample.
+        NED, m in the Earth's chart and m/s over the ground; the last fix between two fixes.
+    is_new
+        Whether the fix belongs to this sample.
     """
 
     position_n: Vector3
@@ -241,27 +241,26 @@ class Fix(eqx.Module):
 
 
 class Reading(eqx.Module):
-    """Reading of the sensors of one aircraft at one instant.
+    """Readings of all sensors of one aircraft at one instant.
 
     Attributes
     ----------
     state
-        Its own state.
-    now
-        Air data at that state; its forces and moments are those that the aircraft itself would have there.
+        State of the aircraft as measured.
+    condition
+        Air data at the measured state, with the forces and moments of the true airframe in this state.
     specific_force_b
-        Of accelerometers at the centre of gravity, body axes, m/s^2.
+        Specific force at the centre of gravity, body axes, m/s^2.
     sight
-        Line of sight to the goal with all rates at every sample; None for an aircraft without a goal, or whose sensor
-        does less.
+        Line of sight to the goal with all rates at every sample; None without a goal or with a less capable sensor.
     goal
-        What such a sensor gives.
+        Measurement of a goal sensor with errors; None for an ideal sensor.
     fix
-        By satellite navigation; None: the position in the state is at hand at every sample.
+        Fix of satellite navigation; None if the position in `state` is measured at every sample.
     velocity_air_b
-        Velocity through the air as pitot tube and vanes measure it, body axes, m/s; None: that in `now`.
+        Velocity through the air as measured by pitot tube and vanes, body axes, m/s; None: the velocity in `condition`.
     goal_sensor_works
-        As `Truth` has it: an aircraft knows that its sensor has failed.
+        As in `Truth`: the aircraft detects a failure of its goal sensor.
     """
 
     state: AircraftState
@@ -275,24 +274,24 @@ class Reading(eqx.Module):
 
 
 class Belief(eqx.Module):
-    """What one aircraft believes at one instant: all that guidance and controller know.
+    """The aircraft's own estimate of its state and its goal's: the only input of guidance and controller.
 
     Attributes
     ----------
     airframe
-        Its model of itself.
+        Nominal airframe.
     state
-        Its own state.
-    now
-        Air data, and the forces and moments of the model at that state.
+        Estimated state of the aircraft.
+    condition
+        Air data, forces and moments of the nominal airframe at the estimated state.
     specific_force_b
-        As measured, m/s^2.
+        Measured specific force, m/s^2.
     sight
-        Line of sight to the goal as measured, or as it is taken to be; None for an aircraft without one.
+        Line of sight to the goal, measured or estimated; None for an aircraft without a goal.
     goal
-        Where it takes its goal to be, and how it moves; None without one.
+        Estimated position and velocity of the goal; None without a goal.
     uncertainty
-        Of both; None where they are taken to be exact.
+        Uncertainty of both estimates; None if both are exact.
     """
 
     airframe: AbstractAirframe
@@ -305,20 +304,21 @@ class Belief(eqx.Module):
 
 
 class Uncertainty(eqx.Module):
-    """How well an aircraft knows its own place and its goal.
+    """Uncertainty of an aircraft's position and of its goal.
 
     Attributes
     ----------
-    own_covariance
-        Of the own position, NED, m^2.
+    position_covariance
+        Covariance of the aircraft's position, NED, m^2.
     goal_covariance
-        Of the goal's position and velocity, NED, m and m/s; the own place's is in it where the goal is seen from there.
-    seen
-        Whether a measurement of the goal came in at this sample.
+        Covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty
+        of the aircraft's position.
+    goal_is_measured
+        Whether a measurement of the goal arrived at this sample.
     nis
-        Normalised innovation squared of the last one, over its dimension: 1 in the mean.
+        Normalised innovation squared of the last measurement, divided by its dimension; 1 on average.
     goal_status
-        One of `GOAL_KNOWN`, `GOAL_NEVER_SEEN`, `GOAL_DIVERGED`.
+        `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
     """
 
     position_covariance: Matrix33
@@ -332,19 +332,19 @@ GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
 class AbstractSensors(eqx.Module):
-    """Sensors of one aircraft; concrete ones are final."""
+    """Sensors of one aircraft; concrete subclasses are final."""
 
     @abc.abstractmethod
     def init(self, truth: Truth, instant: Instant) -> Any:
-        """State of the sensors before the first sample, of an aircraft that has been in its present flight for long."""
+        """State of the sensors before the first sample, after a long time in the present flight condition."""
 
     @abc.abstractmethod
     def read(self, sensor_state: Any, truth: Truth, instant: Instant) -> tuple[Reading, Any]:
-        """Their reading now, and their state after it."""
+        """Readings of this sample, and the sensor state after this sample."""
 
 
 class AbstractEstimator(eqx.Module):
-    """Estimator of one aircraft; concrete ones are final."""
+    """Estimator of one aircraft; concrete subclasses are final."""
 
     @abc.abstractmethod
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> Any:
@@ -354,7 +354,7 @@ class AbstractEstimator(eqx.Module):
     def estimate(
         self, estimator_state: Any, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, Any]:
-        """What the aircraft believes now, and the estimator's state after that; `airframe` is what flies."""
+        """Belief at this sample, and the estimator state after this sample; `airframe` is the true airframe."""
 
 
 def velocity_over_ground_n(condition: FlightCondition, state: AircraftState) -> Vector3:

@@ -1,7 +1,6 @@
 """Interface of a planner.
 
-The reports and the performance that it plans with, the rendezvous it plans for, and the plan that it returns for
-each aircraft.
+Inputs are the aircraft's reports, performance and rendezvous; the output is a plan for every aircraft.
 """
 
 import abc
@@ -21,10 +20,10 @@ from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
 
 class Rendezvous(eqx.Module):
-    """How an aircraft is to meet its goal; arrays throughout, so that other numbers do not recompile."""
+    """Geometry of the meeting with the goal; all values are arrays, so other numbers do not recompile."""
 
     stand_off_n: Vector3
-    """From the goal to the rendezvous, NED, m (300 m above the goal is (0, 0, -300))."""
+    """Position relative to the goal, NED, m (300 m above the goal is (0, 0, -300))."""
     course: Scalar
     """Prescribed course over the ground at arrival, rad."""
     course_prescribed: Flag
@@ -36,7 +35,7 @@ class Rendezvous(eqx.Module):
 def make_rendezvous(
     stand_off_n: Vector3, course: ScalarLike | None = None, path_angle: ScalarLike | None = None
 ) -> Rendezvous:
-    """Rendezvous with the final course and path angle (over the ground, rad) prescribed where given."""
+    """Rendezvous; final course and path angle over the ground (rad) are prescribed unless None."""
     return Rendezvous(
         stand_off_n,
         as_array(0.0 if course is None else course),
@@ -47,25 +46,23 @@ def make_rendezvous(
 
 
 def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: ScalarLike) -> tuple[Scalar, Flag]:
-    """Shortest time in which a point of given speed can meet a steadily moving one on a straight line.
+    """Shortest time of interception of a point in steady motion, on a straight line at constant airspeed.
 
     Parameters
     ----------
     relative_position
-        From the aircraft to the moving point, NED, m.
+        Position of the point relative to the aircraft, NED, m.
     relative_velocity
-        Velocity of the moving point relative to the air, NED, m/s.
+        Velocity of the point relative to the air, NED, m/s.
     speed
         Airspeed, m/s.
 
-    Returns
-    -------
-    Time to go, s, and whether one exists. Where the goal outruns the aircraft, the time is a finite stand-in: the
-    range over the sum of both speeds.
+    Returns ------- Time to go, s, and whether an interception exists. If the goal outruns the aircraft, the time is a
+    finite placeholder: the range divided by the sum of both speeds.
 
     Notes
     -----
-    Theory section 7: (W^2 - V^2) t^2 + 2 (R.W) t + R^2 = 0, smallest positive root, in the form that does not cancel
+    Theory section 7: (W^2 - V^2) t^2 + 2 (R.W) t + R^2 = 0, smallest positive root, in a form without cancellation
     (section 9, item 5 for the sign of R.W).
     """
     a = jnp.sum(relative_velocity * relative_velocity) - speed**2
@@ -73,11 +70,11 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
     c = jnp.sum(relative_position * relative_position)
     discriminant = b * b - a * c
     exists = (a < 0.0) | ((b < 0.0) & (discriminant >= 0.0))
-    between = safe_sqrt(discriminant)
-    away = b > 0.0
-    divisor = jnp.where(away, -a, between - b)
+    root = safe_sqrt(discriminant)
+    is_receding = b > 0.0
+    divisor = jnp.where(is_receding, -a, root - b)
     usable = exists & (divisor > 0.0)
-    time = jnp.where(away, between + b, c) / jnp.where(usable, divisor, 1.0)
+    time = jnp.where(is_receding, root + b, c) / jnp.where(usable, divisor, 1.0)
     stand_in = norm(relative_position) / (speed + norm(relative_velocity))
     return jnp.where(usable, time, stand_in), exists
 
@@ -90,10 +87,11 @@ def final_air_velocity(
     Parameters
     ----------
     rendezvous
-        What is prescribed.
+        Prescribed course and path angle over the ground, if any.
     line_n
-        From start to rendezvous in the frame that drifts with the air, NED, m: the direction of arrival where nothing
-        is prescribed. Where one of course and path angle is, the other is that of this arrival seen from the ground.
+        Vector from start to rendezvous in the frame of the moving air, NED, m: the direction of arrival if none is
+        prescribed. If only course or path angle is prescribed, the other follows from this direction seen from the
+        ground.
     speed
         Airspeed at arrival, m/s.
     wind_n
@@ -101,40 +99,40 @@ def final_air_velocity(
 
     Returns
     -------
-    Velocity, NED, m/s, always of the given length, and whether the prescribed direction over the ground can be flown:
-    the ground speed g > 0 solves |g d - wind| = speed. Where none does, the velocity is that of the free arrival.
+    Velocity, NED, m/s, with the given airspeed, and whether the prescribed direction over the ground can be flown: the
+    ground speed g > 0 solves |g d - wind| = speed. Without a solution the velocity is along `line_n`.
     """
-    free = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
-    seen = polar(free + wind_n, jnp.zeros(3))
-    chi = jnp.where(rendezvous.course_prescribed, rendezvous.course, seen.chi)
-    gamma = jnp.where(rendezvous.path_angle_prescribed, rendezvous.path_angle, seen.gamma)
+    straight_velocity = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
+    straight_path = polar(straight_velocity + wind_n, jnp.zeros(3))
+    chi = jnp.where(rendezvous.course_prescribed, rendezvous.course, straight_path.chi)
+    gamma = jnp.where(rendezvous.path_angle_prescribed, rendezvous.path_angle, straight_path.gamma)
     along = jnp.stack([jnp.cos(gamma) * jnp.cos(chi), jnp.cos(gamma) * jnp.sin(chi), -jnp.sin(gamma)])
-    tail = jnp.sum(along * wind_n)
-    discriminant = tail * tail - jnp.sum(wind_n * wind_n) + speed**2
+    tail_wind = jnp.sum(along * wind_n)
+    discriminant = tail_wind * tail_wind - jnp.sum(wind_n * wind_n) + speed**2
     solvable = discriminant > 0.0
-    ground_speed = tail + jnp.sqrt(jnp.where(solvable, discriminant, 1.0))
+    ground_speed = tail_wind + jnp.sqrt(jnp.where(solvable, discriminant, 1.0))
     prescribed = rendezvous.course_prescribed | rendezvous.path_angle_prescribed
     attainable = ~prescribed | (solvable & (ground_speed > 0.0))
-    return jnp.where(prescribed & attainable, ground_speed * along - wind_n, free), attainable
+    return jnp.where(prescribed & attainable, ground_speed * along - wind_n, straight_velocity), attainable
 
 
-_LEAST = 0.05  # of the deceleration at the start: there is always some
+_LEAST = 0.05  # relative to the deceleration at the start: a minimum that is always available
 
 
 class IdleDeceleration(eqx.Module):
-    """Drag less idle thrust per mass, as a share of a deceleration that it is told with; stacked, a fleet.
+    """Drag less idle thrust per mass, relative to a reference deceleration; stacked for a fleet.
 
-    Linear in airspeed between the entries, and beyond them that of the first and of the last. The drag due to lift goes
-    with the square of the load factor. Each method takes one airspeed (m/s) and load factor, or equally many of each.
+    Linear in airspeed between the entries, constant beyond the first and the last. Drag due to lift is proportional to
+    the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of equal length.
 
     Attributes
     ----------
     speeds
         Airspeeds, rising, m/s.
     level
-        Share in level flight, load factor 1, at each of them.
+        Relative deceleration in level flight, load factor 1, at each airspeed.
     by_lift
-        The part of it that is due to lift, not negative.
+        Contribution of the drag due to lift, not negative.
     """
 
     speeds: Float[Array, "*aircraft entries"]
@@ -142,74 +140,78 @@ class IdleDeceleration(eqx.Module):
     by_lift: Float[Array, "*aircraft entries"]
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Share that can be counted upon: what a load factor above 1 adds is not."""
-        xp = namespace(self, speed, load_factor)
-        return self._between(xp, self._unloaded(xp, load_factor), speed)
+        """Guaranteed relative deceleration; the increase by a load factor above 1 does not count."""
+        array_module = namespace(self, speed, load_factor)
+        return self._between(array_module, self._unloaded(array_module, load_factor), speed)
 
     def least_share(self, slow: Any, fast: Any, load_factor: Any) -> Any:
-        """The least `share` between two airspeeds, at a load factor or any greater one."""
-        xp = namespace(self, slow, fast, load_factor)
-        return -self._most(xp, -self._unloaded(xp, load_factor), slow, fast)
+        """Minimum of `share` between two airspeeds, for this load factor or any greater one."""
+        array_module = namespace(self, slow, fast, load_factor)
+        return -self._most(array_module, -self._unloaded(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """By how much the share rises above that of level flight with a load factor above 1."""
-        xp = namespace(self, speed, load_factor)
-        return self._between(xp, self._loaded(xp, load_factor), speed)
+        """Increase of the relative deceleration by a load factor above 1."""
+        array_module = namespace(self, speed, load_factor)
+        return self._between(array_module, self._loaded(array_module, load_factor), speed)
 
     def greatest_rise(self, slow: Any, fast: Any, load_factor: Any) -> Any:
-        """The greatest `rise` between two airspeeds, at a load factor or any smaller one."""
-        xp = namespace(self, slow, fast, load_factor)
-        return self._most(xp, self._loaded(xp, load_factor), slow, fast)
+        """Maximum of `rise` between two airspeeds, for this load factor or any smaller one."""
+        array_module = namespace(self, slow, fast, load_factor)
+        return self._most(array_module, self._loaded(array_module, load_factor), slow, fast)
 
-    def _unloaded(self, xp: ModuleType, load_factor: Any) -> Any:
-        """Shares at a load factor, those of 1 above it, along another axis, the last."""
+    def _unloaded(self, array_module: ModuleType, load_factor: Any) -> Any:
+        """Relative decelerations of the entries at a load factor, at most 1, along a new last axis."""
         level, by_lift = (_beside(load_factor, entries) for entries in (self.level, self.by_lift))
-        unloaded = 1.0 - xp.clip(load_factor, 0.0, 1.0) ** 2
-        return xp.maximum(level - xp.expand_dims(unloaded, -1) * by_lift, _LEAST)
+        unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
+        return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)
 
-    def _loaded(self, xp: ModuleType, load_factor: Any) -> Any:
-        """What load factors above 1 add, along another axis, the last."""
-        loaded = xp.maximum(load_factor, 1.0) ** 2 - 1.0
-        return xp.expand_dims(loaded, -1) * _beside(load_factor, self.by_lift)
+    def _loaded(self, array_module: ModuleType, load_factor: Any) -> Any:
+        """Increases of the entries by load factors above 1, along a new last axis."""
+        loaded = array_module.maximum(load_factor, 1.0) ** 2 - 1.0
+        return array_module.expand_dims(loaded, -1) * _beside(load_factor, self.by_lift)
 
-    def _between(self, xp: ModuleType, entries: Any, speed: Any) -> Any:
+    def _between(self, array_module: ModuleType, entries: Any, speed: Any) -> Any:
         speeds = _beside(speed, self.speeds)
         low, high = speeds[..., :-1], speeds[..., 1:]
-        parts = xp.clip((xp.expand_dims(speed, -1) - low) / (high - low), 0.0, 1.0)
-        return entries[..., 0] + xp.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
+        parts = array_module.clip((array_module.expand_dims(speed, -1) - low) / (high - low), 0.0, 1.0)
+        return entries[..., 0] + array_module.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
 
-    def _most(self, xp: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
-        """The greatest between two airspeeds: at either, or at an entry between them."""
+    def _most(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
+        """Maximum between two airspeeds: at an endpoint, or at an entry in between."""
         speeds = _beside(slow, self.speeds)
-        inside = (speeds > xp.expand_dims(slow, -1)) & (speeds < xp.expand_dims(fast, -1))
-        ends = xp.maximum(self._between(xp, entries, slow), self._between(xp, entries, fast))
-        return xp.maximum(ends, xp.max(xp.where(inside, entries, -xp.inf), axis=-1))
+        inside = (speeds > array_module.expand_dims(slow, -1)) & (speeds < array_module.expand_dims(fast, -1))
+        endpoint_maximum = array_module.maximum(
+            self._between(array_module, entries, slow), self._between(array_module, entries, fast)
+        )
+        return array_module.maximum(
+            endpoint_maximum, array_module.max(array_module.where(inside, entries, -array_module.inf), axis=-1)
+        )
 
 
 def _beside(values: Any, entries: Any) -> Any:
-    """Entries along another axis than those of some values, the last."""
+    """Entries along a new last axis, next to the axes of the values."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 
 
 class AircraftReport(eqx.Module):
-    """What one aircraft reports to the planner; stacked, a fleet. Velocities are rates in the Earth's chart.
+    """Report of one aircraft to the planner; stacked for a fleet. Velocities are rates in the Earth's chart.
 
     Attributes
     ----------
     position_n
-        Its own, NED, m.
+        Position of the aircraft, NED, m.
     air_velocity_n, wind_n
-        Its velocity relative to the air and that of the air, as it measures them, NED, m/s.
+        Velocity relative to the air, and wind, as measured by the aircraft, NED, m/s.
     airspeed
-        m/s.
+        Airspeed, m/s.
     goal_position_n, goal_velocity_n
-        Its goal as it takes it to be, NED, m and m/s over the ground.
+        Estimated motion of the goal, NED, m and m/s over the ground.
     rendezvous
-        How it is to meet the goal.
+        Geometry of the meeting with the goal.
     active
-        Whether it flies its plan. One that has stopped or has broken off does not: the others are planned without it.
+        Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
     goal_covariance
-        Of the goal's position and velocity as it takes them to be, NED, m and m/s; None: they are exact.
+        Covariance of the estimated goal position and velocity, NED, m and m/s; None if both are exact.
     """
 
     position_n: Vector3
@@ -224,14 +226,14 @@ class AircraftReport(eqx.Module):
 
 
 class Performance(eqx.Module):
-    """What one aircraft can do along its path from steady flight at its start; stacked, a fleet.
+    """Performance of one aircraft along its path from steady flight at the start; stacked for a fleet.
 
     Attributes
     ----------
     deceleration, acceleration
-        With the engine idle, and with all its thrust, in level flight, m/s^2.
+        With idle and with full thrust in level flight, m/s^2.
     idle
-        What of that deceleration there is at other airspeeds and load factors.
+        Relative idle deceleration at other airspeeds and load factors.
     """
 
     deceleration: Float[Array, "..."]
@@ -240,18 +242,18 @@ class Performance(eqx.Module):
 
 
 class NetworkView(eqx.Module):
-    """What one aircraft of a fleet without a centre shares with the others; stacked, for a fleet.
+    """Data that an aircraft of a fleet without a centre shares with the fleet; stacked for a fleet.
 
     Attributes
     ----------
     lag
-        By how much its clock is behind the time, s.
+        Delay of the aircraft's clock, s.
     rate
-        Of its clock.
+        Rate of the clock.
     hears
-        Whom it heard at the last exchange.
+        Aircraft whose messages arrived at the last exchange.
     offers
-        Whether it offers another path.
+        Whether the aircraft offers another path.
     """
 
     lag: Scalar
@@ -261,28 +263,29 @@ class NetworkView(eqx.Module):
 
 
 class AircraftPlan(eqx.Module):
-    """What the closed loop takes of a plan for one aircraft; stacked, for a fleet.
+    """Plan of one aircraft, as used by the closed loop; stacked for a fleet.
 
     Attributes
     ----------
     trajectory
-        Where to be at which time up to the arrival.
+        Reference motion up to the arrival.
     arrival_time
-        When it is to be at its rendezvous, s.
+        Time of arrival at the rendezvous, s.
     status
-        Index into `PLAN_MESSAGES`, 0 where all is well.
+        Index into `PLAN_MESSAGES`; 0 means success.
     length
-        Of its path, m.
+        Length of the path, m.
     lateral_bend
-        Parameter of the published paths, m; NaN where paths have none.
-    renewal
-        How the plan in force came about: index into `REPLANNING_MESSAGES`.
+        Parameter of the published paths, m; NaN for other paths.
+    replanning
+        Origin of the plan: index into `REPLANNING_MESSAGES`.
     hold
-        What it flies after the arrival; None: what its own hold says.
+        Motion after the arrival; None: the aircraft's hold.
     hold_reach
-        How far its hold may go with a goal that moves otherwise than foreseen, m; None: as `hold_reference` has it.
+        Greatest extent of the hold around a goal that deviates from its predicted motion, m; None: as in
+        `hold_reference`.
     network
-        Where nobody plans for all; else None.
+        Data of a fleet without a centre; otherwise None.
     """
 
     trajectory: AbstractReference
@@ -297,18 +300,18 @@ class AircraftPlan(eqx.Module):
 
 
 class AbstractPlanner(eqx.Module):
-    """Planner of a fleet; concrete ones are final. Its state (`planner_state`) is a pytree of arrays of its own.
+    """Planner of a fleet; concrete subclasses are final. The planner state (`planner_state`) is a pytree of arrays.
 
-    Aircraft that are not active are planned for as nobody: the others go on without them.
+    Inactive aircraft are masked: they get no plan and do not constrain the others.
     """
 
     @abc.abstractmethod
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:
-        """State of the planner with a first plan, made from stacked reports at a time (s)."""
+        """Planner state with the first plan, from stacked reports at a time, s."""
 
     @abc.abstractmethod
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
-        """State of the planner with a plan renewed from stacked reports at a time (s)."""
+        """Planner state with a new plan, from stacked reports at a time, s."""
 
     @abc.abstractmethod
     def observe(
@@ -319,18 +322,18 @@ class AbstractPlanner(eqx.Module):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> Any:
-        """State of the planner after one more step of flight, at whose start the fleet reported.
+        """Planner state after one more step of flight.
 
         Parameters
         ----------
         planner_state, reports
-            Of the sample at the start of the step.
+            Planner state and the fleet's reports at the start of the step.
         number, step
-            Of that sample, and s.
+            Number of the sample at the start of the step, and the step, s.
         randomness
-            Of the flight; None: it may draw no random numbers.
+            Random numbers of the flight; None if random numbers are not allowed.
         """
 
     @abc.abstractmethod
     def plans(self, planner_state: Any) -> AircraftPlan:
-        """The plan in force; leading axis aircraft."""
+        """Current plan; leading axis aircraft."""

@@ -1,7 +1,4 @@
-"""Estimators of one aircraft.
-
-The readings taken as they are, and filters of the aircraft's motion, the air and the goal.
-"""
+"""Estimators of one aircraft: unfiltered readings, or filters of the aircraft's motion, the air and the goal."""
 
 from typing import Any
 
@@ -36,18 +33,18 @@ from anser.spatial.rotations import rotate, rotate_back, rotation_from_quaternio
 
 
 class DirectEstimator(AbstractEstimator):
-    """No filter: the state is the reading, the goal's motion is recovered from the line of sight (theory section 7).
+    """Estimator without filters; the goal's motion follows from the line of sight (theory section 7).
 
     Attributes
     ----------
     model
-        What the aircraft believes of its airframe; None: the airframe itself.
+        Nominal airframe; None: the true airframe.
     """
 
     model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> GoalState | None:
-        """The goal as it is seen; None without one."""
+        """Goal motion from the first line of sight; None without a goal."""
         if reading.sight is None:
             return None
         velocity_n = velocity_over_ground_n(reading.condition, reading.state)
@@ -56,40 +53,40 @@ class DirectEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: GoalState | None, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, GoalState | None]:
-        """Believe the reading; a goal that is no longer seen is taken to move on steadily."""
-        now, model = reading.condition, airframe if self.model is None else self.model
+        """Belief equal to the reading; after a sensor failure the goal is predicted in steady motion."""
+        condition, model = reading.condition, airframe if self.model is None else self.model
         if self.model is not None:
-            now = flight_condition(self.model, instant.environment, instant.time, reading.state)
+            condition = flight_condition(self.model, instant.environment, instant.time, reading.state)
         goal = self.init(reading, airframe, instant)
         if goal is not None and estimator_state is not None:
             goal = goal_or_prediction(goal, estimator_state, reading, instant)
-        return Belief(model, reading.state, now, reading.specific_force_b, reading.sight, goal), goal
+        return Belief(model, reading.state, condition, reading.specific_force_b, reading.sight, goal), goal
 
 
-def goal_or_prediction(seen: GoalState, last: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """A goal as it is seen; where its sensor has failed it is taken to have moved on steadily since the last sample."""
-    ahead = GoalState(last.position_n + instant.step * last.velocity_n, last.velocity_n)
-    return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), seen, ahead)
+def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
+    """Measured goal motion, or steady motion since the last sample if the goal sensor has failed."""
+    predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
+    return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 
 
 def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
-    """Place and velocity of a goal in the Earth's chart, recovered from the line of sight and the own motion.
+    """Position and velocity of a goal in the Earth's chart, from the line of sight and the vehicle's motion.
 
-    `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
+    `position_n` is the vehicle's position in the chart (3,), m; `velocity_n` its velocity over ground (3,), NED, m/s.
     """
     line_n, goal_velocity_n = goal_from_line_of_sight(sight, jnp.zeros_like(velocity_n), velocity_n)
     return GoalState(*earth.motion_on_chart(position_n, line_n, goal_velocity_n))
 
 
 class Briefing(eqx.Module):
-    """What is known of a goal before the flight: its place and motion at the start, with an error that is drawn.
+    """Goal motion at the start as briefed before the flight, with a random error.
 
     Attributes
     ----------
     position_n, velocity_n
-        True, NED, m and m/s.
+        True values, NED, m and m/s.
     position_sigma, velocity_sigma
-        Standard deviations per axis, horizontally, m and m/s; the altitude is known to a tenth of that.
+        Horizontal standard deviations per axis, m and m/s; the vertical ones are a tenth of that.
     """
 
     position_n: Vector3
@@ -98,18 +95,18 @@ class Briefing(eqx.Module):
     velocity_sigma: Scalar
 
     def sample(self, instant: Instant) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Place and velocity as they are said to be, and their standard deviations."""
+        """Briefed position and velocity with random errors, and the standard deviations."""
         axes = jnp.array([1.0, 1.0, _VERTICAL])
         sigmas = jnp.concatenate([self.position_sigma * axes, self.velocity_sigma * axes])
         truth = jnp.concatenate([self.position_n, self.velocity_n])
         return truth + sigmas * instant.normals(BRIEFING, 6, once=True), sigmas
 
 
-_VERTICAL = 0.1  # of the uncertainty of a goal's altitude and climb, beside that in the plane
+_VERTICAL = 0.1  # vertical over horizontal uncertainty of a goal
 
 
 class TrackingState(eqx.Module):
-    """What the estimator carries along; None where that part is exact, but for a goal: where it was last seen."""
+    """Filter states; None for a part with exact sensors, except `goal`: the last measured goal motion."""
 
     vehicle: NavigationState | None
     air: AirMotion | None
@@ -117,20 +114,20 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Filters of the own motion, of the air and of the goal; each may be left out where its sensors are exact.
+    """Filters of the vehicle's motion, the air and the goal; each filter is optional.
 
     Attributes
     ----------
-    own
-        None: position, velocity, attitude and rates are taken as they are read.
+    vehicle
+        Navigation filter; None: position, velocity, attitude and rates are taken from the readings.
     air
-        None: so is the air.
+        Filter of wind and gusts; None: air data are taken from the readings.
     goal
-        Filter of the goal; None: its line of sight is exact, seen from where the aircraft takes itself to be.
+        Filter of the goal; None: the line of sight is exact, relative to the estimated vehicle position.
     briefing
-        What is known of the goal beforehand; with a filter of the goal only.
+        Prior of the goal; required with a goal filter.
     model
-        What the aircraft believes of its airframe; None: the airframe itself.
+        Nominal airframe; None: the true airframe.
     """
 
     vehicle: NavigationFilter | None = None
@@ -140,18 +137,18 @@ class TrackingEstimator(AbstractEstimator):
     model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
-        """After the first reading."""
-        state, now, wind = reading.state, reading.condition, instant.environment.wind
+        """Filter states after the first reading."""
+        state, condition, wind = reading.state, reading.condition, instant.environment.wind
         vehicle = goal = None
         if self.vehicle is not None:
             assert reading.fix is not None
             R_bn = rotation_from_quaternion(state.quaternion)
-            vehicle = self.vehicle.init(reading.fix, acceleration_n(R_bn, reading.specific_force_b, now.earth))
+            vehicle = self.vehicle.init(reading.fix, acceleration_n(R_bn, reading.specific_force_b, condition.earth))
         if self.goal is not None:
             assert self.briefing is not None
             goal = self.goal.init(*self.briefing.sample(instant))
         elif reading.sight is not None:
-            velocity_n = velocity_over_ground_n(now, state)
+            velocity_n = velocity_over_ground_n(condition, state)
             goal = goal_from_sight(instant.environment.earth, reading.sight, state.position_n, velocity_n)
         air = None if self.air is None else self.air.init(wind.at(state.position_n, instant.time))
         return TrackingState(vehicle, air, goal)
@@ -159,8 +156,8 @@ class TrackingEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: TrackingState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, TrackingState]:
-        """Take in a reading."""
-        state, now, step = reading.state, reading.condition, instant.step
+        """Belief and filter states after a reading."""
+        state, condition, step = reading.state, reading.condition, instant.step
         airframe = airframe if self.model is None else self.model
         vehicle, air, goal, uncertainty, seen_goal = (
             estimator_state.vehicle,
@@ -174,9 +171,9 @@ class TrackingEstimator(AbstractEstimator):
             assert reading.fix is not None
             R_bn = rotation_from_quaternion(state.quaternion)
             earth = instant.environment.earth.local_earth(vehicle.position_n, vehicle.velocity_n)
-            felt_n = acceleration_n(R_bn, reading.specific_force_b, earth)
-            moved = self.vehicle.step(vehicle, reading.fix, felt_n, earth.chart_scale, step)
-            vehicle = jax.tree.map(lambda new, old: jnp.where(instant.number > 0, new, old), moved, vehicle)
+            measured_acceleration_n = acceleration_n(R_bn, reading.specific_force_b, earth)
+            updated = self.vehicle.step(vehicle, reading.fix, measured_acceleration_n, earth.chart_scale, step)
+            vehicle = jax.tree.map(lambda new, old: jnp.where(instant.number > 0, new, old), updated, vehicle)
             state = eqx.tree_at(
                 lambda s: (s.position_n, s.velocity_b), state, (vehicle.position_n, rotate(R_bn, vehicle.velocity_n))
             )
@@ -186,30 +183,32 @@ class TrackingEstimator(AbstractEstimator):
             velocity_n = rotate_back(R_bn, state.velocity_b)
             measured_b = reading.velocity_air_b
             if measured_b is None:
-                measured_b = rotate(now.R_bn, velocity_over_ground_n(now, reading.state) - now.wind_n)
+                measured_b = rotate(condition.R_bn, velocity_over_ground_n(condition, reading.state) - condition.wind_n)
             air = self.air.step(air, R_bn, velocity_n, measured_b, step)
             environment = eqx.tree_at(lambda e: e.wind, instant.environment, SteadyWind(air.wind_n), is_leaf=_is_wind)
             disturbance = Disturbance(Gust(air.gust_b, jnp.zeros_like(air.gust_b)), jnp.ones_like(step))
-            now = flight_condition(airframe, environment, instant.time, state, disturbance=disturbance)
+            condition = flight_condition(airframe, environment, instant.time, state, disturbance=disturbance)
         elif self.vehicle is not None or self.model is not None:
-            now = flight_condition(airframe, instant.environment, instant.time, state)
+            condition = flight_condition(airframe, instant.environment, instant.time, state)
         sight = reading.sight
         if self.goal is not None:
             assert reading.goal is not None
-            velocity_n = velocity_over_ground_n(now, state)
+            velocity_n = velocity_over_ground_n(condition, state)
             motion = VehicleMotion(state.position_n, velocity_n)
-            goal, found = self.goal.step(goal, reading.goal, motion, instant)
-            seen_goal = GoalState(found.mean[:3], found.mean[3:])
+            goal, goal_estimate = self.goal.step(goal, reading.goal, motion, instant)
+            seen_goal = GoalState(goal_estimate.mean[:3], goal_estimate.mean[3:])
             sight = line_of_sight(instant.environment.earth, state.position_n, velocity_n, seen_goal)
-            covariance = found.covariance
-            if reading.goal.kind == "sight":  # seen from a place that is uncertain itself
+            covariance = goal_estimate.covariance
+            if reading.goal.kind == "sight":  # the line of sight starts at an uncertain position
                 covariance = covariance + jnp.pad(position_covariance, (0, 3))
-            uncertainty = Uncertainty(position_covariance, covariance, found.is_measured, found.nis, found.status)
+            uncertainty = Uncertainty(
+                position_covariance, covariance, goal_estimate.is_measured, goal_estimate.nis, goal_estimate.status
+            )
         elif sight is not None and goal is not None:
-            velocity_n = velocity_over_ground_n(now, state)
-            seen = goal_from_sight(instant.environment.earth, sight, state.position_n, velocity_n)
-            seen_goal = goal = goal_or_prediction(seen, goal, reading, instant)
-        belief = Belief(airframe, state, now, reading.specific_force_b, sight, seen_goal, uncertainty)
+            velocity_n = velocity_over_ground_n(condition, state)
+            measured_goal = goal_from_sight(instant.environment.earth, sight, state.position_n, velocity_n)
+            seen_goal = goal = goal_or_prediction(measured_goal, goal, reading, instant)
+        belief = Belief(airframe, state, condition, reading.specific_force_b, sight, seen_goal, uncertainty)
         return belief, TrackingState(vehicle, air, goal)
 
 

@@ -1,6 +1,6 @@
 """Kalman filters of a goal.
 
-With one motion model or several interacting ones, and the handover of a goal's track from one aircraft to another.
+Filters with one motion model or several interacting ones, and the handover of a track to another aircraft.
 """
 
 import abc
@@ -20,30 +20,30 @@ from anser.sensing.kalman import Measurement, SigmaPoints, extended_update, unsc
 from anser.sensing.motion_models import AbstractMotionModel
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
-_MEMORY = 20.0  # measurements over which the size of innovations is averaged
-_OUTLIER = 5.0  # times `nis_max`: more than that no innovation counts for, lest a single one make a filter diverge
+_NIS_MEMORY = 20.0  # measurements over which the size of innovations is averaged
+_OUTLIER = 5.0  # times `nis_max`: upper limit of one innovation, so that a single outlier is not a divergence
 _ANGLES = np.array([False, True, True, False, False, False])
-_TURN_SIGMA = 0.05  # rad/s, of a turn rate of which nothing is known
+_TURN_SIGMA = 0.05  # rad/s, prior standard deviation of the turn rate
 
 
 class VehicleMotion(eqx.Module):
-    """Where an aircraft takes itself to be, NED, m in the Earth's chart, and its velocity over the ground, m/s."""
+    """Estimated vehicle position, NED, m in the Earth's chart, and velocity over the ground, m/s."""
 
     position_n: Vector3
     velocity_n: Vector3
 
 
 class GoalEstimate(eqx.Module):
-    """What a filter says of a goal now.
+    """Estimate of a goal's motion at one sample.
 
     Attributes
     ----------
     mean, covariance
-        Of position and velocity, NED, m and m/s.
-    seen
-        Whether a measurement came in.
+        Position and velocity, NED, m and m/s.
+    is_measured
+        Whether a measurement arrived at this sample.
     nis
-        Normalised innovation squared of the last measurement over its dimension.
+        Normalised innovation squared of the last measurement, divided by its dimension.
     status
         `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
     """
@@ -56,36 +56,36 @@ class GoalEstimate(eqx.Module):
 
 
 class AbstractGoalFilter(eqx.Module):
-    """A filter of one goal; concrete ones are final."""
+    """A filter of one goal; concrete subclasses are final."""
 
     @abc.abstractmethod
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Any:
-        """State before any measurement, from what is known beforehand of position and velocity (NED, m and m/s)."""
+        """Filter state before the first measurement, from a prior of position and velocity (NED, m and m/s)."""
 
     @abc.abstractmethod
     def step(
         self, filter_state: Any, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[Any, GoalEstimate]:
-        """State after what arrived at a sample, and what it says of the goal then."""
+        """Filter state after the readings of a sample, and the goal estimate at this sample."""
 
 
 class GoalTrack(eqx.Module):
-    """A goal between two samples; leading axis models.
+    """State of a goal filter between two samples; leading axis models.
 
     Attributes
     ----------
     means, covariances
-        By each model of motion, at the time of the latest measurement, or of the start.
+        Estimate of each motion model at the time of the latest measurement, or at the start.
     shares
         Probabilities of the models.
     number
-        Sample of that time.
+        Sample number of the latest measurement.
     count
-        Measurements taken in.
+        Number of processed measurements.
     nis, nis_mean
-        Of the last measurement and of the latest ones, over their dimension.
-    own
-        Own motion at the latest samples, where measurements may be late: leading axis slots, by sample modulo slots.
+        Normalised innovation squared of the last measurement and its fading mean, divided by the dimension.
+    vehicle_motion
+        Vehicle motion at recent samples for delayed measurements: leading axis slots, sample number modulo slots.
     """
 
     means: Float[Array, "models n"]
@@ -99,30 +99,30 @@ class GoalTrack(eqx.Module):
 
 
 class GoalFilter(AbstractGoalFilter):
-    """Kalman filter of a goal in NED axes; with several models, interacting ones (IMM).
+    """Kalman filter of a goal in NED axes, extended or unscented; several models interact (IMM).
 
-    Extended or unscented. A measurement that comes late is taken in at its own time where it is the latest so far; one
-    out of order is predicted from the estimate taken back to its time without process noise (Y. Bar-Shalom, IEEE Trans.
-    Aerospace and Electronic Systems 38, 2002, algorithm C), exact where there is none. The models interact as in H. A.
-    P. Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988; the time between two measurements may differ.
+    A delayed measurement is processed at its own time if it is the latest so far. An out-of-sequence measurement is
+    predicted from the estimate propagated back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace
+    and Electronic Systems 38, 2002, algorithm C), which is exact without noise. The models interact as in H. A. P.
+    Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988, with variable time between measurements.
 
     Attributes
     ----------
     models
-        Of the motion, all with as many states.
+        Motion models with equal numbers of states.
     sojourn
-        Mean time for which the goal keeps a model, s; with one model it counts for nothing.
+        Mean time between changes of the goal's model, s; unused with one model.
     nis_max
-        Mean innovation, normalised, above which the filter has diverged. The mean fades over 20 measurements and begins
-        with 1; a single one never makes it so great.
+        Mean normalised innovation squared above which the filter has diverged. The mean fades over 20 measurements from
+        1; a single measurement never exceeds the limit.
     sigma_max
-        Standard deviation of the position above which it has, m.
+        Standard deviation of the position above which the filter has diverged, m.
     kind
         "ekf" or "ukf".
     points
-        Of the unscented filter.
+        Sigma points of the unscented filter.
     slots
-        How many samples back a measurement may have been made, at least; 0: none is late.
+        Number of stored samples, at least the greatest delay of a measurement; 0: no measurement is delayed.
     """
 
     models: tuple[AbstractMotionModel, ...]
@@ -134,22 +134,22 @@ class GoalFilter(AbstractGoalFilter):
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:
-        """See `AbstractGoalFilter`; a turn rate begins with 0, of which 3 deg/s is one standard deviation."""
+        """See `AbstractGoalFilter`; the turn rate starts at 0 with a standard deviation of 3 deg/s."""
         zero, vehicle_motion, models = jnp.asarray(0, dtype=jnp.int32), None, len(self.models)
         if self.slots:
             vehicle_motion = VehicleMotion(jnp.zeros((self.slots, 3)), jnp.zeros((self.slots, 3)))
         if self.models[0].size == 7:
             mean = jnp.concatenate([mean, jnp.zeros_like(mean[:1])])
             sigmas = jnp.concatenate([sigmas, jnp.full_like(sigmas[:1], _TURN_SIGMA)])
-        one = jnp.ones_like(mean[0])
+        unit_nis = jnp.ones_like(mean[0])
         return GoalTrack(
             means=jnp.broadcast_to(mean, (models, mean.shape[0])),
             covariances=jnp.broadcast_to(jnp.diag(sigmas**2), (models, mean.shape[0], mean.shape[0])),
             shares=jnp.full(models, 1.0 / models),
             number=zero,
             count=zero,
-            nis=one,
-            nis_mean=one,
+            nis=unit_nis,
+            nis_mean=unit_nis,
             vehicle_motion=vehicle_motion,
         )
 
@@ -157,63 +157,72 @@ class GoalFilter(AbstractGoalFilter):
         self, filter_state: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[GoalTrack, GoalEstimate]:
         """See `AbstractGoalFilter`."""
-        then = vehicle_motion
+        motion_at_measurement = vehicle_motion
         if filter_state.vehicle_motion is not None:
-            now = jnp.arange(self.slots)[:, None] == instant.number % self.slots
-            rows = jax.tree.map(
-                lambda all_, one: jnp.where(now, one[None], all_), filter_state.vehicle_motion, vehicle_motion
+            is_current_slot = jnp.arange(self.slots)[:, None] == instant.number % self.slots
+            motion_history = jax.tree.map(
+                lambda history, sample: jnp.where(is_current_slot, sample[None], history),
+                filter_state.vehicle_motion,
+                vehicle_motion,
             )
-            filter_state = eqx.tree_at(lambda m: m.vehicle_motion, filter_state, rows)
-            then = jax.tree.map(lambda all_: all_[reading.number % self.slots], rows)
-        seen = jnp.any(reading.measured)
+            filter_state = eqx.tree_at(lambda m: m.vehicle_motion, filter_state, motion_history)
+            motion_at_measurement = jax.tree.map(lambda history: history[reading.number % self.slots], motion_history)
+        is_measured = jnp.any(reading.measured)
 
-        after = select_if_any(seen, lambda: self.update(filter_state, reading, then, instant), filter_state)
-        mean, covariance = self.predict(after, (instant.number - after.number) * instant.step)
-        return after, GoalEstimate(mean, covariance, seen, after.nis, self._status(after, covariance))
+        updated = select_if_any(
+            is_measured, lambda: self.update(filter_state, reading, motion_at_measurement, instant), filter_state
+        )
+        mean, covariance = self.predict(updated, (instant.number - updated.number) * instant.step)
+        return updated, GoalEstimate(mean, covariance, is_measured, updated.nis, self._status(updated, covariance))
 
-    def predict(self, track: GoalTrack, ahead: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
+    def predict(self, track: GoalTrack, elapsed: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
         """Mean and covariance of position and velocity a time (s) after the latest measurement."""
-        pairs = [self._moved(model, track.means[k], track.covariances[k], ahead) for k, model in enumerate(self.models)]
-        means, covariances = jnp.stack([mean for mean, _ in pairs]), jnp.stack([spread for _, spread in pairs])
+        pairs = [
+            self._moved(model, track.means[k], track.covariances[k], elapsed) for k, model in enumerate(self.models)
+        ]
+        means, covariances = (
+            jnp.stack([mean for mean, _ in pairs]),
+            jnp.stack([model_covariance for _, model_covariance in pairs]),
+        )
         mean, covariance = _combined(track.shares, means, covariances)
         return mean[:6], covariance[:6, :6]
 
     def update(
         self, track: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> GoalTrack:
-        """After a measurement: mixed, predicted, updated and weighed."""
+        """Track after a measurement: mixing, prediction, update, and new model probabilities."""
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
         means, covariances, shares = self._mixed(track, forward)
-        found = []
+        updates = []
         for k, model in enumerate(self.models):
             mean, covariance = self._moved(model, means[k], covariances[k], forward)
 
-            def off(state: Float[Array, " n"], model: AbstractMotionModel = model) -> Float[Array, "6"]:
+            def off(goal_state: Float[Array, " n"], model: AbstractMotionModel = model) -> Float[Array, "6"]:
                 return innovation(
                     reading,
-                    predicted_measurement(reading, model.predict_state(state, back)[:6], vehicle_motion, instant),
+                    predicted_measurement(reading, model.predict_state(goal_state, back)[:6], vehicle_motion, instant),
                 )
 
             measurement = Measurement(off, reading.sigmas**2, reading.measured)
             if self.kind == "ekf":
-                found.append(extended_update(mean, covariance, measurement))
+                updates.append(extended_update(mean, covariance, measurement))
             else:
-                found.append(unscented_update(mean, covariance, measurement, self.points))
-        logs = jnp.stack([one.log_likelihood for one in found])
+                updates.append(unscented_update(mean, covariance, measurement, self.points))
+        logs = jnp.stack([model_update.log_likelihood for model_update in updates])
         weights = shares * jnp.exp(logs - jnp.max(logs))
         weights = weights / jnp.sum(weights)
         dimension = jnp.maximum(jnp.sum(reading.measured), 1)
-        nis = jnp.sum(weights * jnp.stack([one.nis for one in found])) / dimension
-        counted = jnp.minimum(nis, _OUTLIER * self.nis_max)
+        nis = jnp.sum(weights * jnp.stack([model_update.nis for model_update in updates])) / dimension
+        limited_nis = jnp.minimum(nis, _OUTLIER * self.nis_max)
         return GoalTrack(
-            means=jnp.stack([one.mean for one in found]),
-            covariances=jnp.stack([one.covariance for one in found]),
+            means=jnp.stack([model_update.mean for model_update in updates]),
+            covariances=jnp.stack([model_update.covariance for model_update in updates]),
             shares=weights,
             number=jnp.maximum(track.number, reading.number),
             count=track.count + 1,
             nis=nis,
-            nis_mean=track.nis_mean + (counted - track.nis_mean) / _MEMORY,
+            nis_mean=track.nis_mean + (limited_nis - track.nis_mean) / _NIS_MEMORY,
             vehicle_motion=track.vehicle_motion,
         )
 
@@ -227,26 +236,26 @@ class GoalFilter(AbstractGoalFilter):
         )
 
     def _mixed(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
-        """Each model's state, mixed with those from which the goal may have changed to it, and the models' shares."""
+        """State of each model mixed with the models before a change, and the predicted model probabilities."""
         count = len(self.models)
         if count == 1:
             return track.means, track.covariances, track.shares
-        # a chain that leaves each model at the same rate, for any other alike
-        kept = jnp.exp(-jnp.asarray(span) / self.sojourn * count / (count - 1))
-        chain = kept * jnp.eye(count, dtype=kept.dtype) + (1.0 - kept) / count
+        # a Markov chain with equal transition rates between all models
+        staying = jnp.exp(-jnp.asarray(span) / self.sojourn * count / (count - 1))
+        chain = staying * jnp.eye(count, dtype=staying.dtype) + (1.0 - staying) / count
         joint = chain * track.shares[:, None]
         shares = jnp.sum(joint, axis=0)
         weights = joint / shares[None, :]
         means = jnp.sum(weights[:, :, None] * track.means[:, None, :], axis=0)
-        apart = track.means[:, None, :] - means[None, :, :]
-        spreads = track.covariances[:, None] + apart[..., :, None] * apart[..., None, :]
-        return means, jnp.sum(weights[:, :, None, None] * spreads, axis=0), shares
+        differences = track.means[:, None, :] - means[None, :, :]
+        mixed_covariances = track.covariances[:, None] + differences[..., :, None] * differences[..., None, :]
+        return means, jnp.sum(weights[:, :, None, None] * mixed_covariances, axis=0), shares
 
     def _status(self, track: GoalTrack, covariance: Float[Array, "6 6"]) -> Count:
-        square = jnp.max(jnp.stack([covariance[k, k] for k in range(3)]))
-        diverged = (track.nis_mean > self.nis_max) | ~(square <= self.sigma_max**2)
-        known = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)
-        return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, known).astype(jnp.int32)
+        variance_max = jnp.max(jnp.stack([covariance[k, k] for k in range(3)]))
+        diverged = (track.nis_mean > self.nis_max) | ~(variance_max <= self.sigma_max**2)
+        measured_status = jnp.where(track.count > 0, GOAL_KNOWN, GOAL_NEVER_SEEN)
+        return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, measured_status).astype(jnp.int32)
 
 
 def _combined(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
@@ -254,14 +263,16 @@ def _combined(shares: Array, means: Array, covariances: Array) -> tuple[Float[Ar
     if means.shape[0] == 1:
         return means[0], covariances[0]
     mean = jnp.sum(shares[:, None] * means, axis=0)
-    apart = means - mean[None]
-    return mean, jnp.sum(shares[:, None, None] * (covariances + apart[:, :, None] * apart[:, None, :]), axis=0)
+    differences = means - mean[None]
+    return mean, jnp.sum(
+        shares[:, None, None] * (covariances + differences[:, :, None] * differences[:, None, :]), axis=0
+    )
 
 
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """What a sensor without errors would give of a goal with a position and velocity (NED, m and m/s)."""
+    """Error-free measurement of a goal with the given position and velocity (NED, m and m/s)."""
     if reading.kind == "report":
         return state
     goal = GoalState(state[:3], state[3:])
@@ -271,36 +282,40 @@ def predicted_measurement(
 
 
 def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Array, "6"]:
-    """Measured less predicted; angles the short way round."""
-    off = reading.values - predicted
+    """Measured minus predicted values; angles wrapped to -pi..pi."""
+    difference = reading.values - predicted
     if reading.kind == "sight":
-        off = jnp.where(_ANGLES, off - 2 * jnp.pi * jnp.round(off / (2 * jnp.pi)), off)
-    return off
+        difference = jnp.where(_ANGLES, difference - 2 * jnp.pi * jnp.round(difference / (2 * jnp.pi)), difference)
+    return difference
 
 
-def hand_over_goal(mine: Any, others: Any) -> Any:
-    """Memories of an aircraft's sensors and estimator after it has turned to the goal of another aircraft.
+def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
+    """Sensor and estimator states of an aircraft that takes over the goal of another aircraft.
 
-    The filter of the goal goes on from the other's; what its own sensor has on the way of the former goal is dropped;
-    what it knows of itself stays.
+    The goal filter continues from the giver's track; delayed measurements of the former goal are dropped; the '
+    'receiver's
+    navigation state stays.
 
     Parameters
     ----------
-    mine, others
-        Memories of parts of the same structure, NumPy or JAX arrays.
+    receiver_state, giver_state
+        States of equal structure, NumPy or JAX arrays.
     """
-    return jax.tree.map(_after, mine, others, is_leaf=_of_goal)
+    return jax.tree.map(_hand_over_node, receiver_state, giver_state, is_leaf=_is_goal_state)
 
 
-def _of_goal(node: Any) -> bool:
+def _is_goal_state(node: Any) -> bool:
     return isinstance(node, GoalTrack | GoalState | MeasurementQueue)
 
 
-def _after(mine: Any, other: Any) -> Any:
-    if isinstance(mine, GoalTrack):
+def _hand_over_node(receiver_node: Any, giver_node: Any) -> Any:
+    if isinstance(receiver_node, GoalTrack):
         return eqx.tree_at(
-            lambda track: track.vehicle_motion, other, mine.vehicle_motion, is_leaf=lambda leaf: leaf is None
+            lambda track: track.vehicle_motion,
+            giver_node,
+            receiver_node.vehicle_motion,
+            is_leaf=lambda leaf: leaf is None,
         )
-    if isinstance(mine, MeasurementQueue):
-        return eqx.tree_at(lambda queue: queue.waiting, mine, mine.waiting & False)
-    return other if isinstance(mine, GoalState) else mine
+    if isinstance(receiver_node, MeasurementQueue):
+        return eqx.tree_at(lambda queue: queue.waiting, receiver_node, receiver_node.waiting & False)
+    return giver_node if isinstance(receiver_node, GoalState) else receiver_node

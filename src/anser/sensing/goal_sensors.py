@@ -1,7 +1,6 @@
-"""Sensors of a goal with errors.
+"""Goal sensors with errors, latency, field of view and dropouts, and the complete set of an aircraft's noisy sensors.
 
-Latency, field of view and dropouts, and the complete set of an aircraft's sensors with errors. Error models of civil
-sensors: nothing is decoded or received.
+Error models of civil sensors: nothing is decoded or received.
 """
 
 import math
@@ -24,20 +23,20 @@ from anser.spatial.rotations import rotate, safe_norm
 
 _NORMALS, _UNIFORMS = 6, 3  # errors; outage, loss, latency
 _RANGE, _AZIMUTHS = np.eye(6, dtype=bool)[0], np.array([False, True, False, False, True, False])
-_COS_MIN = 0.02  # of the elevation: nearer to the vertical the azimuth's error no longer grows
+_COS_MIN = 0.02  # smallest cosine of the elevation: the azimuth error is bounded near the vertical
 
 
 class FieldOfView(eqx.Module):
-    """What a sensor can see.
+    """Field of view of a sensor.
 
     Attributes
     ----------
     axis_b
-        Its middle, a unit vector in body axes.
+        Central axis, a unit vector in body axes.
     half_angle
-        From there to its edge, rad; pi: all round.
+        Angle from the axis to the edge, rad; pi: all directions.
     range_max
-        m.
+        Greatest range, m.
     """
 
     axis_b: Vector3
@@ -45,23 +44,23 @@ class FieldOfView(eqx.Module):
     range_max: Scalar
 
     def sees(self, R_bn: Array, line_n: Vector3) -> Flag:
-        """Whether what lies along a line from the aircraft (NED, m) is in it."""
+        """Whether a point at the end of a line from the aircraft (NED, m) is in the field of view."""
         distance = safe_norm(line_n)
         along = jnp.sum(self.axis_b * rotate(R_bn, line_n)) / jnp.maximum(distance, 1e-9)
         return (distance <= self.range_max) & (along >= jnp.cos(jnp.minimum(self.half_angle, jnp.pi)) - 1e-12)
 
 
 class MeasurementQueue(eqx.Module):
-    """Measurements that are on their way; leading axis slots.
+    """Delayed measurements that have not arrived; leading axis slots.
 
     Attributes
     ----------
     readings
-        What was measured.
+        The measurements.
     arrives
-        Sample at which each arrives.
+        Sample number of each arrival.
     waiting
-        Whether there is one.
+        Flags of the occupied slots.
     """
 
     readings: GoalReading
@@ -70,7 +69,7 @@ class MeasurementQueue(eqx.Module):
 
 
 class GoalSensorState(eqx.Module):
-    """A goal sensor between two samples: its biases, whether an outage is on, and what is on its way (if late)."""
+    """State of a goal sensor between two samples: biases, outage flag, and the queue of delayed measurements."""
 
     biases: Float[Array, "6"]
     outage: Flag
@@ -83,27 +82,27 @@ class GoalSensor(eqx.Module):
     Attributes
     ----------
     sigmas
-        Standard deviations of the errors of each measurement, as in `GoalReading`; an angle's is that across the line
-        of sight: the azimuth's own is greater by 1 / cos(elevation).
+        Standard deviations of the errors, as in `GoalReading`; an angle's error is measured across the line of sight,
+        so the azimuth error is greater by 1 / cos(elevation).
     range_share
-        A further error of the range, as a part of it.
+        Additional range error, as a fraction of the range.
     bias_sigmas
-        Of what is drawn once in a flight.
+        Standard deviations of the biases, drawn once per flight.
     measures
-        Which of the six there are.
+        Flags of the measured components.
     period
-        Between two measurements, s; a multiple of the sampling period.
+        Time between two measurements, s; a multiple of the sampling period.
     latency
-        Least and greatest time until a measurement arrives, s: drawn evenly in between, so that it may come after a
-        later one.
+        Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
+        sequence.
     view
-        Where it sees.
+        Field of view.
     dropouts
-        When it fails.
+        Random losses and outages.
     kind
-        "sight": line of sight from the aircraft; "report": the goal's own position and velocity.
+        "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
     slots
-        How many measurements can be on their way; 0 without latency.
+        Capacity of the queue of delayed measurements; 0 without latency.
     """
 
     sigmas: Float[Array, "6"]
@@ -118,39 +117,43 @@ class GoalSensor(eqx.Module):
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
-        """Its state before the first sample."""
+        """Sensor state before the first sample."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
-        drawn = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
-        outage = self.dropouts.initial_outage(drawn[_NORMALS])
+        uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
+        outage = self.dropouts.initial_outage(uniforms[_NORMALS])
         queue = None
         if self.slots:
             empty = self._nothing(instant)
-            rows = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), empty)
-            queue = MeasurementQueue(rows, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool))
+            empty_readings = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), empty)
+            queue = MeasurementQueue(
+                empty_readings, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool)
+            )
         return GoalSensorState(biases, outage, queue)
 
     def read(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[GoalReading, GoalSensorState]:
-        """What arrives at a sample, and its state after it."""
-        due = is_due(instant, self.period)
-        outage, made, delay = select_if_any(
-            due,
+        """Reading that arrives at a sample, and the sensor state after the sample."""
+        is_sampled = is_due(instant, self.period)
+        outage, measurement, delay = select_if_any(
+            is_sampled,
             lambda: self._tried(sensor_state, truth, instant),
             (sensor_state.outage, self._nothing(instant), self.latency[0]),
         )
         if sensor_state.queue is None:
-            return made, GoalSensorState(sensor_state.biases, outage, None)
-        reading, queue = self._passed(sensor_state.queue, made, instant, delay)
+            return measurement, GoalSensorState(sensor_state.biases, outage, None)
+        reading, queue = self._passed(sensor_state.queue, measurement, instant, delay)
         return reading, GoalSensorState(sensor_state.biases, outage, queue)
 
     def _tried(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant) -> tuple[Flag, GoalReading, Scalar]:
-        """Whether it fails when a measurement is due, what it measures, and how long that takes to arrive, s."""
-        uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[_NORMALS:]  # lanes beyond those of the normals
-        after = self.dropouts.next_outage(sensor_state.outage, self.period, uniforms[0])
-        outage = jnp.where(instant.number > 0, after, sensor_state.outage)
-        made = self._measured(sensor_state, truth, instant, ~self.dropouts.is_lost(outage, uniforms[1]))
-        return outage, made, self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
+        """Outage flag at a measurement time, the measurement, and its latency, s."""
+        uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[
+            _NORMALS:
+        ]  # the generator's lanes after those of the normals
+        next_outage = self.dropouts.next_outage(sensor_state.outage, self.period, uniforms[0])
+        outage = jnp.where(instant.number > 0, next_outage, sensor_state.outage)
+        measurement = self._measured(sensor_state, truth, instant, ~self.dropouts.is_lost(outage, uniforms[1]))
+        return outage, measurement, self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
 
     def _measured(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
         goal = truth.goal
@@ -159,7 +162,7 @@ class GoalSensor(eqx.Module):
         sight = true_line_of_sight(truth, instant.environment.earth)
         assert sight is not None
         line_n = _line(truth, instant.environment.earth)
-        seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
+        is_seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
         if self.kind == "sight":
             values, sigmas = line_of_sight_values(sight), self._sight_sigmas(sight)
         else:
@@ -168,7 +171,7 @@ class GoalSensor(eqx.Module):
         return GoalReading(
             values=jnp.where(self.measures, values + errors, 0.0),
             sigmas=sigmas,
-            measured=self.measures & seen,
+            measured=self.measures & is_seen,
             number=instant.number,
             kind=self.kind,
         )
@@ -184,30 +187,32 @@ class GoalSensor(eqx.Module):
         return GoalReading(none, jnp.ones_like(self.sigmas), jnp.zeros(6, dtype=bool), instant.number, self.kind)
 
     def _passed(
-        self, queue: MeasurementQueue, made: GoalReading, instant: Instant, delay: Scalar
+        self, queue: MeasurementQueue, measurement: GoalReading, instant: Instant, delay: Scalar
     ) -> tuple[GoalReading, MeasurementQueue]:
-        """Put a measurement on its way, and take the one that is to arrive first, if it is there."""
-        here, never = jnp.any(made.measured), jnp.iinfo(jnp.int32).max
-        free = jnp.argmin(queue.waiting)
-        at = jnp.arange(self.slots) == free
-        put = at & here
-        late = instant.number + jnp.round(delay / instant.step).astype(instant.number.dtype)
+        """Put a measurement into the queue and take out the next one, if it has arrived."""
+        is_new, never = jnp.any(measurement.measured), jnp.iinfo(jnp.int32).max
+        free_slot = jnp.argmin(queue.waiting)
+        is_free_slot = jnp.arange(self.slots) == free_slot
+        is_filled = is_free_slot & is_new
+        arrival_sample = instant.number + jnp.round(delay / instant.step).astype(instant.number.dtype)
 
-        def placed(rows: Array, value: Array) -> Array:
-            return jnp.where(put.reshape(-1, *[1] * (rows.ndim - 1)), value[None], rows)
+        def placed(slot_values: Array, value: Array) -> Array:
+            return jnp.where(is_filled.reshape(-1, *[1] * (slot_values.ndim - 1)), value[None], slot_values)
 
-        readings = jax.tree.map(placed, queue.readings, made)
-        arrives = jnp.where(put, late, queue.arrives)
-        waiting = queue.waiting | put
-        first = jnp.argmin(jnp.where(waiting, arrives, never))
-        there = waiting[first] & (arrives[first] <= instant.number)
-        taken = jax.tree.map(lambda rows: rows[first], readings)
-        taken = eqx.tree_at(lambda r: r.measured, taken, taken.measured & there)
-        return taken, MeasurementQueue(readings, arrives, waiting & ~((jnp.arange(self.slots) == first) & there))
+        readings = jax.tree.map(placed, queue.readings, measurement)
+        arrives = jnp.where(is_filled, arrival_sample, queue.arrives)
+        waiting = queue.waiting | is_filled
+        next_slot = jnp.argmin(jnp.where(waiting, arrives, never))
+        has_arrived = waiting[next_slot] & (arrives[next_slot] <= instant.number)
+        arrived_reading = jax.tree.map(lambda slot_values: slot_values[next_slot], readings)
+        arrived_reading = eqx.tree_at(lambda r: r.measured, arrived_reading, arrived_reading.measured & has_arrived)
+        return arrived_reading, MeasurementQueue(
+            readings, arrives, waiting & ~((jnp.arange(self.slots) == next_slot) & has_arrived)
+        )
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """How many measurements can be on their way at once: 0, or a power of two from 2 on."""
+    """Capacity of the queue of delayed measurements: 0 without latency, otherwise a power of two from 2 on."""
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
@@ -219,44 +224,44 @@ def _line(truth: Truth, earth: AbstractEarth) -> Vector3:
 
 
 class NoisySensors(AbstractSensors):
-    """Satellite navigation, inertial sensors and air data, and the sensor of the goal.
+    """Vehicle sensors (satellite navigation, inertial sensors, air data) and the goal sensor.
 
     Attributes
     ----------
-    own
-        Of the aircraft itself; None: its state is known exactly, and so is the air about it.
+    vehicle
+        Vehicle sensors; None: exact state and air data.
     goal
-        Of its goal; None: its line of sight is known exactly.
+        Goal sensor; None: exact line of sight.
     """
 
     vehicle: VehicleSensors | None = None
     goal: GoalSensor | None = None
 
     def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
-        """State of both."""
+        """States of both sensor groups before the first sample."""
         vehicle = None if self.vehicle is None else self.vehicle.init(truth, instant)
         return vehicle, None if self.goal is None else self.goal.init(truth, instant)
 
     def read(self, sensor_state: tuple[Any, Any], truth: Truth, instant: Instant) -> tuple[Reading, tuple[Any, Any]]:
-        """What both give."""
+        """Readings of both sensor groups."""
         vehicle, goal = sensor_state
         force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_line_of_sight(truth, instant.environment.earth) if self.goal is None else None
         reading = Reading(truth.state, truth.condition, force_b, sight, goal_sensor_works=truth.goal_sensor_works)
         if self.goal is not None:
-            seen, goal = self.goal.read(goal, truth, instant)
-            reading = eqx.tree_at(lambda r: r.goal, reading, seen, is_leaf=lambda leaf: leaf is None)
+            goal_reading, goal = self.goal.read(goal, truth, instant)
+            reading = eqx.tree_at(lambda r: r.goal, reading, goal_reading, is_leaf=lambda leaf: leaf is None)
         if self.vehicle is not None:
-            found, vehicle = self.vehicle.read(vehicle, truth, instant)
+            vehicle_reading, vehicle = self.vehicle.read(vehicle, truth, instant)
             state = eqx.tree_at(
                 lambda s: (s.position_n, s.quaternion, s.rates_b),
                 truth.state,
-                (found.fix.position_n, found.quaternion, found.rates_b),
+                (vehicle_reading.fix.position_n, vehicle_reading.quaternion, vehicle_reading.rates_b),
             )
             reading = eqx.tree_at(
                 lambda r: (r.state, r.specific_force_b, r.fix, r.velocity_air_b),
                 reading,
-                (state, found.specific_force_b, found.fix, found.velocity_air_b),
+                (state, vehicle_reading.specific_force_b, vehicle_reading.fix, vehicle_reading.velocity_air_b),
                 is_leaf=lambda leaf: leaf is None,
             )
         return reading, (vehicle, goal)

@@ -1,4 +1,4 @@
-"""Ideal sensors: the true state without error, at once or after a constant delay."""
+"""Ideal sensors: the true state without error, immediately or after a constant delay."""
 
 import math
 from typing import Any
@@ -26,13 +26,13 @@ from anser.spatial.rotations import normalize
 
 
 class IdealSensors(AbstractSensors):
-    """Neither noise nor delay; the goal is seen along a straight line through space (theory section 7)."""
+    """Sensors without noise or delay; the line of sight to the goal is a straight line in space (theory section 7)."""
 
     def init(self, truth: Truth, instant: Instant) -> None:
-        """Nothing is kept."""
+        """The sensors have no state."""
 
     def read(self, sensor_state: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
-        """The truth."""
+        """Reading equal to the truth."""
         specific_force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_line_of_sight(truth, instant.environment.earth)
         return Reading(
@@ -41,7 +41,7 @@ class IdealSensors(AbstractSensors):
 
 
 def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:
-    """Line of sight to the goal; None for an aircraft without one."""
+    """Line of sight to the goal; None for an aircraft without a goal."""
     if truth.goal is None:
         return None
     velocity_n = velocity_over_ground_n(truth.condition, truth.state)
@@ -49,9 +49,9 @@ def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Straight line through space to a goal in the chart: its direction and rates in the NED axes of the own place.
+    """Line of sight to a goal in the chart, straight in space, in the NED axes at the vehicle's position.
 
-    `position_n` is the own place in the chart (3,), m, `velocity_n` the own velocity over ground (3,), NED, m/s.
+    `position_n` is the vehicle's position in the chart (3,), m; `velocity_n` its velocity over ground (3,), NED, m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure_line_of_sight(jnp.zeros_like(velocity_n), velocity_n, line_n, goal_over_ground_n)
@@ -72,7 +72,7 @@ def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
 
 
 class SensorSample(eqx.Module):
-    """What is measured at one instant: own state, specific force (m/s^2), line of sight to the goal."""
+    """Sensor values at one instant: vehicle state, specific force (m/s^2), line of sight to the goal."""
 
     state: AircraftState
     specific_force_b: Vector3
@@ -80,12 +80,12 @@ class SensorSample(eqx.Module):
 
 
 class SampleRing(eqx.Module):
-    """The latest samples, in a ring: sample number n stands in row n modulo the number of rows."""
+    """Ring buffer of the latest samples: sample number n is in row n modulo the number of rows."""
 
     buffer: Any
 
     def with_sample(self, number: Count, sample: Any) -> "SampleRing":
-        """SampleRing with that of a number, which replaces the oldest."""
+        """Ring with a new sample, which replaces the oldest."""
 
         def put(buffer: Array, value: Array) -> Array:
             return buffer.at[number % buffer.shape[0]].set(value)
@@ -93,32 +93,32 @@ class SampleRing(eqx.Module):
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
     def delayed_sample(self, number: Count, periods: ScalarLike) -> Any:
-        """Sample `periods` (0 to rows - 2, whole or not) before that of a number; linear between two samples."""
+        """Sample `periods` (0 to rows - 2, may be fractional) before sample `number`; linear interpolation."""
         whole = jnp.floor(periods)
-        part = periods - whole
+        fraction = periods - whole
         newer = number - whole.astype(number.dtype)
 
         def at(buffer: Array) -> Array:
-            last, before = buffer[newer % buffer.shape[0]], buffer[(newer - 1) % buffer.shape[0]]
-            return last + part * (before - last)
+            newer_sample, older_sample = buffer[newer % buffer.shape[0]], buffer[(newer - 1) % buffer.shape[0]]
+            return newer_sample + fraction * (older_sample - newer_sample)
 
         return jax.tree.map(at, self.buffer)
 
 
 class DelayedSensors(AbstractSensors):
-    """Ideal sensors whose readings are late altogether.
+    """Ideal sensors with a constant delay of all readings.
 
-    Before time 0 they give the state at time 0. Angles that wrap (course, azimuth) are not among what is interpolated:
-    attitude is a quaternion, the line of sight to the goal is that of the latest whole period.
+    Before time 0 the reading is the state at time 0. Wrapping angles (course, azimuth) are not interpolated: the
+    attitude is a quaternion, and the line of sight is taken from the latest whole period.
 
     Attributes
     ----------
     delay
-        s; 0 to `delay_max`.
+        Delay, s; 0 to `delay_max`.
     delay_max
-        Longest delay of a study, s: it sets the length of the memory.
+        Longest delay of a study, s; sets the length of the ring buffer.
     period
-        Sampling period that the memory is made for, s.
+        Sampling period of the ring buffer, s.
     """
 
     delay: Scalar
@@ -126,24 +126,26 @@ class DelayedSensors(AbstractSensors):
     period: float = eqx.field(static=True)
 
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
-        """SampleRing of an aircraft that has been in its present flight for long."""
+        """Ring filled with the present sample, as after a long time in the present flight condition."""
         count = math.ceil(self.delay_max / self.period - 1e-9) + 2
         sample = _sample(truth, instant)
         return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *jnp.shape(leaf))), sample))
 
     def read(self, sensor_state: SampleRing, truth: Truth, instant: Instant) -> tuple[Reading, SampleRing]:
-        """What was measured `delay` ago."""
+        """Reading of the time `delay` ago."""
         sensor_state = sensor_state.with_sample(instant.number, _sample(truth, instant))
         periods = self.delay / instant.step
         delayed = sensor_state.delayed_sample(instant.number, periods)
         quaternion = delayed.state.quaternion
-        # normalized only between samples: a reading that is not late is the sample itself
+        # normalized only after interpolation: at whole periods the reading is the sample
         quaternion = jnp.where(periods > jnp.floor(periods), normalize(quaternion), quaternion)
         state = eqx.tree_at(lambda s: s.quaternion, delayed.state, quaternion)
         sight = sensor_state.delayed_sample(instant.number, jnp.round(periods)).sight
-        now = flight_condition(truth.airframe, instant.environment, instant.time, state, disturbance=truth.disturbance)
+        condition = flight_condition(
+            truth.airframe, instant.environment, instant.time, state, disturbance=truth.disturbance
+        )
         works = truth.goal_sensor_works
-        return Reading(state, now, delayed.specific_force_b, sight, goal_sensor_works=works), sensor_state
+        return Reading(state, condition, delayed.specific_force_b, sight, goal_sensor_works=works), sensor_state
 
 
 def _sample(truth: Truth, instant: Instant) -> SensorSample:

@@ -1,4 +1,4 @@
-"""Kalman updates by a nonlinear measurement: extended, with a derivative, and unscented, with sigma points."""
+"""Kalman updates for nonlinear measurements: extended, with a derivative, and unscented, with sigma points."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -18,13 +18,12 @@ class Measurement(NamedTuple):
 
     Attributes
     ----------
-    off
-        Innovation of what is expected of a state: from a state (n,) to measured minus expected (m,), angles the short
-        way round.
+    innovation
+        Function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi.
     variances
-        Of their errors.
+        Variances of the errors.
     measured
-        Which there are.
+        Flags of the measured components.
     """
 
     innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]
@@ -33,7 +32,7 @@ class Measurement(NamedTuple):
 
 
 class KalmanUpdate(NamedTuple):
-    """Mean and covariance after measurements, the normalised innovation squared, the logarithm of the likelihood."""
+    """Mean and covariance after a measurement, normalised innovation squared, and log likelihood."""
 
     mean: Float[Array, " n"]
     covariance: Float[Array, "n n"]
@@ -44,51 +43,53 @@ class KalmanUpdate(NamedTuple):
 def extended_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement
 ) -> KalmanUpdate:
-    """Extended Kalman filter's update: one independent measurement after the other, the same as all at once.
+    """Update of the extended Kalman filter by sequential scalar measurements, equivalent to a simultaneous update.
 
-    The derivatives are those at the predicted mean for all. The covariance is in the form of Joseph, multiplied out.
+    All derivatives are taken at the predicted mean. The covariance update is the Joseph form, multiplied out.
     """
-    off, slopes = measurement.innovation(mean), -jax.jacfwd(measurement.innovation)(mean)
-    begin, zero = mean, jnp.zeros_like(off[0])
+    innovations, slopes = measurement.innovation(mean), -jax.jacfwd(measurement.innovation)(mean)
+    predicted_mean, zero = mean, jnp.zeros_like(innovations[0])
     nis, log_likelihood = zero, zero
-    for k in range(off.shape[0]):
-        row, on = slopes[k], measurement.measured[k]
-        across = jnp.sum(covariance * row[None, :], axis=1)
-        spread = jnp.sum(row * across) + measurement.variances[k]
-        # without any spread the measurement and the state are both exact, and agree
-        safe = jnp.where(on & (spread > 0.0), spread, 1.0)
-        left = off[k] - jnp.sum(row * (mean - begin))
-        gain = jnp.where(on, across / safe, 0.0)
-        mean = mean + gain * left
+    for k in range(innovations.shape[0]):
+        slope, is_measured = slopes[k], measurement.measured[k]
+        cross_covariance = jnp.sum(covariance * slope[None, :], axis=1)
+        innovation_variance = jnp.sum(slope * cross_covariance) + measurement.variances[k]
+        # zero variance: measurement and state are both exact and equal
+        safe_variance = jnp.where(is_measured & (innovation_variance > 0.0), innovation_variance, 1.0)
+        remaining_innovation = innovations[k] - jnp.sum(slope * (mean - predicted_mean))
+        gain = jnp.where(is_measured, cross_covariance / safe_variance, 0.0)
+        mean = mean + gain * remaining_innovation
         covariance = (
             covariance
-            - gain[:, None] * across[None, :]
-            - across[:, None] * gain[None, :]
-            + safe * gain[:, None] * gain[None, :]
+            - gain[:, None] * cross_covariance[None, :]
+            - cross_covariance[:, None] * gain[None, :]
+            + safe_variance * gain[:, None] * gain[None, :]
         )
-        nis = nis + jnp.where(on, left**2 / safe, 0.0)
-        log_likelihood = log_likelihood - 0.5 * jnp.where(on, left**2 / safe + jnp.log(safe) + _LOG_2PI, 0.0)
+        nis = nis + jnp.where(is_measured, remaining_innovation**2 / safe_variance, 0.0)
+        log_likelihood = log_likelihood - 0.5 * jnp.where(
+            is_measured, remaining_innovation**2 / safe_variance + jnp.log(safe_variance) + _LOG_2PI, 0.0
+        )
     return KalmanUpdate(mean, covariance, nis, log_likelihood)
 
 
 class SigmaPoints(NamedTuple):
-    """Numbers of the scaled unscented transform: E. A. Wan, R. van der Merwe, Proc. AS-SPCC 2000."""
+    """Parameters of the scaled unscented transform: E. A. Wan, R. van der Merwe, Proc. AS-SPCC 2000."""
 
     alpha: float = 0.5
     beta: float = 2.0
     kappa: float = 0.0
 
     def weights(self, count: int) -> tuple[float, np.ndarray, np.ndarray]:
-        """Scale of the points' distance squared, and weights for means and covariances, of so many states."""
+        """Squared distance scale of the points, and weights for mean and covariance, for `count` states."""
         scale = self.alpha**2 * (count + self.kappa)
-        mean = np.full(2 * count + 1, 0.5 / scale)
-        mean[0] = 1.0 - count / scale
-        covariance = mean.copy()
-        covariance[0] += 1.0 - self.alpha**2 + self.beta
-        return scale, mean, covariance
+        mean_weights = np.full(2 * count + 1, 0.5 / scale)
+        mean_weights[0] = 1.0 - count / scale
+        covariance_weights = mean_weights.copy()
+        covariance_weights[0] += 1.0 - self.alpha**2 + self.beta
+        return scale, mean_weights, covariance_weights
 
     def generate(self, mean: Float[Array, " n"], covariance: Float[Array, "n n"]) -> Float[Array, "points n"]:
-        """The points: the mean, then along each column of the covariance's root, then against them."""
+        """Sigma points: the mean, then the mean plus and minus each column of the scaled covariance root."""
         count = mean.shape[0]
         root = cholesky(self.weights(count)[0] * covariance)
         return jnp.concatenate([mean[None], mean[None] + root.T, mean[None] - root.T])
@@ -101,59 +102,73 @@ def unscented_prediction(
     noise: Float[Array, "n n"],
     points: SigmaPoints,
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Mean and covariance of what a function makes of a state, with noise added."""
-    of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
+    """Mean and covariance of a function of a random state, with additive noise."""
+    mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.generate(mean, covariance))
-    after = jnp.sum(of_mean[:, None] * images, axis=0)
-    apart = images - after[None]
-    return after, jnp.sum(of_covariance[:, None, None] * apart[:, :, None] * apart[:, None, :], axis=0) + noise
+    predicted_mean = jnp.sum(mean_weights[:, None] * images, axis=0)
+    deviations = images - predicted_mean[None]
+    return predicted_mean, jnp.sum(
+        covariance_weights[:, None, None] * deviations[:, :, None] * deviations[:, None, :], axis=0
+    ) + noise
 
 
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Unscented Kalman filter's update by all measurements at once."""
-    of_mean, of_covariance = (one.astype(mean.dtype) for one in points.weights(mean.shape[0])[1:])
-    around = points.generate(mean, covariance)
-    offs, on = jax.vmap(measurement.innovation)(around), measurement.measured
-    offs = jnp.where(on[None], offs, 0.0)
-    off = jnp.sum(of_mean[:, None] * offs, axis=0)
-    expected_apart, apart = off[None] - offs, around - mean[None]
-    spread = jnp.sum(of_covariance[:, None, None] * expected_apart[:, :, None] * expected_apart[:, None, :], axis=0)
-    spread = spread + jnp.where(on, measurement.variances, 1.0)[:, None] * np.eye(off.shape[0], dtype=off.dtype)
-    both = jnp.sum(of_covariance[:, None, None] * apart[:, :, None] * expected_apart[:, None, :], axis=0)
-    root = cholesky(spread)
-    whitened, across = _forward(root, off[:, None])[:, 0], _forward(root, both.T)
+    """Update of the unscented Kalman filter by all measurements at once."""
+    mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
+    sigma_points = points.generate(mean, covariance)
+    innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured
+    innovations = jnp.where(measured[None], innovations, 0.0)
+    mean_innovation = jnp.sum(mean_weights[:, None] * innovations, axis=0)
+    measurement_deviations, state_deviations = mean_innovation[None] - innovations, sigma_points - mean[None]
+    innovation_covariance = jnp.sum(
+        covariance_weights[:, None, None] * measurement_deviations[:, :, None] * measurement_deviations[:, None, :],
+        axis=0,
+    )
+    innovation_covariance = innovation_covariance + jnp.where(measured, measurement.variances, 1.0)[:, None] * np.eye(
+        mean_innovation.shape[0], dtype=mean_innovation.dtype
+    )
+    cross_covariance = jnp.sum(
+        covariance_weights[:, None, None] * state_deviations[:, :, None] * measurement_deviations[:, None, :], axis=0
+    )
+    root = cholesky(innovation_covariance)
+    whitened, whitened_cross_covariance = (
+        _forward(root, mean_innovation[:, None])[:, 0],
+        _forward(root, cross_covariance.T),
+    )
     # K S K^T of the gain K = (cross covariance) S^-1
-    covariance = covariance - jnp.sum(across[:, :, None] * across[:, None, :], axis=0)
-    mean = mean + jnp.sum(across * whitened[:, None], axis=0)
+    covariance = covariance - jnp.sum(
+        whitened_cross_covariance[:, :, None] * whitened_cross_covariance[:, None, :], axis=0
+    )
+    mean = mean + jnp.sum(whitened_cross_covariance * whitened[:, None], axis=0)
     nis = jnp.sum(whitened**2)
-    pivots = jnp.stack([root[k, k] for k in range(off.shape[0])])
-    logs = jnp.where(on, 2.0 * jnp.log(pivots) + _LOG_2PI, 0.0)
+    pivots = jnp.stack([root[k, k] for k in range(mean_innovation.shape[0])])
+    logs = jnp.where(measured, 2.0 * jnp.log(pivots) + _LOG_2PI, 0.0)
     return KalmanUpdate(mean, covariance, nis, -0.5 * (nis + jnp.sum(logs)))
 
 
 def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Lower root of a small positive definite matrix, column by column, without a library; zero pivots stay zero."""
+    """Lower Cholesky factor of a small positive definite matrix, column by column; zero pivots stay zero."""
     count = matrix.shape[0]
-    places = jnp.arange(count)
+    indices = jnp.arange(count)
 
     def column(k: Count, root: Float[Array, "n n"]) -> Float[Array, "n n"]:
-        left = matrix[:, k] - jnp.sum(root * root[k][None, :], axis=1)
-        pivot = jnp.maximum(left[k], 0.0)
+        reduced_column = matrix[:, k] - jnp.sum(root * root[k][None, :], axis=1)
+        pivot = jnp.maximum(reduced_column[k], 0.0)
         safe = jnp.where(pivot > 0.0, pivot, 1.0)
-        own = jnp.where((places >= k) & (pivot > 0.0), left / jnp.sqrt(safe), 0.0)
-        return jnp.where(places[None, :] == k, own[:, None], root)
+        new_column = jnp.where((indices >= k) & (pivot > 0.0), reduced_column / jnp.sqrt(safe), 0.0)
+        return jnp.where(indices[None, :] == k, new_column[:, None], root)
 
     return jax.lax.fori_loop(0, count, column, jnp.zeros_like(matrix))
 
 
-def _forward(root: Float[Array, "m m"], rows: Float[Array, "m k"]) -> Float[Array, "m k"]:
-    """Solution X of L X = B for a lower L."""
-    places = jnp.arange(rows.shape[0])
+def _forward(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
+    """Solution X of L X = B for a lower triangular L."""
+    indices = jnp.arange(right_hand_side.shape[0])
 
-    def row(k: Count, found: Float[Array, "m k"]) -> Float[Array, "m k"]:
-        left = rows[k] - jnp.sum(root[k][:, None] * found, axis=0)
-        return jnp.where(places[:, None] == k, (left / root[k, k])[None], found)
+    def row(k: Count, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:
+        reduced_row = right_hand_side[k] - jnp.sum(root[k][:, None] * solution, axis=0)
+        return jnp.where(indices[:, None] == k, (reduced_row / root[k, k])[None], solution)
 
-    return jax.lax.fori_loop(0, rows.shape[0], row, jnp.zeros_like(rows))
+    return jax.lax.fori_loop(0, right_hand_side.shape[0], row, jnp.zeros_like(right_hand_side))

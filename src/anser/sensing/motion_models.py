@@ -1,4 +1,4 @@
-"""How a goal is taken to move: steadily, or in a coordinated turn; states of position, velocity and turn rate."""
+"""Motion models of a goal: steady motion and coordinated turn; states are position, velocity and turn rate."""
 
 import abc
 
@@ -10,11 +10,11 @@ from jaxtyping import Array, Float
 
 from anser.shapes import Scalar, ScalarLike
 
-_SMALL = 1e-3  # rad turned, below which sine and cosine integrals are taken as series
+_SMALL = 1e-3  # turn angle, rad, below which sine and cosine integrals use series
 
 
 class AbstractMotionModel(eqx.Module):
-    """A motion model; concrete ones are final. States: position, velocity (NED, m and m/s), turn rate (rad/s)."""
+    """A motion model; concrete subclasses are final. States: position, velocity (NED, m and m/s), turn rate (rad/s)."""
 
     @property
     @abc.abstractmethod
@@ -23,21 +23,21 @@ class AbstractMotionModel(eqx.Module):
 
     @abc.abstractmethod
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """State a time (s) later or, with a negative one, before; without noise."""
+        """State after a time (s), negative for the past, without noise."""
 
     @abc.abstractmethod
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """Covariance of what the noise adds in a time, s."""
+        """Covariance of the process noise over a time, s."""
 
     @abc.abstractmethod
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Covariance a time (s) later, F P F^T + Q with the derivative of `moved` at the mean."""
+        """Covariance after a time (s), F P F^T + Q with the derivative F of `predict_state` at the mean."""
 
 
 class SteadyMotion(AbstractMotionModel):
-    """Nearly constant velocity: white noise of acceleration.
+    """Nearly constant velocity with white-noise acceleration.
 
     Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
     6.2.2 (discretised continuous white noise acceleration model).
@@ -45,9 +45,9 @@ class SteadyMotion(AbstractMotionModel):
     Attributes
     ----------
     density, density_up
-        Spectral densities in the plane and in height, m^2/s^3.
+        Horizontal and vertical spectral densities, m^2/s^3.
     turn_density
-        Of the turn rate, which goes on unseen, rad^2/s^3; None: it is no state.
+        Spectral density of the unobserved turn rate, rad^2/s^3; None: the turn rate is not a state.
     """
 
     density: Scalar
@@ -70,22 +70,24 @@ class SteadyMotion(AbstractMotionModel):
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """See `AbstractMotionModel`: the rows of the velocity added to those of the position, then the columns."""
-        rows = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
-        return jnp.concatenate([rows[:, :3] + span * rows[:, 3:6], rows[:, 3:]], axis=1) + self.process_noise(span)
+        """See `AbstractMotionModel`: the velocity's rows are added to the position's rows, then the columns."""
+        row_product = jnp.concatenate([covariance[:3] + span * covariance[3:6], covariance[3:]], axis=0)
+        return jnp.concatenate(
+            [row_product[:, :3] + span * row_product[:, 3:6], row_product[:, 3:]], axis=1
+        ) + self.process_noise(span)
 
 
 class CoordinatedTurn(AbstractMotionModel):
-    """Coordinated turn in the plane at a turn rate that is not known, with white noise of acceleration and turn rate.
+    """Horizontal coordinated turn with an unknown turn rate, and white noise of acceleration and turn rate.
 
     Source: as `SteadyMotion`, 11.7.1 and 11.7.2; positive turn rates are clockwise seen from above.
 
     Attributes
     ----------
     density, density_up
-        Spectral densities of the acceleration in the plane and in height, m^2/s^3.
+        Horizontal and vertical spectral densities of the acceleration, m^2/s^3.
     turn_density
-        Of the turn rate's change, rad^2/s^3.
+        Spectral density of the turn rate's change, rad^2/s^3.
     """
 
     density: Scalar
@@ -128,8 +130,8 @@ class CoordinatedTurn(AbstractMotionModel):
     ) -> Float[Array, "7 7"]:
         """See `AbstractMotionModel`."""
         slopes = jax.jacfwd(lambda state: self.predict_state(state, span))(mean)
-        rows = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
-        return jnp.sum(rows[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)
+        row_product = jnp.sum(slopes[:, :, None] * covariance[None, :, :], axis=1)
+        return jnp.sum(row_product[:, None, :] * slopes[None, :, :], axis=2) + self.process_noise(span)
 
 
 def _white_acceleration(
@@ -137,10 +139,16 @@ def _white_acceleration(
 ) -> Float[Array, "n n"]:
     densities = jnp.stack([density, density, density_up])
     axes = densities[:, None] * np.eye(3, dtype=densities.dtype)
-    places, both, speeds = (axes * part for part in (span**3 / 3.0, span**2 / 2.0, span))
-    noise = jnp.concatenate([jnp.concatenate([places, both], axis=1), jnp.concatenate([both, speeds], axis=1)], axis=0)
+    position_noise, cross_noise, velocity_noise = (axes * factor for factor in (span**3 / 3.0, span**2 / 2.0, span))
+    noise = jnp.concatenate(
+        [
+            jnp.concatenate([position_noise, cross_noise], axis=1),
+            jnp.concatenate([cross_noise, velocity_noise], axis=1),
+        ],
+        axis=0,
+    )
     if turn_density is None:
         return noise
-    last = np.zeros((7, 7), densities.dtype)
-    last[6, 6] = 1.0
-    return jnp.pad(noise, ((0, 1), (0, 1))) + last * (turn_density * span)
+    turn_rate_entry = np.zeros((7, 7), densities.dtype)
+    turn_rate_entry[6, 6] = 1.0
+    return jnp.pad(noise, ((0, 1), (0, 1))) + turn_rate_entry * (turn_density * span)

@@ -1,6 +1,6 @@
-"""Trim of any airframe for straight, climbing, turning and pulling-up flight, and one point of a trim map.
+"""Trim of any airframe in straight, climbing, turning and pull-up flight, and one point of a trim map.
 
-What prevents steady flight, and the margins to its limits.
+A trim map point includes the obstacles to steady flight and the margins to the limits.
 """
 
 from typing import NamedTuple
@@ -28,17 +28,25 @@ from anser.spatial.wind_axes import attitude_from_path
 from anser.units import DEG_RAD
 
 Unknowns = Float[Array, " unknown"]
-"""Alpha, beta, mu (rad), surfaces (rad; of an aircraft with more than three commanded ones what they share in for roll,
-pitch and yaw), power (fraction of maximum)."""
+"""Unknowns of the trim: alpha, beta, mu (rad), surfaces (rad), power (fraction of maximum).
 
-_ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)  # the lift and moment tables have kinks: one start is not enough
+For an aircraft with more than three commanded surfaces, the surfaces are replaced by a common factor for roll, pitch
+and yaw."""
+
+_ALPHA_STARTS_DEG = (
+    2.0,
+    8.0,
+    18.0,
+    30.0,
+    42.0,
+)  # the lift and moment tables have kinks, so a single start is not enough
 EXCESS_NOISE = 1e-9
-"""Rad and fraction of power by which a limit may be passed: a thousand times the solver's noise."""
+"""Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
 _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
 
 
 class TrimTarget(eqx.Module):
-    """The steady flight wanted.
+    """The required steady flight condition.
 
     Attributes
     ----------
@@ -47,21 +55,21 @@ class TrimTarget(eqx.Module):
     altitude
         Geometric altitude, m.
     path_angle, course
-        Of the velocity through the air, rad.
+        Direction of the velocity through the air, rad.
     turn_rate
         Rate of the course, rad/s; positive turns right.
     path_rate
-        Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the level line to the right
-        of the course, in a turn as well. Other than 0, the condition lasts for an instant only.
+        Rate of the path angle, rad/s; positive bends the path up: the velocity turns about the horizontal line to the
+        right of the course, also in a turn. If not 0, the condition is instantaneous.
     pitch_rate
-        Body rate Q of a pull-up as [SL] section 3.6 has it, rad/s: P = R = 0, and without side force the wings are
-        level. Other than 0, the turn and path rates must be 0, and the condition lasts for an instant. Left out: 0.
+        Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level.
+        If not 0, turn and path rates must be 0, and the condition is instantaneous. Default 0.
 
     Notes
     -----
-    With sideslip (of the F-16, what its engine's angular momentum asks for) the two pull-ups differ: the line about
-    which `path_rate` turns the velocity then lies beside the body's y axis, so that P and R are not 0 and the course
-    stands still; with `pitch_rate` the heading does.
+    With sideslip (for the F-16 due to the engine's angular momentum) the two pull-ups differ: `path_rate` turns the
+    velocity about a line beside the body y axis, so P and R are not 0 and the course is constant; with `pitch_rate` the
+    heading is constant.
     """
 
     speed: Scalar
@@ -89,25 +97,25 @@ class TrimTarget(eqx.Module):
 
 
 class TrimPoint(eqx.Module):
-    """A solution of the trim equations, inside the aircraft's limits or not.
+    """A solution of the trim equations, inside or outside the aircraft's limits.
 
     Attributes
     ----------
     state
-        At the place and altitude wanted, velocity over ground for the environment's wind there.
+        State at the required position and altitude; the velocity over ground includes the environment's wind.
     controls
-        Held surfaces and throttle (0..1; at its stop where the power wanted lies beyond).
+        Constant surfaces and throttle (0..1, saturated).
     mu, alpha, beta
         Bank about the velocity vector, angle of attack, sideslip, rad.
     power
-        Power that balances the drag, percent; outside 0..100 where the engine cannot.
+        Power for balance with the drag, percent; outside 0..100 if the engine cannot deliver it.
     converged
         Whether the equations are solved (residual below 1e-8 g and rad/s^2).
     residual
-        Largest remaining acceleration, g and rad/s^2; infinite where the target's rates define no flight: a pitch rate
-        together with a turn or path rate.
+        Largest remaining acceleration, g and rad/s^2; infinite if the target has a pitch rate together with a turn or
+        path rate, which defines no flight.
     excess
-        How far alpha, beta, surfaces (rad) and power (fraction) lie outside their limits, summed; 0 inside all.
+        Sum of the violations of alpha, beta, surface (rad) and power (fraction) limits; 0 inside the limits.
     """
 
     state: AircraftState
@@ -135,7 +143,7 @@ def trim_target(
     Raises
     ------
     ValueError
-        A pitch rate together with a turn or path rate. (Where they are traced, the trim says so: see `TrimPoint`.)
+        If a pitch rate is combined with a turn or path rate. (For traced rates the trim reports it: see `TrimPoint`.)
     """
     if _known_other_than_0(pitch_rate) and (_known_other_than_0(turn_rate) or _known_other_than_0(path_rate)):
         raise ValueError(
@@ -151,7 +159,7 @@ def _known_other_than_0(rate: ScalarLike) -> bool:
 
 
 class _Case(NamedTuple):
-    """What the trim equations depend on besides their unknowns; `shares` are those of `_shares`."""
+    """Parameters of the trim equations; `shares` as returned by `_shares`."""
 
     airframe: AbstractAirframe
     shares: Float[Array, "surface unknown"]
@@ -167,7 +175,7 @@ def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
 
 
 def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
-    """Body rates as wanted: about the vertical, about the level line to the right of the course, or Q alone."""
+    """Required body rates: about the vertical, about the horizontal line to the right of the course, or Q alone."""
     right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
     turning_b = target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
     return turning_b.at[1].add(target.pitch_rate)
@@ -179,7 +187,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _Case) -> Unknowns:
-    """Accelerations that must vanish, in g and rad/s^2, and the side force over the weight."""
+    """Residual accelerations, in g and rad/s^2, and the side force over the weight."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -192,27 +200,28 @@ def _residual(x: Unknowns, case: _Case) -> Unknowns:
     specific_b = wrench.force_b / airframe.mass_properties.mass
     linear = specific_b + rotate(R_bn, local.apparent_gravity_n) - cross(rates_b, velocity_b)
     angular = angular_acceleration(airframe.mass_properties, inertial_b, wrench.moment_b)
-    # without command of the yaw, sideslip balances it, and what side force that makes remains
+    # without yaw control, sideslip balances the yaw, and a side force remains
     coordinated = specific_b[1:2] if airframe.actuators.controls_yaw else jnp.zeros(0)
     return jnp.concatenate([linear / local.gravity, angular, coordinated / local.gravity])
 
 
 def _surfaces(x: Unknowns, case: _Case, data: AirData) -> Vector:
-    """Deflections of a guess, rad: those commanded, and where schedules put the others."""
+    """Deflections for an iterate, rad: commanded surfaces, and scheduled surfaces at their schedules."""
     return case.airframe.actuators.scheduled_position(jnp.sum(case.shares * x[None, 3:-1], axis=1), data)
 
 
 def _shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
-    """How each surface takes part in the unknowns: alone up to three commanded ones, else as least it must.
+    """Deflection of each surface per unknown, shape (surface, unknown); surfaces without command stay at schedules.
 
-    The others stand at their schedules, or at 0.
+    Up to three commanded surfaces are unknowns themselves. Beyond three, the unknowns are roll, pitch and yaw, and the
+    deflections are the smallest that produce a moment.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
     if commanded.size <= 3:
         return jnp.asarray(np.eye(len(actuators.names))[:, commanded])
-    rest = actuators.scheduled_position(jnp.zeros(len(actuators.names)), data)
-    slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(rest)
+    scheduled = actuators.scheduled_position(jnp.zeros(len(actuators.names)), data)
+    slope = jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(scheduled)
     shares = deflection_for_moment(actuators, slope)
     return shares / jnp.max(jnp.abs(shares), axis=0, keepdims=True)
 
@@ -222,23 +231,22 @@ def solve_trim(
 ) -> TrimPoint:
     """Solve the trim equations for alpha, beta, mu, the surfaces and power.
 
-    Equations: body velocity and body rates constant in a steady (helical) turn or at the instant of a pull-up, and no
-    side force (coordination; [SL] section 3.6 imposes the same; in a pull-up by pitch rate it levels the wings). Over
-    a round Earth "constant" is meant in the travelling NED axes: Coriolis and centrifugal accelerations are balanced
-    too. An aircraft without command of its yaw has no equation for the side force.
-    Limits are not imposed, so that a diagnosis can tell by how much they are exceeded: see
-    `anser.simulation.trim_violations`. Levenberg-Marquardt from several angles of attack; of the solutions, the one
-    inside the limits with the least angle of attack is taken. Differentiable by the implicit function theorem, first
-    derivatives only.
+    Equations: body velocity and body rates are constant in a steady (helical) turn or at the instant of a pull-up, and
+    the side force vanishes (coordination; [SL] section 3.6 has the same condition; in a pull-up by pitch rate it levels
+    the wings). Over a round Earth "constant" refers to the travelling NED axes: Coriolis and centrifugal accelerations
+    are balanced too. An aircraft without yaw control has no equation for the side force. Limits are not enforced, so a
+    diagnosis can state their violation: see `trim_violations`. Levenberg-Marquardt from several angles of attack; the
+    result is the solution inside the limits with the smallest angle of attack. Differentiable by the implicit function
+    theorem, first derivatives only.
 
     Parameters
     ----------
     airframe, environment
         Any airframe; over a flat Earth the wind sets the ground velocity of the result only.
     target
-        Steady flight wanted.
+        The required steady flight condition.
     position_n
-        Where, in the Earth's chart (3,), m; its altitude is the target's. The chart's origin where None.
+        Position in the Earth's chart (3,), m; the altitude is taken from the target. None: the chart's origin.
     """
     north, east = (jnp.zeros(()), jnp.zeros(())) if position_n is None else (position_n[0], position_n[1])
     position_n = jnp.stack([north, east, -target.altitude])
@@ -255,15 +263,15 @@ def solve_trim(
         start = jnp.zeros(4 + shares.shape[1]).at[0].set(alpha_start).at[2].set(bank).at[-1].set(0.3)
         return levenberg_marquardt(_residual, case, start)
 
-    tried = jax.vmap(attempt)(jnp.asarray(_ALPHA_STARTS_DEG) * DEG_RAD)
-    excess = jax.vmap(lambda x: _excess(case, x))(tried.x)
-    solved = tried.residual < _CONVERGED
-    # Inside the limits first, then solutions beyond them, then the best of what is none.
-    rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, tried.x[:, 0]), 1e6 + tried.residual)
+    solutions = jax.vmap(attempt)(jnp.asarray(_ALPHA_STARTS_DEG) * DEG_RAD)
+    excess = jax.vmap(lambda x: _excess(case, x))(solutions.x)
+    solved = solutions.residual < _CONVERGED
+    # Rank: solutions inside the limits, then solutions outside, then the smallest residual.
+    rank = jnp.where(solved, jnp.where(excess > 0, 1e3 + excess, solutions.x[:, 0]), 1e6 + solutions.residual)
     best = jnp.argmin(jax.lax.stop_gradient(rank))
-    x = with_implicit_derivative(_residual, case, tried.x[best])
+    x = with_implicit_derivative(_residual, case, solutions.x[best])
     turning = (target.turn_rate != 0) | (target.path_rate != 0)
-    residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, tried.residual[best])
+    residual = jnp.where((target.pitch_rate != 0) & turning, jnp.inf, solutions.residual[best])
     R_bn = _attitude(x, target)
     flow = air_data(_velocity_air_b(x, target), target.altitude, air)
     state = AircraftState(
@@ -288,7 +296,7 @@ def solve_trim(
 
 
 def _excess(case: _Case, x: Unknowns) -> Scalar:
-    """How far a solution lies outside the limits (rad and fractions of power, summed); 0 inside."""
+    """Sum of the violations of all limits (rad and fractions of power); 0 inside the limits."""
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
@@ -304,8 +312,8 @@ def _excess(case: _Case, x: Unknowns) -> Scalar:
 
 
 TRIM_OBSTACLES = ("tables", "no_balance", "thrust_max", "thrust_idle", "surfaces", "alpha", "beta")
-"""What can stop steady flight: altitude or Mach number beyond the data; forces and moments that do not balance; power
-above 100 or below 0 percent; a surface beyond its stop; alpha or beta beyond the data."""
+"""Obstacles to steady flight: altitude or Mach number outside the data; unbalanced forces or moments; power above 100
+or below 0 percent; a surface beyond its stop; alpha or beta outside the data."""
 
 
 class TrimMapPoint(eqx.Module):
@@ -315,16 +323,16 @@ class TrimMapPoint(eqx.Module):
     ----------
     trim
         The solution, flyable or not.
-    stopped_by
-        Which of `TRIM_OBSTACLES` stand in the way; none where the point can be flown.
+    obstacles
+        Flags of the `TRIM_OBSTACLES`; all false if the point can be flown.
     mach
         Mach number.
     load_factor
         Minus body z force over weight.
-    power_left, power_spare
-        Up to 100 and down to 0 percent of power, as fractions.
-    surface_left
-        Part of the way from its stop to the middle at which each surface stands.
+    power_margin, power_above_idle
+        Distance to 100 and to 0 percent of power, as fractions.
+    surface_margin
+        Distance of each surface from its stop, as a fraction of the travel from the middle to the stop.
     """
 
     trim: TrimPoint
@@ -337,16 +345,16 @@ class TrimMapPoint(eqx.Module):
 
     @property
     def trimmable(self) -> Bool[Array, "..."]:
-        """Whether nothing stands in the way; for a batch, of each point."""
+        """Whether no obstacle exists; for a batch, one flag per point."""
         return ~jnp.any(self.obstacles, axis=-1)
 
 
 def trim_map_point(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimMapPoint:
-    """Trim an aircraft and say what is left to its limits; see `solve_trim`."""
+    """Trim an aircraft and report the margins to its limits; see `solve_trim`."""
     point = solve_trim(airframe, environment, target)
-    now = flight_condition(airframe, environment, 0.0, point.state)
-    data = now.air_data
-    # the flow angles have their own entries
+    condition = flight_condition(airframe, environment, 0.0, point.state)
+    data = condition.air_data
+    # the flow angles have separate flags
     inside = eqx.tree_at(
         lambda d: (d.alpha, d.beta),
         data,
@@ -365,13 +373,13 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
         beyond(point.alpha, *airframe.alpha_range),
         beyond(point.beta, *airframe.beta_range),
     ]
-    # what is no solution says nothing of power, surfaces and angles
+    # without a solution, power, surfaces and angles are meaningless
     stops = [airframe.outside_tables(inside), ~point.converged, *(stop & point.converged for stop in stops)]
     return TrimMapPoint(
         trim=point,
         obstacles=jnp.stack(stops),
         mach=data.mach,
-        load_factor=-now.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
+        load_factor=-condition.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
         power_margin=1 - power,
         power_above_idle=power,
         surface_margin=1 - surface_share(airframe, surfaces),
@@ -379,6 +387,6 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
 
 
 def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
-    """Part of the way from the middle to the stop at which each surface (rad) stands."""
+    """Deflection of each surface (rad) from the middle, as a fraction of the travel to the stop."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)

@@ -1,4 +1,4 @@
-"""Why an aircraft cannot fly steadily as asked, and what it can do instead; on the host, for messages to people."""
+"""Diagnosis of flight conditions without trim: violated limits and nearest trim points, as messages for people."""
 
 import dataclasses
 import math
@@ -26,22 +26,23 @@ _SPEED_FACTOR = 8.0
 _PATH_ANGLE_LIMIT = math.radians(80.0)
 _TURN_RATE_LIMIT = math.radians(30.0)
 _LIMIT_SLACK = 1e-9
-"""Rad and fraction of power by which a limit may be passed: a thousand times the solver's noise."""
+"""Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
 
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
-    """The trimmable point nearest to a target along one of its quantities.
+    """The trimmable point nearest to a target when one of the target's quantities changes.
 
     Attributes
     ----------
     quantity
-        "speed", "path_angle" or "turn_rate", in a pull-up "pitch_rate": the field of the target that was changed.
-    wanted, value
-        What the target asks for and the nearest trimmable value, SI (m/s, rad, rad/s).
+        Changed field of the target: "speed", "path_angle" or "turn_rate"; in a pull-up "pitch_rate" instead of the
+        last.
+    target_value, value
+        Value of the target, and nearest trimmable value, SI (m/s, rad, rad/s).
     distance
-        Size of the change without unit: speed change over wanted speed; path angle change in rad (about the change of
-        thrust over weight); turn or pitch rate change times wanted speed over gravity (change of load factor).
+        Dimensionless change: speed change over target speed; path angle change in rad (about the change of thrust over
+        weight); change of turn or pitch rate times target speed over gravity (change of load factor).
     target, point
         The changed target and its trim.
     """
@@ -54,22 +55,22 @@ class NearestTrim:
     point: TrimPoint
 
     def message(self) -> str:
-        """Say it in one clause; numbers are rounded toward the trimmable side."""
+        """Message of one clause; numbers are rounded towards the trimmable side."""
         return _CLAUSES[self.quantity](self.target_value, self.value)
 
 
 @dataclasses.dataclass(frozen=True)
 class TrimDiagnosis:
-    """What is known about a target: its own trim, what stops it, and the nearest points that can be trimmed.
+    """Diagnosis of a target: the trim solution, the violated limits, and the nearest trimmable points.
 
     Attributes
     ----------
     target, point
-        The flight wanted and the solution found for it, inside the limits or not.
+        The required flight condition, and its solution, inside the limits or not.
     violations
-        See `trim_violations`; empty where the target itself is trimmable.
+        See `trim_violations`; empty if the target is trimmable.
     nearest
-        Nearest first; at most one for each quantity; empty where the target itself is trimmable.
+        Nearest first; at most one point per quantity; empty if the target is trimmable.
     """
 
     target: TrimTarget
@@ -78,21 +79,21 @@ class TrimDiagnosis:
     nearest: tuple[NearestTrim, ...]
 
     def message(self) -> str:
-        """Say it in a few lines."""
+        """Message of a few lines."""
         t = self.target
-        asked = (
+        condition = (
             f"{float(t.speed):.1f} m/s at {float(t.altitude):.0f} m, "
             f"path angle {float(t.path_angle) * RAD_DEG:.1f} deg, turn rate {float(t.turn_rate) * RAD_DEG:.1f} deg/s"
         )
         if float(t.path_rate) != 0.0:
-            asked += f", path angle rate {float(t.path_rate) * RAD_DEG:.1f} deg/s"
+            condition += f", path angle rate {float(t.path_rate) * RAD_DEG:.1f} deg/s"
         if float(t.pitch_rate) != 0.0:
-            asked += f", pitch rate {float(t.pitch_rate) * RAD_DEG:.1f} deg/s"
+            condition += f", pitch rate {float(t.pitch_rate) * RAD_DEG:.1f} deg/s"
         if not self.violations:
-            return f"Steady flight exists: {asked}."
-        lines = [f"No steady flight: {asked}.", *(f"- {violation}" for violation in self.violations)]
+            return f"Steady flight exists: {condition}."
+        lines = [f"No steady flight: {condition}.", *(f"- {violation}" for violation in self.violations)]
         if self.nearest:
-            lines += ["All else unchanged:", *(f"- {found.message()}" for found in self.nearest)]
+            lines += ["All else unchanged:", *(f"- {trim.message()}" for trim in self.nearest)]
         else:
             rate = _rate_changed(t).replace("_", " ")
             lines += [f"No change of speed, path angle or {rate} alone makes it possible."]
@@ -100,14 +101,14 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Say which limits a trim point breaks, with numbers in deg and percent; empty for a point that can be flown.
+    """Limits violated by a trim point, with numbers in deg and percent; empty for a flyable point.
 
     Parameters
     ----------
     airframe, environment
-        As given to `solve_trim`.
+        Arguments of `solve_trim`.
     point
-        Its result, for one aircraft.
+        Result of `solve_trim` for one aircraft.
     """
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
@@ -125,21 +126,21 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
     for k, name in enumerate(actuators.names):
         deflection = point.state.surfaces[k]
         checks.append((name, deflection, actuators.lower[k], actuators.upper[k], RAD_DEG, "deg", "moves from"))
-    found = []
+    messages = []
     for name, value, lower, upper, factor, unit, verb in checks:
         if not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
             low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
-            found.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
+            messages.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
     is_outside, data = _elsewhere_outside(airframe, environment, point)
     if bool(is_outside):
-        where = _beyond_validity(airframe, data)
-        words = f"altitude {float(data.altitude):.0f} m, Mach {float(data.mach):.2f}: outside the aircraft's data"
-        found.extend(where or [words])
-    return tuple(found)
+        range_messages = _beyond_validity(airframe, data)
+        message = f"altitude {float(data.altitude):.0f} m, Mach {float(data.mach):.2f}: outside the aircraft's data"
+        messages.extend(range_messages or [message])
+    return tuple(messages)
 
 
 def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
-    """Say which of the ranges that an aircraft states do not hold the flight; none where it states none."""
+    """Stated validity ranges of the aircraft that the flight leaves; empty if the aircraft states none."""
     validity: Validity | None = getattr(airframe, "validity", None)
     if validity is None:
         return []
@@ -149,72 +150,72 @@ def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
         ("Mach", data.mach, validity.mach, ""),
     )
     return [
-        f"{name} {float(value):.4g}{unit}: outside the aircraft's data, which hold from {float(ends[0]):g} to "
-        f"{float(ends[1]):g}{unit}"
-        for name, value, ends, unit in checks
-        if bool(outside(value, ends))
+        f"{name} {float(value):.4g}{unit}: outside the aircraft's data, which hold from {float(bounds[0]):g} to "
+        f"{float(bounds[1]):g}{unit}"
+        for name, value, bounds, unit in checks
+        if bool(outside(value, bounds))
     ]
 
 
 def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimDiagnosis:
-    """Find the trimmable points nearest to a target, changing its speed, path angle or turn rate one at a time.
+    """Find the trimmable points nearest to a target by changing speed, path angle or turn rate, one at a time.
 
-    In a pull-up by pitch rate, that instead of the turn rate. A grid along each quantity, then a finer one beside the
-    nearest trimmable value; all points of a grid are solved in one compiled call. The edges are found to 0.03 percent
-    of the speed, 0.01 deg and 0.004 deg/s.
+    In a pull-up by pitch rate, the pitch rate is changed instead of the turn rate. The search uses a grid along each
+    quantity, then a finer grid next to the nearest trimmable value; all points of a grid are solved in one compiled
+    call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s.
 
     Parameters
     ----------
     airframe, environment
-        As for `solve_trim`.
+        Arguments of `solve_trim`.
     target
-        Steady flight wanted, of one aircraft.
+        The required steady flight condition of one aircraft.
     """
     rate = _rate_changed(target)
-    wanted = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
+    target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
     gravity = float(environment.gravity)
-    scale = {"speed": 1 / wanted["speed"], "path_angle": 1.0, rate: wanted["speed"] / gravity}
-    most = max(_TURN_RATE_LIMIT, 1.5 * abs(wanted[rate]))
+    scale = {"speed": 1 / target_values["speed"], "path_angle": 1.0, rate: target_values["speed"] / gravity}
+    rate_limit = max(_TURN_RATE_LIMIT, 1.5 * abs(target_values[rate]))
     grids = {
-        "speed": wanted["speed"] * np.geomspace(1 / _SPEED_FACTOR, _SPEED_FACTOR, _CANDIDATES),
+        "speed": target_values["speed"] * np.geomspace(1 / _SPEED_FACTOR, _SPEED_FACTOR, _CANDIDATES),
         "path_angle": np.linspace(-_PATH_ANGLE_LIMIT, _PATH_ANGLE_LIMIT, _CANDIDATES),
-        rate: np.linspace(-most, most, _CANDIDATES),
+        rate: np.linspace(-rate_limit, rate_limit, _CANDIDATES),
     }
     points, usable = _solve(airframe, environment, target, grids)
-    own = jax.tree.map(lambda leaf: leaf[-1], points)
-    violations = trim_violations(airframe, environment, own)
+    target_trim = jax.tree.map(lambda leaf: leaf[-1], points)
+    violations = trim_violations(airframe, environment, target_trim)
     if not violations:
-        return TrimDiagnosis(target, own, (), ())
-    finer = {name: _beside_nearest(grids[name], usable[name], wanted[name]) for name in grids}
+        return TrimDiagnosis(target, target_trim, (), ())
+    finer = {name: _beside_nearest(grids[name], usable[name], target_values[name]) for name in grids}
     points, usable = _solve(airframe, environment, target, finer)
     nearest = []
-    for row, name in enumerate(grids):
+    for quantity_index, name in enumerate(grids):
         if not usable[name].any():
             continue
-        distances = np.where(usable[name], np.abs(finer[name] - wanted[name]), np.inf)
+        distances = np.where(usable[name], np.abs(finer[name] - target_values[name]), np.inf)
         k = int(np.argmin(distances))
         nearest.append(
             NearestTrim(
                 quantity=name,
-                target_value=wanted[name],
+                target_value=target_values[name],
                 value=float(finer[name][k]),
                 distance=float(distances[k]) * scale[name],
                 target=dataclasses.replace(target, **{name: jnp.asarray(finer[name][k])}),
-                point=jax.tree.map(lambda leaf, at=row * _CANDIDATES + k: leaf[at], points),
+                point=jax.tree.map(lambda leaf, at=quantity_index * _CANDIDATES + k: leaf[at], points),
             )
         )
-    nearest.sort(key=lambda found: found.distance)
-    return TrimDiagnosis(target, own, violations, tuple(nearest))
+    nearest.sort(key=lambda trim: trim.distance)
+    return TrimDiagnosis(target, target_trim, violations, tuple(nearest))
 
 
 def _rate_changed(target: TrimTarget) -> str:
-    """Which rate the diagnosis changes: a pull-up has no turn."""
+    """The rate changed by the diagnosis: turn rate, or pitch rate in a pull-up."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @compiled
 def _elsewhere_outside(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
-    """Whether the data end for another reason than the flow angles; the flow."""
+    """Whether a quantity besides the flow angles is outside the data, and the air data."""
     data = flight_condition(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
@@ -223,39 +224,39 @@ def _elsewhere_outside(airframe: AbstractAirframe, environment: Environment, poi
 
 @compiled
 def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> tuple[TrimPoint, Flags]:
-    def one(target: TrimTarget) -> tuple[TrimPoint, Flag]:
+    def trim_and_check(target: TrimTarget) -> tuple[TrimPoint, Flag]:
         point = solve_trim(airframe, environment, target)
         data = flight_condition(airframe, environment, 0.0, point.state).air_data
         return point, point.converged & (point.excess <= _LIMIT_SLACK) & ~airframe.outside_tables(data)
 
-    return jax.vmap(one)(targets)
+    return jax.vmap(trim_and_check)(targets)
 
 
 def _solve(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target with each quantity replaced by each value of its grid, one grid after the other; last, itself."""
+    """Trim the target for every value of every grid, in order of the grids, and finally the target unchanged."""
     count = len(grids) * _CANDIDATES
     fields = {f.name: np.full(count + 1, float(getattr(target, f.name))) for f in dataclasses.fields(target)}
-    for row, (name, grid) in enumerate(grids.items()):
-        fields[name][row * _CANDIDATES : (row + 1) * _CANDIDATES] = grid
+    for quantity_index, (name, grid) in enumerate(grids.items()):
+        fields[name][quantity_index * _CANDIDATES : (quantity_index + 1) * _CANDIDATES] = grid
     points, usable = _solve_all(airframe, environment, TrimTarget(**{k: jnp.asarray(v) for k, v in fields.items()}))
     return points, dict(zip(grids, np.split(np.asarray(usable)[:count], len(grids)), strict=True))
 
 
 def _beside_nearest(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
-    """Values from the nearest usable one to its neighbour toward what is wanted; the grid where none is usable."""
+    """Values from the nearest usable value to the next one towards the target; the grid if no value is usable."""
     if not usable.any():
         return grid
-    near = float(grid[int(np.argmin(np.where(usable, np.abs(grid - target_value), np.inf)))])
-    between = grid[(grid - near) * (target_value - near) > 0]
-    toward = float(between[np.argmin(np.abs(between - near))]) if between.size else target_value
-    end = toward if abs(toward - near) < abs(target_value - near) else target_value
-    return np.linspace(near, end, _CANDIDATES)
+    nearest_usable = float(grid[int(np.argmin(np.where(usable, np.abs(grid - target_value), np.inf)))])
+    between = grid[(grid - nearest_usable) * (target_value - nearest_usable) > 0]
+    toward = float(between[np.argmin(np.abs(between - nearest_usable))]) if between.size else target_value
+    end = toward if abs(toward - nearest_usable) < abs(target_value - nearest_usable) else target_value
+    return np.linspace(nearest_usable, end, _CANDIDATES)
 
 
 def _beyond(value: float, lower: float, upper: float) -> str:
-    """Value with one decimal or more, as many as it takes to show that it lies beyond the limit."""
+    """Value with at least one decimal, and as many as show that the value is outside the limits."""
     for decimals in range(1, 9):
         text = f"{value:.{decimals}f}"
         if not lower <= float(text) <= upper:
