@@ -86,7 +86,7 @@ def check_refusal(changes, path: str, whom: str, arrived: str, expected: str) ->
         loads(changed(changes), "case.toml")
     assert len(refused.value.problems) == 1, str(refused.value)
     problem = refused.value.problems[0]
-    assert (problem.path, problem.whom) == (path, whom)
+    assert (problem.path, problem.subject) == (path, whom)
     assert arrived in problem.arrived
     assert expected in problem.expected
 

@@ -97,7 +97,7 @@ def assert_told(changes: list[tuple[str, str]], told: tuple[str, str, str, str])
     assert len(error.problems) == 1, str(error)
     problem = error.problems[0]
     assert problem.path == path
-    assert problem.whom == whom
+    assert problem.subject == whom
     assert arrived in problem.arrived
     assert expected in problem.expected
     for part in told:

@@ -1,4 +1,4 @@
-"""Aircraft by file: schema, sources, construction and findings."""
+"""Aircraft files: schema, sources, construction of airframes, check data and findings."""
 
 import lazy_loader
 

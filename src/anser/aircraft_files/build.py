@@ -1,7 +1,4 @@
-"""Airframe built from an aircraft file: input units become SI arrays.
-
-Files by derivatives and by DAVE-ML, and their dispersed versions.
-"""
+"""Airframes built from aircraft files, by derivatives or DAVE-ML, in SI arrays; and their dispersed versions."""
 
 import dataclasses
 import functools
@@ -58,22 +55,22 @@ from anser.units import DEG_RAD, RAD_DEG
 
 _RPM_RAD_S = 2.0 * math.pi / 60.0
 _ANYWHERE_M, _ANY_MACH = (-1e5, 1e5), (-1.0, 1e2)
-"""Axes of thrust that depends on nothing: no flight leaves them."""
+"""Axes of constant thrust, wider than any flight."""
 
 
-def build_range(ends: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
-    """Least and greatest value; infinite where there are none."""
-    low, high = (-math.inf, math.inf) if ends is None else ends
+def build_range(bounds: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
+    """Lower and upper bound; infinite if unspecified."""
+    low, high = (-math.inf, math.inf) if bounds is None else bounds
     return as_array(low * factor), as_array(high * factor)
 
 
 def build_validity(valid: schema_body.Validity) -> Validity:
-    """Where the data hold."""
+    """Validity range of the data."""
     return Validity(build_range(valid.airspeed_m_s), build_range(valid.altitude_m), build_range(valid.mach))
 
 
 def build_mass(mass: schema_body.Mass) -> MassProperties:
-    """Mass and inertia."""
+    """Mass properties from a table [mass]."""
     inertia_b = np.asarray(mass.inertia)
     return MassProperties(
         mass=as_array(mass.mass_kg),
@@ -84,23 +81,23 @@ def build_mass(mass: schema_body.Mass) -> MassProperties:
 
 
 def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractActuators:
-    """Actuators of surfaces, all of one order."""
-    names = tuple(one.name for one in surface)
-    lower, upper = zip(*(one.stops_deg for one in surface), strict=True)
+    """Actuators of the surfaces, all of the same order."""
+    names = tuple(s.name for s in surface)
+    lower, upper = zip(*(s.stops_deg for s in surface), strict=True)
     lower, upper = (as_array(np.asarray(stops) * DEG_RAD) for stops in (lower, upper))
-    rates = as_array(np.asarray([one.rate_limit_deg_s for one in surface]) * DEG_RAD)
-    lags = [one.lag_s for one in surface if one.lag_s is not None]
+    rates = as_array(np.asarray([s.rate_limit_deg_s for s in surface]) * DEG_RAD)
+    lags = [s.lag_s for s in surface if s.lag_s is not None]
     if lags:
         return FirstOrderActuators(as_array(lags), lower, upper, rates, names)
-    pairs = [(one.frequency_rad_s, one.damping) for one in surface]
+    pairs = [(s.frequency_rad_s, s.damping) for s in surface]
     frequency, damping = np.asarray(pairs, dtype=float).T
-    return SecondOrderActuators(  # pyright: ignore[reportCallIssue] - its time constant is a property
+    return SecondOrderActuators(  # pyright: ignore[reportCallIssue] - the time constant is a property
         as_array(frequency), as_array(damping), lower, upper, rates, names
     )
 
 
 def build_engine(engine: schema_aerodynamics.Engine | None) -> AbstractEngine:
-    """Engine of one of the kinds, or none."""
+    """Engine of a table [engine]; `NoEngine` without a table."""
     if engine is None:
         return NoEngine()
     if engine.jet is not None:
@@ -119,7 +116,7 @@ def _engine_common(lag_s: float, point_m: tuple[float, float, float]) -> tuple[S
 def _jet(jet: schema_aerodynamics.Jet) -> JetEngine:
     altitudes, machs = (jet.altitude_m, jet.mach) if jet.mach else (_ANYWHERE_M, _ANY_MACH)
     shape = len(altitudes), len(machs)
-    thrusts = [np.broadcast_to(np.asarray(one, dtype=float), shape) for one in (jet.idle_N, jet.full_N)]
+    thrusts = [np.broadcast_to(np.asarray(thrust, dtype=float), shape) for thrust in (jet.idle_N, jet.full_N)]
     tables = make_tables(make_axes([altitudes, machs], clamp=True), [((0, 1), thrusts)])
     return JetEngine(tables, *_engine_common(jet.lag_s, jet.point_m))
 
@@ -162,7 +159,7 @@ _REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
 
 
 def file_models(file: DaveMlFile) -> dict[str, Model]:
-    """The DAVE-ML files of an aircraft as they are, by what they are of."""
+    """DAVE-ML models of an aircraft file, before renaming, by part of the aircraft."""
     return {
         part: _read_cached(text.text, text.file)
         for part in DAVE_ML_PARTS
@@ -176,7 +173,7 @@ def _read_cached(text: str, name: str) -> Model:
 
 
 def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
-    """Build the airframe of a file that was validated."""
+    """Build the airframe of a validated file."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
     low, high = file.validity.alpha_deg
@@ -186,7 +183,7 @@ def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
         models["inertia"] if file.mass is None else (build_mass(file.mass), as_array(offset)),
         models.get("propulsion") or build_engine(file.engine),
         build_actuators(file.surface),
-        [one.input_name for one in file.surface],
+        [s.input_name for s in file.surface],
         alpha_range=(low * DEG_RAD, high * DEG_RAD),
         beta_range=(left * DEG_RAD, right * DEG_RAD),
         engine_lag=file.dave_ml.propulsion_lag_s or 0.0,
@@ -196,33 +193,35 @@ def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
 
 def _has_variable(model: Model, name: str) -> bool:
     structure = model.evaluator.structure
-    return name in structure.by_id or any(one.name == name for one in structure.quantities)
+    return name in structure.by_id or any(quantity.name == name for quantity in structure.quantities)
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """A model by its standard names, with what is given."""
-    names = {name: own for name, own in file.dave_ml.names.items() if _has_variable(model, own)}
+    """Apply the file's names and input defaults to a model."""
+    names = {
+        name: variable_name for name, variable_name in file.dave_ml.names.items() if _has_variable(model, variable_name)
+    }
     return adapt_model(
         model, names, {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
     )
 
 
 def model_problems(file: DaveMlFile) -> list[Problem]:
-    """What of the DAVE-ML files of a valid aircraft file cannot be read, is not there, or does not fit together."""
+    """Describe unreadable, incomplete or inconsistent DAVE-ML files of a valid aircraft file."""
     try:
         raw = file_models(file)
     except DaveMlError as error:
         part = next(part for part in DAVE_ML_PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
         return [_problem_of(f"dave_ml.{part}", error)]
-    found = []
+    problems = []
     for key in ("names", "given"):
         for name, value in getattr(file.dave_ml, key).items():
-            own = value if key == "names" else name
-            if not any(_has_variable(model, own) for model in raw.values()):
-                words = "the varID or the name of a variable of one of the files"
-                found.append(Problem(f"dave_ml.{key}.{name}", describe_value(own), words))
-    if found:
-        return found
+            variable_name = value if key == "names" else name
+            if not any(_has_variable(model, variable_name) for model in raw.values()):
+                expected = "the varID or the name of a variable of one of the files"
+                problems.append(Problem(f"dave_ml.{key}.{name}", describe_value(variable_name), expected))
+    if problems:
+        return problems
     try:
         models = {}
         for part, model in raw.items():
@@ -230,23 +229,23 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
                 models[part] = _adapt(file, model)
             except DaveMlError as error:
                 return [_problem_of(f"dave_ml.{part}", error)]
-        found = [
+        problems = [
             *(problem for part, model in models.items() for problem in _output_problems(file, part, model)),
             *_input_problems(file, models),
         ]
-        if not found:
+        if not problems:
             faults = dave_ml_body_faults(models["aerodynamics"], models.get("inertia"), {})
-            found = [_problem_of(f"dave_ml.{part}", fault) for part, fault in faults]
-        if not found:
+            problems = [_problem_of(f"dave_ml.{part}", fault) for part, fault in faults]
+        if not problems:
             jax.eval_shape(_evaluate_airframe, build_dave_ml(file))
     except ValueError as error:
         return [Problem("dave_ml", str(error), "files that make an aircraft together")]
-    return found
+    return problems
 
 
 def _problem_of(key: str, error: DaveMlError) -> Problem:
-    where = error.name if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
-    return Problem(f"{key} ({where})", error.arrived, error.expected)
+    position = error.name if error.line is None else f"{error.name}, line {error.line}, column {error.column}"
+    return Problem(f"{key} ({position})", error.arrived, error.expected)
 
 
 def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]:
@@ -255,44 +254,48 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
         missing.append(ENGINE_POWER)
     if not missing:
         return []
-    words = "variables of these standard names, or what stands for them in [dave_ml.names]"
+    expected = "variables of these standard names, or what stands for them in [dave_ml.names]"
     arrived = f"{describe_value(getattr(file.dave_ml, part).file)}, which has no {', '.join(missing)}"
-    return [Problem(f"dave_ml.{part}", arrived, words)]
+    return [Problem(f"dave_ml.{part}", arrived, expected)]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """Surfaces that move no input, and inputs that nothing gives."""
-    found = []
-    moved = [one.input_name for one in file.surface]
+    """Report surfaces without a matching input, and inputs without a value."""
+    problems = []
+    surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
         structure, constants = model.evaluator.structure, model.evaluator.constants
-        named = {structure.by_id[one].name: one for one in structure.inputs}
-        known = [] if part == "inertia" else [*STANDARD_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
-        wanted = {structure.find(name) for name in _REQUIRED_OUTPUTS[part] if _has_variable(model, name)}
-        needed = structure.required_variables(wanted, constants.keys())
-        own = {name for one in moved for name in (one, *(n for n, i in named.items() if i == one))}
+        input_ids = {structure.by_id[k].name: k for k in structure.inputs}
+        available = [] if part == "inertia" else [*STANDARD_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
+        output_ids = {structure.find(name) for name in _REQUIRED_OUTPUTS[part] if _has_variable(model, name)}
+        required = structure.required_variables(output_ids, constants.keys())
+        surface_names = {
+            name for key in surface_inputs for name in (key, *(n for n, i in input_ids.items() if i == key))
+        }
         if part == "aerodynamics":
-            for k, one in enumerate(moved):
-                if one not in named and one not in structure.inputs:
-                    words = f"an input of {describe_value(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(named))}"
-                    found.append(Problem(f"surface[{k}].input", describe_value(one), words))
+            for k, key in enumerate(surface_inputs):
+                if key not in input_ids and key not in structure.inputs:
+                    expected = (
+                        f"an input of {describe_value(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(input_ids))}"
+                    )
+                    problems.append(Problem(f"surface[{k}].input", describe_value(key), expected))
                     continue
                 try:
-                    refuse_other_units(model.definition.variables[structure.find(one)], ANGLE)
+                    refuse_other_units(model.definition.variables[structure.find(key)], ANGLE)
                 except DaveMlError as error:
-                    found.append(_problem_of(f"surface[{k}].input", error))
-            known += own
-        lacking = [n for n, one in named.items() if n not in known and one in needed - constants.keys()]
-        for name in lacking:
-            unit = structure.by_id[named[name]].units
+                    problems.append(_problem_of(f"surface[{k}].input", error))
+            available += surface_names
+        missing = [n for n, i in input_ids.items() if n not in available and i in required - constants.keys()]
+        for name in missing:
+            unit = structure.by_id[input_ids[name]].units
             text = f"nothing for {name} ({unit}), an input of {describe_value(getattr(file.dave_ml, part).file)}"
-            words = "a value, a surface that moves it, or the standard name that it stands for in [dave_ml.names]"
-            found.append(Problem("dave_ml.given", text, words))
-    return found
+            expected = "a value, a surface that moves it, or the standard name that it stands for in [dave_ml.names]"
+            problems.append(Problem("dave_ml.given", text, expected))
+    return problems
 
 
 def _evaluate_airframe(airframe: DaveMlAircraft) -> object:
-    """What is asked of an airframe in flight: a unit that is not known shows here."""
+    """Evaluate aerodynamics and propulsion once, which raises an error for unknown units."""
     data = air_data(as_array([50.0, 0.0, 1.0]), as_array(0.0), StandardAtmosphere().at(as_array(0.0)))
     neutral = as_array([0.0] * len(airframe.inputs))
     return airframe.aerodynamics(data, as_array([0.0] * 3), neutral), airframe.engine.propulsion(as_array(50.0), data)
@@ -305,12 +308,12 @@ def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
 @overload
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
-    """Build the airframe of a file; files of the same content give the same object."""
+    """Build the airframe of a file; files with equal content share one object."""
     return _build_cached(content_hash(file), _UnhashedFile(file))
 
 
 class _UnhashedFile:
-    """A file as an argument that a cache does not look at: its content's hash stands beside it."""
+    """Cache argument excluded from the cache key; the content hash is a separate argument."""
 
     def __init__(self, file: AirframeFile | DaveMlFile) -> None:
         self.file = file
@@ -323,15 +326,15 @@ class _UnhashedFile:
 
 
 @functools.lru_cache(maxsize=64)
-def _build_cached(_: str, held: _UnhashedFile) -> DerivativeAircraft | DaveMlAircraft:
-    file = held.file
+def _build_cached(_: str, unhashed: _UnhashedFile) -> DerivativeAircraft | DaveMlAircraft:
+    file = unhashed.file
     return build_dave_ml(file) if isinstance(file, DaveMlFile) else _build_derivative_aircraft(file)
 
 
 def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
     geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
     aspect = geometry.span_m**2 / geometry.wing_area_m2
-    tables, places = _tables(file)
+    tables, table_indices = _tables(file)
     derivatives = _derivatives(file)
     return DerivativeAircraft(
         mass_properties=build_mass(file.mass),
@@ -349,27 +352,27 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
         stall_alpha=as_array(NO_STALL if aero.stall_alpha_deg is None else aero.stall_alpha_deg * DEG_RAD),
         validity=build_validity(valid),
         tables=tables,
-        table_factors=None if tables is None else as_array(np.ones(len(places))),
-        table_derivatives=places,
+        table_factors=None if tables is None else as_array(np.ones(len(table_indices))),
+        table_derivatives=table_indices,
         table_arguments=_arguments(file),
-        has_static_side_force=_has_still_side_force(derivatives, places),
+        has_static_side_force=_has_still_side_force(derivatives, table_indices),
     )
 
 
-def _has_still_side_force(derivatives: np.ndarray, places: Sequence[tuple[int, int]]) -> bool:
-    """Whether the side force has a part that neither sideslip nor a rate or a deflection makes."""
+def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple[int, int]]) -> bool:
+    """Whether the side force has a part independent of sideslip, rates and deflections."""
     row = COEFFICIENTS.index("CY")
-    still = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
-    return bool(np.any(derivatives[row, still])) or any(
-        place in {(row, column) for column in still} for place in places
+    constant_columns = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
+    return bool(np.any(derivatives[row, constant_columns])) or any(
+        index in {(row, column) for column in constant_columns} for index in table_indices
     )
 
 
 def angle_factors(file: AirframeFile) -> np.ndarray:
-    """Factors, by column, from derivatives as the file gives them to those per rad."""
-    turn = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
-    own = {"_alpha": turn, "_beta": turn, "_alpha2": turn**2, "_beta2": turn**2}
-    return np.asarray([*(own.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[turn] * len(file.surface)])
+    """Factors, by column, from derivatives in the file's angle unit to derivatives per rad."""
+    per_rad = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
+    factors = {"_alpha": per_rad, "_beta": per_rad, "_alpha2": per_rad**2, "_beta2": per_rad**2}
+    return np.asarray([*(factors.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[per_rad] * len(file.surface)])
 
 
 def _derivatives(file: AirframeFile) -> np.ndarray:
@@ -384,16 +387,16 @@ def _derivatives(file: AirframeFile) -> np.ndarray:
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
-    """The different axes of all tables: what along, breakpoints, whether the ends are held; each with its number."""
-    found: dict[tuple[str, tuple[float, ...], bool], int] = {}
-    for one in file.table:
-        for name, points in zip(one.over, one.breakpoints_deg, strict=True):
-            found.setdefault((name, points, one.beyond == "hold"), len(found))
-    return found
+    """Number of each distinct axis of all tables, by argument, breakpoints and whether the end values are held."""
+    axis_numbers: dict[tuple[str, tuple[float, ...], bool], int] = {}
+    for file_table in file.table:
+        for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True):
+            axis_numbers.setdefault((name, points, file_table.beyond == "hold"), len(axis_numbers))
+    return axis_numbers
 
 
 def _arguments(file: AirframeFile) -> tuple[int, ...]:
-    """Place of what each axis is along in alpha, beta, surfaces."""
+    """Index of each axis' argument in alpha, beta, surfaces."""
     inputs = ("alpha", "beta", *file.surfaces)
     return tuple(inputs.index(name) for name, _, _ in _axes(file))
 
@@ -403,36 +406,43 @@ def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], .
         return None, ()
     axes, scale = _axes(file), angle_factors(file)
     groups: dict[tuple[int, ...], list[tuple[np.ndarray, tuple[int, int]]]] = {}
-    for one in file.table:
-        along = tuple(
-            axes[name, points, one.beyond == "hold"] for name, points in zip(one.over, one.breakpoints_deg, strict=True)
+    for file_table in file.table:
+        axis_numbers = tuple(
+            axes[name, points, file_table.beyond == "hold"]
+            for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True)
         )
-        place = coefficient_index(one.replaces, file.surfaces)
-        if place is None:
-            raise ValueError(f"table of {one.replaces!r}: no such coefficient")  # the schema refuses it
-        values = np.asarray(one.values, dtype=float) * (scale[place[1]] if one.replaces not in COEFFICIENTS else 1.0)
-        groups.setdefault(along, []).append((values, place))
+        index = coefficient_index(file_table.replaces, file.surfaces)
+        if index is None:
+            raise ValueError(f"table of {file_table.replaces!r}: no such coefficient")  # the schema refuses it
+        values = np.asarray(file_table.values, dtype=float) * (
+            scale[index[1]] if file_table.replaces not in COEFFICIENTS else 1.0
+        )
+        groups.setdefault(axis_numbers, []).append((values, index))
     tables = make_tables(
-        make_axes([np.asarray(points) * DEG_RAD for _, points, _ in axes], clamp=[held for _, _, held in axes]),
-        [(along, [values for values, _ in functions]) for along, functions in groups.items()],
+        make_axes(
+            [np.asarray(points) * DEG_RAD for _, points, _ in axes], clamp=[is_clamped for _, _, is_clamped in axes]
+        ),
+        [(axis_numbers, [values for values, _ in functions]) for axis_numbers, functions in groups.items()],
     )
-    return tables, tuple(place for functions in groups.values() for _, place in functions)
+    return tables, tuple(index for functions in groups.values() for _, index in functions)
 
 
-def with_derivatives(airframe: DerivativeAircraft, file: AirframeFile, instead: dict[str, float]) -> DerivativeAircraft:
-    """Airframe with other values of some derivatives, in the file's units."""
+def with_derivatives(
+    airframe: DerivativeAircraft, file: AirframeFile, replacements: dict[str, float]
+) -> DerivativeAircraft:
+    """Copy of an airframe with other values of some derivatives, in the file's units."""
     values, scale = np.array(airframe.derivatives), angle_factors(file)
-    for name, value in instead.items():
+    for name, value in replacements.items():
         column = DERIVATIVE_ARGUMENTS.index(name[2:])
         values[COEFFICIENTS.index(name[:2]), column] = value * scale[column]
-    still = _has_still_side_force(values, airframe.table_derivatives)
-    return dataclasses.replace(airframe, derivatives=as_array(values), has_static_side_force=still)
+    has_static_side_force = _has_still_side_force(values, airframe.table_derivatives)
+    return dataclasses.replace(airframe, derivatives=as_array(values), has_static_side_force=has_static_side_force)
 
 
 def disperse_file_airframe(
     airframe: DerivativeAircraft | DaveMlAircraft, deviation: Deviation
 ) -> DerivativeAircraft | DaveMlAircraft:
-    """Airframe that differs as a scenario says; factors are on `DerivativeAircraft.derivatives`, or on CX to Cn."""
+    """Dispersed airframe; coefficient factors apply to `DerivativeAircraft.derivatives`, or to CX to Cn of DAVE-ML."""
     body = BodyDispersion(
         thrust=as_array(deviation.thrust),
         mass=as_array(deviation.mass),
@@ -440,11 +450,11 @@ def disperse_file_airframe(
         actuator_bandwidth=as_array(deviation.actuator_bandwidth),
         cg_shift=as_array(deviation.cg_shift),
     )
-    given = deviation.coefficients
+    factors_in_file = deviation.coefficients
     if isinstance(airframe, DaveMlAircraft):
-        whole = as_array([getattr(given, name) for name in BODY_COEFFICIENTS])
-        return dispersed_dave_ml_aircraft(airframe, whole, body)
+        body_factors = as_array([getattr(factors_in_file, name) for name in BODY_COEFFICIENTS])
+        return dispersed_dave_ml_aircraft(airframe, body_factors, body)
     columns = derivative_columns(airframe.actuators.names)
-    factors = np.asarray([[getattr(given, row + column, 1.0) for column in columns] for row in COEFFICIENTS])
+    factors = np.asarray([[getattr(factors_in_file, row + column, 1.0) for column in columns] for row in COEFFICIENTS])
     tables = as_array([factors[place] for place in airframe.table_derivatives]) if airframe.table_derivatives else None
     return dispersed_derivative_aircraft(airframe, DerivativeDispersion(as_array(factors), tables, body))

@@ -1,7 +1,4 @@
-"""Check data of aircraft files and DAVE-ML files, computed and compared.
-
-Forces, moments, steady flights and check shots.
-"""
+"""Comparison of check data in aircraft and DAVE-ML files with computed forces, moments, trims and check shots."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -43,18 +40,18 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class CheckedValue:
-    """One number of a file's check data.
+    """Expected and obtained value of one number in a file's check data.
 
     Attributes
     ----------
-    place
-        Key in the file, such as ``check.forces[0].force_N[2]``; of a check shot the DAVE-ML file and the variable.
+    location
+        Key, such as ``check.forces[0].force_N[2]``; for check shots, DAVE-ML file and varID.
     name
-        Of the check.
+        Name of the check.
     unit
-        Of the numbers.
+        Unit of the numbers.
     expected, obtained, tolerance
-        What the file says, what comes out, and by how much they may differ.
+        Number in the file, computed number, and greatest permitted difference.
     """
 
     location: str
@@ -74,27 +71,39 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
     """Compute all check data of a file."""
     airframe = build_airframe(file)
     shots = _shot_values(file) if isinstance(file, DaveMlFile) else []
-    found = [one for k, check in enumerate(file.check.forces) for one in _force_values(file, airframe, k, check)]
+    force_values = [
+        checked_value
+        for k, check in enumerate(file.check.forces)
+        for checked_value in _force_values(file, airframe, k, check)
+    ]
     return (
         *shots,
-        *found,
-        *(one for k, check in enumerate(file.check.trim) for one in _trim_values(airframe, k, check)),
+        *force_values,
+        *(
+            checked_value
+            for k, check in enumerate(file.check.trim)
+            for checked_value in _trim_values(airframe, k, check)
+        ),
     )
 
 
 def _shot_values(file: DaveMlFile) -> list[CheckedValue]:
-    """Check shots of the DAVE-ML files themselves."""
+    """Check shots of an aircraft's DAVE-ML files."""
     models = file_models(file).items()
-    return [one for part, model in models for one in compare_shots(model, model.definition.file, f"dave_ml.{part}.")]
+    return [
+        checked_value
+        for part, model in models
+        for checked_value in compare_shots(model, model.definition.file, f"dave_ml.{part}.")
+    ]
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
-    """Compute the check shots of a DAVE-ML file; the place of each value is the varID after a prefix.
+    """Compute the check shots of a DAVE-ML file; the location of each value is the varID after a prefix.
 
     Raises
     ------
     ScenarioError
-        If a shot gives a value for what is no input, or leaves an input out.
+        If a shot sets a variable that is not an input, or omits an input.
     """
     try:
         results = model.check()
@@ -103,33 +112,39 @@ def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedVa
             source, str(error), "check shots that give each input of the file a value", "checkData"
         ) from None
     return [
-        CheckedValue(f"{prefix}{one.id}", one.shot, one.units, one.expected, one.computed, one.tolerance)
-        for one in results
+        CheckedValue(
+            f"{prefix}{result.id}", result.shot, result.units, result.expected, result.computed, result.tolerance
+        )
+        for result in results
     ]
 
 
 def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -> list[CheckedValue]:
-    changed = airframe
+    checked_airframe = airframe
     if isinstance(airframe, DerivativeAircraft) and isinstance(file, AirframeFile):
-        changed = with_derivatives(airframe, file, check.instead)
+        checked_airframe = with_derivatives(airframe, file, check.instead)
     deflections = as_array([check.surfaces_rad.get(name, 0.0) for name in file.surfaces])
     aerodynamic, propulsive = _wrenches(
-        changed, _air_data(check), as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
+        checked_airframe, _air_data(check), as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
     )
     gravity = np.zeros(3) if check.gravity_m_s2 is None else np.asarray(check.gravity_m_s2)
     weight = float(airframe.mass_properties.mass) * gravity
-    rows: list[tuple[str, str, float | None, float]] = []
+    comparisons: list[tuple[str, str, float | None, float]] = []
     total = aerodynamic + propulsive
-    for key, unit, wanted, value in (
+    for key, unit, expected_vector, value in (
         ("force_N", "N", check.force_N, np.asarray(total.force_b) + weight),
         ("moment_Nm", "N m", check.moment_Nm, np.asarray(total.moment_b)),
     ):
-        rows += [] if wanted is None else [(f"{key}[{j}]", unit, wanted[j], float(value[j])) for j in range(3)]
-    rows.append(("thrust_N", "N", check.thrust_N, float(propulsive.force_b[0])))
-    rows.append(("torque_Nm", "N m", check.torque_Nm, float(propulsive.moment_b[0])))
+        comparisons += (
+            []
+            if expected_vector is None
+            else [(f"{key}[{j}]", unit, expected_vector[j], float(value[j])) for j in range(3)]
+        )
+    comparisons.append(("thrust_N", "N", check.thrust_N, float(propulsive.force_b[0])))
+    comparisons.append(("torque_Nm", "N m", check.torque_Nm, float(propulsive.moment_b[0])))
     return [
         CheckedValue(f"check.forces[{k}].{key}", check.name, unit, expected, obtained, check.tolerance)
-        for key, unit, expected, obtained in rows
+        for key, unit, expected, obtained in comparisons
         if expected is not None
     ]
 
@@ -156,16 +171,16 @@ def _air_data(check: ForceCheck) -> AirData:
 def _trim_values(airframe: _Airframe, k: int, check: TrimCheck) -> list[CheckedValue]:
     target = trim_target(check.airspeed_m_s, check.altitude_m, check.path_angle_deg * DEG_RAD)
     point = jax.jit(solve_trim)(airframe, standard_environment(), target)
-    rows = [("alpha_deg", "deg", check.alpha_deg, float(point.alpha) * RAD_DEG, check.tolerance_deg)]
+    comparisons = [("alpha_deg", "deg", check.alpha_deg, float(point.alpha) * RAD_DEG, check.tolerance_deg)]
     deflections = dict(zip(airframe.actuators.names, np.asarray(jnp.rad2deg(point.state.surfaces)), strict=True))
-    rows += [
-        (f"surfaces_deg.{name}", "deg", wanted, float(deflections[name]), check.tolerance_deg)
-        for name, wanted in check.surfaces_deg.items()
+    comparisons += [
+        (f"surfaces_deg.{name}", "deg", expected_deflection, float(deflections[name]), check.tolerance_deg)
+        for name, expected_deflection in check.surfaces_deg.items()
     ]
-    rows.append(("throttle", "", check.throttle, float(point.controls.throttle), check.tolerance_throttle))
+    comparisons.append(("throttle", "", check.throttle, float(point.controls.throttle), check.tolerance_throttle))
     return [
         CheckedValue(f"check.trim[{k}].{key}", check.name, unit, expected, obtained, tolerance)
-        for key, unit, expected, obtained, tolerance in rows
+        for key, unit, expected, obtained, tolerance in comparisons
         if expected is not None
     ]
 
@@ -175,7 +190,7 @@ _NEAR_LEVEL = {
     "angleOfAttack": 0.035, "angleOfSideslip": 0.0,
     "bodyAngularRate_Roll": 0.0, "bodyAngularRate_Pitch": 0.0, "bodyAngularRate_Yaw": 0.0,
 }  # fmt: skip
-"""Where slopes are taken, SI units and rad; all other inputs have their usual value, or 0."""
+"""Condition for slopes, SI units and rad; other inputs have their default, or 0."""
 _SLOPES = (
     ("aeroBodyForceCoefficient_Z", "angleOfAttack", "the lift falls with the angle of attack"),
     ("aeroBodyForceCoefficient_Y", "angleOfSideslip", "the side force points to where the air comes from"),
@@ -183,21 +198,21 @@ _SLOPES = (
     ("aeroBodyMomentCoefficient_Pitch", "bodyAngularRate_Pitch", "the pitch rate drives itself on"),
     ("aeroBodyMomentCoefficient_Yaw", "bodyAngularRate_Yaw", "the yaw rate drives itself on; damping is negative"),
 )
-"""Coefficient and input of slopes that are negative in every usual aircraft, and what a positive one means."""
+"""Coefficient and input of slopes that are negative for every ordinary aircraft; meaning of a positive slope."""
 
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """What a DAVE-ML file says of itself.
+    """Result of checking a DAVE-ML file.
 
     Attributes
     ----------
-    compared
-        Values of its check shots.
+    checked_values
+        Values of the check shots.
     findings
-        What looks wrong, each with its line.
+        Probable errors, each with its line.
     inputs, outputs
-        Variables that it is computed from, and those that it marks as output.
+        Input variables, and variables marked as output.
     """
 
     checked_values: tuple[CheckedValue, ...]
@@ -207,19 +222,19 @@ class ModelCheck:
 
 
 def check_model(path: str | os.PathLike[str]) -> ModelCheck:
-    """Read a DAVE-ML file, compute its check data and look for what is probably wrong in it.
+    """Read a DAVE-ML file, compute its check shots and look for probable errors.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read or is no DAVE-ML file; the message says where and what would be right.
+        If the file cannot be read or is not DAVE-ML; the message gives position and expected content.
     """
     source = os.fspath(path)
     try:
         model = read_dave_ml(read_file(Path(path)), Path(path).name)
     except DaveMlError as error:
-        where = "" if error.line is None else f"line {error.line}, column {error.column}"
-        raise problem_error(source, error.arrived, error.expected, where) from None
+        position = "" if error.line is None else f"line {error.line}, column {error.column}"
+        raise problem_error(source, error.arrived, error.expected, position) from None
     except (OSError, ValueError) as error:
         arrived = f"a path that cannot be read ({os_error_reason(error)})"
         raise problem_error(source, arrived, "a DAVE-ML file that can be read") from None
@@ -239,7 +254,7 @@ def check_model(path: str | os.PathLike[str]) -> ModelCheck:
 
 
 def _unit_findings(model: Model) -> Iterator[Finding]:
-    """Find unknown units, each once with all its variables."""
+    """Report unknown units, each with all variables that use the unit."""
     unknown: dict[str, list[Variable]] = {}
     for variable in model.definition.variables.values():
         try:
@@ -253,7 +268,7 @@ def _unit_findings(model: Model) -> Iterator[Finding]:
 
 
 def _unused_findings(model: Model) -> Iterator[Finding]:
-    """Find tables that no function uses, inputs that no output depends on, and a file without outputs."""
+    """Report unused tables, unused inputs, and a file without outputs."""
     definition, structure = model.definition, model.evaluator.structure
     used = {function.table for function in definition.functions}
     for name, table in {**definition.gridded, **definition.ungridded}.items():
@@ -262,59 +277,69 @@ def _unused_findings(model: Model) -> Iterator[Finding]:
     if not structure.outputs:
         yield Finding("variableDef", "no variable is marked <isOutput/>: a check without outputs compares nothing")
         return
-    needed = structure.required_variables(structure.outputs, ())
+    required = structure.required_variables(structure.outputs, ())
     for name in structure.inputs:
-        if name not in needed:
+        if name not in required:
             variable = definition.variables[name]
             yield Finding(_line(variable), f"input {name} ({variable.name}): no output depends on it")
 
 
 def _body_findings(model: Model) -> Iterator[Finding]:
-    """Find mass, inertia and reference lengths that no body has, as far as they depend on no unknown input."""
-    given = _first_inputs(model)
+    """Report impossible mass, inertia and reference lengths, as far as the first check shot sets their inputs."""
+    inputs = _first_inputs(model)
     lengths = model if _has_values(model, AERO_LENGTHS, {}) else None
-    inertia = model if _has_values(model, INERTIA_OUTPUTS, given) else None
-    for _, fault in dave_ml_body_faults(lengths, inertia, given):
+    inertia = model if _has_values(model, INERTIA_OUTPUTS, inputs) else None
+    for _, fault in dave_ml_body_faults(lengths, inertia, inputs):
         yield Finding(f"line {fault.line}", f"{fault.arrived}: expected {fault.expected}")
 
 
 def _first_inputs(model: Model) -> dict[str, float]:
-    """Inputs of the first check shot, as far as it gives them in the units of the file."""
+    """Inputs of the first check shot that are in the units of the file."""
     shots, variables = model.definition.shots, model.definition.variables
     signals = shots[0].inputs if shots else ()
-    return {one.id: one.value for one in signals if one.id in model.inputs and one.units == variables[one.id].units}
+    return {
+        signal.id: signal.value
+        for signal in signals
+        if signal.id in model.inputs and signal.units == variables[signal.id].units
+    }
 
 
-def _has_values(model: Model, names: tuple[str, ...], given: Mapping[str, float]) -> bool:
+def _has_values(model: Model, names: tuple[str, ...], inputs: Mapping[str, float]) -> bool:
     structure, constants = model.evaluator.structure, model.evaluator.constants
-    own = [quantity.name for quantity in structure.quantities]
-    if any(own.count(name) != 1 and name not in structure.by_id for name in names):
+    variable_names = [quantity.name for quantity in structure.quantities]
+    if any(variable_names.count(name) != 1 and name not in structure.by_id for name in names):
         return False
-    known = constants.keys() | given.keys()
-    return not structure.required_variables({structure.find(name) for name in names}, known) & (
-        set(structure.inputs) - known
+    available = constants.keys() | inputs.keys()
+    return not structure.required_variables({structure.find(name) for name in names}, available) & (
+        set(structure.inputs) - available
     )
 
 
 def _slope_findings(model: Model) -> Iterator[Finding]:
-    """Find a lift that falls with the angle of attack, and damping that excites."""
+    """Report a lift slope or damping with the wrong sign."""
     structure = model.evaluator.structure
-    named = {structure.by_id[one].name: one for one in structure.inputs}
+    input_ids = {structure.by_id[input_id].name: input_id for input_id in structure.inputs}
     if not _has_values(model, AERO_OUTPUTS, dict.fromkeys(structure.inputs, 0.0)):
         return
-    given = {name: value for name, value in _NEAR_LEVEL.items() if name in named}
-    rest = [one for name, one in named.items() if name not in given and one not in model.evaluator.constants]
+    condition = {name: value for name, value in _NEAR_LEVEL.items() if name in input_ids}
+    zero_inputs = [
+        input_id
+        for name, input_id in input_ids.items()
+        if name not in condition and input_id not in model.evaluator.constants
+    ]
 
     def coefficients(inputs: dict[str, jax.Array]) -> dict[str, jax.Array]:
         units = {name: model.evaluator.unit(name) for name in inputs}
-        own = {name: (value - units[name].offset) / units[name].factor for name, value in inputs.items()}
-        return model.evaluate({**own, **dict.fromkeys(rest, 0.0)}, AERO_OUTPUTS)
+        file_inputs = {name: (value - units[name].offset) / units[name].factor for name, value in inputs.items()}
+        return model.evaluate({**file_inputs, **dict.fromkeys(zero_inputs, 0.0)}, AERO_OUTPUTS)
 
-    slopes = jax.jit(jax.jacfwd(coefficients))({name: jnp.asarray(value) for name, value in given.items()})
-    for output, name, words in _SLOPES:
-        if name in given and float(slopes[output][name]) > 0.0:
+    slopes = jax.jit(jax.jacfwd(coefficients))({name: jnp.asarray(value) for name, value in condition.items()})
+    for output, name, meaning in _SLOPES:
+        if name in condition and float(slopes[output][name]) > 0.0:
             variable = model.definition.variables[structure.find(output)]
-            text = f"{output} by {name}: {float(slopes[output][name]):.4g} per rad or rad/s near level flight: {words}"
+            text = (
+                f"{output} by {name}: {float(slopes[output][name]):.4g} per rad or rad/s near level flight: {meaning}"
+            )
             yield Finding(_line(variable), text)
 
 

@@ -1,4 +1,4 @@
-"""How one aircraft differs from what its autopilot and planner know of it."""
+"""Deviation of an aircraft from the nominal model that its autopilot and planner use."""
 
 from typing import TYPE_CHECKING
 
@@ -9,14 +9,14 @@ from anser.config.errors import Problem, ScenarioError, describe_value
 from anser.config.tables import Table, number, table
 
 PRIMARY_SURFACES = ("elevator", "aileron", "rudder")
-"""Surfaces whose derivatives a deviation may have factors on."""
+"""Surfaces with dispersion factors on their derivatives."""
 
 _MOMENT_FACTORS = {
     "roll_inertia": ("Jxx", "second_moment_y and second_moment_z"),
     "pitch_inertia": ("Jyy", "second_moment_x and second_moment_z"),
     "yaw_inertia": ("Jzz", "second_moment_x and second_moment_y"),
 }
-"""Keys of earlier versions: independent factors on moments of inertia can break the triangle inequality."""
+"""Keys of earlier versions: independent factors on moments of inertia can violate the triangle inequality."""
 
 
 def _factor(description: str) -> float:
@@ -28,7 +28,7 @@ def _positive(description: str) -> float:
 
 
 class _F16Factors(Table):
-    """Factors on the aerodynamic coefficients of the F-16, each on its whole table; names as in theory section 4."""
+    """Factors on the F-16's aerodynamic coefficients, each for a whole table; names as in section 4 of the theory."""
 
     CZ0: float = _factor("CZ0, of the angle of attack")
     CXq: float = _factor("CXq")
@@ -72,7 +72,7 @@ else:
 
 
 class Deviation(Table):
-    """What flies differs so from what its autopilot and planner know; factors of 1 and a shift of 0: not at all."""
+    """Difference of the flying aircraft from its nominal model; default: none (factors of 1, no shift)."""
 
     mass: float = _positive("the mass")
     second_moment_x: float = _positive("the integral of x^2 over the mass, a part of Jyy and Jzz")
@@ -93,18 +93,18 @@ class Deviation(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_moment_factors(cls, values: object) -> object:
-        """Drop factors of 1 on moments of inertia, as earlier versions wrote them; refuse all others."""
+        """Drop factors of 1 on moments of inertia, which earlier versions wrote; refuse other factors."""
         if not isinstance(values, dict):
             return values
-        found = [
+        problems = [
             Problem(
                 key,
                 describe_value(values[key]),
-                f"nothing: factors on the second moments of mass, {words}, make {moment}",
+                f"nothing: factors on the second moments of mass, {second_moments}, make {moment}",
             )
-            for key, (moment, words) in _MOMENT_FACTORS.items()
+            for key, (moment, second_moments) in _MOMENT_FACTORS.items()
             if key in values and values[key] != 1.0
         ]
-        if found:
-            raise ScenarioError("", found)
+        if problems:
+            raise ScenarioError("", problems)
         return {key: value for key, value in values.items() if key not in _MOMENT_FACTORS}

@@ -1,4 +1,4 @@
-"""Airframes by name or file: the library's, those of entry points, and aircraft files."""
+"""Airframes by name or file: library, entry points and aircraft files."""
 
 import functools
 import json
@@ -28,52 +28,52 @@ from anser.aircraft_files.sources import (
 
 @functools.cache
 def library_data(name: str) -> dict[str, Any]:
-    """A data file of the library's airframes, by its name without ending; not to be changed."""
+    """Data file of the library by stem; cached, must not be modified."""
     return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
 
 
 @functools.cache
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Build the F-16 of the library in one of its reductions.
+    """Load a reduced F-16 model of the library.
 
     Parameters
     ----------
     variant
-        One of `anser.scenario.VARIANTS["f16"]` but "tp1538", which is another airframe.
+        Element of `anser.scenario.VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
     x_cg_over_c
-        Centre of gravity as a fraction of the mean chord; the variant's own where None.
+        Centre of gravity as a fraction of the mean chord; default: the variant's.
 
     Raises
     ------
     ValueError
-        If the variant is unknown; the message lists the known ones.
+        If the variant is unknown; the message lists the known variants.
     """
     return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
 
 @functools.cache
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
-    """Build the complete F-16 of NASA TP-1538; its own centre of gravity (part of the mean chord) where None."""
+    """Load the complete F-16 of NASA TP-1538; `x_cg_over_c` as a fraction of the mean chord (default: the source's)."""
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
 
 
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
-    """Build an airframe.
+    """Load an airframe.
 
     Parameters
     ----------
     name
-        One of `anser.scenario.AIRFRAMES`, the name of an entry point, or the path of an aircraft file.
+        Element of `anser.scenario.AIRFRAMES`, name of an entry point, or path of an aircraft file.
     variant, x_cg_over_c
-        Of the F-16 alone: see `load_f16`.
+        For the F-16 only: see `load_f16`.
 
     Raises
     ------
     ValueError
-        If the name or variant is unknown; the message lists the known ones. Or if an entry point gives no airframe, or
-        one of a body that is not possible.
+        If the name or variant is unknown (the message lists the known ones), or an entry point returns no airframe or
+        an impossible mass or inertia.
     ScenarioError
-        If an aircraft file cannot be read or is none.
+        If an aircraft file cannot be read or is invalid.
     """
     if name == "f16":
         if variant not in VARIANTS[name]:
@@ -91,29 +91,29 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
 
 
 def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
-    """Whether a name is meant as the path of an aircraft file, or of a DAVE-ML file, which reading refuses."""
+    """Whether a name is the path of an aircraft file or DAVE-ML file (the latter is refused when read)."""
     return Path(name).suffix in (*SUFFIXES, DAVE_ML_SUFFIX)
 
 
 def airframe_of_table(
     kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
-    """Airframe of a table [[aircraft]] of a scenario: its file, or its type."""
+    """Airframe of an [[aircraft]] table of a scenario: from its file, or by its type."""
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
 
 
 @functools.cache
 def _load_entry_point(name: str) -> AbstractAirframe:
     point = entry_points()[name]
-    made = point.load()()
-    if not isinstance(made, AbstractAirframe):
-        raise ValueError(f"entry point {name!r} ({point.value}): gave {type(made).__name__}; expected an airframe")
-    refuse_impossible_body(made, f"entry point {name!r} ({point.value})")
-    return made
+    airframe = point.load()()
+    if not isinstance(airframe, AbstractAirframe):
+        raise ValueError(f"entry point {name!r} ({point.value}): gave {type(airframe).__name__}; expected an airframe")
+    refuse_impossible_body(airframe, f"entry point {name!r} ({point.value})")
+    return airframe
 
 
 def span_of(airframe: AbstractAirframe) -> Any:
-    """Wing span (m) of an airframe, which turbulence asks for; ValueError where it has none."""
+    """Wing span of an airframe, m, for turbulence; raises ValueError if undefined."""
     if isinstance(airframe, AbstractF16 | DerivativeAircraft):
         return airframe.span
     span = getattr(airframe, "span", None)
@@ -124,16 +124,16 @@ def span_of(airframe: AbstractAirframe) -> Any:
 
 @functools.cache
 def load_body(name: str) -> SimpleBody:
-    """Build an unpowered rigid body of the library, for free flight.
+    """Load an unpowered rigid body of the library, for free flight.
 
     Parameters
     ----------
     name
-        One of `anser.scenario.BODIES`.
+        Element of `anser.scenario.BODIES`.
 
     Raises
     ------
     ValueError
-        If the name is unknown; the message lists the known ones.
+        If the name is unknown; the message lists the known names.
     """
     return body_from_data(library_data("bodies"), name)

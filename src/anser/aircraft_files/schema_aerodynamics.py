@@ -34,7 +34,7 @@ AXES_MAX = 3
 
 
 class _Build(Table):
-    """What the derivatives are, besides the derivatives."""
+    """Aerodynamic options besides the derivatives."""
 
     per: Literal["rad", "deg"] = choice(
         "angle that the derivatives by alpha, beta and the surfaces are given per; rates are always in rad/s",
@@ -50,19 +50,19 @@ class _Build(Table):
         exclusive_minimum=True,
     )
     stall_alpha_deg: float | None = number(
-        "alpha0, where lift fades into that of a flat plate; left out: no stall",
+        "alpha0, angle at which the lift changes to that of a flat plate; left out: no stall",
         0,
         90,
         "deg",
         None,
         exclusive_minimum=True,
     )
-    stall_sharpness: float = number("M, how suddenly it does", 1, 1000, "per rad", 50.0)
+    stall_sharpness: float = number("M, sharpness of the stall", 1, 1000, "per rad", 50.0)
 
 
 def _field(name: str) -> Any:
-    row, ending = name[:2], name[2:]
-    return (float, number(f"{_WHAT[row]} {_PER[ending]}", -1e4, 1e4, "", 0.0))
+    coefficient, ending = name[:2], name[2:]
+    return (float, number(f"{_WHAT[coefficient]} {_PER[ending]}", -1e4, 1e4, "", 0.0))
 
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ else:
 
 
 class CoefficientTable(Table):
-    """Values over one to three angles, linear between breakpoints, in the place of a derivative or of several."""
+    """Values over one to three angles, linear between breakpoints; replaces one or more derivatives."""
 
     replaces: str = Field(
         description="a coefficient, such as Cm, or a derivative, such as Cm_q or Cl_aileron",
@@ -87,52 +87,52 @@ class CoefficientTable(Table):
     over: Annotated[tuple[str, ...], Field(strict=False)] = Field(
         min_length=1,
         max_length=AXES_MAX,
-        description='what the values depend on: "alpha", "beta" and names of surfaces',
+        description='arguments of the table: "alpha", "beta" and names of surfaces',
         json_schema_extra=expects(f'a list of one to {AXES_MAX} of "alpha", "beta" and names of surfaces'),
     )
     breakpoints_deg: Annotated[tuple[Annotated[tuple[float, ...], Field(strict=False)], ...], Field(strict=False)] = (
         Field(
-            description="of each in turn, rising",
+            description="breakpoints of each argument, rising",
             json_schema_extra=expects("a list of lists of rising numbers, one list for each of over, deg"),
         )
     )
     values: Annotated[tuple[Any, ...], Field(strict=False)] = Field(
-        description="at the breakpoints, in lists within lists",
+        description="values at the breakpoints, in nested lists",
         json_schema_extra=expects("a list of numbers as long as the breakpoints; for two axes, a list of such lists"),
     )
     beyond: Literal["hold", "extend"] = choice(
-        "what holds beyond the ends: the last value, or the last slope", ("hold", "extend"), "hold"
+        "extrapolation: hold the end value, or extend the end slope", ("hold", "extend"), "hold"
     )
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Number of breakpoints of each axis."""
+        """Number of breakpoints on each axis."""
         return tuple(len(points) for points in self.breakpoints_deg)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find axes that do not rise, and values that are not as many as the breakpoints."""
+        """Report axes that do not rise, and values that do not fit the breakpoints."""
         if len(self.breakpoints_deg) != len(self.over):
-            words = f"a list of {len(self.over)} lists, one for each of over"
-            return [Problem("breakpoints_deg", f"a list of {len(self.breakpoints_deg)}", words)]
-        found = []
+            expected = f"a list of {len(self.over)} lists, one for each of over"
+            return [Problem("breakpoints_deg", f"a list of {len(self.breakpoints_deg)}", expected)]
+        problems = []
         for k, points in enumerate(self.breakpoints_deg):
             if len(points) < 2:
-                found.append(Problem(f"breakpoints_deg[{k}]", f"a list of {len(points)}", "two numbers or more"))
+                problems.append(Problem(f"breakpoints_deg[{k}]", f"a list of {len(points)}", "two numbers or more"))
             for i, (low, high) in enumerate(pairwise(points)):
                 if not low < high:
-                    words = f"a number greater than the one before it, {format_number(low)}"
-                    found.append(Problem(f"breakpoints_deg[{k}][{i + 1}]", format_number(high), words))
-        return found or shape_problems(self.values, self.shape, "values")
+                    expected = f"a number greater than the one before it, {format_number(low)}"
+                    problems.append(Problem(f"breakpoints_deg[{k}][{i + 1}]", format_number(high), expected))
+        return problems or shape_problems(self.values, self.shape, "values")
 
 
 def shape_problems(values: object, shape: tuple[int, ...], path: str) -> list[Problem]:
-    """Find where nested lists are not of a shape, or hold what is no finite number."""
+    """Report nested lists of the wrong shape, and entries that are not finite numbers."""
     if not shape:
         is_number = isinstance(values, int | float) and not isinstance(values, bool) and math.isfinite(values)
         return [] if is_number else [Problem(path, describe_value(values), "a finite number")]
     if not isinstance(values, list | tuple) or len(values) != shape[0]:
         return [Problem(path, describe_value(values), f"a list of {shape[0]}, one for each breakpoint")]
-    return [problem for k, one in enumerate(values) for problem in shape_problems(one, shape[1:], f"{path}[{k}]")]
+    return [problem for k, item in enumerate(values) for problem in shape_problems(item, shape[1:], f"{path}[{k}]")]
 
 
 Polynomial = Annotated[tuple[float, float, float], Field(strict=False)]
@@ -143,14 +143,14 @@ def _polynomial(description: str) -> Any:
 
 
 def _point() -> Any:
-    return body_vector("where the thrust acts, seen from the centre of gravity", "m", (0.0, 0.0, 0.0))
+    return body_vector("point of action of the thrust, relative to the centre of gravity", "m", (0.0, 0.0, 0.0))
 
 
 def _thrust(description: str, default: float | None = None) -> Any:
-    words = "a number of newtons, or a list over altitude_m of lists over mach"
+    expected = "a number of newtons, or a list over altitude_m of lists over mach"
     if default is None:
-        return Field(description=description, json_schema_extra=expects(words))
-    return Field(default, description=description, json_schema_extra=expects(words))
+        return Field(description=description, json_schema_extra=expects(expected))
+    return Field(default, description=description, json_schema_extra=expects(expected))
 
 
 def _axis(description: str, unit: str) -> Any:
@@ -160,41 +160,47 @@ def _axis(description: str, unit: str) -> Any:
 
 
 class Jet(Table):
-    """Thrust of a jet engine, one number or a table over altitude and Mach number."""
+    """Jet engine thrust: a number, or a table over altitude and Mach number."""
 
     idle_N: Any = _thrust("thrust at idle", 0.0)
     full_N: Any = _thrust("thrust at full throttle")
-    altitude_m: Annotated[tuple[float, ...], Field(strict=False)] = _axis("of the tables; left out: no table", "m")
-    mach: Annotated[tuple[float, ...], Field(strict=False)] = _axis("of the tables; left out: no table", "")
+    altitude_m: Annotated[tuple[float, ...], Field(strict=False)] = _axis(
+        "altitudes of the tables; left out: no table", "m"
+    )
+    mach: Annotated[tuple[float, ...], Field(strict=False)] = _axis(
+        "Mach numbers of the tables; left out: no table", ""
+    )
     lag_s: float = number("time constant from throttle to thrust", 0, 60, "s", exclusive_minimum=True)
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Find axes that do not rise, and thrust that has not their shape."""
-        found = []
+        """Report axes that do not rise, and thrust of another shape than the axes."""
+        problems = []
         if bool(self.altitude_m) != bool(self.mach):
-            lacks = "mach" if self.altitude_m else "altitude_m"
-            return [Problem(lacks, "nothing", "both altitude_m and mach, or none of them")]
+            missing_key = "mach" if self.altitude_m else "altitude_m"
+            return [Problem(missing_key, "nothing", "both altitude_m and mach, or none of them")]
         for key in ("altitude_m", "mach"):
             points = getattr(self, key)
             if len(points) == 1 or any(not low < high for low, high in pairwise(points)):
-                found.append(
+                problems.append(
                     Problem(key, f"[{', '.join(map(format_number, points))}]", "two numbers or more that rise")
                 )
         shape = (len(self.altitude_m), len(self.mach)) if self.mach else ()
-        return found or [one for key in ("idle_N", "full_N") for one in shape_problems(getattr(self, key), shape, key)]
+        return problems or [
+            problem for key in ("idle_N", "full_N") for problem in shape_problems(getattr(self, key), shape, key)
+        ]
 
 
 class ElectricPropeller(Table):
-    """Brushless motor with a propeller of fixed pitch; J = V / (n D), n in revolutions per second."""
+    """Brushless motor with fixed-pitch propeller; J = V / (n D), n in revolutions per second."""
 
     diameter_m: float = number("diameter D of the propeller", 0, 10, "m", exclusive_minimum=True)
     thrust_coefficients: Polynomial = _polynomial("C_T(J): thrust / (rho n^2 D^4)")
     torque_coefficients: Polynomial = _polynomial("C_Q(J): torque / (rho n^2 D^5)")
     speed_constant_rpm_V: float = number("K_V of the motor", 0, 1e5, "rpm per volt", exclusive_minimum=True)
     resistance_ohm: float = number("R of the windings", 0, 100, "ohm", exclusive_minimum=True)
-    no_load_current_A: float = number("i0, which friction takes", 0, 1000, "A", 0.0)
-    voltage_V: float = number("of the battery, at full throttle", 0, 10_000, "V", exclusive_minimum=True)
+    no_load_current_A: float = number("i0, no-load current, for friction", 0, 1000, "A", 0.0)
+    voltage_V: float = number("voltage of the battery, at full throttle", 0, 10_000, "V", exclusive_minimum=True)
     direction: Literal["right", "left"] = choice(
         "sense of rotation seen from behind; the reaction rolls the aircraft the other way", ("right", "left"), "right"
     )
@@ -202,23 +208,23 @@ class ElectricPropeller(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a propeller that pulls nothing at rest, or takes no torque."""
-        words = "a positive first number: what the propeller does at rest"
+        """Report zero or negative static thrust or torque."""
+        expected = "a positive first number: what the propeller does at rest"
         return [
-            Problem(key, format_number(getattr(self, key)[0]), words)
+            Problem(key, format_number(getattr(self, key)[0]), expected)
             for key in ("thrust_coefficients", "torque_coefficients")
             if not getattr(self, key)[0] > 0.0
         ]
 
 
 class PistonPropeller(Table):
-    """Piston engine without supercharger, with a propeller of constant efficiency and constant speed."""
+    """Normally aspirated piston engine with a propeller of constant efficiency and constant speed."""
 
-    shaft_power_W: float = number("of the engine at full throttle at sea level", 0, 1e8, "W", exclusive_minimum=True)
-    efficiency: float = number("of the propeller in fast flight", 0, 1, "", 0.8, exclusive_minimum=True)
-    static_thrust_N: float = number("at rest at sea level", 0, 1e6, "N", exclusive_minimum=True)
+    shaft_power_W: float = number("shaft power at full throttle at sea level", 0, 1e8, "W", exclusive_minimum=True)
+    efficiency: float = number("efficiency of the propeller in fast flight", 0, 1, "", 0.8, exclusive_minimum=True)
+    static_thrust_N: float = number("static thrust at sea level", 0, 1e6, "N", exclusive_minimum=True)
     speed_rpm: float | None = number(
-        "of the propeller, for the reaction to its torque; left out: no reaction",
+        "speed of the propeller, for its torque reaction; left out: no reaction",
         0,
         1e5,
         "rpm",
@@ -233,7 +239,7 @@ class PistonPropeller(Table):
 
 
 class Engine(Table):
-    """One of three kinds of engine."""
+    """Engine: exactly one kind."""
 
     jet: Jet | None = table("a jet engine", "a table [engine.jet]", None)
     electric_propeller: ElectricPropeller | None = table(
@@ -245,13 +251,15 @@ class Engine(Table):
 
     @property
     def kind(self) -> str:
-        """Name of the one that is given."""
+        """Name of the engine's kind."""
         return next(name for name in type(self).model_fields if getattr(self, name) is not None)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find two engines, and an engine of no kind."""
-        given = [name for name in type(self).model_fields if getattr(self, name) is not None]
-        if len(given) == 1:
+        """Report an engine of several kinds or of none."""
+        kinds = [name for name in type(self).model_fields if getattr(self, name) is not None]
+        if len(kinds) == 1:
             return []
-        words = "one of the tables [engine.jet], [engine.electric_propeller], [engine.piston_propeller]"
-        return [Problem("", " and ".join(given) or "nothing", f"{words}; without an engine, no table [engine] at all")]
+        expected = "one of the tables [engine.jet], [engine.electric_propeller], [engine.piston_propeller]"
+        return [
+            Problem("", " and ".join(kinds) or "nothing", f"{expected}; without an engine, no table [engine] at all")
+        ]

@@ -1,6 +1,6 @@
-"""Sources of aircraft: names of the library, aircraft files and entry points of other packages.
+"""Sources of aircraft: library names, aircraft files and entry points of other packages.
 
-Reading and validating an aircraft file, its data ranges, and the starter file. Without JAX.
+Reading and validating aircraft files, data ranges and the starter file, without JAX.
 """
 
 import copy
@@ -26,25 +26,25 @@ from anser.config.validation_messages import validation_problems
 from anser.files import XML_ENCODINGS, decode_xml, read_file
 
 LIBRARY_FILES = {"aerosonde": "aircraft/data", "nasa-f16": "dave_ml/nasa"}
-"""Airframes of the library that are aircraft files: folder of each within this package."""
+"""Library airframes defined by aircraft files: folder of each within this package."""
 AIRFRAMES = ("f16", *LIBRARY_FILES)
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
 VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538")}
-"""Variants of the airframes that have any."""
+"""Variants by airframe."""
 
 
-_RATES = {f"{row}_{kind}dot" for row in COEFFICIENTS for kind in ("alpha", "beta")}
+_RATE_DERIVATIVES = {f"{coefficient}_{angle}dot" for coefficient in COEFFICIENTS for angle in ("alpha", "beta")}
 
 
 def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | DaveMlFile:
-    """Validate an aircraft that is at hand as nested dictionaries and lists, as its TOML file would hold them.
+    """Validate an aircraft given as nested dictionaries and lists, as in its TOML file.
 
-    One with a table `dave_ml`, whose files are held as tables of their name and text, is built by them.
+    With a table `dave_ml`, the referenced files are tables of file name and text.
 
     Raises
     ------
     ScenarioError
-        If it is no valid one; the message names file, key, what arrived and what would be right.
+        If the values are invalid; the message gives file, key, value and expected value.
     """
     check_file_kind("aircraft", values, source)
     version = values.get("format")
@@ -57,7 +57,7 @@ def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | Dav
         problems = validation_problems(error, kind, values)
         raise ScenarioError(source, [_explain_rate_derivative(problem) for problem in problems]) from None
     if isinstance(file, DaveMlFile):
-        from anser.aircraft_files.build import model_problems  # here: it loads JAX
+        from anser.aircraft_files.build import model_problems  # imports JAX
 
         problems = model_problems(file)
         if problems:
@@ -66,36 +66,36 @@ def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | Dav
 
 
 def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
-    """Whether a value is an aircraft that was validated."""
+    """Whether a value is a validated aircraft."""
     return isinstance(value, AirframeFile | DaveMlFile)
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Say more of a derivative that this model cannot have."""
+    """Replace the message for derivatives by angle rates, which the model does not support."""
     key = problem.path.rpartition(".")[2]
-    if key not in _RATES:
+    if key not in _RATE_DERIVATIVES:
         return problem
-    words = (
+    explanation = (
         f"no derivative by the rate of an angle: added to {key[:2]}_q (or _r), it acts nearly the same in slow motion"
     )
-    return Problem(problem.path, problem.arrived, words, problem.whom)
+    return Problem(problem.path, problem.arrived, explanation, problem.subject)
 
 
 ENTRY_POINTS = "anser.airframes"
 """Group of entry points that name callables, without arguments, that return an `AbstractAirframe`."""
 SUFFIXES = (".toml",)
-"""Of the files that an aircraft is read from."""
+"""File suffixes of aircraft files."""
 DAVE_ML_SUFFIX = ".dml"
-"""Of those that only an aircraft file names."""
+"""Suffix of DAVE-ML files, which are referenced from aircraft files."""
 
 
 def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
-    """Read and validate the file of an aircraft.
+    """Read and validate an aircraft file.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read or is no valid aircraft; the message says where and what would be right.
+        If the file cannot be read or is not a valid aircraft; the message gives key and expected value.
     """
     source = os.fspath(path)
     values = airframe_values(path)
@@ -104,40 +104,41 @@ def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
 
 
 def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """What the file of an aircraft holds, not validated yet.
-
-    The one door for files of aircraft: another format is told by its suffix here.
+    """Values of an aircraft file, not yet validated; the file format follows from the suffix.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read, or is of a kind that no aircraft is read from.
+        If the file cannot be read, or its suffix is not that of an aircraft file.
     """
     source = os.fspath(path)
     if Path(source).suffix == DAVE_ML_SUFFIX:
-        words = "an aircraft file (.toml) that names it under [dave_ml]: a DAVE-ML file has no actuators"
-        raise problem_error(source, "a DAVE-ML file", words)
+        expected = "an aircraft file (.toml) that names it under [dave_ml]: a DAVE-ML file has no actuators"
+        raise problem_error(source, "a DAVE-ML file", expected)
     if Path(source).suffix not in SUFFIXES:
-        words = f"the path of an aircraft file, whose name ends with {' or '.join(SUFFIXES)}"
-        raise problem_error(source, f"a name that ends with {describe_value(Path(source).suffix)}", words)
+        expected = f"the path of an aircraft file, whose name ends with {' or '.join(SUFFIXES)}"
+        raise problem_error(source, f"a name that ends with {describe_value(Path(source).suffix)}", expected)
     return _insert_dave_ml_texts(parse_toml(read_text(path, "aircraft"), source), Path(source).parent, source)
 
 
 def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
-    """Values of an aircraft file, the texts of DAVE-ML files in the places of their paths."""
-    named = values.get("dave_ml")
-    if not isinstance(named, dict):
+    """Replace the paths of DAVE-ML files by name and text."""
+    dave_ml = values.get("dave_ml")
+    if not isinstance(dave_ml, dict):
         return values
-    held = dict(named)
+    with_texts = dict(dave_ml)
     for part in DAVE_ML_PARTS:
-        path = named.get(part)
+        path = dave_ml.get(part)
         if isinstance(path, str):
-            held[part] = {"file": Path(path).name, "text": _text_of(folder.joinpath(path), f"dave_ml.{part}", source)}
-    return {**values, "dave_ml": held}
+            with_texts[part] = {
+                "file": Path(path).name,
+                "text": _text_of(folder.joinpath(path), f"dave_ml.{part}", source),
+            }
+    return {**values, "dave_ml": with_texts}
 
 
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
-    """Text of a DAVE-ML file in the encoding that it declares."""
+    """Text of a DAVE-ML file in its declared encoding."""
     try:
         content = read_file(path)
     except (OSError, ValueError) as error:
@@ -155,31 +156,33 @@ def _text_of(path: Path | Traversable, key: str, source: str) -> str:
 
 @functools.cache
 def _values_of_library(name: str) -> dict[str, Any]:
-    place = resources.files("anser").joinpath(*LIBRARY_FILES[name].split("/"))  # its own package would bring JAX
-    text = place.joinpath(f"{name}.toml").read_text(encoding="utf-8")
-    return _insert_dave_ml_texts(parse_toml(text, f"{name}.toml of anser"), place, f"{name}.toml of anser")
+    folder = resources.files("anser").joinpath(
+        *LIBRARY_FILES[name].split("/")
+    )  # importing the folder's package would import JAX
+    text = folder.joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return _insert_dave_ml_texts(parse_toml(text, f"{name}.toml of anser"), folder, f"{name}.toml of anser")
 
 
 def library_values(name: str) -> dict[str, Any]:
-    """What a file of the library holds."""
+    """Values of a library aircraft file, as a modifiable copy."""
     return copy.deepcopy(_values_of_library(name))
 
 
 @functools.cache
 def library_file(name: str) -> AirframeFile | DaveMlFile:
-    """Aircraft file of the library, one of `anser.aircraft_files.sources.LIBRARY_FILES`."""
+    """Validated library aircraft file, by a name of `LIBRARY_FILES`."""
     return validate_airframe(library_values(name), f"{name}.toml of anser")
 
 
 @functools.cache
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Airframes that installed packages offer, by name; those of the library come first."""
-    found = importlib.metadata.entry_points(group=ENTRY_POINTS)
-    return {one.name: one for one in sorted(found, key=lambda one: one.name) if one.name not in AIRFRAMES}
+    """Airframes of installed packages, by name; library names take precedence."""
+    points = importlib.metadata.entry_points(group=ENTRY_POINTS)
+    return {point.name: point for point in sorted(points, key=lambda point: point.name) if point.name not in AIRFRAMES}
 
 
 def entry_point_origin(name: str) -> str:
-    """What an entry point names, and the distribution with its version; empty for another name."""
+    """Object reference, distribution and version of an entry point; empty for other names."""
     point = entry_points().get(name)
     if point is None:
         return ""
@@ -187,39 +190,34 @@ def entry_point_origin(name: str) -> str:
 
 
 def aircraft_types() -> tuple[str, ...]:
-    """Names of all airframes: the library's, then those of entry points."""
+    """Names of all airframes: library, then entry points."""
     return (*AIRFRAMES, *entry_points())
 
 
 def unknown_type_hint(name: str) -> str:
-    """What would be right instead of a name that no airframe has."""
-    near = difflib.get_close_matches(name, aircraft_types(), n=1)
-    return (f'perhaps "{near[0]}"; ' if near else "") + f"one of {', '.join(aircraft_types())}"
+    """Suggest names of airframes for an unknown name."""
+    matches = difflib.get_close_matches(name, aircraft_types(), n=1)
+    return (f'perhaps "{matches[0]}"; ' if matches else "") + f"one of {', '.join(aircraft_types())}"
 
 
-def is_library_file(name: str) -> bool:
-    """Whether an airframe of the library is an aircraft file."""
-    return name in LIBRARY_FILES
-
-
-ALTITUDE_MAX_M = 15240.0  # the end of the F-16's thrust tables (50,000 ft), [SL] appendix A
-SPEED_MAX_M_S = 340.0  # those end at Mach 1
+ALTITUDE_MAX_M = 15240.0  # end of the F-16's thrust tables (50,000 ft), [SL] appendix A
+SPEED_MAX_M_S = 340.0  # Mach 1, end of the thrust tables
 _F16_SPEED_MIN_M_S = 30.0
 _F16_ALPHA_DEG = (-10.0, 45.0)
 
 
 @dataclass(frozen=True)
 class AirframeRange:
-    """Ranges of one airframe; None: nothing known of it before it is built.
+    """Data ranges of an airframe; None if unknown before the airframe is built.
 
     Parameters
     ----------
     name
-        Of the airframe.
+        Airframe name.
     airspeed_m_s, altitude_m, alpha_deg
-        Least and greatest.
-    by_file
-        Whether it is an aircraft file, whose ranges the limits of a scenario follow where it gives none.
+        Minimum and maximum.
+    is_from_file
+        Whether the ranges come from an aircraft file; a scenario's default limits follow these ranges.
     """
 
     name: str
@@ -230,7 +228,7 @@ class AirframeRange:
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
-    """Ranges of an airframe by its type, or by its file where it has one."""
+    """Data ranges of an airframe, from its file or by its type."""
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
     if file is not None:
@@ -243,16 +241,16 @@ def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> Airfram
 
 
 AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
-"""Name of the JSON Schema beside an aircraft file, as the first line of the starter has it."""
+"""File name of the JSON Schema beside an aircraft file, as in the starter's first line."""
 
 
 def airframe_starter() -> str:
-    """Text (TOML) of the starter: a light aircraft, every key commented; a valid one."""
+    """Starter file (TOML): a valid light aircraft with a comment on every key."""
     return files("anser.aircraft_files").joinpath("starter.toml").read_text(encoding="utf-8")
 
 
 def write_airframe_starter(path: str | os.PathLike[str]) -> Path:
-    """Write the starter to a new file, and its schema beside it; as `anser.scenario.write_starter`."""
+    """Write the starter to a new file, and the schema beside the file; raises as `anser.scenario.write_starter`."""
     target = write_new_file(path, airframe_starter())
     write_schema(target, AIRCRAFT_SCHEMA, AirframeFile, "anser aircraft")
     return target

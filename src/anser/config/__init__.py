@@ -1,4 +1,4 @@
-"""Strict TOML tables with units, their messages and their JSON Schema."""
+"""Strict TOML tables with units, error messages and JSON Schema."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Messages about refused files.
+"""Error messages for invalid files, and the kinds of file.
 
-Where a problem is, what arrived and what would be right; and the kinds of file, recognized by their tables.
+A message gives the key, the value that arrived and the values expected; a file's kind follows from its tables.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,47 +13,47 @@ _BITS_MAX = 256
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong in a scenario.
+    """Problem in a scenario, study or aircraft file.
 
     Parameters
     ----------
     path
-        The key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or a place in the file
-        (``line 3, column 7``), or empty for the file as a whole.
+        Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
+        the whole file.
     arrived
-        What stands there.
+        Value in the file.
     expected
-        What would be right.
-    whom
-        The aircraft or goal by its name, such as ``aircraft "north"``; empty where it has none.
+        Description of a valid value.
+    subject
+        Aircraft or goal by name, such as ``aircraft "north"``; empty without a name.
     line
-        Line of the file in which the key stands, from 1, or the innermost of its tables that does; None: not known.
+        Line of the key, from 1, or of the innermost enclosing table in the file; None if unknown.
     """
 
     path: str
     arrived: str
     expected: str
-    whom: str = ""
+    subject: str = ""
     line: int | None = field(default=None, compare=False)
 
     def __str__(self) -> str:
-        whom = f" ({self.whom})" if self.whom else ""
+        subject = f" ({self.subject})" if self.subject else ""
         line = "" if self.line is None else f"line {self.line}, "
-        where = f"{line}{self.path}{whom}: " if self.path else ""
-        return f"{where}arrived {self.arrived}; expected {self.expected}"
+        position = f"{line}{self.path}{subject}: " if self.path else ""
+        return f"{position}arrived {self.arrived}; expected {self.expected}"
 
 
 class ScenarioError(ValueError):
-    """A scenario that cannot be flown; ``str()`` is the finished message.
+    """A file is invalid; ``str()`` is the complete message.
 
-    The first line names the file, every further line is one problem.
+    The first line names the file, each following line describes a problem.
 
     Parameters
     ----------
     source
-        The file, or another name of the place that the scenario came from.
+        File name, or another name for the origin of the values.
     problems
-        At least one problem.
+        One or more problems.
     """
 
     def __init__(self, source: str, problems: Sequence[Problem]) -> None:
@@ -67,27 +67,27 @@ class ScenarioError(ValueError):
 
 
 def problem_error(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
-    """One problem, with a file as a whole or at a path."""
+    """Error with a single problem, by default of the whole file."""
     return ScenarioError(source, [Problem(path, arrived, expected)])
 
 
 def os_error_reason(error: Exception) -> str:
-    """Why the system did not read or write a file, without its name."""
+    """Reason of a failed read or write, without the file name."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
 def describe_value(value: object) -> str:
-    """Describe a value that arrived (what a TOML file can hold, or None) in the words of such a file, on one line."""
+    """Describe a value of a TOML file (or None) in TOML notation, on one line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         text = f'"{value}"' if value.isprintable() else repr(value)
         return text if len(text) <= _TEXT_MAX else f'{text[:_TEXT_MAX]}..." ({len(value)} characters)'
     if isinstance(value, int):
-        # Python refuses to print very long whole numbers
+        # Python limits the digits of printed integers
         return str(value) if value.bit_length() <= _BITS_MAX else f"a whole number of {value.bit_length()} bits"
     if isinstance(value, float):
-        return repr(value)  # with its point: 1.0 is no whole number
+        return repr(value)  # keeps the decimal point: 1.0 is not an integer
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, list | tuple):
@@ -96,7 +96,7 @@ def describe_value(value: object) -> str:
 
 
 def format_number(value: float) -> str:
-    """Write a number of a validated scenario without needless zeros: all its digits, to 15."""
+    """Format a number without trailing zeros, with up to 15 digits."""
     return f"{value:.15g}"
 
 
@@ -106,22 +106,22 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
     "study": frozenset({"scenario", "sampling", "vary", "rare"}),
     "aircraft": frozenset({"mass", "surface", "aerodynamics", "dave_ml"}),
 }
-"""Tables by which each is known: no other kind has them."""
+"""Tables that occur in one kind of file only."""
 
 
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:
-    """Refuse values that have nothing of this kind of file and something of another (ScenarioError)."""
+    """Raise ScenarioError if the values are evidently another kind of file."""
     if _TABLES_OF_KIND[kind] & values.keys():
         return
-    for other, own in _TABLES_OF_KIND.items():
-        if own & values.keys():
+    for actual_kind, its_tables in _TABLES_OF_KIND.items():
+        if its_tables & values.keys():
             command = {
                 "scenario": f"anser check {source}",
                 "study": f"anser {'rare' if 'rare' in values else 'campaign'} {source} --out FOLDER",
                 "aircraft": f"anser aircraft check {source}",
-            }[other]
+            }[actual_kind]
             raise problem_error(
-                source, f"{_kind_text(other)}, by its tables", f"{_kind_text(kind)}; for this one: {command}"
+                source, f"{_kind_text(actual_kind)}, by its tables", f"{_kind_text(kind)}; for this one: {command}"
             )
 
 

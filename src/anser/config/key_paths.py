@@ -1,4 +1,4 @@
-"""Changing values of a scenario by path, as its file would hold them; the result is validated by who asks for it."""
+"""Reading and replacing values of a scenario by key path."""
 
 import difflib
 import re
@@ -16,27 +16,27 @@ _READABLE = (
 
 
 class _ItemKey(str):
-    """What stands in the brackets of a path."""
+    """Index or name in the brackets of a path."""
 
     __slots__ = ()
 
 
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Values of a scenario that were written out, others put in their places one after the other.
+    """Values of a scenario as in a file, with some of them replaced in sequence.
 
     Parameters
     ----------
     changes
-        Paths and values.
+        Pairs of path and value.
 
     Returns
     -------
-    As the file would hold them; not validated.
+    Values as in a file, not validated.
 
     Raises
     ------
     ScenarioError
-        If a path does not lead to a place of the scenario. (A key that no table has is found by the validation.)
+        If a path is not part of the scenario. (Unknown keys are reported by the validation.)
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
@@ -47,84 +47,84 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
 
 def value_at(scenario: Table, path: str) -> Any:
-    """What stands at a place of a scenario, defaults included; raises ScenarioError where there is none."""
+    """Value at a key path, including defaults; raises ScenarioError for an unknown path."""
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
-    place: Any = scenario.model_dump(mode="json")
+    node: Any = scenario.model_dump(mode="json")
     path_so_far = ""
     for key, item in _STEP.findall(path):
         step = key or _ItemKey(item)
-        where = _resolve_step(place, step, path_so_far)
+        step_key = _resolve_step(node, step, path_so_far)
         path_so_far = _extend_path(path_so_far, step)
-        if isinstance(where, str) and where not in place:
+        if isinstance(step_key, str) and step_key not in node:
             raise problem_error(
-                "", f"the unknown key {describe_value(where)}", f"one of the keys {', '.join(place)}", path_so_far
+                "", f"the unknown key {describe_value(step_key)}", f"one of the keys {', '.join(node)}", path_so_far
             )
-        place = place[where]
-    return place
+        node = node[step_key]
+    return node
 
 
 def indexed_path(scenario: Table, path: str) -> str:
-    """Write a path with the number of each item instead of its name, as messages do: ``aircraft[0].start``.
+    """Replace item names in a path by indices, as in messages: ``aircraft[0].start``.
 
-    Raises ScenarioError if it leads nowhere.
+    Raises ScenarioError for an unknown path.
     """
-    place: Any = scenario.model_dump(mode="json")
-    numbered = ""
+    node: Any = scenario.model_dump(mode="json")
+    indexed = ""
     for key, item in _STEP.findall(path):
-        where = _resolve_step(place, key or _ItemKey(item), numbered)
-        numbered = f"{numbered}[{where}]" if isinstance(where, int) else f"{numbered}.{where}".removeprefix(".")
-        place = place.get(where) if isinstance(place, dict) else place[where]
-    return numbered
+        step_key = _resolve_step(node, key or _ItemKey(item), indexed)
+        indexed = f"{indexed}[{step_key}]" if isinstance(step_key, int) else f"{indexed}.{step_key}".removeprefix(".")
+        node = node.get(step_key) if isinstance(node, dict) else node[step_key]
+    return indexed
 
 
 def to_file_value(value: object) -> object:
-    """Write a value as a file would hold it: tables as dictionaries, numbers of array libraries as plain ones."""
+    """Convert a value for a file: tables become dictionaries, array scalars become plain numbers."""
     if isinstance(value, Table):
         return value.model_dump(mode="json", exclude_unset=True)
     if isinstance(value, dict):
-        return {key: to_file_value(one) for key, one in value.items()}
+        return {key: to_file_value(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [to_file_value(one) for one in value]
+        return [to_file_value(entry) for entry in value]
     item = getattr(value, "item", None)
     return item() if getattr(value, "shape", None) == () and callable(item) else value
 
 
 def _put(values: dict[str, Any], path: str, value: object) -> None:
     steps = [key or _ItemKey(item) for key, item in _STEP.findall(path)]
-    place: Any = values
+    node: Any = values
     path_so_far = ""
-    for step, after in zip(steps, [*steps[1:], None], strict=True):
-        where = _resolve_step(place, step, path_so_far)
+    for step, next_step in zip(steps, [*steps[1:], None], strict=True):
+        step_key = _resolve_step(node, step, path_so_far)
         path_so_far = _extend_path(path_so_far, step)
-        if after is None:
-            place[where] = value
+        if next_step is None:
+            node[step_key] = value
             return
-        if isinstance(where, str) and place.get(where) is None:
-            if isinstance(after, _ItemKey):
+        if isinstance(step_key, str) and node.get(step_key) is None:
+            if isinstance(next_step, _ItemKey):
                 raise problem_error(
-                    "", f"an item, [{after}], of a list that is not written out", "the whole list", path_so_far
+                    "", f"an item, [{next_step}], of a list that is not written out", "the whole list", path_so_far
                 )
-            place[where] = {}  # a table that was left out
-        place = place[where]
+            node[step_key] = {}  # an omitted optional table
+        node = node[step_key]
 
 
 def _extend_path(path_so_far: str, step: str) -> str:
-    """A path and one step more."""
+    """Append a step to a path."""
     return f"{path_so_far}[{step}]" if isinstance(step, _ItemKey) else f"{path_so_far}.{step}".removeprefix(".")
 
 
-def _resolve_step(place: object, step: str, path_so_far: str) -> str | int:
-    """The key or the index of a step in what it leads into."""
+def _resolve_step(node: object, step: str, path_so_far: str) -> str | int:
+    """Key or index of a step within a node."""
     if isinstance(step, _ItemKey):
-        if isinstance(place, list):
-            return _index(place, step, path_so_far)
+        if isinstance(node, list):
+            return _index(node, step, path_so_far)
         raise problem_error("", f"an item, [{step}], of what is no list", "a path without it", path_so_far)
-    if isinstance(place, dict):
+    if isinstance(node, dict):
         return step
-    if isinstance(place, list):
-        raise problem_error("", f'the key "{step}" of a list', _describe_items(place, path_so_far), path_so_far)
-    text = format_number(place) if isinstance(place, float) else describe_value(place)
+    if isinstance(node, list):
+        raise problem_error("", f'the key "{step}" of a list', _describe_items(node, path_so_far), path_so_far)
+    text = format_number(node) if isinstance(node, float) else describe_value(node)
     raise problem_error("", f'the key "{step}" of {text}, which is no table', "a path that ends here", path_so_far)
 
 
@@ -139,8 +139,8 @@ def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
     names = _names(items)
     if name in names:
         return names.index(name)
-    near = difflib.get_close_matches(name, [one for one in names if one is not None], n=1)
-    guess = f'perhaps "{near[0]}"; ' if near else ""
+    matches = difflib.get_close_matches(name, [item_name for item_name in names if item_name is not None], n=1)
+    guess = f'perhaps "{matches[0]}"; ' if matches else ""
     raise problem_error(
         "",
         f"the name {describe_value(name)}, which no item has",
@@ -150,14 +150,14 @@ def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
 
 
 def _names(items: list[Any]) -> list[str | None]:
-    return [one.get("name") if isinstance(one, dict) else None for one in items]
+    return [item.get("name") if isinstance(item, dict) else None for item in items]
 
 
 def _describe_items(items: list[Any], path_so_far: str) -> str:
-    """Say how an item of a list is named."""
+    """Describe the valid steps into a list."""
     if not items:
         return "the whole list, which is empty"
-    last = len(items) - 1
-    numbers = f"{path_so_far}[0]" if last == 0 else f"{path_so_far}[0] to {path_so_far}[{last}]"
+    last_index = len(items) - 1
+    numbers = f"{path_so_far}[0]" if last_index == 0 else f"{path_so_far}[0] to {path_so_far}[{last_index}]"
     names = [f"{path_so_far}[{name}]" for name in _names(items) if name is not None]
     return f"{numbers}, or by name {', '.join(names)}" if names else numbers

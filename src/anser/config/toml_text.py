@@ -1,4 +1,4 @@
-"""TOML text of files in UTF-8: reading within size and depth limits, parsing, and the line of each problem."""
+"""TOML text in UTF-8: reading within size and depth limits, parsing, and line numbers of problems."""
 
 import ast
 import contextlib
@@ -16,7 +16,7 @@ from anser.config.errors import Problem, ScenarioError, describe_value, os_error
 from anser.files import MIB, read_file
 
 DEPTH_MAX: Final = 32
-"""Parts of a dotted key, and lists and tables within each other; files of anser have up to six."""
+"""Greatest number of parts of a dotted key, and of nested lists and tables; anser files use up to six."""
 
 _BASIC = r'"(?:[^"\\\n]|\\.)*+"'
 _LITERAL = r"'[^'\n]*+'"
@@ -32,7 +32,7 @@ _TOKEN = re.compile(
 
 
 def excessive_depth(text: str) -> int | None:
-    """Position of the first key, list or table deeper than `DEPTH_MAX`; None if there is none."""
+    """Position of the first key, list or table deeper than `DEPTH_MAX`; None if absent."""
     depth = 0
     for token in _TOKEN.finditer(text):
         match token.lastgroup:
@@ -50,7 +50,7 @@ def excessive_depth(text: str) -> int | None:
 
 
 def end_of_value(text: str, start: int) -> int:
-    """Position of the end of the line on which the value that begins at `start` ends, in a valid text."""
+    """End of the line on which the value starting at `start` ends, in valid TOML."""
     depth = 0
     for token in _TOKEN.finditer(text, start):
         match token.lastgroup:
@@ -66,12 +66,12 @@ def end_of_value(text: str, start: int) -> int:
 
 
 def key_parts(dotted: str) -> list[str]:
-    """Parts of a dotted key, as the text has them."""
+    """Parts of a dotted key, quotes included."""
     return re.findall(KEY_PART, dotted)
 
 
 SIZE_MAX = 8 * MIB
-"""Size of the largest scenario, study or aircraft file that is read."""
+"""Greatest size of a scenario, study or aircraft file."""
 _TOML_PLACE = re.compile(r"^(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)$")
 _NAMESPACE = re.compile(r"(?<=declare )\(.*\)(?= twice)|(?<=namespace )\(.*\)")
 _DECIMAL_COMMA = re.compile(r"=\s*([+-]?\d+),(\d+)")
@@ -80,10 +80,10 @@ _HEADER = re.compile(rf"[ \t]*(\[\[?)[ \t]*({DOTTED_KEY})[ \t]*\]")
 _ENTRY = re.compile(rf"[ \t]*({DOTTED_KEY})[ \t]*=")
 
 
-def read_text(path: str | os.PathLike[str], what: str = "scenario", size_max: int = SIZE_MAX) -> str:
-    """Text of a file (a scenario, or what else it is); raises ScenarioError if it is larger or cannot be read."""
+def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: int = SIZE_MAX) -> str:
+    """Text of a file of some kind; raises ScenarioError if the file cannot be read or is too large."""
     source = os.fspath(path)
-    a_file = f"{'an' if what[0] in 'aeiou' else 'a'} {what} file"
+    a_file = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} file"
     try:
         content = read_file(Path(path), size_max)
     except FileNotFoundError:
@@ -96,7 +96,7 @@ def read_text(path: str | os.PathLike[str], what: str = "scenario", size_max: in
         arrived = f"a path that cannot be read ({os_error_reason(error)})"
         raise problem_error(source, arrived, f"{a_file} that can be read") from None
     try:
-        return content.decode("utf-8-sig")  # editors under Windows put a mark in front
+        return content.decode("utf-8-sig")  # Windows editors write a byte-order mark
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         arrived = f"bytes that are not UTF-8 (in line {line})"
@@ -104,10 +104,10 @@ def read_text(path: str | os.PathLike[str], what: str = "scenario", size_max: in
 
 
 def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None) -> dict[str, Any]:
-    """Values of a text in TOML; raises ScenarioError, with the line, if it is none.
+    """Parse TOML; raises ScenarioError, with the line, for invalid text.
 
-    `hint` says what a line that declares a table wrongly should probably be; nothing where it cannot tell. What is
-    too large or too deep is refused before it is parsed, which could take gigabytes.
+    `hint` suggests a correction for an invalid line, or returns an empty text. Size and depth are checked before
+    parsing, which could otherwise take gigabytes.
     """
     if len(text) > SIZE_MAX:
         raise problem_error(source, f"{len(text):,} characters", f"a text of at most {SIZE_MAX:,}")
@@ -119,31 +119,31 @@ def parse_toml(text: str, source: str, hint: Callable[[str], str] | None = None)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(source, [_syntax_problem(text, str(error), hint)]) from None
     except (ValueError, RecursionError) as error:
-        # whole numbers too long for Python, lists within lists beyond its depth
+        # integers with too many digits, or lists nested beyond Python's limit
         reason = "too deeply nested" if isinstance(error, RecursionError) else str(error)
         raise problem_error(source, f"text that cannot be read ({reason})", "TOML") from None
 
 
 @contextlib.contextmanager
 def attach_line_numbers(text: str, source: str) -> Iterator[None]:
-    """Give each problem that is found in the values of a text the line of its key."""
+    """Attach line numbers to the problems of a ScenarioError raised in the context."""
     try:
         yield
     except ScenarioError as error:
-        if error.source != source:  # of another file that this one names
+        if error.source != source:  # error in a referenced file
             raise
         lines = _lines_of(text)
-        problems = [dataclasses.replace(one, line=_line_at(one.path, lines)) for one in error.problems]
+        problems = [dataclasses.replace(problem, line=_line_at(problem.path, lines)) for problem in error.problems]
         raise ScenarioError(source, problems) from None
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Line, from 1, of each key and table of a valid text, by its path as messages write it.
+    """Line, from 1, of each key and table of valid TOML, by key path as in messages.
 
-    What stands within a list or a table on one line has the line where that begins.
+    Keys inside a one-line table or list are not listed.
     """
-    found: dict[str, int] = {}
-    last: dict[str, int] = {}
+    line_numbers: dict[str, int] = {}
+    last_item: dict[str, int] = {}
     table, at, line = "", 0, 1
     while at < len(text):
         header, entry = _HEADER.match(text, at), _ENTRY.match(text, at)
@@ -152,29 +152,29 @@ def _lines_of(text: str) -> dict[str, int]:
         if header is not None:
             *outer, name = _names(header[2])
             table = ""
-            for one in outer:
-                table = _join_keys(table, one)
-                table += f"[{last[table]}]" if table in last else ""
+            for part in outer:
+                table = _join_keys(table, part)
+                table += f"[{last_item[table]}]" if table in last_item else ""
             table = _join_keys(table, name)
             if header[1] == "[[":
-                last[table] = last.get(table, -1) + 1
-                found.setdefault(table, line)
-                table += f"[{last[table]}]"
-            found[table] = line
+                last_item[table] = last_item.get(table, -1) + 1
+                line_numbers.setdefault(table, line)
+                table += f"[{last_item[table]}]"
+            line_numbers[table] = line
         elif entry is not None:
             path = table
             for name in _names(entry[1]):
                 path = _join_keys(path, name)
-                found.setdefault(path, line)
+                line_numbers.setdefault(path, line)
         line += text.count("\n", at, end + 1)
         at = end + 1
-    return found
+    return line_numbers
 
 
 def _names(dotted: str) -> list[str]:
-    """Keys of a dotted one, as messages write them."""
-    bare = [one.strip("\"'") for one in key_parts(dotted)]
-    return [one if re.fullmatch("[A-Za-z0-9_-]+", one) else json.dumps(one) for one in bare]
+    """Parts of a dotted key as messages write them."""
+    unquoted = [part.strip("\"'") for part in key_parts(dotted)]
+    return [part if re.fullmatch("[A-Za-z0-9_-]+", part) else json.dumps(part) for part in unquoted]
 
 
 def _join_keys(table: str, name: str) -> str:
@@ -182,14 +182,14 @@ def _join_keys(table: str, name: str) -> str:
 
 
 def _line_at(path: str, lines: dict[str, int]) -> int | None:
-    """Line of a key, or of the innermost table or list around it that stands in the file."""
+    """Line of a key, or of the innermost enclosing table or list in the file."""
     while path and path not in lines:
         path = path[: max(path.rfind("."), path.rfind("["), 0)]
     return lines.get(path)
 
 
 def _run_folder_hint(folder: Path) -> str:
-    """How a folder is read that holds a run; nothing where it holds none."""
+    """Suggestion for reading a run folder; empty for other folders."""
     if not (folder / "flight.nc").is_file():
         return ""
     return (
@@ -199,40 +199,40 @@ def _run_folder_hint(folder: Path) -> str:
 
 
 def _similar_file_hint(path: Path) -> str:
-    """Name the file that was probably meant instead of a missing one; nothing where there is none."""
+    """Suggestion of a similar file name; empty without a match."""
     shipped = Path("scenarios", path.name).with_suffix(".toml")
     if path.parent == Path() and shipped.is_file():
         return f", perhaps {describe_value(str(shipped))}"
     try:
-        there = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
+        file_names = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
     except OSError:
         return ""
-    near = difflib.get_close_matches(path.name, there, n=1)
-    return f", perhaps {describe_value(str(path.with_name(near[0])))}" if near else ""
+    matches = difflib.get_close_matches(path.name, file_names, n=1)
+    return f", perhaps {describe_value(str(path.with_name(matches[0])))}" if matches else ""
 
 
 def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) -> Problem:
-    """Say where TOML ended to be TOML, and show that line."""
-    place = _TOML_PLACE.match(message)
-    if place is None:
+    """Describe a TOML syntax error, with the line in question."""
+    position = _TOML_PLACE.match(message)
+    if position is None:
         return Problem("", "text that is not TOML", message)
-    what = _NAMESPACE.sub(_in_brackets, place["what"])
-    if place["line"] is None:
-        return Problem(f"line {len(text.splitlines())}, at the end", "the end of the file", f"valid TOML: {what}")
-    line, column = int(place["line"]), int(place["column"])
+    reason = _NAMESPACE.sub(_in_brackets, position["what"])
+    if position["line"] is None:
+        return Problem(f"line {len(text.splitlines())}, at the end", "the end of the file", f"valid TOML: {reason}")
+    line, column = int(position["line"]), int(position["column"])
     lines = text.replace("\r\n", "\n").split("\n")
     arrived = lines[line - 1].strip()
     comma = _DECIMAL_COMMA.search(arrived)
     number = _BARE_UNIT.search(arrived)
     if comma is not None:
-        more = f"; with a decimal point, {comma[1]}.{comma[2]}"
+        suggestion = f"; with a decimal point, {comma[1]}.{comma[2]}"
     elif number is not None:
-        more = f"; {number[1]} alone, in the unit that the key's name ends with"
+        suggestion = f"; {number[1]} alone, in the unit that the key's name ends with"
     else:
-        more = hint(arrived) if hint is not None else ""
-    return Problem(f"line {line}, column {column}", describe_value(arrived), f"valid TOML: {what}{more}")
+        suggestion = hint(arrived) if hint is not None else ""
+    return Problem(f"line {line}, column {column}", describe_value(arrived), f"valid TOML: {reason}{suggestion}")
 
 
-def _in_brackets(found: re.Match[str]) -> str:
-    """Write a table's name, which the TOML library shows as a tuple of Python, as the file has it."""
-    return f"[{'.'.join(ast.literal_eval(found[0]))}]"
+def _in_brackets(match: re.Match[str]) -> str:
+    """Format a table's name, a Python tuple in tomllib's messages, in TOML notation."""
+    return f"[{'.'.join(ast.literal_eval(match[0]))}]"

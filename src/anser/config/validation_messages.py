@@ -1,6 +1,6 @@
-"""Validation errors of pydantic as plain messages (key path.
+"""Pydantic's validation errors as messages with key path, value and expected value.
 
-What arrived, what would be right), with conversion hints for values written with another unit or as a compass point.
+Includes conversion hints for values in another unit or as a compass point.
 """
 
 import difflib
@@ -34,36 +34,36 @@ _UNITS = {
     "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "ft/s^2": FOOT_M, "g": STANDARD_GRAVITY_M_S2},
     "mass": {"kg": 1.0, "lb": POUND_KG, "slug": SLUG_KG},
 }
-"""Factors to SI by dimension; small letters."""
+"""Factors to SI by dimension; units in lower case."""
 
 _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW")
-"""Points of the compass, each 22.5 deg clockwise of the one before."""
+"""Compass points in steps of 22.5 deg, clockwise from north."""
 
 
 def conversion_hint(text: str, unit: str) -> str:
-    """What to write instead of a text, such as `; 9 kt is 4.63 m/s: write 4.63`; empty where nobody can tell.
+    """Suggest the number for a text with a unit: `; 9 kt is 4.63 m/s: write 4.63`; empty if the text is unclear.
 
     Parameters
     ----------
     text
-        What arrived where a number is expected.
+        Text in place of a number.
     unit
-        Of that number, as messages write it; empty for a pure number.
+        Unit of the key, as messages write it; empty for a pure number.
     """
-    found = _NUMBER_AND_UNIT.fullmatch(text)
-    if found is None:
+    match = _NUMBER_AND_UNIT.fullmatch(text)
+    if match is None:
         point = text.strip()
         if unit != "deg" or point.upper() not in _POINTS:
             return ""
         angle = f"{22.5 * _POINTS.index(point.upper()):g}"
         return f"; {point} is {angle} deg clockwise from north: write {angle}"
-    number, given = found.groups()
-    if given is None or given.lower() == unit:
+    number, written_unit = match.groups()
+    if written_unit is None or written_unit.lower() == unit:
         return f"; write {number}, without quotes"
     for factors in _UNITS.values():
-        if given.lower() in factors and unit in factors:
-            converted = f"{float(number) * factors[given.lower()] / factors[unit]:.6g}"
-            return f"; {number} {given} is {converted} {unit}: write {converted}"
+        if written_unit.lower() in factors and unit in factors:
+            converted = f"{float(number) * factors[written_unit.lower()] / factors[unit]:.6g}"
+            return f"; {number} {written_unit} is {converted} {unit}: write {converted}"
     return ""
 
 
@@ -77,73 +77,79 @@ _OTHER_NAMES = {
     "max": "high",
     "maximum": "high",
 }
-"""What others call a key, where a table has it."""
+"""Common names for a key of anser, by lower-case spelling."""
 _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
-    """Say what a failed validation found.
+    """Describe the problems of a failed validation.
 
     Parameters
     ----------
     error
-        What validating `raw` as `model` raised.
+        Error raised when validating `raw` as `model`.
     model
-        The model of the whole file.
+        Model of the whole file.
     raw
-        The values as they arrived.
+        Unvalidated values.
 
     Returns
     -------
-    At least one, in the order of the schema; a missing key whose misspelling is there is told once.
+    One or more problems, in the order of the schema. A missing key with a misspelling in the file is reported once.
     """
-    found: list[Problem] = []
-    mistaken: set[str] = set()
+    problems: list[Problem] = []
+    misspelled_keys: set[str] = set()
     details = error.errors(include_url=False)
     for detail in details:
         loc, kind = detail["loc"], detail["type"]
-        if kind == "too_short" and any(other["loc"][: len(loc)] == loc != other["loc"] for other in details):
+        if kind == "too_short" and any(inner["loc"][: len(loc)] == loc != inner["loc"] for inner in details):
             continue  # pydantic counts only the valid items: the list is long enough, its items are wrong
         cause = detail.get("ctx", {}).get("error")
         if isinstance(cause, ScenarioError):
-            found.extend(_with_table_path(loc, problem, raw) for problem in cause.problems)
+            problems.extend(_with_table_path(loc, problem, raw) for problem in cause.problems)
         elif kind == "extra_forbidden":
             problem, meant = _unknown_key(loc, model, raw)
-            found.append(problem)
-            mistaken.add(meant)
+            problems.append(problem)
+            misspelled_keys.add(meant)
         else:
-            found.append(_bad_value(loc, model, raw))
-    reported = [problem for problem in found if not (problem.path in mistaken and problem.arrived == "nothing")]
+            problems.append(_bad_value(loc, model, raw))
+    reported = [
+        problem for problem in problems if not (problem.path in misspelled_keys and problem.arrived == "nothing")
+    ]
     return list(dict.fromkeys(reported))
 
 
 def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
-    """Give a problem found inside one table its place in the file."""
+    """Prefix the path of a problem inside a table with the path of the table."""
     if not loc:
         return problem
     path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
-    return Problem(path, problem.arrived, problem.expected, problem.whom or _whom(loc, raw))
+    return Problem(path, problem.arrived, problem.expected, problem.subject or _subject(loc, raw))
 
 
 def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:
-    """Say which key is unknown, and the path of the key that was probably meant."""
+    """Describe an unknown key; also return the path of the key probably meant."""
     key = str(loc[-1])
     table = _model_at(loc[:-1], model)
-    known = list(table.model_fields) if table is not None else []
-    also = _OTHER_NAMES.get(key.lower())
-    near = [also] if also in known else []
-    near = near or difflib.get_close_matches(key, known, n=1) or difflib.get_close_matches(key.lower(), known, n=1)
-    guess = f'perhaps "{near[0]}"; the keys here are' if near else "one of the keys"
+    valid_keys = list(table.model_fields) if table is not None else []
+    synonym = _OTHER_NAMES.get(key.lower())
+    matches = [synonym] if synonym in valid_keys else []
+    matches = (
+        matches
+        or difflib.get_close_matches(key, valid_keys, n=1)
+        or difflib.get_close_matches(key.lower(), valid_keys, n=1)
+    )
+    guess = f'perhaps "{matches[0]}"; the keys here are' if matches else "one of the keys"
     owner = _owner_of(key, model) if len(loc) == 1 else None
     if owner is not None:
-        near, guess = [], f"perhaps the table [{owner}.{key}]; the keys here are"
-    words = f"{guess} {', '.join(known)}"
-    meant = _path([*loc[:-1], near[0]]) if near else ""
-    return Problem(_path(loc), f"the unknown key {describe_value(key)}", words, _whom(loc, raw)), meant
+        matches, guess = [], f"perhaps the table [{owner}.{key}]; the keys here are"
+    expected = f"{guess} {', '.join(valid_keys)}"
+    meant = _path([*loc[:-1], matches[0]]) if matches else ""
+    return Problem(_path(loc), f"the unknown key {describe_value(key)}", expected, _subject(loc, raw)), meant
 
 
 def _owner_of(key: str, model: type[BaseModel]) -> str | None:
-    """Find the table of the file that has an inner table of this name, such as the one of `start`: `aircraft`."""
+    """Find the table that contains an inner table of this name, such as `aircraft` for `start`."""
     for name, field in model.model_fields.items():
         table = _model_in(field.annotation)
         inner = table.model_fields.get(key) if table is not None else None
@@ -153,19 +159,19 @@ def _owner_of(key: str, model: type[BaseModel]) -> str | None:
 
 
 def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> Problem:
-    """Say what a key holds and what it should hold."""
+    """Describe an invalid value and the expected values."""
     loc = _existing(loc, raw)
     value = _value_at(loc, raw)
     arrived = "nothing" if value is _ABSENT else describe_value(value)
     extra = _extra(loc, model)
-    words = str(extra.get("expected", "a table of keys and values"))
+    expected = str(extra.get("expected", "a table of keys and values"))
     if isinstance(value, str) and "unit" in extra:
-        words += conversion_hint(value, str(extra["unit"]))
-    return Problem(_path(loc), arrived, words, _whom(loc, raw))
+        expected += conversion_hint(value, str(extra["unit"]))
+    return Problem(_path(loc), arrived, expected, _subject(loc, raw))
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
-    """Cut a location behind a single number that stands for a list, and at an item that a short list lacks."""
+    """Truncate a location at a number in place of a list, or at an item beyond the end of a list."""
     for end in range(1, len(loc)):
         value = _value_at(loc[:end], raw)
         is_list = isinstance(value, list | tuple)
@@ -176,7 +182,7 @@ def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
 
 
 def _value_at(loc: Sequence[str | int], raw: object) -> Any:
-    """Look up what arrived at a location."""
+    """Value at a location; `_ABSENT` for a missing key or item."""
     value: Any = raw
     for step in loc:
         try:
@@ -187,16 +193,16 @@ def _value_at(loc: Sequence[str | int], raw: object) -> Any:
 
 
 def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
-    """Read what a field says of what it expects; empty where there is none."""
-    last = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
-    table = _model_at(loc[:last], model) if last >= 0 else None
-    field = table.model_fields.get(str(loc[last])) if table is not None else None
+    """`json_schema_extra` of a field; empty if undefined."""
+    field_index = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
+    table = _model_at(loc[:field_index], model) if field_index >= 0 else None
+    field = table.model_fields.get(str(loc[field_index])) if table is not None else None
     extra = field.json_schema_extra if field is not None else None
     return extra if isinstance(extra, dict) else {}
 
 
 def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:
-    """Follow a location through the models to the table that it names."""
+    """Model of the table at a location."""
     table: type[BaseModel] | None = model
     for step in loc:
         if isinstance(step, int):
@@ -207,14 +213,14 @@ def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseMode
 
 
 def _model_in(annotation: object) -> type[BaseModel] | None:
-    """Find the model inside an annotation such as ``tuple[Aircraft, ...]``."""
+    """Model class inside an annotation such as ``tuple[Aircraft, ...]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _model_in(part)) is not None), None)
+    return next((inner_model for part in get_args(annotation) if (inner_model := _model_in(part)) is not None), None)
 
 
 def _path(loc: Sequence[str | int]) -> str:
-    """Write a location as a key path, such as ``aircraft[1].start.speed_m_s``."""
+    """Format a location as a key path, such as ``aircraft[1].start.speed_m_s``."""
     text = ""
     for step in loc:
         if isinstance(step, int):
@@ -224,8 +230,8 @@ def _path(loc: Sequence[str | int]) -> str:
     return text.removeprefix(".")
 
 
-def _whom(loc: Sequence[str | int], raw: object) -> str:
-    """Name the aircraft, goal or keep-out that a location lies in, if it has a name."""
+def _subject(loc: Sequence[str | int], raw: object) -> str:
+    """Name of the aircraft, goal or keep-out at a location; empty without a name."""
     if len(loc) < 2 or loc[0] not in ("aircraft", "goal", "keep_out"):
         return ""
     name = _value_at([*loc[:2], "name"], raw)
