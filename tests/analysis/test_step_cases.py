@@ -25,7 +25,7 @@ def test_slower_loops_are_stepped_longer_and_their_rates_less():
     assert tests["velocity-v"].duration_s == 240.0
     assert "attitude-beta" not in tests
     assert tests["attitude-together"].size == (30.0, 2.0, 0.0)
-    assert step_test("rates", {"q": 5.0}, pace=LoopTimeScale(2.0, 1.0, 1.0)).duration_s == 6.0
+    assert step_test("rates", {"q": 5.0}, time_scale=LoopTimeScale(2.0, 1.0, 1.0)).duration_s == 6.0
     assert all(one.duration_s == pytest.approx(round(one.duration_s / STEP_S) * STEP_S) for one in tests.values())
 
 

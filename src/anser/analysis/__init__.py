@@ -1,4 +1,4 @@
-"""Studies of one aircraft with its autopilot: linear models, margins, steps, envelope, robustness."""
+"""Analyses of an aircraft with its autopilot: linear models, margins, step tests, envelope, robustness."""
 
 import lazy_loader
 

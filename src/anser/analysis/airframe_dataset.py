@@ -1,4 +1,4 @@
-"""From the numbers of an airframe to a labelled dataset."""
+"""Labelled dataset of an airframe survey."""
 
 from collections.abc import Mapping, Sequence
 
@@ -24,16 +24,16 @@ def airframe_dataset(
     Parameters
     ----------
     alphas_deg, betas_deg, airspeeds, powers
-        Axes; m/s and percent.
+        Axes: angle of attack and sideslip, deg; true airspeed, m/s; engine power, percent.
     surfaces
-        Names.
+        Names of the control surfaces.
     values
-        `over_alpha`, `over_beta` (angle, 6), `thrust` (airspeed, power; N), and over the airspeeds `trimmable`, `alpha`
-        (deg), `power` (percent), `surfaces` (airspeed, surface; deg).
+        `over_alpha` and `over_beta`: coefficients, shape (angle, 6); `thrust`: N, shape (airspeed, power). Over the
+        airspeeds: `trimmable`, `alpha` (deg), `power` (percent), `surfaces` (deg, shape (airspeed, surface)).
     attributes
-        Of the whole dataset.
+        Attributes of the dataset.
     """
-    words = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
+    meanings = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
     data = {
         "over_alpha": (
             ("alpha", "coefficient"),
@@ -61,7 +61,7 @@ def airframe_dataset(
         "airspeed": ("airspeed", airspeeds, unit_attributes("m s-1", "True airspeed")),
         "power": ("power", powers, unit_attributes("percent", "Engine power")),
         "coefficient": ("coefficient", np.array(COEFFICIENTS), unit_attributes("", "Coefficient")),
-        "coefficient_meaning": ("coefficient", np.array(words)),
+        "coefficient_meaning": ("coefficient", np.array(meanings)),
         "surface": ("surface", np.array(surfaces), unit_attributes("", "Control surface")),
     }
     return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})

@@ -1,6 +1,6 @@
-"""Airframes listed, described, checked and surveyed.
+"""Airframes: list, description, check and survey.
 
-Coefficients over the flow angles, thrust, and steady flight over airspeed.
+A survey holds the coefficients over the flow angles, the thrust, and level flight over airspeed.
 """
 
 from collections.abc import Sequence
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
 
 _ANGLES, _SPEEDS = 61, 28
 _ALPHA = 2.0 * DEG_RAD
-"""Angle of attack at which the coefficients are drawn against the sideslip."""
+"""Angle of attack for the coefficients over sideslip, rad."""
 _F16_SPEEDS_M_S = (60.0, 320.0)
 POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
-"""Percent, at which thrust is drawn."""
+"""Engine powers for the thrust curves, percent."""
 
 
 def survey_airframe(
@@ -51,41 +51,41 @@ def survey_airframe(
     altitude_m: float = 0.0,
     airspeeds_m_s: tuple[float, float] | None = None,
 ) -> "xr.Dataset":
-    """Compute what a picture of an airframe shows.
+    """Compute the coefficients, thrust and level flights of an airframe.
 
     Parameters
     ----------
     aircraft, variant
         See `resolve_airframe`.
     altitude_m
-        Of the thrust and the steady flights.
+        Altitude of the thrust curves and of the level flights.
     airspeeds_m_s
-        Least and greatest; None: those of its data, of an airframe that tells none 60 to 320 m/s.
+        Least and greatest airspeed; None: the range of the airframe's data, 60 to 320 m/s for data without a range.
 
     Returns
     -------
     xr.Dataset
-        Coefficients over `alpha` and over `beta`, thrust over `airspeed` and `power`, and over `airspeed` steady level
-        flights: angle of attack, power, deflections, and whether they are within the limits.
+        Coefficients over `alpha` and over `beta`, thrust over `airspeed` and `power`, and level flights over
+        `airspeed`: angle of attack, power, deflections, and a flag for flights within the limits.
 
     Raises
     ------
     ValueError
-        No such airframe.
+        No airframe has this name.
     ScenarioError
-        No valid aircraft file.
+        The aircraft file is not valid.
     """
     enable_compilation_cache()
-    airframe, of = resolve_airframe(aircraft, variant)
+    airframe, attributes = resolve_airframe(aircraft, variant)
     environment = standard_environment()
     speeds = np.linspace(*(airspeeds_m_s or valid_airspeed_range(airframe)), _SPEEDS)
-    middle = as_array(float(np.mean(speeds)))
+    mean_speed = as_array(float(np.mean(speeds)))
     alphas, betas = (
         np.linspace(float(low), float(high), _ANGLES) for low, high in (airframe.alpha_range, airframe.beta_range)
     )
-    still = np.zeros(_ANGLES)
-    over_alpha = _coefficients(airframe, environment, middle, as_array(alphas), as_array(still))
-    over_beta = _coefficients(airframe, environment, middle, as_array(still + _ALPHA), as_array(betas))
+    zeros = np.zeros(_ANGLES)
+    over_alpha = _coefficients(airframe, environment, mean_speed, as_array(alphas), as_array(zeros))
+    over_beta = _coefficients(airframe, environment, mean_speed, as_array(zeros + _ALPHA), as_array(betas))
     targets = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(trim_target(V, altitude_m) for V in speeds))
     points = map_points(airframe, environment, targets)
     from anser.analysis.airframe_dataset import airframe_dataset
@@ -108,12 +108,12 @@ def survey_airframe(
             "power": np.where(trimmed[:, 0], np.asarray(points.trim.power), np.nan),
             "surfaces": np.where(trimmed, np.asarray(points.trim.state.surfaces) * RAD_DEG, np.nan),
         },
-        {**of, "altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)},
+        {**attributes, "altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)},
     )
 
 
 def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Least and greatest airspeed of an airframe's data, m/s."""
+    """Return the least and the greatest airspeed of an airframe's data, m/s."""
     if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
         low, high = (float(end) for end in airframe.validity.airspeed)
         if low > 0.0 and high < np.inf:
@@ -122,7 +122,7 @@ def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
 
 
 def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
-    """Wing area, span and mean chord of an airframe that has them."""
+    """Return wing area, span and mean chord, or None for an airframe without these sizes."""
     sizes = tuple(getattr(airframe, name, None) for name in ("wing_area", "span", "mean_chord"))
     return None if None in sizes else sizes  # pyright: ignore[reportReturnType]
 
@@ -131,12 +131,16 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Lift, drag, side force; moments of roll, pitch and yaw: over qbar, and over the sizes of an airframe with any."""
+    """Coefficients of lift, drag, side force and of the moments of roll, pitch and yaw.
+
+    Forces and moments are divided by the dynamic pressure and, for an airframe with sizes, by wing area, span and
+    chord.
+    """
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
     air = environment.atmosphere.at(0.0)
 
-    def one(alpha: Scalar, beta: Scalar) -> Float[Array, "6"]:
+    def coefficients_at(alpha: Scalar, beta: Scalar) -> Float[Array, "6"]:
         ca, sa, cb, sb = jnp.cos(alpha), jnp.sin(alpha), jnp.cos(beta), jnp.sin(beta)
         data = air_data(V * jnp.stack([ca * cb, sb, sa * cb]), 0.0, air)
         neutral = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), data)
@@ -145,7 +149,7 @@ def _coefficients(
         moments = wrench.moment_b / (data.qbar * S * jnp.stack([b, c, b]))
         return jnp.concatenate([jnp.stack([X * sa - Z * ca, -X * ca - Z * sa, Y]), moments])
 
-    return jax.vmap(one)(alphas, betas)
+    return jax.vmap(coefficients_at)(alphas, betas)
 
 
 @compiled
@@ -154,16 +158,16 @@ def _thrusts(
 ) -> Float[Array, "speed power"]:
     air = environment.atmosphere.at(altitude)
 
-    def one(V: Scalar, power: Scalar) -> Scalar:
+    def thrust_at(V: Scalar, power: Scalar) -> Scalar:
         data = air_data(jnp.stack([V, 0.0 * V, 0.0 * V]), altitude, air)
         return airframe.engine.propulsion(power, data).force_b[0]
 
-    return jax.vmap(jax.vmap(one, in_axes=(None, 0)), in_axes=(0, None))(speeds, powers)
+    return jax.vmap(jax.vmap(thrust_at, in_axes=(None, 0)), in_axes=(0, None))(speeds, powers)
 
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """One airframe of a list; without numbers where an entry point could not be loaded, whose `problem` says why."""
+    """Airframe in a list. An entry point that could not be loaded has no numbers; `problem` gives the reason."""
 
     name: str
     origin: str
@@ -175,18 +179,18 @@ class AirframeEntry:
 
 
 def list_airframes() -> list[AirframeEntry]:
-    """Airframes of the library, then those of entry points."""
-    found = [_listed(name, "library, file" if name in LIBRARY_FILES else "library") for name in AIRFRAMES]
+    """List the airframes of the library, then the airframes of entry points."""
+    entries = [_library_entry(name, "library, file" if name in LIBRARY_FILES else "library") for name in AIRFRAMES]
     for name, point in entry_points().items():
         origin = f"entry point {point.value}"
         try:
-            found.append(_listed(name, origin))
+            entries.append(_library_entry(name, origin))
         except (ImportError, AttributeError, TypeError, ValueError) as error:
-            found.append(AirframeEntry(name, origin, problem=f"{type(error).__name__}: {error}"))
-    return found
+            entries.append(AirframeEntry(name, origin, problem=f"{type(error).__name__}: {error}"))
+    return entries
 
 
-def _listed(name: str, origin: str) -> AirframeEntry:
+def _library_entry(name: str, origin: str) -> AirframeEntry:
     airframe = load_airframe(name)
     span = getattr(airframe, "span", None)
     return AirframeEntry(
@@ -200,7 +204,7 @@ def _listed(name: str, origin: str) -> AirframeEntry:
 
 
 def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
-    """Aircraft file of a name of the library or of a path; None for another airframe."""
+    """Return the aircraft file of a library name or of a path; None for an airframe in code."""
     if is_aircraft_path(name):
         return read_airframe(name)
     return library_file(name) if name in LIBRARY_FILES else None
@@ -214,68 +218,68 @@ _ENGINES: dict[type, str] = {
     NoEngine: "none",
     PistonPropeller: "piston engine with propeller",
 }
-"""In words; another one, from code of a user's own, has the name of its class."""
+"""Descriptions of the engines by class; an engine of a user's own class is described by the name of the class."""
 
 
 def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
-    """Quantities of an airframe: name, value, unit."""
+    """Return the quantities of an airframe: name, value, unit."""
     properties, actuators = airframe.mass_properties, airframe.actuators
     J = np.asarray(properties.inertia_b)
-    rows = [("mass", f"{float(properties.mass):.6g}", "kg")]
-    rows += [(f"J{axis}", f"{J[k, k]:.6g}", "kg m^2") for k, axis in enumerate(("xx", "yy", "zz"))]
-    rows += [
-        (f"J{name}", f"{-J[at]:.6g}", "kg m^2")
-        for name, at in (("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2)))
-        if J[at] != 0.0
+    quantities = [("mass", f"{float(properties.mass):.6g}", "kg")]
+    quantities += [(f"J{axis}", f"{J[k, k]:.6g}", "kg m^2") for k, axis in enumerate(("xx", "yy", "zz"))]
+    quantities += [
+        (f"J{name}", f"{-J[index]:.6g}", "kg m^2")
+        for name, index in (("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2)))
+        if J[index] != 0.0
     ]
-    for words, name, unit in (
+    for description, name, unit in (
         ("span", "span", "m"),
         ("wing area", "wing_area", "m^2"),
         ("mean chord", "mean_chord", "m"),
     ):
         value = getattr(airframe, name, None)
-        rows += [] if value is None else [(words, f"{float(value):.6g}", unit)]
+        quantities += [] if value is None else [(description, f"{float(value):.6g}", unit)]
     lower, upper = (np.asarray(end) * RAD_DEG for end in (actuators.lower, actuators.upper))
     for k, name in enumerate(actuators.names):
         speed, lag = float(actuators.rate_limit[k]) * RAD_DEG, float(actuators.time_constant[k])
-        rows.append((name, f"{lower[k]:.4g} to {upper[k]:.4g}", f"deg, {speed:.4g} deg/s, lag {lag:.3g} s"))
-    kind = type(airframe.engine)
-    rows.append(("engine", _ENGINES.get(kind, kind.__name__), ""))
-    for words, ends in (("angles of attack", airframe.alpha_range), ("sideslip angles", airframe.beta_range)):
-        low, high = (float(end) * RAD_DEG for end in ends)
-        rows.append((f"data valid for {words}", f"{low:.4g} to {high:.4g}", "deg"))
+        quantities.append((name, f"{lower[k]:.4g} to {upper[k]:.4g}", f"deg, {speed:.4g} deg/s, lag {lag:.3g} s"))
+    engine_class = type(airframe.engine)
+    quantities.append(("engine", _ENGINES.get(engine_class, engine_class.__name__), ""))
+    for description, bounds in (("angles of attack", airframe.alpha_range), ("sideslip angles", airframe.beta_range)):
+        low, high = (float(end) * RAD_DEG for end in bounds)
+        quantities.append((f"data valid for {description}", f"{low:.4g} to {high:.4g}", "deg"))
     low, high = valid_airspeed_range(airframe)
-    rows.append(("data valid for airspeeds", f"{low:.4g} to {high:.4g}", "m/s"))
-    return rows
+    quantities.append(("data valid for airspeeds", f"{low:.4g} to {high:.4g}", "m/s"))
+    return quantities
 
 
 def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
-    """Slowest and fastest airspeed of a survey at which level flight is within all limits; None: at none."""
+    """Return the slowest and the fastest trimmable airspeed of a survey, m/s; None if no airspeed is trimmable."""
     speeds: Sequence[float] = dataset["airspeed"].values[dataset["trimmable"].values]
     return (float(min(speeds)), float(max(speeds))) if len(speeds) else None
 
 
 def check_dave_ml(path: str) -> ModelCheck:
-    """Check data of a DAVE-ML file compared with what comes out, what looks wrong, inputs and outputs.
+    """Evaluate the check data of a DAVE-ML file, look for suspicious data, and list inputs and outputs.
 
     Raises
     ------
     ScenarioError
-        No DAVE-ML file.
+        The file is not a DAVE-ML file.
     """
     enable_compilation_cache()
     return check_model(path)
 
 
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
-    """Check data of an aircraft compared with what comes out, and what looks wrong: of the F-16, points of its tables.
+    """Evaluate the check data of an aircraft and look for suspicious data; for the F-16, in the points of the tables.
 
     Raises
     ------
     ValueError
-        An airframe of an entry point: no file or table of it is known.
+        The airframe comes from an entry point: no file and no tables can be checked.
     ScenarioError
-        No valid aircraft file.
+        The aircraft file is not valid.
     """
     enable_compilation_cache()
     file = find_aircraft_file(aircraft)

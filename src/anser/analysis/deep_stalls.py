@@ -1,6 +1,6 @@
-"""Deep stall: trims with surfaces held, followed as the centre of gravity moves.
+"""Deep stall: pitch trims with fixed surfaces, followed as the centre of gravity moves.
 
-Steady descents; the dataset and the document.
+Steady descents at the trims, the dataset and the JSON document.
 """
 
 from collections.abc import Sequence
@@ -23,14 +23,14 @@ from anser.results.documents import version_attributes
 from anser.shapes import Scalar, ScalarLike, Vector
 from anser.units import DEG_RAD, RAD_DEG
 
-_CORRECTIONS = 12
-_BALANCED = 1e-10
+_NEWTON_STEPS = 12
+_CM_TOLERANCE = 1e-10
 _SPEED_STEPS = 60
 AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class PitchBranch(eqx.Module):
-    """Pitch trims along a curve, one after the other.
+    """Pitch trims along a curve, in order.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class PitchBranch(eqx.Module):
     x_cg
         Centre of gravity, fraction of the chord.
     slope
-        dCm/dalpha there, 1/rad: stable where it is negative.
+        dCm/dalpha at the trim, 1/rad; negative: stable.
     balanced
-        Whether the pitching moment vanishes there: False from where the curve could not be followed.
+        True if the pitching moment vanishes at the point; False from the point on at which the curve was lost.
     """
 
     alpha: Vector
@@ -67,30 +67,32 @@ class SteadyDescent(eqx.Module):
 def pitching_moment(
     airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: ScalarLike, x_cg: ScalarLike
 ) -> Scalar:
-    """Cm without sideslip and rates, the elevator (rad) held, aileron and rudder at 0, the flap at its schedule.
+    """Pitching-moment coefficient Cm without sideslip and rates.
+
+    The elevator is fixed, aileron and rudder are at 0, the flap is at its schedule.
 
     Parameters
     ----------
     airframe
-        Its own centre of gravity does not matter.
+        F-16 whose centre of gravity is replaced by `x_cg`.
     mach
-        Of the flap's schedule.
+        Mach number for the flap's schedule.
     elevator, alpha
-        Rad.
+        Deflection and angle of attack, rad.
     x_cg
         Centre of gravity, fraction of the chord.
     """
-    moved = eqx.tree_at(lambda a: a.x_cg, airframe, jnp.asarray(x_cg))
+    shifted = eqx.tree_at(lambda a: a.x_cg, airframe, jnp.asarray(x_cg))
     data = _flow(mach, alpha)
-    return moved.coefficients(data, jnp.zeros(3), _held(moved, data, elevator)).Cm
+    return shifted.coefficients(data, jnp.zeros(3), _deflections(shifted, data, elevator)).Cm
 
 
 def _flow(mach: ScalarLike, alpha: ScalarLike) -> AirData:
-    one = jnp.ones_like(jnp.asarray(alpha, dtype=float))
-    return AirData(100.0 * one, alpha * one, 0.0 * one, one, 5000.0 * one, mach * one, 0.0 * one)
+    ones = jnp.ones_like(jnp.asarray(alpha, dtype=float))
+    return AirData(100.0 * ones, alpha * ones, 0.0 * ones, ones, 5000.0 * ones, mach * ones, 0.0 * ones)
 
 
-def _held(airframe: AbstractF16, data: AirData, elevator: ScalarLike) -> Vector:
+def _deflections(airframe: AbstractF16, data: AirData, elevator: ScalarLike) -> Vector:
     neutral = jnp.zeros(len(airframe.actuators.names)).at[0].set(elevator)
     return airframe.actuators.scheduled_position(neutral, data)
 
@@ -108,49 +110,50 @@ def follow_pitch_trim(
 
     Pseudo-arclength continuation in (alpha in rad, x_cg): a step along the tangent of Cm(alpha, x_cg) = 0, then Newton
     steps on Cm and on the distance along the tangent (H. B. Keller, "Numerical solution of bifurcation and nonlinear
-    eigenvalue problems", 1977). Slopes of tables jump at their breakpoints: there Newton steps land in the next piece.
+    eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the next Newton step uses the slope of the
+    neighbouring interval.
 
     Parameters
     ----------
     airframe, mach, elevator
         See `pitching_moment`.
     alpha, x_cg
-        Near the first trim: it is corrected at this x_cg.
+        Point near the first trim; the correction keeps `x_cg`.
     step
-        Length of a step, rad; positive begins with growing alpha.
+        Length of a step, rad; positive: alpha grows at first.
     count
         Number of points.
     """
 
-    def Cm(at: Float[Array, "2"]) -> Scalar:
-        return pitching_moment(airframe, mach, elevator, at[0], at[1])
+    def Cm(point: Float[Array, "2"]) -> Scalar:
+        return pitching_moment(airframe, mach, elevator, point[0], point[1])
 
-    def corrected(start: Float[Array, "2"], along: Float[Array, "2"]) -> Float[Array, "2"]:
-        """Where Cm vanishes on the line through `start` across `along`."""
-        across = jnp.stack([-along[1], along[0]])
+    def corrected(predicted: Float[Array, "2"], direction: Float[Array, "2"]) -> Float[Array, "2"]:
+        """Return the zero of Cm on the line through `predicted` perpendicular to `direction`."""
+        normal = jnp.stack([-direction[1], direction[0]])
 
-        def newton(_: object, at: Float[Array, "2"]) -> Float[Array, "2"]:
-            value, slope = jax.value_and_grad(Cm)(at)
-            towards = jnp.sum(slope * across)
-            return at - across * value / jnp.where(jnp.abs(towards) < 1e-9, 1e-9, towards)
+        def newton(_: object, point: Float[Array, "2"]) -> Float[Array, "2"]:
+            value, slope = jax.value_and_grad(Cm)(point)
+            normal_slope = jnp.sum(slope * normal)
+            return point - normal * value / jnp.where(jnp.abs(normal_slope) < 1e-9, 1e-9, normal_slope)
 
-        return jax.lax.fori_loop(0, _CORRECTIONS, newton, start)
+        return jax.lax.fori_loop(0, _NEWTON_STEPS, newton, predicted)
 
-    def tangent(at: Float[Array, "2"], before: Float[Array, "2"]) -> Float[Array, "2"]:
-        slope = jax.grad(Cm)(at)
-        along = jnp.stack([-slope[1], slope[0]]) / jnp.sqrt(jnp.sum(slope**2) + 1e-30)
-        return along * jnp.where(jnp.sum(along * before) < 0.0, -1.0, 1.0)
+    def tangent(point: Float[Array, "2"], previous: Float[Array, "2"]) -> Float[Array, "2"]:
+        slope = jax.grad(Cm)(point)
+        direction = jnp.stack([-slope[1], slope[0]]) / jnp.sqrt(jnp.sum(slope**2) + 1e-30)
+        return direction * jnp.where(jnp.sum(direction * previous) < 0.0, -1.0, 1.0)
 
-    def one(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], PitchBranch]:
-        at, along = carry
-        here = PitchBranch(at[0], at[1], jax.grad(Cm)(at)[0], jnp.abs(Cm(at)) < _BALANCED)
-        along = tangent(at, along)
-        return (corrected(at + jnp.abs(step) * along, along), along), here
+    def advance(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], PitchBranch]:
+        point, direction = carry
+        trim = PitchBranch(point[0], point[1], jax.grad(Cm)(point)[0], jnp.abs(Cm(point)) < _CM_TOLERANCE)
+        direction = tangent(point, direction)
+        return (corrected(point + jnp.abs(step) * direction, direction), direction), trim
 
-    only_alpha = jnp.array([0.0, 1.0])
-    first = corrected(jnp.stack([jnp.asarray(alpha, dtype=float), jnp.asarray(x_cg, dtype=float)]), only_alpha)
-    begin = jnp.stack([jnp.sign(jnp.asarray(step, dtype=float)), jnp.zeros(())])
-    return jax.lax.scan(one, (first, begin), length=count)[1]
+    x_cg_axis = jnp.array([0.0, 1.0])
+    first_trim = corrected(jnp.stack([jnp.asarray(alpha, dtype=float), jnp.asarray(x_cg, dtype=float)]), x_cg_axis)
+    start_direction = jnp.stack([jnp.sign(jnp.asarray(step, dtype=float)), jnp.zeros(())])
+    return jax.lax.scan(advance, (first_trim, start_direction), length=count)[1]
 
 
 def steady_descent(
@@ -161,9 +164,9 @@ def steady_descent(
     elevator: ScalarLike,
     alpha: ScalarLike,
 ) -> SteadyDescent:
-    """Speed at which the aerodynamic force and idle thrust carry the weight, and the path angle that follows.
+    """Find the speed at which aerodynamic force and idle thrust carry the weight, and the resulting path angle.
 
-    `altitude` in m, angles in rad. Pitching moment and the lateral axes are not looked at.
+    Altitude in m, angles in rad. Balance of the pitching moment and of the lateral axes is not required.
     """
     air = atmosphere.at(altitude)
     weight = airframe.mass_properties.mass * gravity
@@ -172,23 +175,23 @@ def steady_descent(
         data = _flow(speed / air.speed_of_sound, alpha)
         values = speed, air.density, 0.5 * air.density * speed**2, jnp.asarray(altitude, dtype=float)
         data = eqx.tree_at(lambda d: (d.V, d.density, d.qbar, d.altitude), data, values)
-        body = airframe.aerodynamics(data, jnp.zeros(3), _held(airframe, data, elevator)).force_b
+        body = airframe.aerodynamics(data, jnp.zeros(3), _deflections(airframe, data, elevator)).force_b
         X, Z = body[0] + airframe.engine.propulsion(0.0, data).force_b[0], body[2]
         ca, sa = jnp.cos(alpha), jnp.sin(alpha)
         return -(X * ca + Z * sa), X * sa - Z * ca
 
-    def closer(_: object, speed: Scalar) -> Scalar:
+    def scale_to_weight(_: object, speed: Scalar) -> Scalar:
         drag, lift = forces(speed)
         return speed * jnp.sqrt(jnp.sqrt(weight / jnp.sqrt(drag**2 + lift**2)))
 
-    speed = jax.lax.fori_loop(0, _SPEED_STEPS, closer, jnp.asarray(100.0))
+    speed = jax.lax.fori_loop(0, _SPEED_STEPS, scale_to_weight, jnp.asarray(100.0))
     drag, lift = forces(speed)
     path_angle = -jnp.arctan2(drag, lift)
     return SteadyDescent(speed, path_angle, path_angle + alpha)
 
 
 CENTRES_OF_GRAVITY = (0.30, 0.35, 0.365, 0.38, 0.40)
-"""Centres of gravity whose pitching moments are shown, fractions of the chord."""
+"""Default centres of gravity for the curves of the pitching moment, fractions of the chord."""
 _GRID_DEG = 0.25
 _STEP_DEG, _POINTS = 0.1, 1200
 _X_CG_MIN = 0.1
@@ -219,39 +222,46 @@ def deep_stall(
     mach: float = 0.2,
     altitude_m: float = 5000.0,
 ) -> xr.Dataset:
-    """Find the angles of attack where the pitching moment balances with the elevator held, and follow them.
+    """Find the angles of attack at which the pitching moment balances with a fixed elevator, and follow the trims.
 
-    Without sideslip and rates, flap at its schedule. From the trims at the centre of gravity furthest aft the curve of
-    trims is followed forward, through where a stable and an unstable one meet.
+    Sideslip and rates are 0, the flap is at its schedule. The curve of trims starts at the rearmost centre of gravity
+    and is followed forward through the fold, at which the stable and the unstable trim merge.
 
     Parameters
     ----------
     variant
-        Of the F-16.
+        Variant of the F-16.
     x_cg_over_c
         Centres of gravity, fractions of the chord.
     elevator_deg
-        Deflection that is held; fully nose-down where None.
+        Fixed deflection; None: fully nose-down.
     alpha_from_deg
-        Least angle of attack that is looked at.
+        Least angle of attack of the search.
     mach
-        For the flap's schedule.
+        Mach number for the flap's schedule.
     altitude_m
-        At which the steady descents of the trims are found.
+        Altitude of the steady descents.
 
     Returns
     -------
     xr.Dataset
-        `pitching_moment` over (x_cg, alpha); `branch_alpha`, `branch_x_cg`, `branch_slope` over (point), the followed
-        curve, nan where it has ended; `trim_alpha`, `trim_x_cg`, `trim_stable`, `trim_speed`, `trim_path_angle`,
-        `trim_pitch` over (trim), those at the given centres of gravity.
+        `pitching_moment` over (x_cg, alpha); the followed curve `branch_alpha`, `branch_x_cg`, `branch_slope` over
+        (point); the trims at the requested centres of gravity `trim_alpha`, `trim_x_cg`, `trim_stable`, `trim_speed`,
+        `trim_path_angle`, `trim_pitch` over (trim).
+
+    Raises
+    ------
+    ValueError
+        The deflection is beyond the stops, or the data do not contain `alpha_from_deg`.
     """
     enable_compilation_cache()
     airframe, environment = load_airframe("f16", variant), standard_environment()
-    most = float(airframe.actuators.upper[0])
-    elevator = most if elevator_deg is None else elevator_deg * DEG_RAD
-    if not float(airframe.actuators.lower[0]) - 1e-9 <= elevator <= most + 1e-9:
-        raise ValueError(f"elevator_deg: arrived {elevator_deg:g}; the surface moves by {most * RAD_DEG:g} deg at most")
+    elevator_max = float(airframe.actuators.upper[0])
+    elevator = elevator_max if elevator_deg is None else elevator_deg * DEG_RAD
+    if not float(airframe.actuators.lower[0]) - 1e-9 <= elevator <= elevator_max + 1e-9:
+        raise ValueError(
+            f"elevator_deg: arrived {elevator_deg:g}; the surface moves by {elevator_max * RAD_DEG:g} deg at most"
+        )
     low, high = (float(x) * RAD_DEG for x in airframe.alpha_range)
     if not low <= alpha_from_deg < high:
         raise ValueError(f"alpha_from_deg: arrived {alpha_from_deg:g}; the data go from {low:g} to {high:g} deg")
@@ -259,11 +269,13 @@ def deep_stall(
     alphas = np.arange(alpha_from_deg, high + 1e-9, _GRID_DEG)
     case = (airframe, jnp.asarray(mach, dtype=float), jnp.asarray(elevator, dtype=float))
     moments = np.asarray(_curves(*case, jnp.asarray(alphas * DEG_RAD), jnp.asarray(centres)))
-    trims = [(x, *trim) for x, row in zip(centres, moments, strict=True) for trim in _roots(alphas, row)]
+    trims = [(x, *trim) for x, curve in zip(centres, moments, strict=True) for trim in _roots(alphas, curve)]
     branch = _branch(case, [trim for trim in trims if trim[0] == centres[-1]], (alpha_from_deg, high), centres[-1])
-    found = np.array([alpha for _, alpha, _ in trims])
+    trim_alphas = np.array([alpha for _, alpha, _ in trims])
     descents = (
-        _descents(airframe, environment, jnp.asarray(altitude_m, dtype=float), case[2], jnp.asarray(found * DEG_RAD))
+        _descents(
+            airframe, environment, jnp.asarray(altitude_m, dtype=float), case[2], jnp.asarray(trim_alphas * DEG_RAD)
+        )
         if trims
         else None
     )
@@ -277,7 +289,7 @@ def deep_stall(
             "branch_alpha": ("point", branch.alpha * RAD_DEG, {"long_name": "angle of attack", "units": "deg"}),
             "branch_x_cg": ("point", branch.x_cg, {"long_name": "centre of gravity", "units": "1"}),
             "branch_slope": ("point", branch.slope, {"long_name": "slope of Cm against alpha", "units": "rad-1"}),
-            "trim_alpha": ("trim", found, {"long_name": "angle of attack", "units": "deg"}),
+            "trim_alpha": ("trim", trim_alphas, {"long_name": "angle of attack", "units": "deg"}),
             "trim_x_cg": ("trim", np.array([x for x, _, _ in trims]), {"long_name": "centre of gravity", "units": "1"}),
             "trim_stable": ("trim", np.array([int(s) for _, _, s in trims]), {"long_name": "stable in pitch"}),
             "trim_speed": (
@@ -303,50 +315,53 @@ def deep_stall(
     )
 
 
-def deep_stall_document(found: xr.Dataset) -> dict[str, Any]:
-    """What was found in plain data: trims, and where they appear as the centre of gravity moves aft."""
-    onset = deep_stall_onset(found)
+def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
+    """Return the trims and the onset of deep stall as plain data for JSON."""
+    onset = deep_stall_onset(dataset)
     return {
         "format_version": 1,
-        **{key: found.attrs[key] for key in ("aircraft", "variant", "elevator_deg", "mach", "altitude_m")},
+        **{key: dataset.attrs[key] for key in ("aircraft", "variant", "elevator_deg", "mach", "altitude_m")},
         "greatest_pitching_moment": [
             {
                 "x_cg_over_c": float(x),
-                "pitching_moment": float(row.max()),
-                "alpha_deg": float(found["alpha"][row.argmax()]),
+                "pitching_moment": float(curve.max()),
+                "alpha_deg": float(dataset["alpha"][curve.argmax()]),
             }
-            for x, row in zip(found["x_cg"].values, found["pitching_moment"].values, strict=True)
+            for x, curve in zip(dataset["x_cg"].values, dataset["pitching_moment"].values, strict=True)
         ],
         "trims": [
             {
-                "x_cg_over_c": float(one["trim_x_cg"]),
-                "alpha_deg": float(one["trim_alpha"]),
-                "stable": bool(one["trim_stable"]),
-                "speed_m_s": float(one["trim_speed"]),
-                "path_angle_deg": float(one["trim_path_angle"]),
-                "pitch_deg": float(one["trim_pitch"]),
+                "x_cg_over_c": float(trim["trim_x_cg"]),
+                "alpha_deg": float(trim["trim_alpha"]),
+                "stable": bool(trim["trim_stable"]),
+                "speed_m_s": float(trim["trim_speed"]),
+                "path_angle_deg": float(trim["trim_path_angle"]),
+                "pitch_deg": float(trim["trim_pitch"]),
             }
-            for one in (found.isel(trim=k) for k in range(found.sizes["trim"]))
+            for trim in (dataset.isel(trim=k) for k in range(dataset.sizes["trim"]))
         ],
         "appears": None if onset is None else {"x_cg_over_c": onset[0], "alpha_deg": onset[1]},
     }
 
 
-def deep_stall_onset(found: xr.Dataset) -> tuple[float, float] | None:
-    """Centre of gravity furthest forward on the followed curve, with its angle of attack, deg; None without a curve."""
-    x_cg = found["branch_x_cg"].values
+def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
+    """Return the foremost centre of gravity of the followed curve and its angle of attack, deg; or None."""
+    x_cg = dataset["branch_x_cg"].values
     if not np.isfinite(x_cg).any():
         return None
-    first = int(np.nanargmin(x_cg))
-    return float(x_cg[first]), float(found["branch_alpha"][first])
+    foremost = int(np.nanargmin(x_cg))
+    return float(x_cg[foremost]), float(dataset["branch_alpha"][foremost])
 
 
-def _roots(alphas: np.ndarray, row: np.ndarray) -> list[tuple[float, bool]]:
-    """Angles (deg) where a curve crosses 0, and whether it falls there."""
-    at = np.flatnonzero(row[:-1] * row[1:] < 0.0)
+def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
+    """Return the angles (deg) at which a curve crosses 0; the flag is True if the curve falls (a stable trim)."""
+    intervals = np.flatnonzero(moments[:-1] * moments[1:] < 0.0)
     return [
-        (float(alphas[k] + (alphas[k + 1] - alphas[k]) * row[k] / (row[k] - row[k + 1])), bool(row[k + 1] < row[k]))
-        for k in at
+        (
+            float(alphas[k] + (alphas[k + 1] - alphas[k]) * moments[k] / (moments[k] - moments[k + 1])),
+            bool(moments[k + 1] < moments[k]),
+        )
+        for k in intervals
     ]
 
 
@@ -356,20 +371,20 @@ def _branch(
     alpha_range_deg: tuple[float, float],
     x_cg_max: float,
 ) -> PitchBranch:
-    """The curve of trims through the last stable one, from its one end to the other; nothing where there is none."""
+    """Follow the curve of trims in both directions from the last stable trim; a single NaN without a stable trim."""
     stable = [trim for trim in trims if trim[2]]
     if not stable:
-        nothing = jnp.full(1, jnp.nan)
-        return PitchBranch(nothing, nothing, nothing, jnp.zeros(1, bool))
+        missing = jnp.full(1, jnp.nan)
+        return PitchBranch(missing, missing, missing, jnp.zeros(1, bool))
     x_cg, alpha, _ = stable[-1]
     steps = jnp.asarray([1.0, -1.0]) * _STEP_DEG * DEG_RAD
-    both = jax.tree.map(np.asarray, _follow(*case, jnp.asarray(alpha * DEG_RAD), jnp.asarray(x_cg), steps))
+    branches = jax.tree.map(np.asarray, _follow(*case, jnp.asarray(alpha * DEG_RAD), jnp.asarray(x_cg), steps))
     low, high = (x * DEG_RAD for x in alpha_range_deg)
     parts = []
     for k in (0, 1):
-        inside = both.balanced[k] & (both.alpha[k] >= low) & (both.alpha[k] <= high)
-        inside &= (both.x_cg[k] <= x_cg_max + 1e-9) & (both.x_cg[k] >= _X_CG_MIN)
+        inside = branches.balanced[k] & (branches.alpha[k] >= low) & (branches.alpha[k] <= high)
+        inside &= (branches.x_cg[k] <= x_cg_max + 1e-9) & (branches.x_cg[k] >= _X_CG_MIN)
         count = inside.size if inside.all() else int(np.argmin(inside))
-        parts.append(jax.tree.map(lambda leaf, k=k, count=count: leaf[k][:count], both))
+        parts.append(jax.tree.map(lambda leaf, k=k, count=count: leaf[k][:count], branches))
     up, down = parts
     return jax.tree.map(lambda a, b: np.concatenate([a[:0:-1], b]), up, down)

@@ -1,7 +1,4 @@
-"""Envelope survey: steady flight at every point of the trim map.
-
-Step commands flown from there, and the dataset of their outcomes.
-"""
+"""Envelope survey: steady flight at every point of the trim map, and step commands flown from there."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -27,9 +24,9 @@ from anser.analysis.trim_maps import (
     CONDITIONS,
     GRID_DIMENSIONS,
     TrimMap,
+    accepted_errors,
     limit_attributes,
     survey_limits,
-    tolerance_of,
     trim_map,
 )
 from anser.analysis.trim_points import Inversion, gains_for, resolve_airframe
@@ -58,21 +55,21 @@ def envelope_dataset(
     Parameters
     ----------
     trims
-        Steady flights that are left.
+        Steady flights from which the steps start.
     commands
-        Names and what they mean.
+        Meaning of each command by name.
     flown
-        Which point (row) was flown with which command (column).
+        True for a point (row) and a command (column) with a flight.
     summaries, verdicts
-        Of the flights, in the order of the true entries of `flown`.
+        Summaries and outcomes of the flights, in the order of the true entries of `flown`.
     attributes
-        Of the whole dataset.
+        Attributes of the dataset.
 
     Returns
     -------
     xr.Dataset
-        Over (condition, altitude, mach) the trim map, over (condition, altitude, mach, command) the flights; NaN where
-        nothing was flown.
+        The trim map over (condition, altitude, mach), the flights over (condition, altitude, mach, command); NaN
+        without a flight.
     """
     data = _map_variables(trims)
     for name, (values, labels, over) in flight_variables(summaries, verdicts).items():
@@ -91,24 +88,26 @@ def _map_variables(trims: TrimMap) -> dict[str, Any]:
     trimmable, solved = np.asarray(points.trimmable), np.asarray(points.trim.converged)
     stop = np.where(trimmable, 0, 1 + np.asarray(points.obstacles).argmax(axis=1)).astype(np.int32)
 
-    def where_solved(values: Any, unit: str, words: str, *over: str) -> Any:
+    def solved_variable(values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
         array = np.asarray(values)
-        known = np.where(solved.reshape(-1, *(1,) * (array.ndim - 1)), array, np.nan)
-        return trims.variable(known * RAD_DEG if unit == "degree" else known, unit, words, *over)
+        solved_values = np.where(solved.reshape(-1, *(1,) * (array.ndim - 1)), array, np.nan)
+        return trims.variable(
+            solved_values * RAD_DEG if unit == "degree" else solved_values, unit, long_name, *dimensions
+        )
 
     stop_labels = flag_attributes("What stops the steady flight, the first of several", ("none", *TRIM_OBSTACLES))
     return {
         "trimmable": trims.variable(trimmable, "1", "Whether the steady flight can be flown"),
         "trim_stop": (GRID_DIMENSIONS, trims.gridded(stop), stop_labels),
         "with_reserve": trims.with_reserve(),
-        "alpha_deg": where_solved(points.trim.alpha, "degree", "Angle of attack"),
-        "bank_deg": where_solved(points.trim.mu, "degree", "Bank about the velocity vector"),
-        "power_percent": where_solved(points.trim.power, "percent", "Engine power"),
-        "load_factor": where_solved(points.load_factor, "1", "Normal load factor"),
-        "surface_deg": where_solved(points.trim.state.surfaces, "degree", "Deflection", "surface"),
-        "power_left": where_solved(points.power_margin, "1", "Power left up to the full, part of it"),
-        "power_spare": where_solved(points.power_above_idle, "1", "Power that can be taken back, part of the full"),
-        "surface_left": where_solved(
+        "alpha_deg": solved_variable(points.trim.alpha, "degree", "Angle of attack"),
+        "bank_deg": solved_variable(points.trim.mu, "degree", "Bank about the velocity vector"),
+        "power_percent": solved_variable(points.trim.power, "percent", "Engine power"),
+        "load_factor": solved_variable(points.load_factor, "1", "Normal load factor"),
+        "surface_deg": solved_variable(points.trim.state.surfaces, "degree", "Deflection", "surface"),
+        "power_left": solved_variable(points.power_margin, "1", "Power left up to the full, part of it"),
+        "power_spare": solved_variable(points.power_above_idle, "1", "Power that can be taken back, part of the full"),
+        "surface_left": solved_variable(
             points.surface_margin, "1", "Way left to the stop, part of that from the middle", "surface"
         ),
     }
@@ -116,32 +115,32 @@ def _map_variables(trims: TrimMap) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """A survey; its dataset: see `anser.analysis.envelope`."""
+    """Envelope survey; dataset: see `envelope_dataset`."""
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Flights by "outcome: reason" for each condition, of all points or of those with reserve."""
+        """Count the flights by "outcome: reason" for each condition; with_reserve: from points with reserve only."""
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
             outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)
-        found = {}
-        for k, what in enumerate(OUTCOMES[1:], start=1):
-            for r, why in enumerate(REASONS):
-                number = ((outcome == k) & (reason == r)).sum(axis=(1, 2, 3))
+        counts = {}
+        for outcome_index, outcome_name in enumerate(OUTCOMES[1:], start=1):
+            for reason_index, reason_name in enumerate(REASONS):
+                number = ((outcome == outcome_index) & (reason == reason_index)).sum(axis=(1, 2, 3))
                 if number.any():
-                    name = what if why == "none" else f"{what}: {why}"
-                    found[name] = dict(zip(self.dataset["condition"].values.tolist(), number.tolist(), strict=True))
-        return found
+                    name = outcome_name if reason_name == "none" else f"{outcome_name}: {reason_name}"
+                    counts[name] = dict(zip(self.dataset["condition"].values.tolist(), number.tolist(), strict=True))
+        return counts
 
     def shortfalls(self) -> list[str]:
-        """Flights from points with reserve that failed without a named limit, one line each."""
+        """List the failed flights that started with reserve and met no known limit, one line per flight."""
         data = self.dataset
-        bad = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
+        unexplained = data["with_reserve"] & (data["reason"] == REASONS.index("unexplained"))
         lines = []
-        for c, a, m, k in np.argwhere(bad.transpose("condition", "altitude", "mach", "command").values):
-            of = data.isel(condition=c, altitude=a, mach=m, command=k)
+        for c, a, m, k in np.argwhere(unexplained.transpose("condition", "altitude", "mach", "command").values):
+            flight = data.isel(condition=c, altitude=a, mach=m, command=k)
             lines.append(
-                f"{of.condition_meaning.item()}, {of.altitude.item():.0f} m, Mach {of.mach.item():.3f}, "
-                f"{of.command_meaning.item()}: no limit explains why it failed"
+                f"{flight.condition_meaning.item()}, {flight.altitude.item():.0f} m, Mach {flight.mach.item():.3f}, "
+                f"{flight.command_meaning.item()}: no limit explains why it failed"
             )
         return lines
 
@@ -161,33 +160,33 @@ def survey_envelope(
 ) -> EnvelopeSurvey:
     """Survey an aircraft's envelope in the standard atmosphere, in still air.
 
-    Every one of `CONDITIONS` is trimmed at every point of the grid, and every one of `COMMANDS` is flown from every
-    point that can be trimmed, under the velocity loop with the published gains and `survey_limits`.
+    Each of `CONDITIONS` is trimmed at each point of the grid, and each of `COMMANDS` is flown from each trimmable
+    point, under the velocity loop with the published gains and `survey_limits`.
 
     Parameters
     ----------
     aircraft, variant
-        Of the library, or an airframe.
+        Aircraft: see `resolve_airframe`.
     inversion
-        What the autopilot inverts.
+        Inversion of the autopilot: of the onboard model, or incremental.
     coarse
-        A grid of 3 x 5 instead of 16 x 18 points.
+        Grid of 3 x 5 instead of 16 x 18 points.
     altitudes_m, machs
         Axes of the grid, instead of 250 m to 15 km and Mach 0.15 to 0.95.
     limits
-        Of the autopilot; `survey_limits` without them.
+        Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s
-        Of each flight, and of the autopilot's samples.
+        Duration of a flight; sampling period of the autopilot.
     progress
-        Called with what is being done and the part that is done, 0..1.
+        Called with a description of the current work and the completed part, 0..1.
 
     Raises
     ------
     ValueError
-        No such airframe, an axis that is not of increasing numbers, or flights of fewer than 100 samples.
+        No airframe has this name, an axis is not of increasing numbers, or a flight has fewer than 100 samples.
     """
     enable_compilation_cache()
-    on_progress = progress or no_progress
+    report_progress = progress or no_progress
     count = round(duration_s / step_s)
     if count < 100:
         raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
@@ -195,27 +194,34 @@ def survey_envelope(
     environment, gains = standard_environment(), gains_for(inversion)
     limits = survey_limits() if limits is None else limits
     clock = Stopwatch()
-    on_progress("trimming", 0.0)
+    report_progress("trimming", 0.0)
     trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
     points = trims.points
     flown = np.repeat(np.asarray(points.trimmable)[:, None], len(COMMANDS), axis=1)
     sizes = np.array([command.size for command in COMMANDS])
-    tolerances = tolerance_of(sizes)
-    which, command = np.nonzero(flown)
+    tolerances = accepted_errors(sizes)
+    point_index, command = np.nonzero(flown)
     flights = _Flights(points.trim, trims.targets, jnp.asarray(sizes), jnp.asarray(tolerances))
-    of, step, total = (airframe, environment, gains, limits), jnp.asarray(step_s), len(which)
+    fixed, step, total = (airframe, environment, gains, limits), jnp.asarray(step_s), len(point_index)
 
-    def fly(of_batch: np.ndarray) -> SurveySummary:
-        return clock.run(_fly, of, flights, jnp.asarray(which[of_batch]), jnp.asarray(command[of_batch]), step, count)
+    def fly(batch: np.ndarray) -> SurveySummary:
+        return clock.run(
+            _fly, fixed, flights, jnp.asarray(point_index[batch]), jnp.asarray(command[batch]), step, count
+        )
 
-    summaries = run_in_batches(fly, total, BATCH, lambda done: on_progress(f"flying {total} flights", done / total))
+    summaries = run_in_batches(
+        fly, total, BATCH, lambda count_done: report_progress(f"flying {total} flights", count_done / total)
+    )
     dataset = envelope_dataset(
         trims,
         {c.name: c.meaning for c in COMMANDS},
         flown,
         summaries,
         classify_flights(
-            summaries, tolerances[command], count * step_s, _beyond(points.trim, trims.airspeeds, limits)[which]
+            summaries,
+            tolerances[command],
+            count * step_s,
+            _is_beyond_limits(points.trim, trims.airspeeds, limits)[point_index],
         ),
         {
             **attributes,
@@ -228,8 +234,8 @@ def survey_envelope(
     return EnvelopeSurvey(dataset, clock.compile_s, clock.run_s)
 
 
-def _beyond(trim: TrimPoint, airspeeds: np.ndarray, limits: FlightLimits) -> np.ndarray:
-    """Whether each point lies beyond limits of the autopilot."""
+def _is_beyond_limits(trim: TrimPoint, airspeeds: np.ndarray, limits: FlightLimits) -> np.ndarray:
+    """Mark the points beyond the limits of the autopilot."""
     alpha, bank = np.asarray(trim.alpha), np.abs(np.asarray(trim.mu))
     speed = np.broadcast_to(airspeeds.ravel(), (len(CONDITIONS), airspeeds.size)).ravel()
     return (
@@ -242,7 +248,7 @@ def _beyond(trim: TrimPoint, airspeeds: np.ndarray, limits: FlightLimits) -> np.
 
 
 class _Flights(eqx.Module):
-    """What the flights start from, over all points, and their commands."""
+    """Start of the flights over the points, and the commands' sizes and tolerances."""
 
     trim: TrimPoint
     target: TrimTarget
@@ -252,16 +258,16 @@ class _Flights(eqx.Module):
 
 @compiled
 def _fly(
-    of: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
+    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
     flights: _Flights,
-    which: jax.Array,
+    point_index: jax.Array,
     command: jax.Array,
     step: jax.Array,
     count: int,
 ) -> SurveySummary:
-    trims, targets = jax.tree.map(lambda leaf: leaf[which], (flights.trim, flights.target))
+    trims, targets = jax.tree.map(lambda leaf: leaf[point_index], (flights.trim, flights.target))
 
-    def one(trim: TrimPoint, target: TrimTarget, size: jax.Array, tolerance: jax.Array) -> SurveySummary:
-        return survey_flight(*of, trim, target, size, tolerance, step, count)
+    def fly_step(trim: TrimPoint, target: TrimTarget, size: jax.Array, tolerance: jax.Array) -> SurveySummary:
+        return survey_flight(*fixed, trim, target, size, tolerance, step, count)
 
-    return jax.vmap(one)(trims, targets, flights.sizes[command], flights.tolerances[command])
+    return jax.vmap(fly_step)(trims, targets, flights.sizes[command], flights.tolerances[command])

@@ -1,6 +1,6 @@
-"""The linear model about a trim point with its modes.
+"""Linear model about a trim point, with its modes.
 
-As a labelled dataset, as JSON and as a python-control system.
+Available as a labelled dataset, as JSON and as a python-control system.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 LINEAR_FORMAT_VERSION = 1
-"""Raised when a name is taken away or changes its meaning."""
+"""Format version of the document; raised when a name is removed or changes meaning."""
 
 _UNITS = {
     **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi", "gamma", "chi", "mu"), "rad"),
@@ -51,7 +51,7 @@ _UNITS = {
     "power": "percent",
     "throttle": "1",
     "n_z": "1",
-    # the memory of the autopilot's sensors
+    # the state of the autopilot's sensors
     **dict.fromkeys(("X", "Y", "Z"), "N"),
     **dict.fromkeys(("P_dot", "Q_dot", "R_dot"), "rad s-2"),
 }
@@ -67,32 +67,32 @@ _MODE_FIGURES = {
     "period": ("s", "Period"),
     "time_to_half": ("s", "Time to half the amplitude; negative: minus the time to double"),
 }
-"""Units and words; the names in dataset and JSON have the unit as their suffix."""
+"""Units and long names; in the dataset and in JSON the names have the unit as a suffix."""
 _SUFFIX = {"s-1": "_1_s", "rad s-1": "_rad_s", "1": "", "s": "_s"}
 
 
 def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
-    """Unit of a state, an input or an output, as CF writes it.
+    """Return the unit of a state, an input or an output, in the notation of CF.
 
     Parameters
     ----------
     name
-        In a `LinearModel`.
+        Name in a `LinearModel`.
     surfaces
         Names of the airframe's control surfaces.
 
     Raises
     ------
     ValueError
-        No unit is known for this name.
+        The name has no known unit.
     """
-    moving = {f"{surface}_velocity": "rad s-1" for surface in surfaces}
-    units = {**_UNITS, **dict.fromkeys(surfaces, "rad"), **moving}
-    channel, _, kind = name.rpartition("_")
-    base = channel if kind in (*_SAME_UNIT, "integral") and name not in units else name
+    surface_rates = {f"{surface}_velocity": "rad s-1" for surface in surfaces}
+    units = {**_UNITS, **dict.fromkeys(surfaces, "rad"), **surface_rates}
+    channel, _, suffix = name.rpartition("_")
+    base = channel if suffix in (*_SAME_UNIT, "integral") and name not in units else name
     if base not in units:
         raise ValueError(f"no unit is known for {name}, of an aircraft with the surfaces {', '.join(surfaces)}")
-    return _TIMES_SECOND[units[base]] if base != name and kind == "integral" else units[base]
+    return _TIMES_SECOND[units[base]] if base != name and suffix == "integral" else units[base]
 
 
 def linear_dataset(
@@ -103,17 +103,17 @@ def linear_dataset(
     Parameters
     ----------
     model, modes
-        The model and what `modes_of` makes of it.
+        The model and the result of `modes_of`.
     attributes
-        What it is a model of.
+        Aircraft and condition, for the dataset's attributes.
 
     Returns
     -------
     xr.Dataset
-        A (state_rate, state), B (state_rate, input), C (output, state), D (output, input); the condition that is
-        departed from; figures of the modes over (mode) and what part each state has in them over (mode, wind_state),
-        see `wind_axis_states`. An element of A has the unit of its row, per second in continuous time, over that of its
-        column: `state_unit` and so on stand beside the names. Infinite times are inf.
+        A (state_rate, state), B (state_rate, input), C (output, state), D (output, input); the reference condition;
+        mode figures over (mode) and participation factors over (mode, wind_state), see `wind_axis_states`. The unit of
+        an element of A is the row's unit, per second in continuous time, divided by the column's unit: see the
+        coordinates `state_unit` and so on. Infinite times are inf.
     """
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
@@ -129,10 +129,10 @@ def linear_dataset(
         coordinates[f"{dimension}_unit"] = (dimension, np.array([unit_of(name, model.surfaces) for name in names]))
     coordinates["mode_name"] = ("mode", np.array([mode.name for mode in modes]))
     coordinates["mode_order"] = ("mode", np.array([mode.order for mode in modes], dtype=np.int32))
-    after = "next states" if sampled else "rates of the states"
+    next_or_rates = "next states" if sampled else "rates of the states"
     data: dict[str, Any] = {
-        "A": (("state_rate", "state"), np.asarray(model.A), {"long_name": f"From states to {after}"}),
-        "B": (("state_rate", "input"), np.asarray(model.B), {"long_name": f"From inputs to {after}"}),
+        "A": (("state_rate", "state"), np.asarray(model.A), {"long_name": f"From states to {next_or_rates}"}),
+        "B": (("state_rate", "input"), np.asarray(model.B), {"long_name": f"From inputs to {next_or_rates}"}),
         "C": (("output", "state"), np.asarray(model.C), {"long_name": "From states to outputs"}),
         "D": (("output", "input"), np.asarray(model.D), {"long_name": "From inputs to outputs"}),
         "state_at_condition": ("state", np.asarray(model.x), {"long_name": "State departed from"}),
@@ -140,15 +140,19 @@ def linear_dataset(
         "input_at_condition": ("input", np.asarray(model.u), {"long_name": "Input departed from"}),
         "output_at_condition": ("output", np.asarray(model.y), {"long_name": "Output departed from"}),
     }
-    for name, (row, column) in {"A": ("state", "state"), "B": ("state", "input"), "C": ("output", "state")}.items():
+    for name, (row_dimension, column_dimension) in {
+        "A": ("state", "state"),
+        "B": ("state", "input"),
+        "C": ("output", "state"),
+    }.items():
         per_second = " s-1" if name != "C" and not sampled else ""
-        data[name][2]["units"] = f"{row}_unit{per_second} / {column}_unit"
+        data[name][2]["units"] = f"{row_dimension}_unit{per_second} / {column_dimension}_unit"
     data["D"][2]["units"] = "output_unit / input_unit"
-    for name, over in (("state", ""), ("rate", " s-1"), ("input", ""), ("output", "")):
-        data[f"{name}_at_condition"][2]["units"] = f"{'state' if name == 'rate' else name}_unit{over}"
-    for name, (unit, words) in _MODE_FIGURES.items():
+    for name, per_time in (("state", ""), ("rate", " s-1"), ("input", ""), ("output", "")):
+        data[f"{name}_at_condition"][2]["units"] = f"{'state' if name == 'rate' else name}_unit{per_time}"
+    for name, (unit, long_name) in _MODE_FIGURES.items():
         values = np.array([_figure(mode, name) for mode in modes])
-        data[name + _SUFFIX[unit]] = ("mode", values, {"units": unit, "long_name": words})
+        data[name + _SUFFIX[unit]] = ("mode", values, {"units": unit, "long_name": long_name})
     shares = np.array([[dict(mode.shares)[state] for state in wind_states] for mode in modes])
     data["share"] = (("mode", "wind_state"), shares, {"units": "1", "long_name": "Part of a state in a mode"})
     return xr.Dataset(data, coordinates, {**attributes, "step_s": float(model.step), **version_attributes()})
@@ -157,16 +161,16 @@ def linear_dataset(
 def linear_document(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> dict[str, Any]:
-    """Say the same as `linear_dataset` in plain data: names, numbers, lists; infinite times are None."""
+    """Return the content of `linear_dataset` as plain data: names, numbers, lists; infinite times are None."""
     return {
         "format_version": LINEAR_FORMAT_VERSION,
         "provenance": software_versions(),
         "condition": dict(attributes),
         "units": "SI and radians",
         "step_s": float(model.step),
-        "states": _named(model.surfaces, model.states, model.x, model.x_dot),
-        "inputs": _named(model.surfaces, model.inputs, model.u),
-        "outputs": _named(model.surfaces, model.outputs, model.y),
+        "states": _named_elements(model.surfaces, model.states, model.x, model.x_dot),
+        "inputs": _named_elements(model.surfaces, model.inputs, model.u),
+        "outputs": _named_elements(model.surfaces, model.outputs, model.y),
         **{name: np.asarray(getattr(model, name)).tolist() for name in "ABCD"},
         "modes": [
             {
@@ -183,43 +187,46 @@ def linear_document(
     }
 
 
-def _named(surfaces: Sequence[str], names: tuple[str, ...], values: Any, rates: Any = None) -> list[dict[str, Any]]:
+def _named_elements(
+    surfaces: Sequence[str], names: tuple[str, ...], values: Any, rates: Any = None
+) -> list[dict[str, Any]]:
     columns = {"value": values} if rates is None else {"value": values, "rate": rates}
-    rows = zip(names, *columns.values(), strict=True)
+    element_values = zip(names, *columns.values(), strict=True)
     return [
-        {"name": n, "unit": unit_of(n, surfaces), **dict(zip(columns, map(float, of), strict=True))} for n, *of in rows
+        {"name": name, "unit": unit_of(name, surfaces), **dict(zip(columns, map(float, numbers), strict=True))}
+        for name, *numbers in element_values
     ]
 
 
-def _figure(mode: Mode, name: str) -> float:
-    if name.startswith("eigenvalue"):
-        return mode.eigenvalue.real if name.endswith("real") else mode.eigenvalue.imag
-    return getattr(mode, name)
+def _figure(mode: Mode, figure: str) -> float:
+    if figure.startswith("eigenvalue"):
+        return mode.eigenvalue.real if figure.endswith("real") else mode.eigenvalue.imag
+    return getattr(mode, figure)
 
 
-_HELD = 0.01
-"""Error that a loop may have while it holds a trim point, in rad, rad/s or m/s. In a steady turn it asks for a sideslip
-of 0 where the trim point has some tenths of a millirad."""
+_ERROR_TOLERANCE = 0.01
+"""Largest error of a loop at an accepted trim point, in rad, rad/s or m/s. In a steady turn the loop commands zero
+sideslip, and the trim point has some tenths of a millirad."""
 
-_MODE = ("mode", "natural frequency, rad/s", "damping ratio", "time constant, s")
+_MODE_COLUMNS = ("mode", "natural frequency, rad/s", "damping ratio", "time constant, s")
 
 _open_model = compiled(linear_model)
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class LinearizationResult:
-    """A linear model with its modes; printed, it is these.
+    """Linear model with its modes; printed as a table of the modes.
 
     Attributes
     ----------
     model
         Matrices, names, and the condition.
     modes
-        Fastest first.
+        Modes, fastest first.
     trim
-        The trim point that it is a model about.
+        Trim point of the linearization.
     condition
-        What was asked for, with units in the names.
+        Arguments of the linearization, with units in the names.
     """
 
     model: LinearModel
@@ -228,43 +235,44 @@ class LinearizationResult:
     condition: dict[str, str | float | int]
 
     def __repr__(self) -> str:
-        rows = [{key: key for key in _MODE}, *self._modes()]
-        widths = [max(len(row[key]) for row in rows) for key in _MODE]
+        table = [{key: key for key in _MODE_COLUMNS}, *self._modes()]
+        widths = [max(len(cells[key]) for cells in table) for key in _MODE_COLUMNS]
         lines = (
             "  ".join(
                 f"{cell:<{w}}" if k == 0 else f"{cell:>{w}}"
-                for k, (cell, w) in enumerate(zip(row.values(), widths, strict=True))
+                for k, (cell, w) in enumerate(zip(cells.values(), widths, strict=True))
             )
-            for row in rows
+            for cells in table
         )
-        return "\n".join([self._title(), *(f"  {one}" for one in lines)])
+        return "\n".join([self._title(), *(f"  {text}" for text in lines)])
 
     def _repr_html_(self) -> str:
         return notebook_table(self._title(), self._modes())
 
     def _title(self) -> str:
-        of, model = self.condition, self.model
+        condition, model = self.condition, self.model
         sizes = f"{len(model.states)} states, {len(model.inputs)} inputs, {len(model.outputs)} outputs"
-        return f"{of['aircraft']} at {of['speed_m_s']:g} m/s and {of['altitude_m']:g} m, {of['loop']} loop: {sizes}"
+        flight = f"{condition['aircraft']} at {condition['speed_m_s']:g} m/s and {condition['altitude_m']:g} m"
+        return f"{flight}, {condition['loop']} loop: {sizes}"
 
     def _modes(self) -> list[dict[str, str]]:
-        numbers = ((one.natural_frequency, one.damping_ratio, one.time_constant) for one in self.modes)
-        cells = (
-            (one.name, *(f"{value:.4g}" for value in three)) for one, three in zip(self.modes, numbers, strict=True)
+        numbers = ((mode.natural_frequency, mode.damping_ratio, mode.time_constant) for mode in self.modes)
+        table = (
+            (mode.name, *(f"{value:.4g}" for value in three)) for mode, three in zip(self.modes, numbers, strict=True)
         )
-        return [dict(zip(_MODE, row, strict=True)) for row in cells]
+        return [dict(zip(_MODE_COLUMNS, texts, strict=True)) for texts in table]
 
     @property
     def dataset(self) -> xr.Dataset:
-        """All of it, labelled: see `anser.results.linear_dataset`."""
+        """Labelled model and modes: see `linear_dataset`."""
         return linear_dataset(self.model, self.modes, self.condition)
 
     def document(self) -> dict[str, Any]:
-        """All of it in plain data, for JSON."""
+        """Return model and modes as plain data, for JSON."""
         return linear_document(self.model, self.modes, self.condition)
 
     def state_space(self) -> "control.StateSpace":
-        """System of the python-control library, with the names; sampled if the model is.
+        """Return a state-space system of the python-control library, with the names; sampled if the model is.
 
         Raises
         ------
@@ -291,9 +299,9 @@ class LinearizationResult:
         Raises
         ------
         FileExistsError
-            `path` exists: nothing is overwritten.
+            `path` exists; files are never overwritten.
         ValueError
-            Another suffix.
+            The suffix is neither .nc nor .json.
         """
         if path.suffix == ".nc":
             write_netcdf(self.dataset, path)
@@ -320,50 +328,51 @@ def linearize(
     environment: Environment | None = None,
     gains: AutopilotGains | None = None,
 ) -> LinearizationResult:
-    """Trim an aircraft and linearize it there, by itself or under its autopilot.
+    """Trim an aircraft and linearize the airframe alone or under its autopilot.
 
     Parameters
     ----------
     aircraft
         Name of an airframe of the library, or an airframe.
     variant, x_cg_over_c
-        Of the library's airframe: see `load_airframe`.
+        Variant and centre of gravity of the library's airframe: see `load_airframe`.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
     path_angle_deg, turn_rate_deg_s, path_rate_deg_s
-        Climb angle; rate of the course, right positive; rate of the climb angle, up positive (a path bent upwards).
+        Climb angle; rate of the course, right positive; rate of the climb angle, up positive.
     pitch_rate_deg_s
-        Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not with the two
+        Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); excludes the two
         rates above.
     loop
-        "open": the aircraft by itself, in continuous time. Otherwise the loop of its autopilot that is commanded, from
-        sample to sample.
+        "open": the airframe alone, in continuous time. Otherwise the commanded loop of the autopilot, as a sampled
+        model.
     actuators
-        In the open loop: whether the inputs are commands to the actuators, which are then states.
+        True: in the open loop, the inputs are commands to the actuators, and the deflections are states.
     step_s
         Sampling period of the autopilot.
     environment
-        Air, wind and gravity; the standard ones without it.
+        Air, wind and gravity; None: standard atmosphere and gravity, no wind.
     gains
-        Of the autopilot; the published ones without them.
+        Gains of the autopilot; None: the published gains.
 
     Returns
     -------
-    Linearized
-        With `dataset`, `modes`, `state_space()`, `document()` and `write(path)`. SI units and radians.
+    LinearizationResult
+        Has `dataset`, `modes`, `state_space()`, `document()` and `write(path)`. SI units and radians.
 
     Raises
     ------
     ConditionError
-        There is no such steady flight, or the loop does not hold it, or it is within 1 deg of the vertical; the message
-        says which and why.
+        The steady flight does not exist, the loop does not hold the flight, or the nose or the path is within 1 deg of
+        the vertical; the message gives the reason.
     ValueError
-        No such airframe, a centre of gravity for one that is not the library's, or a pitch rate with another rate.
+        No airframe has this name, a centre of gravity was given for an airframe outside the library, or a pitch rate
+        was combined with another rate.
     """
     enable_compilation_cache()
-    airframe, of = resolve_airframe(aircraft, variant, x_cg_over_c)
+    airframe, attributes = resolve_airframe(aircraft, variant, x_cg_over_c)
     if isinstance(airframe, AbstractF16) and airframe is not aircraft:
-        of["x_cg_over_c"] = float(airframe.x_cg)
+        attributes["x_cg_over_c"] = float(airframe.x_cg)
     environment = standard_environment() if environment is None else environment
     rates = (rate * DEG_RAD for rate in (turn_rate_deg_s, path_rate_deg_s, pitch_rate_deg_s))
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, 0.0, *rates)
@@ -373,14 +382,14 @@ def linearize(
     else:
         limits = default_limits()
         model = linearize_loop(LoopCase(airframe, environment, gains or published_gains(), limits, trim, step_s), loop)
-        _must_hold(model, limits, loop)
+        _check_held(model, limits, loop)
     if not bool(model.regular):
         raise ConditionError(
             "Nose or path stands within 1 deg of the vertical, where roll and yaw, or the course, mean nothing: "
             "no linear model in these states."
         )
     condition = {
-        **of,
+        **attributes,
         "speed_m_s": speed_m_s,
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,
@@ -393,22 +402,22 @@ def linearize(
     return LinearizationResult(model, modes_of(model), trim, condition)
 
 
-def _must_hold(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Refuse a trim point that the loop would leave at once: some command of it stands at a limit."""
+def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
+    """Refuse a trim point that the loop leaves at once because a command is at a limit."""
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:
         raise ConditionError(
             f"The velocity loop does not hold this flight: {V:.1f} m/s; the autopilot flies {low:g} to {high:g} m/s."
         )
-    # The integrals' rates are the errors; from the outermost loop inwards the first that is not 0 is the cause.
+    # The integrals' rates are the errors; the outermost nonzero error, from the outer loop inwards, is the cause.
     rates = dict(zip(model.states, np.asarray(model.x_dot).tolist(), strict=True))
     for inner in reversed(CHANNELS):
         for channel in CHANNELS[inner]:
             error = rates.get(f"{channel}_integral", 0.0)
-            if abs(error) > _HELD:
-                away = f"{error:+.2f} m/s" if channel == "V" else f"{error * RAD_DEG:+.2f} deg"
+            if abs(error) > _ERROR_TOLERANCE:
+                error_text = f"{error:+.2f} m/s" if channel == "V" else f"{error * RAD_DEG:+.2f} deg"
                 raise ConditionError(
-                    f"The {loop} loop does not hold this flight: the {channel} that it asks for is {away}"
+                    f"The {loop} loop does not hold this flight: the {channel} that it asks for is {error_text}"
                     f"{'/s' if inner == 'rates' else ''} off. "
                     "A command stands at a limit of the autopilot: bank, angle of attack, load factor or body rate."
                 )

@@ -1,6 +1,6 @@
 """Linear models by forward-mode differentiation.
 
-Coordinates of an aircraft's state, the open-loop model, and the sampled model under one loop of the autopilot.
+Coordinates of an aircraft's state, the open-loop model, and the sampled model under a loop of the autopilot.
 Kernel: JAX only.
 """
 
@@ -57,33 +57,33 @@ _MARGIN_COSINE = math.cos(89.0 * DEG_RAD)
 
 
 def body_states(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Names of the states of flight and engine (power in percent)."""
+    """Return the names of the states of flight and engine (power in percent)."""
     return _FLIGHT_STATES + airframe.engine.state_names
 
 
 def all_states(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Names of all states, those of the actuators last (deflections in rad)."""
+    """Return the names of the states of flight, engine and actuators, in this order (deflections in rad)."""
     return body_states(airframe) + airframe.actuators.state_names
 
 
 def coordinates_of(environment: Environment, state: AircraftState) -> Coordinates:
-    """Coordinates of a state; north and east are left out, for nothing depends on them."""
+    """Return the coordinates of a state. North and east are omitted: the dynamics do not depend on them."""
     velocity_air_b, _ = _through_air(environment, state)
     flow = jnp.stack(flow_angles(velocity_air_b))
     euler = euler_from_quaternion(state.quaternion)
     altitude = -state.position_n[2:]
-    own = [jnp.ravel(leaf) for leaf in jax.tree.leaves((state.engine, state.actuators))]
-    return jnp.concatenate([flow, euler, state.rates_b, altitude, *own])
+    component_states = [jnp.ravel(leaf) for leaf in jax.tree.leaves((state.engine, state.actuators))]
+    return jnp.concatenate([flow, euler, state.rates_b, altitude, *component_states])
 
 
-def state_at(environment: Environment, coordinates: Coordinates, like: AircraftState) -> AircraftState:
-    """State of coordinates, north, east and the structure as in `like`: the inverse of `coordinates_of`."""
+def state_at(environment: Environment, coordinates: Coordinates, template: AircraftState) -> AircraftState:
+    """Return the state at given coordinates: the inverse of `coordinates_of`; north and east as in `template`."""
     V, alpha, beta, phi, theta, psi = coordinates[:6]
-    position_n = jnp.stack([like.position_n[0], like.position_n[1], -coordinates[9]])
+    position_n = jnp.stack([template.position_n[0], template.position_n[1], -coordinates[9]])
     velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
     wind_b = rotate(rotation_from_euler(phi, theta, psi), environment.wind.at(position_n, 0.0))
-    _, own_of = ravel_pytree((like.engine, like.actuators))
-    engine, actuators = own_of(coordinates[len(_FLIGHT_STATES) :])
+    _, unflatten = ravel_pytree((template.engine, template.actuators))
+    engine, actuators = unflatten(coordinates[len(_FLIGHT_STATES) :])
     return AircraftState(
         position_n=position_n,
         velocity_b=velocity_air_b + wind_b,
@@ -95,7 +95,7 @@ def state_at(environment: Environment, coordinates: Coordinates, like: AircraftS
 
 
 def air_outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Float[Array, "4"]:
-    """Values of `AIR_OUTPUTS` in a state."""
+    """Return the values of `AIR_OUTPUTS` in a state."""
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     _, alpha, beta = flow_angles(velocity_air_b)
     gamma, chi = path_angles(velocity_air_n)
@@ -106,10 +106,11 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 
 
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
-    """Whether the coordinates are good at a state.
+    """Return True if the coordinates are regular at a state.
 
-    They fail, not the flight, where roll and yaw are one (nose straight up or down), where there is no course (flight
-    straight up or down) or no angle of attack (sideslip of 90 deg): False within 1 deg of any of these, and at rest.
+    Coordinates, not the flight, are singular if the nose points straight up or down (roll and yaw coincide), if the
+    path is vertical (no course), or if the sideslip is 90 deg (no angle of attack). False within 1 deg of these, and at
+    rest.
     """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     V, _, beta = flow_angles(velocity_air_b)
@@ -120,34 +121,34 @@ def is_regular(environment: Environment, state: AircraftState) -> Flag:
 
 
 def _through_air(environment: Environment, state: AircraftState) -> tuple[Vector3, Vector3]:
-    """Velocity through the air in body and in NED axes, m/s."""
+    """Return the velocity relative to the air in body and in NED axes, m/s."""
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     return state.velocity_b - rotate(R_bn, wind_n), rotate_back(R_bn, state.velocity_b) - wind_n
 
 
 class LinearModel(eqx.Module):
-    """Small departures from a flight condition: dx_dot = A dx + B du, dy = C dx + D du; SI units and radians.
+    """Small deviations from a flight condition: dx_dot = A dx + B du, dy = C dx + D du; SI units and radians.
 
-    Where `step` is not 0 the model is one of samples: dx(k+1) = A dx(k) + B du(k).
+    If `step` is not 0, the model is sampled: dx(k+1) = A dx(k) + B du(k).
 
     Attributes
     ----------
     A, B, C, D
         Matrices; rows and columns in the order of the names.
     x, u, y
-        States, inputs and outputs of the condition that is departed from.
+        States, inputs and outputs of the reference condition.
     x_dot
-        Rates of the states in it: 0 but for those that may change in steady flight (heading, altitude, and the pitch
-        angle of a pull-up). Of a sampled model: the mean rates over one step.
+        Rates of the states at the reference condition. Only heading, altitude and the pitch angle of a pull-up may have
+        nonzero rates in steady flight. Sampled models: mean rates over a step.
     step
         Sampling period, s; 0 for continuous time.
     regular
-        Whether the coordinates are good at this condition: see `is_regular`.
+        True if the coordinates are regular at the condition: see `is_regular`.
     states, inputs, outputs
         Names.
     surfaces
-        Names of the airframe's control surfaces, of which states and inputs are made.
+        Names of the airframe's control surfaces; part of the names of states and inputs.
     """
 
     A: Float[Array, "state state"]
@@ -174,26 +175,25 @@ def linearize(
     *,
     actuators: bool = False,
 ) -> LinearModel:
-    """Linear model of the six-degree-of-freedom motion over a flat Earth about any condition, steady or not.
+    """Linearize the six-degree-of-freedom motion over a flat Earth about any condition, steady or not.
 
-    The derivatives are exact. Where a table or the engine's lag has a kink, they are those of the side to which the
-    look-up belongs (of the cell above a breakpoint); at a stop of the throttle or of an actuator, the mean of both
-    sides.
+    The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is that of the side used by
+    the look-up (the cell above a breakpoint); at a stop of the throttle or of an actuator, the mean of both sides.
 
     Parameters
     ----------
     airframe, environment
-        Any airframe; a flat Earth.
+        Airframe; environment with a flat Earth.
     state, controls
-        The condition, for instance of a `TrimPoint`.
+        Reference condition, for instance of a `TrimPoint`.
     actuators
-        False: the inputs elevator, aileron, rudder, or whatever the surfaces are, are deflections (those of
-        `controls`). True: they are commands to the actuators, whose states (those of `state`) are added.
+        False: the inputs (elevator, aileron, rudder, or the airframe's surfaces) are the deflections in `controls`.
+        True: the inputs are commands to the actuators, and the actuators' states in `state` are added to the states.
 
     Raises
     ------
     TypeError
-        The Earth is not flat: the classical states belong to a flat one.
+        The Earth is not flat: the classical states are defined over a flat Earth.
     """
     require_flat_earth(environment)
     names = all_states(airframe) if actuators else body_states(airframe)
@@ -202,20 +202,20 @@ def linearize(
     def motion(xu: Array) -> Array:
         x, u = xu[:count], xu[count:]
         if actuators:
-            now = state_at(environment, x, state)
+            current_state = state_at(environment, x, state)
         else:
-            rest = coordinates_of(environment, state)[count:]
-            now = state_at(environment, jnp.concatenate([x, rest]), state)
-            now = eqx.tree_at(lambda s: s.actuators, now, airframe.actuators.steady_state(u[1:]))
-        rate = state_derivative(airframe, environment, 0.0, now, Controls(surfaces=u[1:], throttle=u[0]))
-        _, x_dot = jax.jvp(lambda s: coordinates_of(environment, s), (now,), (rate,))
-        return jnp.concatenate([x_dot[:count], x, air_outputs(airframe, environment, now)])
+            actuator_states = coordinates_of(environment, state)[count:]
+            current_state = state_at(environment, jnp.concatenate([x, actuator_states]), state)
+            current_state = eqx.tree_at(lambda s: s.actuators, current_state, airframe.actuators.steady_state(u[1:]))
+        rate = state_derivative(airframe, environment, 0.0, current_state, Controls(surfaces=u[1:], throttle=u[0]))
+        _, x_dot = jax.jvp(lambda s: coordinates_of(environment, s), (current_state,), (rate,))
+        return jnp.concatenate([x_dot[:count], x, air_outputs(airframe, environment, current_state)])
 
     x = coordinates_of(environment, state)[:count]
     u = jnp.concatenate([jnp.asarray(controls.throttle)[None], controls.surfaces])
-    found = linearize_function(motion, jnp.concatenate([x, u]))
-    (A, B), (C, D) = (jnp.split(rows, [count], axis=1) for rows in jnp.split(found.slope, [count]))
-    x_dot, y = jnp.split(found.value, [count])
+    linearization = linearize_function(motion, jnp.concatenate([x, u]))
+    (A, B), (C, D) = (jnp.split(block, [count], axis=1) for block in jnp.split(linearization.slope, [count]))
+    x_dot, y = jnp.split(linearization.value, [count])
     return LinearModel(
         *(A, B, C, D, x, u, y, x_dot),
         step=jnp.zeros(()),
@@ -228,23 +228,23 @@ def linearize(
 
 
 class Linearization(NamedTuple):
-    """A value and its derivatives, one row for each element."""
+    """Value and derivatives of a function, a row per element."""
 
     value: Float[Array, " row"]
     slope: Float[Array, "row column"]
 
 
-def linearize_function(function: Callable[[Array], Array], at: Float[Array, " column"]) -> Linearization:
-    """Value and forward-mode derivatives, one column after the other.
+def linearize_function(function: Callable[[Array], Array], point: Float[Array, " column"]) -> Linearization:
+    """Return a function's value and forward-mode derivatives, computed column by column.
 
-    The same as `jax.jacfwd`, which takes all columns at once and twice as long to compile.
+    Equal to `jax.jacfwd`, which differentiates the columns at once and takes twice as long to compile.
     """
-    values, columns = jax.lax.map(lambda tangent: jax.jvp(function, (at,), (tangent,)), jnp.eye(at.size))
+    values, columns = jax.lax.map(lambda tangent: jax.jvp(function, (point,), (tangent,)), jnp.eye(point.size))
     return Linearization(values[0], columns.T)
 
 
 def require_flat_earth(environment: Environment) -> None:
-    """Refuse a round Earth."""
+    """Raise TypeError if the environment's Earth is not flat."""
     if not isinstance(environment.earth, FlatEarth):
         raise TypeError(
             f"linearization: the environment's Earth is a {type(environment.earth).__name__}; "
@@ -257,59 +257,60 @@ CHANNELS: dict[Loop, tuple[str, str, str]] = {
     "attitude": ("mu", "alpha", "beta"),
     "velocity": ("V", "gamma", "chi"),
 }
-"""What each loop controls, from the innermost outwards."""
+"""Controlled channels of each loop, innermost loop first."""
 
 
-def _named(channels: tuple[str, ...], what: str) -> tuple[str, ...]:
-    return tuple(f"{channel}_{what}" for channel in channels)
+def _with_suffix(channels: tuple[str, ...], suffix: str) -> tuple[str, ...]:
+    return tuple(f"{channel}_{suffix}" for channel in channels)
 
 
-_OWN_MEMORY: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
+_LOOP_STATE_FIELDS: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
     "rates": [
-        ("rates_integral", _named(CHANNELS["rates"], "integral")),
+        ("rates_integral", _with_suffix(CHANNELS["rates"], "integral")),
         ("surfaces_filter", ()),
     ],
     "attitude": [
-        ("attitude_integral", _named(CHANNELS["attitude"], "integral")),
-        ("rates_filter", _named(CHANNELS["rates"], "filter")),
+        ("attitude_integral", _with_suffix(CHANNELS["attitude"], "integral")),
+        ("rates_filter", _with_suffix(CHANNELS["rates"], "filter")),
         ("surfaces_slow", ()),
     ],
     "velocity": [
-        ("velocity_integral", _named(CHANNELS["velocity"], "integral")),
-        ("attitude_filter", _named(CHANNELS["attitude"], "filter")),
+        ("velocity_integral", _with_suffix(CHANNELS["velocity"], "integral")),
+        ("attitude_filter", _with_suffix(CHANNELS["attitude"], "filter")),
     ],
 }
-"""Fields of the autopilot's memory that each loop adds to those of the loops inside it, with names of their elements;
-where there are none, of the surfaces."""
-_OF_SURFACES = {"surfaces_filter": "filter", "surfaces_slow": "slow"}
+"""Fields of the autopilot's state added by each loop to the inner loops' fields, with the names of the elements.
+Without names the elements are the surfaces."""
+_SURFACE_FIELD_SUFFIXES = {"surfaces_filter": "filter", "surfaces_slow": "slow"}
 SENSOR_STATE_FIELDS = (
     "residual",
     (
-        *_named(("X", "Y", "Z"), "residual"),
-        *_named(CHANNELS["rates"], "dot_residual"),
-        *_named(CHANNELS["rates"], "last"),
-        *_named(CHANNELS["rates"], "dot_last"),
+        *_with_suffix(("X", "Y", "Z"), "residual"),
+        *_with_suffix(CHANNELS["rates"], "dot_residual"),
+        *_with_suffix(CHANNELS["rates"], "last"),
+        *_with_suffix(CHANNELS["rates"], "dot_last"),
     ),
 )
-"""Memory of the sensors, which takes part in incremental inversion."""
-_EULER = slice(3, 6)
+"""State of the sensors, used by incremental inversion: field and names of the elements."""
+_EULER_ANGLES = slice(3, 6)
 
 
 def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
-    """Linear model of the sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
+    """Linearize a sampled loop about a trim point: dx(k+1) = A dx(k) + B dc(k).
 
-    States: those of the aircraft with its actuators, and the autopilot's memory (integrals, filters). Inputs: the
-    commands to the loop's three channels, held over a step; the throttle stays at trim unless the velocity loop is
-    closed. It is the step of `step_response`: control law, then `advance`. Where a command, a surface or the throttle
-    stands at a limit, the loop is open there, and so is the model.
+    States: aircraft with actuators, and the autopilot's integrals and filters. Inputs: commands to the three channels
+    of the loop, constant over a step; the throttle stays at trim unless the velocity loop is closed. A step is the step
+    of `step_response`: control law, then `advance`. If a command, a surface or the throttle is at a limit, the loop is
+    open there, and so is the model.
 
     Parameters
     ----------
     case
-        What flies from which trim point, and how. The gains' sensor bandwidth must be a concrete number, not traced:
-        above 0 (incremental inversion) the memory of the sensors is part of the state.
+        Airframe, environment, gains, limits, trim point and sampling period. The gains' sensor bandwidth must be a
+        concrete number, not traced: above 0 (incremental inversion) the state of the sensors belongs to the model's
+        state.
     loop
-        Which loop is commanded; those inside it are closed.
+        Commanded loop; the inner loops are closed.
 
     Raises
     ------
@@ -317,35 +318,35 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
         The Earth is not flat.
     """
     require_flat_earth(case.environment)
-    # Compiled in two parts: the motion, by far the larger, is the same for all loops.
+    # Compiled in two parts: the motion, by far the larger part, is common to the loops.
     states = all_states(case.airframe)
-    own, commands = len(states), len(case.airframe.actuators.names) + 1
-    memory = state_fields_of(loop, case.airframe) + (
+    aircraft_size, controls_size = len(states), len(case.airframe.actuators.names) + 1
+    fields = state_fields_of(loop, case.airframe) + (
         [SENSOR_STATE_FIELDS] if bool(case.gains.sensor_bandwidth > 0) else []
     )
-    z, command, law = _law(case, loop, tuple(field for field, _ in memory))
-    motion = sampled_motion(case, law.value[:commands])
-    after = jnp.concatenate([motion.value[:own], law.value[commands:]])
-    # x_after = M (x, controls) and (controls, memory_after) = L (x, memory, command), by the chain rule.
-    moved, seen = jnp.split(motion.slope, [own])
-    through = moved[:, own:] @ law.slope[:commands]
-    through = through.at[:, :own].add(moved[:, :own])
-    A, B = jnp.split(jnp.concatenate([through, law.slope[commands:]]), [z.size], axis=1)
-    change = after - z
-    change = change.at[_EULER].set(wrap_angle(change[_EULER]))
+    z, command, law = _law(case, loop, tuple(field for field, _ in fields))
+    motion = sampled_motion(case, law.value[:controls_size])
+    next_state = jnp.concatenate([motion.value[:aircraft_size], law.value[controls_size:]])
+    # Chain rule: next_x = M (x, controls) and (controls, next_fields) = L (x, fields, command).
+    state_slope, output_slope = jnp.split(motion.slope, [aircraft_size])
+    closed_slope = state_slope[:, aircraft_size:] @ law.slope[:controls_size]
+    closed_slope = closed_slope.at[:, :aircraft_size].add(state_slope[:, :aircraft_size])
+    A, B = jnp.split(jnp.concatenate([closed_slope, law.slope[controls_size:]]), [z.size], axis=1)
+    change = next_state - z
+    change = change.at[_EULER_ANGLES].set(wrap_angle(change[_EULER_ANGLES]))
     return LinearModel(
         A=A,
         B=B,
-        C=jnp.concatenate([jnp.eye(own), seen[:, :own]]) @ jnp.eye(own, z.size),
-        D=jnp.zeros((own + len(AIR_OUTPUTS), 3)),
+        C=jnp.concatenate([jnp.eye(aircraft_size), output_slope[:, :aircraft_size]]) @ jnp.eye(aircraft_size, z.size),
+        D=jnp.zeros((aircraft_size + len(AIR_OUTPUTS), 3)),
         x=z,
         u=command,
-        y=jnp.concatenate([z[:own], motion.value[own:]]),
+        y=jnp.concatenate([z[:aircraft_size], motion.value[aircraft_size:]]),
         x_dot=change / case.step,
         step=case.step,
         regular=is_regular(case.environment, case.trim.state),
-        states=states + tuple(name for _, names in memory for name in names),
-        inputs=_named(CHANNELS[loop], "command"),
+        states=states + tuple(name for _, names in fields for name in names),
+        inputs=_with_suffix(CHANNELS[loop], "command"),
         outputs=states + AIR_OUTPUTS,
         surfaces=case.airframe.actuators.names,
     )
@@ -353,56 +354,62 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """States and commands of the condition; controls and memory after a sample, as they depend on both."""
+    """Return the states and the commands of the condition, and the linearized control law.
+
+    The law maps states and commands to the controls and the autopilot's next state.
+    """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)
-    held = loop_outputs(belief, loop)
+    commands = loop_outputs(belief, loop)
     rate = believed_motion(belief).path_rates if loop == "velocity" else jnp.zeros(3)
 
-    def elements(memory: AutopilotState) -> list[Array]:
-        return [leaf for field in fields for leaf in jax.tree.leaves(getattr(memory, field))]
+    def elements(autopilot_state: AutopilotState) -> list[Array]:
+        return [leaf for field in fields for leaf in jax.tree.leaves(getattr(autopilot_state, field))]
 
-    own = len(all_states(airframe))
+    aircraft_size = len(all_states(airframe))
 
     def law(zc: Array) -> Array:
-        state = state_at(environment, zc[:own], trim.state)
-        memory = eqx.tree_at(elements, start, split_like(zc[own:-3], elements(start)))
+        state = state_at(environment, zc[:aircraft_size], trim.state)
+        autopilot_state = eqx.tree_at(elements, start, split_like(zc[aircraft_size:-3], elements(start)))
         command = loop_command(loop, zc[-3:], rate, trim.controls.throttle)
         belief = exact_belief(airframe, environment, state)
-        controls, _, memory = autopilot.control(memory, belief, command, case.step)
-        return jnp.concatenate([controls.surfaces, controls.throttle[None], *elements(memory)])
+        controls, _, autopilot_state = autopilot.control(autopilot_state, belief, command, case.step)
+        return jnp.concatenate([controls.surfaces, controls.throttle[None], *elements(autopilot_state)])
 
     z = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start)])
-    return z, held, linearize_function(law, jnp.concatenate([z, held]))
+    return z, commands, linearize_function(law, jnp.concatenate([z, commands]))
 
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """State after one step and outputs before it, as they depend on the state before and on the controls."""
+    """Linearize a sampling step: from the state and the controls to the next state and the outputs before the step."""
     airframe, environment, start = case.airframe, case.environment, case.trim.state
-    own = len(all_states(airframe))
+    aircraft_size = len(all_states(airframe))
 
     def motion(xu: Array) -> Array:
-        state = state_at(environment, xu[:own], start)
-        surfaces, throttle = xu[own:-1], xu[-1]
-        after = advance(airframe, environment, 0.0, state, Controls(surfaces, throttle), case.step)
-        return jnp.concatenate([coordinates_of(environment, after), air_outputs(airframe, environment, state)])
+        state = state_at(environment, xu[:aircraft_size], start)
+        surfaces, throttle = xu[aircraft_size:-1], xu[-1]
+        next_state = advance(airframe, environment, 0.0, state, Controls(surfaces, throttle), case.step)
+        return jnp.concatenate([coordinates_of(environment, next_state), air_outputs(airframe, environment, state)])
 
     return linearize_function(motion, jnp.concatenate([coordinates_of(environment, start), controls]))
 
 
-def split_like(flat: Float[Array, " element"], like: Sequence[Array]) -> list[Array]:
-    """A vector cut into arrays of given shapes."""
-    ends = np.cumsum([leaf.size for leaf in like])[:-1]
-    return [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, ends), like, strict=True)]
+def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> list[Array]:
+    """Split a vector into arrays with the shapes of `templates`."""
+    bounds = np.cumsum([leaf.size for leaf in templates])[:-1]
+    return [part.reshape(leaf.shape) for part, leaf in zip(jnp.split(flat, bounds), templates, strict=True)]
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Fields of the autopilot's memory that take part in a loop, with the names of their elements."""
-    surfaces, found = airframe.actuators.names, []
+    """Return the fields of the autopilot's state that take part in a loop, with the names of the elements."""
+    surfaces, fields = airframe.actuators.names, []
     for inner in CHANNELS:
-        found += [(field, names or _named(surfaces, _OF_SURFACES[field])) for field, names in _OWN_MEMORY[inner]]
+        fields += [
+            (field, names or _with_suffix(surfaces, _SURFACE_FIELD_SUFFIXES[field]))
+            for field, names in _LOOP_STATE_FIELDS[inner]
+        ]
         if inner == loop:
             break
-    return found
+    return fields

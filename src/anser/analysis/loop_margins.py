@@ -1,11 +1,11 @@
 """Stability margins of sampled loops.
 
 The closed loop with a test input at each breakpoint, its frequency response, and gain, phase, delay and disk
-margins. Kernel: JAX only. The margins of one loop at a time follow from its closed-loop response to a test input.
+margins. Kernel: JAX only. The margins with a single loop broken follow from the closed-loop response to a test input.
 With u = z + w at the breakpoint and z = T_zw w in the closed loop, the loop transfer function of negative feedback
-is L = -T_zw / (1 + T_zw), the sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary one T = 1 - S, and S - T = 1
-+ 2 T_zw. Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control Systems*
-40(5), 2020, with skew 0.
+is L = -T_zw / (1 + T_zw), the sensitivity S = 1 / (1 + L) = 1 + T_zw, the complementary sensitivity T = 1 - S, and
+S - T = 1 + 2 T_zw. Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduction to Disk Margins", *IEEE Control
+Systems* 40(5), 2020, with skew 0.
 """
 
 import equinox as eqx
@@ -36,27 +36,26 @@ from anser.simulation.response import LoopCase, believed_motion, exact_belief, t
 from anser.units import DEG_RAD
 
 INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
-"""Where a loop can be broken besides the commands to the actuators: the command to the engine, those to the loop of the
-body rates and to the loop of the attitude. The wanted sideslip is 0 whatever happens: no loop runs through it."""
+"""Breakpoints besides the commands to the actuators: the command to the engine, the commands to the body-rate loop and
+the commands to the attitude loop. The commanded sideslip is always 0: no loop runs through it."""
 SATURABLE_COMMANDS = ("thrust", "alpha or load factor", "bank", "body rates", "surfaces")
-"""Commands of the autopilot that can stand at a limit, where the loop is open; surfaces also at that of their rates."""
+"""Commands of the autopilot that can be at a limit, where the loop is open. "surfaces" includes the rate limits."""
 
 StateFields = tuple[str, ...]
 
 
 class ExcitedLoop(eqx.Module):
-    """The closed loop about a trim point: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
+    """Closed loop about a trim point: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
 
-    At each breakpoint u = z + w: z is the command that the autopilot computes, u is the one that is passed on, w is the
-    test input.
+    At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on.
 
     Attributes
     ----------
     A, B, C, D
-        Matrices; w and z in the order of `breakpoints`. No command depends on its own test input in the same sample:
-        the diagonal of D is 0.
+        Matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
+        diagonal of D is 0.
     limited
-        Which of `SATURABLE_COMMANDS` stand at a limit in the trim point: the autopilot does not hold it.
+        True for each of `SATURABLE_COMMANDS` at a limit in the trim point: the autopilot does not hold the trim.
     """
 
     A: Float[Array, "state state"]
@@ -67,15 +66,15 @@ class ExcitedLoop(eqx.Module):
 
 
 def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Where a loop can be broken, the actuators first."""
+    """Return the names of the breakpoints, actuators first."""
     return airframe.actuators.names + INNER_BREAKPOINTS
 
 
 def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> StateFields:
-    """Fields of the autopilot's memory that take part in the closed loop; the gains must be concrete.
+    """Return the fields of the autopilot's state that take part in the closed loop; the gains must be concrete.
 
-    Left out are the sensors' where the inversion is model-based, and the attitude's integrals where they have no gain:
-    they would be integrators that act on nothing.
+    The sensors' state is omitted for model-based inversion. The attitude integrals are omitted if their gain is 0: they
+    would be integrators without an effect.
     """
     fields = [field for field, _ in state_fields_of("velocity", airframe)]
     if not bool(jnp.any(gains.attitude.integral != 0.0)):
@@ -83,18 +82,18 @@ def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> Stat
     return (*fields, *((SENSOR_STATE_FIELDS[0],) if bool(gains.sensor_bandwidth > 0.0) else ()))
 
 
-def excited_loop(case: LoopCase, memory: StateFields) -> ExcitedLoop:
+def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     """Differentiate the sampled loop, `velocity_control` and then `advance`, about a trim point.
 
-    The command is the steady flight itself. In a steady turn the course it asks for turns with the aircraft, so that
-    the departures from it obey the same equations at every sample.
+    The command is the steady flight. In a steady turn the commanded course turns with the aircraft; the deviations obey
+    the same equations at every sample.
 
     Parameters
     ----------
     case
-        What flies from which trim point, and how; the Earth must be flat.
-    memory
-        What `loop_state_fields` says of the gains; a static argument of compiled functions.
+        Airframe, environment with a flat Earth, gains, limits, trim point and sampling period.
+    fields
+        Result of `loop_state_fields`; a static argument of compiled functions.
 
     Raises
     ------
@@ -103,58 +102,57 @@ def excited_loop(case: LoopCase, memory: StateFields) -> ExcitedLoop:
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat_earth(environment)
-    own, commands = len(all_states(airframe)), len(airframe.actuators.names) + 1
+    aircraft_size, controls_size = len(all_states(airframe)), len(airframe.actuators.names) + 1
     count = len(breakpoints(airframe))
     start, path = trimmed_autopilot_state(trim), believed_motion(exact_belief(airframe, environment, trim.state))
-    wanted = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
+    command = PathCommand(path.V, path.gamma, path.chi, *path.path_rates)
 
-    def elements(of: AutopilotState) -> list[Array]:
-        return [leaf for field in memory for leaf in jax.tree.leaves(getattr(of, field))]
+    def elements(autopilot_state: AutopilotState) -> list[Array]:
+        return [leaf for field in fields for leaf in jax.tree.leaves(getattr(autopilot_state, field))]
 
     def sampled(zw: Array) -> Array:
-        state = state_at(environment, zw[:own], trim.state)
-        before = eqx.tree_at(elements, start, split_like(zw[own:-5], elements(start)))
-        added = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
+        state = state_at(environment, zw[:aircraft_size], trim.state)
+        autopilot_state = eqx.tree_at(elements, start, split_like(zw[aircraft_size:-5], elements(start)))
+        excitation = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
         belief = exact_belief(airframe, environment, state)
-        model = onboard_model(belief, case.limits, case.gains, before, case.step)
-        controls, signals, after = velocity_control(model, case.gains, before, wanted, added)
+        model = onboard_model(belief, case.limits, case.gains, autopilot_state, case.step)
+        controls, signals, next_state = velocity_control(model, case.gains, autopilot_state, command, excitation)
         passed = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
-        return jnp.concatenate([*passed, *elements(after), _limited(signals).astype(float)])
+        return jnp.concatenate([*passed, *elements(next_state), _limited(signals).astype(float)])
 
     x = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start), jnp.zeros(5)])
     law = linearize_function(sampled, x)
-    motion = sampled_motion(case, law.value[:commands])
-    by_state, by_command = jnp.split(motion.slope[:own], [own], axis=1)
-    z, after = jnp.split(law.slope[: -len(SATURABLE_COMMANDS)], [count])
-    moved = by_command @ z[:commands]
-    moved = moved.at[:, :own].add(by_state)
-    A, B = jnp.split(jnp.concatenate([moved, after]), [x.size - 5], axis=1)
+    motion = sampled_motion(case, law.value[:controls_size])
+    by_state, by_command = jnp.split(motion.slope[:aircraft_size], [aircraft_size], axis=1)
+    z, autopilot_slope = jnp.split(law.slope[: -len(SATURABLE_COMMANDS)], [count])
+    state_slope = by_command @ z[:controls_size]
+    state_slope = state_slope.at[:, :aircraft_size].add(by_state)
+    A, B = jnp.split(jnp.concatenate([state_slope, autopilot_slope]), [x.size - 5], axis=1)
     C, D = jnp.split(z, [x.size - 5], axis=1)
-    # a surface that the command does not move at once stands at its stop or moves as fast as it can: the trim is none
-    # that the autopilot holds, as with a sideslip in it
-    commanded, unmoved = jnp.asarray(airframe.actuators.is_commanded), jnp.all(by_command[:, :-1] == 0.0, axis=0)
-    # what is added to the commands of surfaces and throttle passes the autopilot by
-    to_controls = jnp.concatenate([by_command, jnp.zeros((after.shape[0], commands))])
+    # A surface without an immediate response to its command is at a stop or at its rate limit: the autopilot does not
+    # hold the trim, for instance because of a sideslip.
+    commanded, is_stuck = jnp.asarray(airframe.actuators.is_commanded), jnp.all(by_command[:, :-1] == 0.0, axis=0)
+    # Test inputs at the commands to surfaces and throttle act downstream of the autopilot.
+    to_controls = jnp.concatenate([by_command, jnp.zeros((autopilot_slope.shape[0], controls_size))])
     return ExcitedLoop(
         A=A,
         B=jnp.concatenate([to_controls, B], axis=1),
         C=C,
-        D=jnp.concatenate([jnp.zeros((count, commands)), D], axis=1),
-        limited=(law.value[-len(SATURABLE_COMMANDS) :] > 0.5).at[-1].max(jnp.any(commanded & unmoved)),
+        D=jnp.concatenate([jnp.zeros((count, controls_size)), D], axis=1),
+        limited=(law.value[-len(SATURABLE_COMMANDS) :] > 0.5).at[-1].max(jnp.any(commanded & is_stuck)),
     )
 
 
-def break_loop(loop: ExcitedLoop, at: int) -> tuple[Array, Array, Array]:
-    """A, B (column) and C (row) of the loop transfer function at a breakpoint, all other loops closed.
+def break_loop(loop: ExcitedLoop, index: int) -> tuple[Array, Array, Array]:
+    """Return A, B (column) and C (row) of the loop transfer function at breakpoint `index`, the other loops closed.
 
-    From the command that is passed on to minus the one that is computed: negative feedback.
+    Input is the command passed on; output is minus the computed command: negative feedback.
     """
-    B, C = loop.B[:, at : at + 1], loop.C[at : at + 1]
+    B, C = loop.B[:, index : index + 1], loop.C[index : index + 1]
     return loop.A - B @ C, B, -C
 
 
 def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
-    """Values of `SATURABLE_COMMANDS`."""
     thrust, attitude = signals.thrust, signals.attitude
     return jnp.stack(
         [
@@ -168,42 +166,42 @@ def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
 
 
 FREQUENCY_MIN = 1e-3
-"""Lowest frequency looked at, rad/s; the highest is that of Nyquist."""
+"""Lowest frequency, rad/s; the highest is the Nyquist frequency."""
 FREQUENCY_COUNT = 240
-"""Number of frequencies, 44 a decade at 100 samples per second: the response between them is interpolated."""
+"""Number of frequencies, 44 a decade at 100 samples per second; the response is interpolated in between."""
 NEUTRAL_POLE_TOLERANCE = 1e-6
-"""How far outside the unit circle a pole may lie: altitude, which nothing holds, has its pole on it, and rounding moves
-poles by less than this. A pole there doubles its motion in 2 h."""
+"""Accepted distance of a pole outside the unit circle. Altitude is not controlled and has a pole on the circle;
+rounding moves poles by less than this. A pole at this distance doubles its motion in 2 h."""
 
 _BISECTIONS = 30
-_AT_THE_ENDS = 5.0 * DEG_RAD
+_REAL_AXIS_TOLERANCE = 5.0 * DEG_RAD
 _STATIC_SLOPE = 0.01
-"""Greatest slope of log |L| over log omega of a response that has reached its static value: that of a first-order lag
-five degrees from the real axis. An integrator has -1."""
-_BALANCINGS = 6
+"""Greatest slope of log |L| over log omega of a response at its static value: the slope of a first-order lag five
+degrees from the real axis. An integrator has -1."""
+_BALANCING_STEPS = 6
 
 
 class Margins(eqx.Module):
-    """Margins of one loop.
+    """Margins of a single loop.
 
     Attributes
     ----------
     gain_up, gain_down
-        Factors by which the gain can rise and fall to a boundary of stability, a pole on the unit circle; inf and 0
-        where none was found.
+        Factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if
+        no boundary was found.
     gain_up_searched, gain_down_searched
-        Factors up and down to which such a boundary was looked for: beyond them it would lie below the lowest
-        frequency. inf and 0 where the response at that frequency shows that there is none below.
+        Bounds of the searched factors: a boundary beyond would lie below the lowest frequency. inf and 0 if the
+        response at the lowest frequency excludes a boundary below.
     phase
-        Least phase margin over all gain crossovers, either way, rad; inf where there is none.
+        Least phase margin over the gain crossovers, in either direction, rad; inf without a crossover.
     delay
-        Least added delay that destabilizes, s: phase lag that is left over the frequency, over all gain crossovers.
-        Exact for whole sampling periods.
+        Least destabilizing delay, s: remaining phase lag over frequency, least over the gain crossovers. Exact for
+        whole sampling periods.
     disk
-        Radius alpha of the symmetric disk margin, 0 to 2: gain from (2 - alpha)/(2 + alpha) to the reciprocal and phase
-        up to 2 atan(alpha/2), at the same time.
+        Radius alpha of the symmetric disk margin, 0 to 2: simultaneous gain factor from (2 - alpha)/(2 + alpha) to the
+        reciprocal and phase up to 2 atan(alpha/2).
     gain_up_at, gain_down_at, crossover
-        Where the gain margins and the phase margin are, rad/s; nan where there is none.
+        Frequencies of the gain margins and of the phase margin, rad/s; nan without a margin.
     """
 
     gain_up: Scalar
@@ -219,18 +217,18 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """What is found about the loops of one trim point.
+    """Closed loop and margins at a trim point.
 
     Attributes
     ----------
     A
-        Of the closed loop, from sample to sample.
+        State matrix of the sampled closed loop.
     limited
-        Which of `SATURABLE_COMMANDS` stand at a limit.
+        True for each of `SATURABLE_COMMANDS` at a limit.
     margins
-        At each of `breakpoints`, leaves of shape (breakpoint,).
+        Margins at each of `breakpoints`, leaves of shape (breakpoint,).
     actuators_disk
-        Disk margin of all actuators at once, each with a factor of its own.
+        Disk margin for simultaneous, independent factors at the actuators.
     """
 
     A: Float[Array, "state state"]
@@ -240,18 +238,18 @@ class LoopAnalysis(eqx.Module):
 
 
 class LoopResponse(eqx.Module):
-    """Frequency response of the loop broken at each breakpoint, the others closed.
+    """Frequency response of the loop broken at each breakpoint, the other loops closed.
 
     Attributes
     ----------
     omega
-        rad/s.
+        Frequency, rad/s.
     open
         Loop transfer function L, negative feedback.
     difference
         S - T.
     actuators_difference
-        Largest structured gain of S - T with all actuators broken at once.
+        Structured gain of S - T, all actuators broken at once.
     """
 
     omega: Float[Array, " frequency"]
@@ -260,30 +258,30 @@ class LoopResponse(eqx.Module):
     actuators_difference: Float[Array, " frequency"]
 
 
-def analyse_loops(case: LoopCase, memory: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
-    """Margins at every breakpoint of the whole autopilot at a trim point; arguments as of `excited_loop`."""
-    loop = excited_loop(case, memory)
+def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
+    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments as of `excited_loop`."""
+    loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(response)
     return LoopAnalysis(loop.A, loop.limited, margins, actuators_disk), response
 
 
 def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, " frequency"]:
-    """Frequencies, equal steps of their logarithm from `FREQUENCY_MIN` to that of Nyquist, rad/s."""
+    """Return frequencies in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency, rad/s."""
     return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), count))
 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
-    """Frequency response of a sampled loop at its breakpoints.
+    """Compute the frequency response of a sampled loop at its breakpoints.
 
     Parameters
     ----------
     loop
-        As `excited_loop` makes it.
+        Result of `excited_loop`.
     step
         Sampling period, s.
     omega
-        rad/s, up to pi / step.
+        Frequencies, rad/s, up to pi / step.
     """
     unit, B = jnp.eye(loop.A.shape[0]), loop.B.astype(complex)
 
@@ -291,75 +289,81 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
         return loop.C @ jnp.linalg.solve(jnp.exp(1j * w * step) * unit - loop.A, B) + loop.D
 
     T_zw = jax.vmap(closed)(omega)
-    own = jnp.diagonal(T_zw, axis1=1, axis2=2)
-    of = _actuators(own.shape[1])
-    together = jax.vmap(lambda T: _structured_gain(jnp.eye(of.stop) + 2 * T))(T_zw[:, of, of])
-    return LoopResponse(omega, -own / (1 + own), 1 + 2 * own, together)
+    diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
+    actuators = _actuators(diagonal.shape[1])
+    actuators_difference = jax.vmap(lambda T: _structured_gain(jnp.eye(actuators.stop) + 2 * T))(
+        T_zw[:, actuators, actuators]
+    )
+    return LoopResponse(omega, -diagonal / (1 + diagonal), 1 + 2 * diagonal, actuators_difference)
 
 
 def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
-    """Margins at each breakpoint (leaves of shape (breakpoint,)) and the disk margin of all actuators at once.
+    """Compute the margins at each breakpoint, and the disk margin of simultaneous changes at the actuators.
 
-    They mean something only if the closed loop is stable: see `largest_pole`.
+    Margins are meaningful only if the closed loop is stable: see `largest_pole`.
     """
 
-    def one(open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]) -> Margins:
+    def margins_at_breakpoint(
+        open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]
+    ) -> Margins:
         return margins_of(response.omega, open_loop, difference)
 
-    each = jax.vmap(one, in_axes=1)(response.open, response.difference)
-    together = 2 / _peak(jnp.log(response.actuators_difference))
-    return each, jnp.minimum(together, jnp.min(each.disk[_actuators(each.disk.size)]))
+    margins = jax.vmap(margins_at_breakpoint, in_axes=1)(response.open, response.difference)
+    actuators_disk = 2 / _peak(jnp.log(response.actuators_difference))
+    return margins, jnp.minimum(actuators_disk, jnp.min(margins.disk[_actuators(margins.disk.size)]))
 
 
 def margins_of(
     omega: Float[Array, " frequency"], open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]
 ) -> Margins:
-    """Margins of one loop from its response.
+    """Compute the margins of a loop from its response.
 
-    Between the frequencies the logarithm of the response is a cubic through four of them. A resonance narrower
-    than their distance is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent. An end of the
-    frequencies is a boundary of stability only where the response ends on the negative real axis: that of Nyquist,
-    where it is real, and the lowest one if the response has its static value there.
+    The logarithm of the response is interpolated by a cubic through four frequencies. A resonance narrower than their
+    spacing is not resolved; with a damping ratio of 0.05 its margins are off by 5 percent. The lowest and the highest
+    frequency are boundaries of stability only if the response is on the negative real axis there: the Nyquist
+    frequency, where the response is real, and the lowest frequency if the response has reached its static value.
 
     Parameters
     ----------
     omega
-        Equal steps of the logarithm, rad/s, the last that of Nyquist (or so high that nothing happens there).
+        Frequencies in equal logarithmic steps, rad/s; the last is the Nyquist frequency or beyond the loop's dynamics.
     open_loop, difference
         Loop transfer function L of negative feedback, and S - T.
     """
     size = jnp.log(jnp.abs(open_loop))
     angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
-    first = jnp.clip(jnp.arange(omega.size - 1) - 1, 0, omega.size - 4)
-    begin = jnp.arange(omega.size - 1) - first
-    rows = first[:, None] + jnp.arange(4)[None, :]
-    sizes, angles = size[rows], angle[rows]
-    turns = 2 * jnp.pi * jnp.round(angle[:-1] / (2 * jnp.pi))
-    angles = angles - turns[:, None]
-    logs = jnp.log(omega)[rows]
+    stencil_start = jnp.clip(jnp.arange(omega.size - 1) - 1, 0, omega.size - 4)
+    interval_start = jnp.arange(omega.size - 1) - stencil_start
+    stencil = stencil_start[:, None] + jnp.arange(4)[None, :]
+    sizes, angles = size[stencil], angle[stencil]
+    whole_turns = 2 * jnp.pi * jnp.round(angle[:-1] / (2 * jnp.pi))
+    angles = angles - whole_turns[:, None]
+    logs = jnp.log(omega)[stencil]
 
-    crosses, at = _crossings(sizes, begin)
-    lag = jnp.mod(_cubic(angles, at), 2 * jnp.pi)
-    frequency = jnp.exp(_cubic(logs, at))
-    either = jnp.minimum(lag, 2 * jnp.pi - lag)
-    phase, crossover = _least(either, frequency, crosses)
-    delay, _ = _least(lag / frequency, frequency, crosses)
+    crosses, crossing = _crossings(sizes, interval_start)
+    lag = jnp.mod(_cubic(angles, crossing), 2 * jnp.pi)
+    frequency = jnp.exp(_cubic(logs, crossing))
+    phase_margins = jnp.minimum(lag, 2 * jnp.pi - lag)
+    phase, crossover = _least_with_frequency(phase_margins, frequency, crosses)
+    delay, _ = _least_with_frequency(lag / frequency, frequency, crosses)
 
-    turned, at = _crossings(angles, begin)
-    # A static response ends on the real axis, where a real pole passes 1; that of an integrator goes to infinity, even
-    # along the negative axis, without a boundary. At the Nyquist frequency, a pole at -1, every response is real.
+    on_negative_axis, crossing = _crossings(angles, interval_start)
+    # A static response ends on the real axis; there a real pole passes 1. An integrator's response goes to infinity,
+    # even along the negative axis, without a boundary. At the Nyquist frequency (pole at -1) every response is real.
     slope = (size[1] - size[0]) / (jnp.log(omega[1]) - jnp.log(omega[0]))
-    real = jnp.abs(jnp.sin(jnp.angle(open_loop[0]))) < jnp.sin(_AT_THE_ENDS)
+    real = jnp.abs(jnp.sin(jnp.angle(open_loop[0]))) < jnp.sin(_REAL_AXIS_TOLERANCE)
     static = (jnp.abs(slope) < _STATIC_SLOPE) & real
-    ends = jnp.array([0, -1])
-    on_axis = (jnp.abs(jnp.angle(-open_loop[ends])) < _AT_THE_ENDS) & jnp.stack([static, jnp.asarray(True)])
+    endpoints = jnp.array([0, -1])
+    on_axis = (jnp.abs(jnp.angle(-open_loop[endpoints])) < _REAL_AXIS_TOLERANCE) & jnp.stack(
+        [static, jnp.asarray(True)]
+    )
     searched = jnp.exp(-size[0])
-    gains = jnp.concatenate([_cubic(sizes, at), size[ends]])
-    frequency = jnp.concatenate([jnp.exp(_cubic(logs, at)), omega[ends]])
-    turned = jnp.concatenate([turned, on_axis])
-    up, up_at = _least(-gains, frequency, turned & (gains <= 0))
-    down, down_at = _least(gains, frequency, turned & (gains > 0))
-    # |S - T| at the crossovers themselves, where a resonance narrower than the grid is still seen
+    gains = jnp.concatenate([_cubic(sizes, crossing), size[endpoints]])
+    frequency = jnp.concatenate([jnp.exp(_cubic(logs, crossing)), omega[endpoints]])
+    on_negative_axis = jnp.concatenate([on_negative_axis, on_axis])
+    up, up_at = _least_with_frequency(-gains, frequency, on_negative_axis & (gains <= 0))
+    down, down_at = _least_with_frequency(gains, frequency, on_negative_axis & (gains > 0))
+    # |S - T| at the crossovers: resolves resonances narrower than the frequency grid
     at_crossovers = 2 * jnp.stack([jnp.tan(jnp.minimum(phase, jnp.pi) / 2), jnp.tanh(up / 2), jnp.tanh(down / 2)])
     at_crossovers = jnp.where(at_crossovers >= 0, at_crossovers, jnp.inf)
     return Margins(
@@ -377,26 +381,28 @@ def margins_of(
 
 
 def largest_pole(A: np.ndarray) -> np.ndarray:
-    """Pole of each sampled system (..., state, state) that lies farthest out, imaginary part not negative."""
+    """Return each sampled system's pole of largest modulus, imaginary part >= 0; A has shape (..., state, state)."""
     poles = np.linalg.eigvals(A)
-    found = np.take_along_axis(poles, np.abs(poles).argmax(axis=-1)[..., None], axis=-1)[..., 0]
-    return found.real + 1j * np.abs(found.imag)
+    pole = np.take_along_axis(poles, np.abs(poles).argmax(axis=-1)[..., None], axis=-1)[..., 0]
+    return pole.real + 1j * np.abs(pole.imag)
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Those of the actuators among so many breakpoints."""
+    """Slice of the actuators among `breakpoints` breakpoints."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
-def _least(values: Float[Array, " n"], at: Float[Array, " n"], among: Bool[Array, " n"]) -> tuple[Scalar, Scalar]:
-    """Least of some values and where it is; inf and nan of none."""
-    k = jnp.argmin(jnp.where(among, values, jnp.inf))
-    return jnp.where(among[k], values[k], jnp.inf), jnp.where(among[k], at[k], jnp.nan)
+def _least_with_frequency(
+    values: Float[Array, " n"], frequency: Float[Array, " n"], is_candidate: Bool[Array, " n"]
+) -> tuple[Scalar, Scalar]:
+    """Return the least candidate and its frequency; inf and nan without a candidate."""
+    k = jnp.argmin(jnp.where(is_candidate, values, jnp.inf))
+    return jnp.where(is_candidate[k], values[k], jnp.inf), jnp.where(is_candidate[k], frequency[k], jnp.nan)
 
 
-def _cubic(values: Float[Array, "interval 4"], at: Float[Array, " interval"]) -> Float[Array, " interval"]:
+def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval"]) -> Float[Array, " interval"]:
     """Cubic through values at 0, 1, 2, 3."""
-    t = at
+    t = position
     weights = [
         -(t - 1) * (t - 2) * (t - 3) / 6,
         t * (t - 2) * (t - 3) / 2,
@@ -406,36 +412,36 @@ def _cubic(values: Float[Array, "interval 4"], at: Float[Array, " interval"]) ->
     return jnp.sum(values * jnp.stack(weights, axis=1), axis=1)
 
 
-def _crossings(values: Float[Array, "interval 4"], begin: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Whether the cubics pass 0 in the unit interval from `begin`, and where."""
-    low = begin.astype(values.dtype)
+def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
+    """Return True for cubics that cross 0 within the unit interval from `interval_start`, and the crossing."""
+    low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
     crosses = sign * _cubic(values, low + 1) <= 0
 
-    def halved(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        left, right = ends
-        middle = (left + right) / 2
-        before = sign * _cubic(values, middle) > 0
-        return jnp.where(before, middle, left), jnp.where(before, right, middle)
+    def bisect(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+        low_end, high_end = bracket
+        middle = (low_end + high_end) / 2
+        is_low_side = sign * _cubic(values, middle) > 0
+        return jnp.where(is_low_side, middle, low_end), jnp.where(is_low_side, high_end, middle)
 
-    left, right = jax.lax.fori_loop(0, _BISECTIONS, halved, (low, low + 1))
-    return crosses, (left + right) / 2
+    low_end, high_end = jax.lax.fori_loop(0, _BISECTIONS, bisect, (low, low + 1))
+    return crosses, (low_end + high_end) / 2
 
 
 def _peak(logs: Float[Array, " frequency"]) -> Scalar:
-    """Largest value of what has these logarithms, by a parabola through the largest three."""
+    """Return the largest value, interpolated by a parabola through the three logarithms around the largest."""
     k = jnp.argmax(logs)
     inside = (k > 0) & (k < logs.size - 1)
-    before, here, after = logs[jnp.maximum(k - 1, 0)], logs[k], logs[jnp.minimum(k + 1, logs.size - 1)]
-    curvature = jnp.minimum(before - 2 * here + after, -1e-300)
-    return jnp.exp(jnp.where(inside, here - (after - before) ** 2 / (8 * curvature), here))
+    previous, largest, following = logs[jnp.maximum(k - 1, 0)], logs[k], logs[jnp.minimum(k + 1, logs.size - 1)]
+    curvature = jnp.minimum(previous - 2 * largest + following, -1e-300)
+    return jnp.exp(jnp.where(inside, largest - (following - previous) ** 2 / (8 * curvature), largest))
 
 
 def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
     """Upper bound of the structured singular value for independent factors.
 
-    It is the largest singular value of D M D^-1; D is diagonal and balances the off-diagonal rows and columns (E. E.
-    Osborne, *J. ACM* 7, 1960).
+    Largest singular value of D M D^-1; the diagonal D balances the off-diagonal rows and columns (E. E. Osborne, *J.
+    ACM* 7, 1960).
     """
     sizes = jnp.abs(M) ** 2 * (1 - jnp.eye(M.shape[0])) + 1e-300
 
@@ -443,6 +449,6 @@ def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
         scaled = d[:, None] * sizes / d[None, :]
         return d * jnp.sqrt(jnp.sum(scaled, axis=0) / jnp.sum(scaled, axis=1)) ** 0.5
 
-    d = jnp.sqrt(jax.lax.fori_loop(0, _BALANCINGS, balanced, jnp.ones(M.shape[0])))
+    d = jnp.sqrt(jax.lax.fori_loop(0, _BALANCING_STEPS, balanced, jnp.ones(M.shape[0])))
     scaled = d[:, None] * M / d[None, :]
     return jnp.minimum(jnp.linalg.norm(scaled, ord=2), jnp.linalg.norm(M, ord=2))

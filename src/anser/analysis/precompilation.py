@@ -1,5 +1,6 @@
-"""Compiling beforehand what the commands need first."""
+"""Compilation, ahead of time, of the programs used first by the commands."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -17,17 +18,17 @@ from anser.scenario.schema import Scenario
 
 
 def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
-    """Compile, or load, the programs that `plan`, `run`, `trim`, `linearize` and `step` need.
+    """Compile, or load, the programs of `plan`, `run`, `trim`, `linearize` and `step`.
 
     Parameters
     ----------
     scenarios
-        To be planned and flown for a segment. Their numbers do not matter: planner, earth, aircraft and how many they
-        are, keep-outs and layers of wind do.
+        Scenarios to plan and to fly for a segment. Programs depend on planner, Earth, aircraft and their number,
+        keep-outs and wind layers, not on numerical values.
     progress
-        Called with what is being done and the part that is done, 0..1.
+        Called with a description of the current work and the completed part, 0..1.
     """
-    on_progress = progress or no_progress
+    report_progress = progress or no_progress
 
     def fly(scenario: Scenario) -> None:
         planned = plan(scenario, prepare_next=prepare_flight)
@@ -37,12 +38,12 @@ def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) 
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [
-        *((f"{one.name}: plan and flight", lambda one=one: fly(one)) for one in scenarios),
+        *((f"{scenario.name}: plan and flight", functools.partial(fly, scenario)) for scenario in scenarios),
         ("trim", lambda: trim("f16", **condition)),
         ("linear model", lambda: linearize("f16", **condition)),
         ("step", lambda: fly_steps(PUBLISHED_STEPS[:1], **condition)),
     ]
-    for k, (what, do) in enumerate(tasks):
-        on_progress(what, k / len(tasks))
-        do()
-    on_progress("ready", 1.0)
+    for k, (description, work) in enumerate(tasks):
+        report_progress(description, k / len(tasks))
+        work()
+    report_progress("ready", 1.0)

@@ -1,6 +1,6 @@
-"""Robustness study: dispersed factors and cases.
+"""Robustness study: flights of aircraft that differ from the autopilot's onboard model.
 
-Flights of aircraft that differ from their autopilot's model, and the dataset.
+Dispersed factors, cases, and the dataset.
 """
 
 import dataclasses
@@ -16,7 +16,7 @@ from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
 from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft_files.library import load_airframe
 from anser.analysis.survey_outcomes import FlightOutcomes, classify_flights, flight_coordinates, flight_variables
-from anser.analysis.trim_maps import COMMANDS, limit_attributes, tolerance_of
+from anser.analysis.trim_maps import COMMANDS, accepted_errors, limit_attributes
 from anser.analysis.trim_points import ConditionError, Inversion, gains_for
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.control.gains import AutopilotGains
@@ -52,31 +52,31 @@ def robustness_dataset(
     inversions
         Names, in the order of `summaries` and `verdicts`.
     conditions
-        What the flights left.
+        Descriptions of the steady flights from which the commands start.
     factors
-        Meaning, unit, nominal value, and what a change of 1 adds, by name of what is dispersed.
+        Meaning, unit, nominal value, and scale (effect of a change of 1) by name of the dispersed factor.
     parts
         Names of the parts of a study.
     cases
-        Of each flight its `part`, `condition` and `alone` (indices; -1 for none), its `spread`, and the `values` of all
+        For each flight `part`, `condition` and `alone` (indices; -1: not applicable), `spread`, and the `values` of the
         factors, shape (flights, factors).
     trims
-        Steady flight of each truth.
+        Steady flight of each dispersed aircraft.
     summaries, verdicts
-        Of the flights from those truths that have one, in order.
+        Summaries and outcomes of the flights, for the trimmable aircraft in order.
     surfaces
         Names of the airframe's control surfaces.
     attributes
-        Of the whole dataset.
+        Attributes of the dataset.
 
     Returns
     -------
     xr.Dataset
-        Over (flight,) what was dispersed, over (inversion, flight) what came of it; NaN and outcome 0 where the truth
-        has no steady flight.
+        Dispersions over (flight,), results over (inversion, flight); NaN and outcome 0 if the dispersed aircraft has no
+        steady flight.
     """
     steady = np.asarray(trims.trimmable)
-    stop = np.where(steady, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
+    trim_stop = np.where(steady, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
     spread = unit_attributes("percent", "Greatest change, or the only one")
     alone = unit_attributes("1", "Index of the only factor that is changed; -1: all are")
     values = unit_attributes("1", "Value of what is dispersed (factor_unit)")
@@ -90,12 +90,12 @@ def robustness_dataset(
         "spread_percent": ("flight", 100.0 * cases["spread"], spread),
         "alone": ("flight", cases["alone"].astype(np.int32), alone),
         "factor_value": (("flight", "factor"), cases["values"], values),
-        "trim_stop": ("flight", stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
+        "trim_stop": ("flight", trim_stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
     }
-    columns = [flight_variables(*of) for of in zip(summaries, verdicts, strict=True)]
-    for name, (_, labels, over) in columns[0].items():
-        both = np.stack([scatter_rows(found[name][0], steady) for found in columns])
-        data[name] = (("inversion", "flight", *over), both, labels)
+    columns = [flight_variables(*inversion_flights) for inversion_flights in zip(summaries, verdicts, strict=True)]
+    for name, (_, labels, dimensions) in columns[0].items():
+        stacked = np.stack([scatter_rows(variables[name][0], steady) for variables in columns])
+        data[name] = (("inversion", "flight", *dimensions), stacked, labels)
     meaning, unit, nominal, scale = (np.array(column) for column in zip(*factors.values(), strict=True))
     coordinates: dict[str, Any] = {
         "inversion": ("inversion", np.array(inversions), unit_attributes("", "What the autopilot inverts")),
@@ -111,27 +111,27 @@ def robustness_dataset(
 
 
 DELAY_MAX_S = 0.2
-"""Longest delay of the sensors that is flown."""
+"""Longest sensor delay of a study."""
 
 _BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for sign in (-1.0, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
-    """One number that is dispersed: `nominal` + `scale` * change.
+    """Dispersed number: `nominal` + `scale` * change.
 
-    A change is relative: at a spread of 20 % it is uniform in -0.2 to 0.2, or in 0 to 0.2 where it goes one way only.
+    Changes are relative: at a spread of 20 % uniform in -0.2 to 0.2, or in 0 to 0.2 for a one-way factor.
 
     Attributes
     ----------
     name, meaning, unit
-        Of the number.
+        Name, description and unit of the number.
     nominal, scale
-        Value without a change, and what a change of 1 adds.
+        Value without a change; effect of a change of 1.
     one_way
-        Whether only positive changes have a meaning.
+        True if only positive changes are meaningful.
     alone
-        Changes that are flown with every other number nominal.
+        Changes flown with the other numbers nominal.
     """
 
     name: str
@@ -149,9 +149,9 @@ FACTORS = (
     Factor("mass", "factor on mass"),
     *(Factor(f"second_moment_{axis}", f"factor on the second moment of mass along body {axis}") for axis in "xyz"),
     Factor("actuator_bandwidth", "factor on the bandwidth of all actuators"),
-    # a fifth of the chord for 100 %: at 20 % the c.g. moves by 4 % of the chord either way
+    # 100 %: a fifth of the chord; at 20 % the centre of gravity moves by 4 % of the chord forward or aft
     Factor("cg_shift", "shift of the centre of gravity aft, part of the mean chord", nominal=0.0, scale=0.2),
-    # a tenth of a second for 100 %: at 20 % up to 20 ms, two periods of the autopilot
+    # 100 %: a tenth of a second; at 20 % up to 20 ms, two periods of the autopilot
     Factor(
         "sensor_delay",
         "delay of all that is sensed",
@@ -162,7 +162,7 @@ FACTORS = (
         alone=(0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0),
     ),
 )
-"""All numbers that are dispersed, each on its own."""
+"""The dispersed numbers, dispersed independently."""
 
 _INDEX = {factor.name: k for k, factor in enumerate(FACTORS)}
 
@@ -170,12 +170,12 @@ SPREADS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 """Spreads of the sweep."""
 
 PARTS = ("dispersed", "spread", "alone")
-"""Parts of a study: all numbers dispersed at one spread; the same at several; one number changed, the others not."""
+"""Parts of a study: all numbers dispersed at one spread; the same at several spreads; a single number changed."""
 
 
 @dataclasses.dataclass(frozen=True)
 class FlightPoint:
-    """Steady level flight that the commands leave: true airspeed (m/s) and geometric altitude (m)."""
+    """Steady level flight before the command: true airspeed (m/s) and geometric altitude (m)."""
 
     speed_m_s: float
     altitude_m: float
@@ -194,20 +194,20 @@ equivalent airspeeds of 114 m/s (alpha 10 deg) to 190 m/s (alpha 3 deg)."""
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Flights of a study, one row each.
+    """Flights of a study, one row per flight.
 
     Attributes
     ----------
     part
         Index into `PARTS`, shape (n,).
     condition
-        Index of the point that is left, shape (n,).
+        Index of the flight point, shape (n,).
     spread
-        Greatest change, shape (n,); for the part "alone", the change that is flown.
+        Greatest change, shape (n,); in the part "alone" the flown change.
     alone
-        Index into `FACTORS` of the only number that is changed, -1 where all are, shape (n,).
+        Index into `FACTORS` of a single changed number, or -1 if all numbers are changed, shape (n,).
     changes
-        Of each of `FACTORS`, shape (n, factors).
+        Change of each of `FACTORS`, shape (n, factors).
     """
 
     part: np.ndarray
@@ -218,60 +218,60 @@ class Cases:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of all numbers, shape (n, factors)."""
+        """Values of the dispersed numbers, shape (n, factors)."""
         nominal, scale = (np.array([getattr(f, name) for f in FACTORS]) for name in ("nominal", "scale"))
         return nominal + scale * self.changes
 
-    def __add__(self, other: "Cases") -> "Cases":
+    def __add__(self, addend: "Cases") -> "Cases":
         fields = [f.name for f in dataclasses.fields(self)]
-        return Cases(*(np.concatenate([getattr(self, name), getattr(other, name)]) for name in fields))
+        return Cases(*(np.concatenate([getattr(self, name), getattr(addend, name)]) for name in fields))
 
 
 def dispersed_cases(flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS)) -> Cases:
-    """All numbers at random, uniform and independent, spread evenly over the conditions."""
+    """Sample all numbers uniformly and independently; the flights are distributed evenly over the conditions."""
     return _at_random(0, flights, spread, seed, conditions)
 
 
 def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
-    """As many flights at each of several spreads: the same draws, scaled, so that only the spread makes a difference.
+    """Sample flights at each of several spreads, with the same random numbers scaled by the spread.
 
-    The draws are others than those of `dispersed_cases` with that seed.
+    The random numbers are independent of those of `dispersed_cases` with the same seed.
     """
     all_spreads = [_at_random(1, flights, spread, seed, conditions) for spread in spreads]
     return sum(all_spreads[1:], all_spreads[0])
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
-    """Each number changed with all others nominal, by each of its changes, at each condition."""
-    chosen = [f.name for f in FACTORS] if factors is None else factors
-    rows = [
+    """Change a single number at a time, by each of its changes, at each condition."""
+    factor_names = [f.name for f in FACTORS] if factors is None else factors
+    combinations = [
         (_INDEX[name], change, condition)
-        for name in chosen
+        for name in factor_names
         for change in FACTORS[_INDEX[name]].alone
         for condition in range(conditions)
     ]
-    factor, change, condition = (np.array(column) for column in zip(*rows, strict=True))
-    changes = np.zeros((len(rows), len(FACTORS)))
-    changes[np.arange(len(rows)), factor] = change
-    return Cases(np.full(len(rows), 2), condition, change, factor, changes)
+    factor, change, condition = (np.array(column) for column in zip(*combinations, strict=True))
+    changes = np.zeros((len(combinations), len(FACTORS)))
+    changes[np.arange(len(combinations)), factor] = change
+    return Cases(np.full(len(combinations), 2), condition, change, factor, changes)
 
 
 def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
-    """Dispersions of the airframe, and delays of its sensors (s), from rows of values of `FACTORS`."""
-    of = jnp.asarray(values, dtype=float)
+    """Convert rows of values of `FACTORS` to airframe dispersions and sensor delays (s)."""
+    values_by_factor = jnp.asarray(values, dtype=float)
 
-    def one(name: str) -> jnp.ndarray:
-        return of[:, _INDEX[name]]
+    def factor_values(name: str) -> jnp.ndarray:
+        return values_by_factor[:, _INDEX[name]]
 
     dispersion = F16Dispersion(
-        coefficients=jnp.stack([one(name) for name in F16_COEFFICIENTS], axis=1),
-        thrust=one("thrust"),
-        mass=one("mass"),
-        second_moments=jnp.stack([one(f"second_moment_{axis}") for axis in "xyz"], axis=1),
-        actuator_bandwidth=one("actuator_bandwidth"),
-        cg_shift=one("cg_shift"),
+        coefficients=jnp.stack([factor_values(name) for name in F16_COEFFICIENTS], axis=1),
+        thrust=factor_values("thrust"),
+        mass=factor_values("mass"),
+        second_moments=jnp.stack([factor_values(f"second_moment_{axis}") for axis in "xyz"], axis=1),
+        actuator_bandwidth=factor_values("actuator_bandwidth"),
+        cg_shift=factor_values("cg_shift"),
     )
-    return dispersion, one("sensor_delay")
+    return dispersion, factor_values("sensor_delay")
 
 
 def _at_random(part: int, flights: int, spread: float, seed: int, conditions: int) -> Cases:
@@ -294,7 +294,7 @@ _FLIGHTS_OF_SWEEP = 200
 
 @dataclasses.dataclass(frozen=True)
 class RobustnessStudy(SurveyResult):
-    """A study; its dataset: see `anser.analysis.robustness`."""
+    """Robustness study; dataset: see `robustness_dataset`."""
 
 
 def robustness_study(
@@ -310,38 +310,38 @@ def robustness_study(
     cases: Cases | None = None,
     progress: Progress | None = None,
 ) -> RobustnessStudy:
-    """Fly dispersed F-16s with the autopilot of the nominal one, in the standard atmosphere and still air.
+    """Fly dispersed F-16s with the autopilot of the nominal F-16, in the standard atmosphere and still air.
 
-    Each truth is trimmed in steady level flight and leaves it with the combined command of the envelope survey, under
-    the published gains and the default limits: those that a scenario flies with. The autopilot is engaged at that
-    instant and knows nothing yet of how the aircraft differs. Both inversions fly the same truths.
+    Each dispersed aircraft is trimmed in steady level flight. Then the combined command of the envelope survey is flown
+    with the published gains and the default limits of a scenario. The autopilot is engaged at the command and has no
+    information on the dispersion. Both inversions fly the same aircraft.
 
     Parameters
     ----------
     variant
-        Of the F-16's data.
+        Variant of the F-16's data.
     flights, spread, seed
-        Of the part "dispersed": flights of each inversion, greatest change (0..0.9), and what the draws follow from.
+        Part "dispersed": flights of each inversion, greatest change (0..0.9), and seed of the random numbers.
     sweep
-        Whether the parts "spread" and "alone" are flown too.
+        True: fly the parts "spread" and "alone" too.
     conditions
-        Steady flights that are left.
+        Steady flights from which the commands start.
     duration_s, step_s
-        Of each flight, and of the autopilot's samples.
+        Duration of a flight; sampling period of the autopilot.
     cases
-        What is flown, instead of what `flights`, `spread` and `sweep` say.
+        Cases to fly; None: cases from `flights`, `spread` and `sweep`.
     progress
-        Called with what is being done and the part that is done, 0..1.
+        Called with a description of the current work and the completed part, 0..1.
 
     Raises
     ------
     ConditionError
-        The nominal aircraft has no steady flight at a condition, or the command there is beyond the autopilot's speeds.
+        The nominal aircraft has no steady flight at a condition, or the command exceeds the autopilot's speed limits.
     ValueError
-        No such variant; a number out of range.
+        The variant is unknown, or a number is out of range.
     """
     enable_compilation_cache()
-    on_progress = progress or no_progress
+    report_progress = progress or no_progress
     count = round(duration_s / step_s)
     if flights < 1 or not 0.0 <= spread <= 0.9 or count < 100:
         raise ValueError(
@@ -360,41 +360,49 @@ def robustness_study(
     )
     clock = Stopwatch()
 
-    def trimmed(of: Cases, share: float) -> TrimMapPoint:
-        rows = (dispersion_of(of.values)[0], jax.tree.map(lambda leaf: leaf[of.condition], points))
-        total = len(of.condition)
+    def trim_cases(selected_cases: Cases, progress_share: float) -> TrimMapPoint:
+        arguments = (
+            dispersion_of(selected_cases.values)[0],
+            jax.tree.map(lambda leaf: leaf[selected_cases.condition], points),
+        )
+        total = len(selected_cases.condition)
 
-        def batch(of_batch: np.ndarray) -> TrimMapPoint:
-            return clock.run(_trim, nominal, environment, *jax.tree.map(lambda leaf: leaf[of_batch], rows))
+        def trim_batch(batch: np.ndarray) -> TrimMapPoint:
+            return clock.run(_trim, nominal, environment, *jax.tree.map(lambda leaf: leaf[batch], arguments))
 
         return run_in_batches(
-            batch, total, BATCH, lambda done: on_progress(f"trimming {total} aircraft", share * done / total)
+            trim_batch,
+            total,
+            BATCH,
+            lambda count_done: report_progress(f"trimming {total} aircraft", progress_share * count_done / total),
         )
 
-    _must_be_flown(trimmed(dispersed_cases(len(conditions), 0.0, seed, len(conditions)), 0.0), limits, conditions)
-    trims = trimmed(cases, 0.1)
+    _must_be_flown(trim_cases(dispersed_cases(len(conditions), 0.0, seed, len(conditions)), 0.0), limits, conditions)
+    trims = trim_cases(cases, 0.1)
     dispersions, delays = dispersion_of(cases.values)
     targets = jax.tree.map(lambda leaf: leaf[cases.condition], points)
-    flown = np.flatnonzero(trims.trimmable)
+    trimmable = np.flatnonzero(trims.trimmable)
     alpha = trims.trim.alpha
-    beyond = np.asarray((alpha < limits.alpha_min) | (alpha > limits.alpha_max))
+    is_start_beyond = np.asarray((alpha < limits.alpha_min) | (alpha > limits.alpha_max))
     size = np.array(_COMMAND.size)
-    tolerance = tolerance_of(size)
+    tolerance = accepted_errors(size)
     fixed = (nominal, environment, limits, jnp.asarray(size), jnp.asarray(tolerance))
     summaries, verdicts = [], []
     for k, inversion in enumerate(_INVERSIONS):
         gains = gains_for(inversion)
 
-        def fly(of_batch: np.ndarray, gains: AutopilotGains = gains) -> SurveySummary:
-            rows = jax.tree.map(lambda leaf: leaf[flown[of_batch]], (dispersions, delays, trims.trim, targets))
-            return clock.run(_fly, fixed, gains, *rows, step_s, count)
+        def fly(batch: np.ndarray, gains: AutopilotGains = gains) -> SurveySummary:
+            arguments = jax.tree.map(lambda leaf: leaf[trimmable[batch]], (dispersions, delays, trims.trim, targets))
+            return clock.run(_fly, fixed, gains, *arguments, step_s, count)
 
-        def tell(done: int, inversion: str = inversion, k: int = k) -> None:
-            on_progress(f"flying {len(flown)} flights, {inversion} inversion", 0.1 + 0.45 * (k + done / len(flown)))
+        def report_flights(count_done: int, inversion: str = inversion, k: int = k) -> None:
+            report_progress(
+                f"flying {len(trimmable)} flights, {inversion} inversion", 0.1 + 0.45 * (k + count_done / len(trimmable))
+            )
 
-        summaries.append(run_in_batches(fly, len(flown), BATCH, tell))
-        tolerances = np.broadcast_to(tolerance, (len(flown), 3))
-        verdicts.append(classify_flights(summaries[-1], tolerances, count * step_s, beyond[flown]))
+        summaries.append(run_in_batches(fly, len(trimmable), BATCH, report_flights))
+        tolerances = np.broadcast_to(tolerance, (len(trimmable), 3))
+        verdicts.append(classify_flights(summaries[-1], tolerances, count * step_s, is_start_beyond[trimmable]))
     dataset = robustness_dataset(
         _INVERSIONS,
         [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions],
@@ -442,15 +450,15 @@ def _must_be_flown(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequ
 def _trim(
     nominal: AbstractF16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget
 ) -> TrimMapPoint:
-    def one(dispersion: F16Dispersion, target: TrimTarget) -> TrimMapPoint:
+    def trim_dispersed(dispersion: F16Dispersion, target: TrimTarget) -> TrimMapPoint:
         return trim_map_point(dispersed_f16(nominal, dispersion), environment, target)
 
-    return jax.vmap(one)(dispersions, targets)
+    return jax.vmap(trim_dispersed)(dispersions, targets)
 
 
 @compiled
 def _fly(
-    of: tuple[AbstractF16, Environment, FlightLimits, jax.Array, jax.Array],
+    fixed: tuple[AbstractF16, Environment, FlightLimits, jax.Array, jax.Array],
     gains: AutopilotGains,
     dispersions: F16Dispersion,
     delays: jax.Array,
@@ -459,9 +467,11 @@ def _fly(
     step: float,
     count: int,
 ) -> SurveySummary:
-    nominal, environment, limits, size, tolerance = of
+    nominal, environment, limits, size, tolerance = fixed
 
-    def one(dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget) -> SurveySummary:
+    def fly_dispersed(
+        dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget
+    ) -> SurveySummary:
         return survey_flight(
             dispersed_f16(nominal, dispersion),
             environment,
@@ -477,4 +487,4 @@ def _fly(
             DirectEstimator(nominal),
         )
 
-    return jax.vmap(one)(dispersions, delays, trims, targets)
+    return jax.vmap(fly_dispersed)(dispersions, delays, trims, targets)

@@ -1,6 +1,6 @@
 """Flights of step tests from level trim.
 
-Flight point, gains, limits and step sizes that suit an aircraft, and one compiled batch for each loop.
+Flight point, gains, limits and step sizes for an aircraft, and one compiled batch for each loop.
 """
 
 import dataclasses
@@ -51,117 +51,131 @@ from anser.units import DEG_RAD, RAD_DEG
 from anser.variables import CATALOGUE, catalogue
 
 _F16_SPEED_M_S, _ALTITUDE_M = 150.0, 1000.0
-_PART = 0.5
-"""Part of what an aircraft has left that a step takes at most."""
+_RANGE_SHARE = 0.5
+"""Greatest part of the available range (angle of attack, speed, climb) used by a step."""
 _PATH_TURN = 0.6
-"""By how much a held step of the angle of attack may bend the path until it is read, rad: about what the published one
-does. A slow aircraft would fly over the top."""
+"""Greatest turn of the path during a step of the angle of attack, rad: about that of the published step. A slow
+aircraft would otherwise fly a loop."""
 _SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 
 @dataclasses.dataclass(frozen=True)
 class StepCase:
-    """A steady level flight that step tests leave.
+    """Steady level flight before the step tests.
 
     Attributes
     ----------
     airframe, trim
-        What flies, and how.
+        Airframe and its trim point.
     gains, limits
-        Of its autopilot: the published ones of the F-16, of another aircraft its own.
-    pace
-        How slow its loops are, beside the published ones.
-    own
-        What it can do; None of the F-16.
+        Autopilot: published values for the F-16, derived values for another aircraft.
+    time_scale
+        Time scales of the loops relative to the published loops.
+    derived_defaults
+        Capability and bandwidths; None for the F-16.
     """
 
     airframe: AbstractAirframe
     trim: TrimPoint
     gains: AutopilotGains
     limits: FlightLimits
-    pace: LoopTimeScale
+    time_scale: LoopTimeScale
     derived_defaults: DerivedDefaults | None
 
 
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Airspeed (m/s) and altitude (m) of an aircraft's step tests: half way, as a ratio, between least and greatest.
+    """Return airspeed (m/s) and altitude (m) of an aircraft's step tests.
 
-    150 m/s of the F-16; 1000 m, or the nearest altitude of the aircraft's data.
+    150 m/s for the F-16, otherwise the geometric mean of slowest and fastest airspeed; 1000 m, or the nearest altitude
+    of the aircraft's data.
     """
     if isinstance(airframe, AbstractF16):
         return _F16_SPEED_M_S, _ALTITUDE_M
-    ends = getattr(getattr(airframe, "validity", None), "altitude", (-math.inf, math.inf))
-    altitude = min(max(_ALTITUDE_M, float(ends[0])), float(ends[1]))
-    known = valid_airspeed_range(airframe)
-    able = compute_defaults(airframe, altitude, math.sqrt(known[0] * known[1]), known, STEP_S).capability
-    if math.isnan(able.speed_min):
-        return round(math.sqrt(known[0] * known[1])), altitude
-    return float(round(math.sqrt(able.speed_min * able.speed_max))), altitude
+    altitude_bounds = getattr(getattr(airframe, "validity", None), "altitude", (-math.inf, math.inf))
+    altitude = min(max(_ALTITUDE_M, float(altitude_bounds[0])), float(altitude_bounds[1]))
+    speed_range = valid_airspeed_range(airframe)
+    capability = compute_defaults(
+        airframe, altitude, math.sqrt(speed_range[0] * speed_range[1]), speed_range, STEP_S
+    ).capability
+    if math.isnan(capability.speed_min):
+        return round(math.sqrt(speed_range[0] * speed_range[1])), altitude
+    return float(round(math.sqrt(capability.speed_min * capability.speed_max))), altitude
 
 
 def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion) -> StepCase:
-    """Trim an aircraft, and find gains and limits of its own.
+    """Trim an aircraft, and derive gains and limits.
 
     Raises
     ------
     ConditionError
-        It does not fly level there; the message says why.
+        The aircraft has no level flight at this point; the message gives the reason.
     """
     environment, limits = standard_environment(), default_limits()
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
     if isinstance(airframe, AbstractF16):
         return StepCase(airframe, trim, gains_for(inversion), limits, PUBLISHED_TIME_SCALE, None)
-    own = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), STEP_S)
-    able, bandwidths = own
-    slowest, fastest = min(able.speed_min, speed_m_s), max(able.speed_max, speed_m_s)
+    derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), STEP_S)
+    capability, bandwidths = derived_defaults
+    slowest, fastest = min(capability.speed_min, speed_m_s), max(capability.speed_max, speed_m_s)
     limits = eqx.tree_at(
-        lambda one: (one.speed_min, one.speed_max, one.bank_max, one.alpha_min, one.alpha_max),
+        lambda flight_limits: (
+            flight_limits.speed_min,
+            flight_limits.speed_max,
+            flight_limits.bank_max,
+            flight_limits.alpha_min,
+            flight_limits.alpha_max,
+        ),
         limits,
         (
             as_array(slowest),
             as_array(fastest),
-            as_array(min(float(limits.bank_max), able.bank_max)),
+            as_array(min(float(limits.bank_max), capability.bank_max)),
             *airframe.alpha_range,
         ),
     )
-    pace = LoopTimeScale(*(float(slow / np.min(fast[:2])) for slow, fast in zip(_PUBLISHED, _loops(own), strict=True)))
+    time_scale = LoopTimeScale(
+        *(
+            float(slow / np.min(fast[:2]))
+            for slow, fast in zip(_PUBLISHED_BANDWIDTHS, _loop_bandwidths(derived_defaults), strict=True)
+        )
+    )
     gains = gains_for(inversion, automatic_gains(bandwidths))
-    return StepCase(airframe, trim, gains, limits, pace, own)
+    return StepCase(airframe, trim, gains, limits, time_scale, derived_defaults)
 
 
-_PUBLISHED = (5.0, 2.0, 1.0)
+_PUBLISHED_BANDWIDTHS = (5.0, 2.0, 1.0)
 """Bandwidths of the published loops, 1/s: rates, attitude, velocity."""
 
 
-def _loops(derived_defaults: DerivedDefaults) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _loop_bandwidths(derived_defaults: DerivedDefaults) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return derived_defaults.bandwidths.rates, derived_defaults.bandwidths.attitude, derived_defaults.bandwidths.velocity  # pyright: ignore[reportReturnType]
 
 
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
-    """Each channel of each loop alone, then all together: the published sizes, or less where the aircraft has less."""
+    """Step each channel of each loop alone, then all together; sizes are reduced to the aircraft's capability."""
     if case.derived_defaults is None:
         return PUBLISHED_STEPS
-    able, speed = case.derived_defaults.capability, float(np.linalg.norm(np.asarray(case.trim.state.velocity_b)))
+    capability, speed = case.derived_defaults.capability, float(np.linalg.norm(np.asarray(case.trim.state.velocity_b)))
     alpha_left = float(case.airframe.alpha_range[1]) - float(case.trim.alpha) - ALPHA_RESERVE
     environment = standard_environment()
-    beta_left = float(_sideslip_left(case.airframe, environment, case.trim))
-    curving = _PATH_TURN * speed / (float(environment.gravity) * 6.0 * case.pace.attitude)
-    alpha_curving = curving / max(float(_load_per_alpha(case.airframe, environment, case.trim)), 1e-6)
-    faster = min(speed / 15.0, _PART * (float(case.limits.speed_max) - speed))
-    climb = math.asin(min(able.climb_rate_max / speed, 1.0))
+    beta_left = float(_remaining_sideslip(case.airframe, environment, case.trim))
+    load_factor_per_turn = _PATH_TURN * speed / (float(environment.gravity) * 6.0 * case.time_scale.attitude)
+    alpha_for_turn = load_factor_per_turn / max(float(_load_per_alpha(case.airframe, environment, case.trim)), 1e-6)
+    speed_step = min(speed / 15.0, _RANGE_SHARE * (float(case.limits.speed_max) - speed))
+    climb_angle = math.asin(min(capability.climb_rate_max / speed, 1.0))
     return scaled_step_tests(
-        case.pace,
+        case.time_scale,
         attitude=(
-            _short(min(30.0, 0.75 * RAD_DEG * float(case.limits.bank_max))),
-            _short(min(5.0, _PART * RAD_DEG * alpha_left, RAD_DEG * alpha_curving)),
-            _short(min(5.0, _PART * RAD_DEG * beta_left)),
+            _round_down(min(30.0, 0.75 * RAD_DEG * float(case.limits.bank_max))),
+            _round_down(min(5.0, _RANGE_SHARE * RAD_DEG * alpha_left, RAD_DEG * alpha_for_turn)),
+            _round_down(min(5.0, _RANGE_SHARE * RAD_DEG * beta_left)),
         ),
-        velocity=(_short(faster), _short(min(3.0, _PART * RAD_DEG * climb)), 20.0),
+        velocity=(_round_down(speed_step), _round_down(min(3.0, _RANGE_SHARE * RAD_DEG * climb_angle)), 20.0),
     )
 
 
-def _short(value: float) -> float:
-    """A number of two digits, not above the value."""
+def _round_down(value: float) -> float:
+    """Round down to two digits."""
     if value <= 0.0:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
@@ -170,12 +184,14 @@ def _short(value: float) -> float:
 
 @compiled
 def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Load factor by angle of attack, 1/rad."""
-    now = flight_condition(airframe, environment, 0.0, trim.state)
-    surfaces, still = trim.state.surfaces, jnp.zeros(3)
+    """Load factor per angle of attack, 1/rad."""
+    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    surfaces, zero_rates = trim.state.surfaces, jnp.zeros(3)
 
     def lift(alpha: Scalar) -> Scalar:
-        force_b = airframe.aerodynamics(eqx.tree_at(lambda d: d.alpha, now.air_data, alpha), still, surfaces).force_b
+        force_b = airframe.aerodynamics(
+            eqx.tree_at(lambda d: d.alpha, condition.air_data, alpha), zero_rates, surfaces
+        ).force_b
         return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
     weight = airframe.mass_properties.mass * environment.gravity
@@ -183,44 +199,44 @@ def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: 
 
 
 def gallery_steps(
-    aircraft: str | AbstractAirframe, variant: str = "textbook", at: tuple[float, float] | None = None
+    aircraft: str | AbstractAirframe, variant: str = "textbook", flight_point: tuple[float, float] | None = None
 ) -> tuple[tuple[StepTest, ...], tuple[float, float]]:
-    """Tests of an aircraft, and the airspeed (m/s) and altitude (m) that they leave: `at`, or `default_flight_point`.
+    """Return an aircraft's tests, and the airspeed (m/s) and altitude (m) of the trim: `flight_point` or the default.
 
     Raises
     ------
     ConditionError
-        It does not fly level there.
+        The aircraft has no level flight at this point.
     ValueError
-        No such airframe.
+        No airframe has this name.
     """
     airframe = resolve_airframe(aircraft, variant)[0]
-    speed_m_s, altitude_m = default_flight_point(airframe) if at is None else at
+    speed_m_s, altitude_m = default_flight_point(airframe) if flight_point is None else flight_point
     return select_step_tests(step_case(airframe, speed_m_s, altitude_m, "model")), (speed_m_s, altitude_m)
 
 
 def step_time_scale(
     aircraft: str | AbstractAirframe, variant: str, speed_m_s: float, altitude_m: float
 ) -> LoopTimeScale:
-    """How slow the loops of an aircraft are; raises as `gallery_steps`."""
-    return step_case(resolve_airframe(aircraft, variant)[0], speed_m_s, altitude_m, "model").pace
+    """Return the time scales of an aircraft's loops relative to the published loops; raises as `gallery_steps`."""
+    return step_case(resolve_airframe(aircraft, variant)[0], speed_m_s, altitude_m, "model").time_scale
 
 
 @compiled
-def _sideslip_left(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Sideslip whose moments take all that is left of the surfaces, rad."""
-    now = flight_condition(airframe, environment, 0.0, trim.state)
-    data, surfaces = now.air_data, trim.state.surfaces
-    aside = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
-    still = jnp.zeros(3)
-    moment_b = airframe.aerodynamics(aside, still, surfaces).moment_b
-    moment_b = moment_b - airframe.aerodynamics(data, still, surfaces).moment_b
+def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
+    """Sideslip at which its moments use the remaining travel of the surfaces, rad."""
+    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    data, surfaces = condition.air_data, trim.state.surfaces
+    sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
+    zero_rates = jnp.zeros(3)
+    moment_b = airframe.aerodynamics(sideslipping, zero_rates, surfaces).moment_b
+    moment_b = moment_b - airframe.aerodynamics(data, zero_rates, surfaces).moment_b
     actuators = airframe.actuators
-    moments = surface_moments(airframe, now, still, surfaces)
-    needed = jnp.abs(deflection_for_moment(actuators, moments.slope) @ moment_b)
-    left = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
+    moments = surface_moments(airframe, condition, zero_rates, surfaces)
+    deflection_used = jnp.abs(deflection_for_moment(actuators, moments.slope) @ moment_b)
+    travel_left = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
     commanded = np.flatnonzero(actuators.is_commanded)
-    return _SIDESLIP_SEEN * jnp.min(left[commanded] / jnp.maximum(needed[commanded], 1e-6))
+    return _SIDESLIP_SEEN * jnp.min(travel_left[commanded] / jnp.maximum(deflection_used[commanded], 1e-6))
 
 
 _VARIABLES = {variable.key: variable for variable in CATALOGUE}
@@ -241,79 +257,79 @@ def fly_steps(
 ) -> tuple[StepTestResult, ...]:
     """Fly step tests from level trim in the standard atmosphere and still air.
 
-    With the published gains of the F-16; another aircraft has gains and limits of its own.
-
-    Tests of one loop and duration are one batch, compiled once.
+    The F-16 has the published gains; another aircraft has derived gains and limits. Tests of the same loop and duration
+    are one batch, compiled once.
 
     Parameters
     ----------
     tests
-        What to command.
+        Step tests.
     aircraft, variant
-        Of the library, or an airframe.
+        Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
         True airspeed and geometric altitude of the trim point.
     inversion
-        Of the model, or of the change from what the sensors measure.
+        Inversion of the autopilot: of the onboard model, or incremental from the measured accelerations.
     progress
-        Called with the loop that is flown next.
+        Called with the name of the next loop.
 
     Raises
     ------
     ConditionError
-        No level trim there, or a speed beyond those that the autopilot flies; the message says which and why.
+        Level trim does not exist, or the step leads beyond the autopilot's speed limits; the message gives the reason.
     ValueError
-        No such airframe.
+        No airframe has this name.
     """
     enable_compilation_cache()
-    airframe, of = resolve_airframe(aircraft, variant)
+    airframe, airframe_attributes = resolve_airframe(aircraft, variant)
     environment, case = standard_environment(), step_case(airframe, speed_m_s, altitude_m, inversion)
     for test in tests:
-        _must_be_flown(test, speed_m_s, case.limits)
-    attributes = {**of, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
-    found: dict[StepTest, StepTestResult] = {}
+        _check_speed(test, speed_m_s, case.limits)
+    attributes = {**airframe_attributes, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
+    results: dict[StepTest, StepTestResult] = {}
     batches: dict[tuple[Loop, float], list[StepTest]] = {}
     for test in tests:
         batches.setdefault((test.loop, test.duration_s), []).append(test)
     for (loop, duration), batch in batches.items():
         progress(loop)
-        sizes = jnp.asarray([_si(test) for test in batch])
+        sizes = jnp.asarray([_sizes_si(test) for test in batch])
         record = _fly(
             airframe, environment, case.gains, case.limits, case.trim, sizes, round(duration / STEP_S) + 1, loop
         )
-        rows = {key: np.asarray(values) for key, values in record.items()}
+        batch_record = {key: np.asarray(values) for key, values in record.items()}
         for k, test in enumerate(batch):
-            one = {key: values[k] for key, values in rows.items()}
-            found[test] = _flight(test, one, airframe, attributes)
-    return tuple(found[test] for test in tests)
+            test_record = {key: values[k] for key, values in batch_record.items()}
+            results[test] = _flight(test, test_record, airframe, attributes)
+    return tuple(results[test] for test in tests)
 
 
-def _must_be_flown(test: StepTest, speed_m_s: float, limits: FlightLimits) -> None:
-    wanted, low, high = speed_m_s + test.size[0], float(limits.speed_min), float(limits.speed_max)
-    if test.loop == "velocity" and not low <= wanted <= high:
+def _check_speed(test: StepTest, speed_m_s: float, limits: FlightLimits) -> None:
+    commanded_speed, low, high = speed_m_s + test.size[0], float(limits.speed_min), float(limits.speed_max)
+    if test.loop == "velocity" and not low <= commanded_speed <= high:
         raise ConditionError(
-            f"The velocity loop does not fly the {wanted:g} m/s that the step asks for: {low:g} to {high:g} m/s only."
+            f"The velocity loop does not fly the {commanded_speed:g} m/s that the step asks for: "
+            f"{low:g} to {high:g} m/s only."
         )
 
 
-def _si(test: StepTest) -> list[float]:
+def _sizes_si(test: StepTest) -> list[float]:
     keys = CHANNEL_KEYS[test.loop].values()
     return [size / _VARIABLES[key].factor for size, key in zip(test.size, keys, strict=True)]
 
 
 class _StepRecorder(AbstractRecorder):
-    """Outputs of all loops and what they take, at each sample."""
+    """Record of each sample: outputs of the three loops and the controls."""
 
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> None:
-        """Nothing is kept."""
+        """Return None: the recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Nothing is kept."""
+        """Return None: the recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """By the keys of the catalogue."""
+        """Return the recorded values by the keys of the catalogue."""
         outputs = _outputs(sample.truth.airframe, instant.environment, sample.truth.state)
         return {**outputs, "throttle": jnp.asarray(sample.controls.throttle)}
 
@@ -330,22 +346,22 @@ def _fly(
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
     """Fly a batch of steps: history by the keys of the catalogue, SI units and radians."""
-    held = _outputs(airframe, environment, trim.state)
+    trim_outputs = _outputs(airframe, environment, trim.state)
     case = LoopCase(airframe, environment, gains, limits, trim, STEP_S)
-    before = jnp.stack([held[key] for key in CHANNEL_KEYS[loop].values()])
+    trim_values = jnp.stack([trim_outputs[key] for key in CHANNEL_KEYS[loop].values()])
 
-    def one(size: Float[Array, "3"]) -> dict[str, Array]:
-        value = before + size
-        record = loop_flight(case, value, count, loop, _StepRecorder())
-        wanted = dict(zip(CHANNEL_KEYS[loop].values(), value, strict=True))
-        commands = {f"{key}_command": jnp.full(count, value) for key, value in wanted.items()}
+    def fly_step(size: Float[Array, "3"]) -> dict[str, Array]:
+        commanded_values = trim_values + size
+        record = loop_flight(case, commanded_values, count, loop, _StepRecorder())
+        commanded = dict(zip(CHANNEL_KEYS[loop].values(), commanded_values, strict=True))
+        commands = {f"{key}_command": jnp.full(count, commanded_values) for key, commanded_values in commanded.items()}
         return {**record, **{key: jnp.unwrap(record[key]) for key in _ANGLES_THAT_WRAP}, **commands}
 
-    return jax.vmap(one)(sizes)
+    return jax.vmap(fly_step)(sizes)
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """What all three loops control, and the controls, of one aircraft at one instant in steady wind."""
+    """Return the outputs of the three loops and the controls of an aircraft at an instant, in steady wind."""
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)
@@ -369,21 +385,26 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
 def _flight(
     test: StepTest, record: dict[str, np.ndarray], airframe: AbstractAirframe, attributes: dict[str, Any]
 ) -> StepTestResult:
-    """Figures and labelled record of one flight of a batch."""
+    """Compute figures and the labelled record of one flight of a batch."""
     time = STEP_S * np.arange(len(record["power"]))
-    until = round(test.read_at_s / STEP_S) + 1
-    measured = np.stack([record[key][:until] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
-    surfaces = np.stack([record[name][:until] for name in airframe.actuators.names], axis=1)
+    read_count = round(test.read_at_s / STEP_S) + 1
+    measured = np.stack([record[key][:read_count] for key in CHANNEL_KEYS[test.loop].values()], axis=1)
+    surfaces = np.stack([record[name][:read_count] for name in airframe.actuators.names], axis=1)
     stops = (airframe.actuators.lower, airframe.actuators.upper)
-    size = jnp.asarray(_si(test))
-    figures = _measure(jnp.asarray(time[:until]), jnp.asarray(measured), size, jnp.asarray(surfaces), stops)
+    size = jnp.asarray(_sizes_si(test))
+    figures = _measure(jnp.asarray(time[:read_count]), jnp.asarray(measured), size, jnp.asarray(surfaces), stops)
     metrics = jax.tree.map(np.asarray, figures)
-    labelled = {v.key: v for v in catalogue(airframe.actuators.names)}
+    labelled = {variable.key: variable for variable in catalogue(airframe.actuators.names)}
     variables = {}
     for key, values in record.items():
-        v = labelled[key]
-        labels = {"units": v.unit, "symbol": v.symbol, "long_name": v.long_name, "frame": v.frame}
-        variables[v.name] = ("time", (v.factor * values).astype(v.dtype), labels)
+        variable = labelled[key]
+        labels = {
+            "units": variable.unit,
+            "symbol": variable.symbol,
+            "long_name": variable.long_name,
+            "frame": variable.frame,
+        }
+        variables[variable.name] = ("time", (variable.factor * values).astype(variable.dtype), labels)
     dataset = xr.Dataset(
         variables,
         coords={"time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"})},

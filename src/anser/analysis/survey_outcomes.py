@@ -1,7 +1,4 @@
-"""Outcomes of surveyed flights.
-
-What ended or limited each flight, and the labelled variables that every survey shares.
-"""
+"""Outcomes of surveyed flights: what ended or limited each flight, and labelled variables common to the surveys."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,18 +11,20 @@ from anser.simulation.survey_flight import AUTOPILOT_LIMITS, BETA_BOUND, TABLE_A
 from anser.units import RAD_DEG
 
 OUTCOMES = ("not_flown", "reached", "limited", "failed")
-"""Limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the data
-ended in altitude or Mach number, or the steady flight that is left lies beyond the autopilot's limits. Failed: alpha or
-beta left the data, sideslip passed its bound (both whatever the reason, such a start included), the surfaces or the
-body rates did not suffice, or no limit explains what was missed."""
+"""Outcomes of a flight.
+
+limited: in controlled flight the command was missed at a limit of thrust, alpha, load factor or bank, or the flight
+left the range of the data in altitude or Mach number, or the starting flight was beyond the autopilot's limits.
+failed: alpha or beta left the range of the data or sideslip exceeded its bound (for any reason, a start beyond the
+limits included), surfaces or body rates were insufficient, or no limit explains the missed command."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
-"""None: not flown, or reached."""
+"""Reasons of an outcome; "none": not flown, or reached."""
 
 _LONG = 0.1
-"""Part of the flight from which on the time at a limit explains an error at its end."""
+"""Part of the flight at a limit that explains an error at the end."""
 _BEFORE_SLIP = 0.1
-"""Time at a limit that explains a sideslip after it, s: twice the lag of the actuators."""
+"""Time at a limit that explains a later sideslip, s: twice the lag of the actuators."""
 
 _INNER = ("body_rates", "surfaces", "surface_rates")
 _EXPLAINS = {
@@ -33,12 +32,12 @@ _EXPLAINS = {
     "gamma": ("alpha", "load_factor", "unloading", "bank"),
     "chi": ("bank", "alpha", "load_factor", "unloading"),
 }
-"""Limits that can keep a channel from its command; those of the inner loops stand in the way of all."""
+"""Limits that can keep a channel from its command; the limits of the inner loops affect every channel."""
 
 
 @dataclass(frozen=True)
 class FlightOutcomes:
-    """One number for each flight: index into `OUTCOMES`, and into `REASONS`."""
+    """Outcome and reason of each flight: indices into `OUTCOMES` and `REASONS`."""
 
     outcome: np.ndarray
     reason: np.ndarray
@@ -47,54 +46,60 @@ class FlightOutcomes:
 def classify_flights(
     summaries: SurveySummary, tolerance: np.ndarray, duration: float, start_beyond: np.ndarray | bool = False
 ) -> FlightOutcomes:
-    """Judge a batch of flights.
+    """Classify a batch of flights.
 
-    A command is reached if every channel ends within its tolerance, commanded or not, sideslip stayed within
-    `BETA_BOUND` and the aircraft inside its data. The reason of all else is the first of these that applies: a start
-    beyond the autopilot's limits, which it must leave whatever is commanded; alpha or beta beyond the data, whichever
-    was first; for sideslip, the limit of the inner loops at which the autopilot stood longest before; altitude or Mach
-    number beyond the data; for a channel that was missed, the limit bearing on it at which it stood longest, of those
-    that stood during most of the last tenth, over which the error is taken, or for a tenth of the flight.
+    A command is reached if every channel ends within its tolerance, stepped or not, sideslip stays within `BETA_BOUND`
+    and the aircraft stays inside its data. Otherwise the reason is the first applicable of:
+
+    1. a start beyond the autopilot's limits, to be left under any command;
+    2. alpha or beta beyond the data, whichever came first;
+    3. for excessive sideslip, the inner-loop limit with the longest time before;
+    4. altitude or Mach number beyond the data;
+    5. for a missed channel, the relevant limit with the longest time, if active during most of the last tenth (the
+    interval
+       of the final error) or for a tenth of the flight.
 
     Parameters
     ----------
     summaries
-        Of the flights; leaves of shape (flights, ...).
+        Summaries of the flights; leaves of shape (flights, ...).
     tolerance
-        Of (V, gamma, chi), shape (flights, 3), m/s and rad.
+        Tolerance of (V, gamma, chi), shape (flights, 3), m/s and rad.
     duration
-        Of each flight, s.
+        Duration of each flight, s.
     start_beyond
-        Whether the steady flight that is left lies beyond the autopilot's limits, shape (flights,).
+        True if the starting flight is beyond the autopilot's limits, shape (flights,).
     """
-    missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true where there is no number
-    slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)
-    finite = np.asarray(summaries.finite)
-    left_time = np.asarray(summaries.left_time)
-    left = np.isfinite(left_time).any(axis=1)
-    reached = ~missed.any(axis=1) & ~slipped & ~left & finite
+    is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN
+    has_slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)
+    is_finite = np.asarray(summaries.finite)
+    time_of_leaving = np.asarray(summaries.left_time)
+    has_left = np.isfinite(time_of_leaving).any(axis=1)
+    is_reached = ~is_missed.any(axis=1) & ~has_slipped & ~has_left & is_finite
 
-    total, late = np.asarray(summaries.limited_time), np.asarray(summaries.limited_late)
+    total_time, late_time = np.asarray(summaries.limited_time), np.asarray(summaries.limited_late)
     before_slip = np.asarray(summaries.limited_before_slip)
-    inner = np.isin(AUTOPILOT_LIMITS, _INNER)
-    bearing = np.array([np.isin(AUTOPILOT_LIMITS, (*outer, *_INNER)) for outer in _EXPLAINS.values()])
-    stood = (missed @ bearing > 0) & ((late > 0.5 * _LONG * duration) | (total > _LONG * duration))
-    of_missed = np.where(stood, total, 0.0)
-    of_slip = np.where(inner & (before_slip >= _BEFORE_SLIP), before_slip, 0.0)
-    standing = np.where(slipped[:, None], of_slip, of_missed)
+    is_inner = np.isin(AUTOPILOT_LIMITS, _INNER)
+    limits_channel = np.array([np.isin(AUTOPILOT_LIMITS, (*outer, *_INNER)) for outer in _EXPLAINS.values()])
+    is_at_limit = (is_missed @ limits_channel > 0) & (
+        (late_time > 0.5 * _LONG * duration) | (total_time > _LONG * duration)
+    )
+    time_if_missed = np.where(is_at_limit, total_time, 0.0)
+    time_if_slipped = np.where(is_inner & (before_slip >= _BEFORE_SLIP), before_slip, 0.0)
+    time_at_limit = np.where(has_slipped[:, None], time_if_slipped, time_if_missed)
 
     unexplained = REASONS.index("unexplained")
-    reason = np.where(standing.any(axis=1) & finite, 1 + standing.argmax(axis=1), unexplained)
-    flow = np.array([axis in ("alpha", "beta") for axis in TABLE_AXES])
-    departed = np.asarray(np.isfinite(left_time[:, flow]).any(axis=1))
-    of_tables = np.where(departed[:, None] & ~flow, np.inf, left_time).argmin(axis=1)
-    reason = np.where(departed | (left & ~slipped), 1 + len(AUTOPILOT_LIMITS) + of_tables, reason)
-    reason = np.where(start_beyond & finite, REASONS.index("start_beyond_limits"), reason)
-    reason = np.where(reached, 0, reason)
-    uncontrolled = [REASONS.index(name) for name in (*_INNER, "tables_alpha", "tables_beta", "unexplained")]
-    failed = ~reached & (np.isin(reason, uncontrolled) | slipped | departed | ~finite)
+    reason = np.where(time_at_limit.any(axis=1) & is_finite, 1 + time_at_limit.argmax(axis=1), unexplained)
+    is_flow_axis = np.array([axis in ("alpha", "beta") for axis in TABLE_AXES])
+    has_departed = np.asarray(np.isfinite(time_of_leaving[:, is_flow_axis]).any(axis=1))
+    table_index = np.where(has_departed[:, None] & ~is_flow_axis, np.inf, time_of_leaving).argmin(axis=1)
+    reason = np.where(has_departed | (has_left & ~has_slipped), 1 + len(AUTOPILOT_LIMITS) + table_index, reason)
+    reason = np.where(start_beyond & is_finite, REASONS.index("start_beyond_limits"), reason)
+    reason = np.where(is_reached, 0, reason)
+    failure_reasons = [REASONS.index(name) for name in (*_INNER, "tables_alpha", "tables_beta", "unexplained")]
+    is_failed = ~is_reached & (np.isin(reason, failure_reasons) | has_slipped | has_departed | ~is_finite)
     outcome = np.select(
-        [reached, failed], [OUTCOMES.index("reached"), OUTCOMES.index("failed")], OUTCOMES.index("limited")
+        [is_reached, is_failed], [OUTCOMES.index("reached"), OUTCOMES.index("failed")], OUTCOMES.index("limited")
     )
     return FlightOutcomes(outcome.astype(np.int32), reason.astype(np.int32))
 
@@ -104,8 +109,8 @@ _CHANNELS = (
     ("path_angle", "deg", "degree", RAD_DEG),
     ("course", "deg", "degree", RAD_DEG),
 )
-# Name after the channel's, field of `SurveySummary`, unit where it is not the channel's, words.
-_OF_CHANNELS = (
+# Pattern after the channel's name, field of `SurveySummary`, unit (None: the channel's), description.
+_CHANNEL_FIGURES = (
     ("final_error_{}", "final_error", None, "Command minus {}, mean of the last tenth"),
     ("final_error_max_{}", "final_error_max", None, "Largest error of the {} in the last tenth"),
     ("settling_s", "settling_time", "s", "Until the {} stays within its tolerance; inf: not before the end"),
@@ -114,11 +119,11 @@ _OF_CHANNELS = (
 )
 
 FlightVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
-"""By name: values with the flights as their first axis, attributes, dimensions beyond the flights."""
+"""Values (first axis: flights), attributes, and dimensions beyond the flights, by name."""
 
 
 def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
-    """Coordinates of the dimensions that `flight_variables` has beyond the flights; `surfaces` are the airframe's."""
+    """Return the coordinates of the dimensions of `flight_variables` beyond the flights."""
     return {
         "surface": ("surface", np.array(surfaces)),
         "axis": ("axis", np.array(("roll", "pitch", "yaw"))),
@@ -128,17 +133,19 @@ def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
 
 
 def flight_variables(flights: SurveySummary, verdicts: FlightOutcomes) -> FlightVariables:
-    """Every variable of flights: errors of the channels, extremes, times at limits, what became of them and why."""
-    found: FlightVariables = {}
+    """Return the variables of flights: errors of the channels, extremes, times at limits, outcome and reason."""
+    variables: FlightVariables = {}
 
-    def add(name: str, values: Any, unit: str, words: str, *over: str) -> None:
-        found[name] = (np.asarray(values), unit_attributes(unit, words), over)
+    def add(name: str, values: Any, unit: str, description: str, *dimensions: str) -> None:
+        variables[name] = (np.asarray(values), unit_attributes(unit, description), dimensions)
 
     for k, (name, suffix, unit, factor) in enumerate(_CHANNELS):
-        for what, field, own_unit, words in _OF_CHANNELS:
-            values = np.asarray(getattr(flights, field))[:, k] * (factor if own_unit is None else 1.0)
-            said = words.format(name.replace("_", " "))
-            add(f"{name}_{what.format(suffix)}", values, unit if own_unit is None else own_unit, said)
+        for name_pattern, field, figure_unit, description in _CHANNEL_FIGURES:
+            values = np.asarray(getattr(flights, field))[:, k] * (factor if figure_unit is None else 1.0)
+            long_name = description.format(name.replace("_", " "))
+            add(
+                f"{name}_{name_pattern.format(suffix)}", values, unit if figure_unit is None else figure_unit, long_name
+            )
     add("beta_max_deg", np.asarray(flights.beta_max) * RAD_DEG, "degree", "Largest sideslip, either way")
     add("alpha_min_deg", np.asarray(flights.alpha_min) * RAD_DEG, "degree", "Least angle of attack")
     add("alpha_max_deg", np.asarray(flights.alpha_max) * RAD_DEG, "degree", "Greatest angle of attack")
@@ -153,6 +160,6 @@ def flight_variables(flights: SurveySummary, verdicts: FlightOutcomes) -> Flight
     add("limited_before_slip_s", flights.limited_before_slip, "s", before_slip, "limit")
     add("left_s", flights.left_time, "s", "First time outside the data; inf: never", "table")
     add("finite", np.asarray(flights.finite).astype(np.int32), "1", "Whether the state stayed finite; 0 if not flown")
-    found["outcome"] = (verdicts.outcome, flag_attributes("What became of the flight", OUTCOMES), ())
-    found["reason"] = (verdicts.reason, flag_attributes("Limit that stood in the way", REASONS), ())
-    return found
+    variables["outcome"] = (verdicts.outcome, flag_attributes("What became of the flight", OUTCOMES), ())
+    variables["reason"] = (verdicts.reason, flag_attributes("Limit that stood in the way", REASONS), ())
+    return variables

@@ -1,6 +1,6 @@
 """Trim maps: steady flights over altitude and Mach number.
 
-And the step commands and autopilot limits that surveys fly from them.
+Step commands and autopilot limits of the surveys that start from a trim map.
 """
 
 import dataclasses
@@ -21,7 +21,7 @@ from anser.steady.trim import TrimMapPoint, TrimTarget
 from anser.units import DEG_RAD
 
 RESERVE_MIN = 0.1
-"""Part of the power, up and down, and of each surface's way that a point with reserve has left."""
+"""Least reserve of a point "with reserve": part of the power, up and down, and of each surface's travel."""
 
 GRID_DIMENSIONS = ("condition", "altitude", "mach")
 """Dimensions of the grid."""
@@ -33,13 +33,13 @@ class TrimMap(NamedTuple):
     Attributes
     ----------
     conditions
-        Names of the steady flights and what they mean.
+        Meanings of the steady flights by name.
     altitudes, machs
         Axes of the grid, m and 1.
     airspeeds
         True airspeed, m/s, shape (altitude, mach).
     targets, points
-        What is flown, and its trim; leaves of shape (conditions x altitudes x machs, ...), the last running fastest.
+        Trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest.
     surfaces
         Names of the airframe's control surfaces.
     """
@@ -53,24 +53,24 @@ class TrimMap(NamedTuple):
     surfaces: tuple[str, ...]
 
     def gridded(self, values: Any) -> np.ndarray:
-        """Values of the points, shape (points, ...), over the grid."""
+        """Reshape values of the points, shape (points, ...), to the grid."""
         array = np.asarray(values)
         return array.reshape(len(self.conditions), *self.airspeeds.shape, *array.shape[1:])
 
-    def variable(self, values: Any, unit: str, words: str, *over: str) -> Any:
-        """Variable of a dataset: values of the points over the grid and dimensions beyond it."""
-        return (*GRID_DIMENSIONS, *over), self.gridded(values), unit_attributes(unit, words)
+    def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
+        """Return a dataset variable: values of the points over the grid and further dimensions."""
+        return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Variable that says which points have at least `RESERVE_MIN` left."""
+        """Return the variable that marks the points with at least `RESERVE_MIN` in reserve."""
         points = self.points
-        left = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
-        least = np.minimum(left, np.asarray(points.surface_margin).min(axis=1))
-        words = "Whether a tenth of power and surfaces is left"
-        return self.variable(np.asarray(points.trimmable) & (least >= RESERVE_MIN), "1", words)
+        power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
+        reserve = np.minimum(power_reserve, np.asarray(points.surface_margin).min(axis=1))
+        long_name = "Whether a tenth of power and surfaces is left"
+        return self.variable(np.asarray(points.trimmable) & (reserve >= RESERVE_MIN), "1", long_name)
 
     def coordinates(self, condition: str) -> dict[str, Any]:
-        """Coordinates of the grid; what a condition is, in words."""
+        """Return the coordinates of the grid; `condition` is the long name of the steady flights."""
         return {
             "condition": ("condition", np.array(list(self.conditions)), unit_attributes("", condition)),
             "condition_meaning": ("condition", np.array(list(self.conditions.values()))),
@@ -86,7 +86,7 @@ class TrimMap(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SteadyFlight:
-    """A kind of steady flight: climb angle (deg) and load factor of a coordinated level turn to the right."""
+    """Steady flight: climb angle (deg) and load factor of a coordinated level turn to the right."""
 
     name: str
     meaning: str
@@ -96,7 +96,7 @@ class SteadyFlight:
 
 @dataclasses.dataclass(frozen=True)
 class StepCommand:
-    """A step of the path command: m/s, deg, deg."""
+    """Step of the path command: m/s, deg, deg."""
 
     name: str
     meaning: str
@@ -126,10 +126,10 @@ COMMANDS = (
     StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
 )
 ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-"""The lowest is not 0, where the data end: any command would leave them."""
+"""Default altitudes. The lowest is not 0, the bound of the data: any command would leave the data."""
 MACHS = np.linspace(0.15, 0.95, 18)
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
-"""Error that counts as none: part of the step, or m/s and rad, whichever is more."""
+"""Accepted error: the greater of a part of the step and an absolute error, m/s and rad."""
 
 
 def trim_map(
@@ -141,34 +141,34 @@ def trim_map(
     *,
     coarse: bool,
 ) -> TrimMap:
-    """Trim `CONDITIONS` over a grid: its axes as given, or else the usual ones, every few of them where coarse.
+    """Trim `CONDITIONS` over a grid with the given axes, or with the default axes, thinned if `coarse`.
 
     Raises
     ------
     ValueError
-        An axis is not of increasing numbers, or no point can be flown.
+        An axis is not of increasing numbers, or the grid has no trimmable point.
     """
     altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
     mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
-    sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
-    airspeeds = sound[:, None] * mach[None, :]
+    speed_of_sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = speed_of_sound[:, None] * mach[None, :]
     targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
     points = clock.run(map_points, airframe, environment, targets)
     if not np.any(points.trimmable):
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
-    conditions = {c.name: c.meaning for c in CONDITIONS}
+    conditions = {condition.name: condition.meaning for condition in CONDITIONS}
     return TrimMap(conditions, altitudes, mach, airspeeds, targets, points, airframe.actuators.names)
 
 
-def tolerance_of(size: np.ndarray) -> np.ndarray:
-    """Errors of airspeed (m/s), path angle and course (rad) that count as none, by the size of the step, (..., 3)."""
+def accepted_errors(size: np.ndarray) -> np.ndarray:
+    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of a given size, (..., 3)."""
     return np.maximum(TOLERANCE_SHARE * np.abs(size), TOLERANCE)
 
 
 def survey_limits() -> FlightLimits:
-    """Limits wide enough for the aircraft's own to show: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g.
+    """Return limits wider than the aircraft's: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g.
 
-    A level turn at 4 g is banked 75.5 deg; beyond 78.5 deg the autopilot asks for less lift than holds the path.
+    A level turn at 4 g has a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path.
     """
     return FlightLimits(
         speed_min=jnp.asarray(40.0),
@@ -183,17 +183,17 @@ def survey_limits() -> FlightLimits:
 
 
 def steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:
-    """Targets over (condition, altitude, mach), flattened."""
+    """Return the trim targets over (condition, altitude, mach), flattened."""
     shape = (len(CONDITIONS), *airspeeds.shape)
     V, h = np.broadcast_to(airspeeds, shape), np.broadcast_to(altitudes[:, None], shape)
-    gamma = np.array([c.path_angle_deg * DEG_RAD for c in CONDITIONS])[:, None, None]
-    tangent = np.sqrt([c.turn_load_factor**2 - 1 for c in CONDITIONS])[:, None, None]  # of the bank
-    fields = (V, h, np.broadcast_to(gamma, shape), np.zeros(shape), gravity * tangent / V, np.zeros(shape))
+    gamma = np.array([condition.path_angle_deg * DEG_RAD for condition in CONDITIONS])[:, None, None]
+    bank_tangent = np.sqrt([condition.turn_load_factor**2 - 1 for condition in CONDITIONS])[:, None, None]
+    fields = (V, h, np.broadcast_to(gamma, shape), np.zeros(shape), gravity * bank_tangent / V, np.zeros(shape))
     return TrimTarget(*(jnp.asarray(field.ravel(), dtype=float) for field in fields))
 
 
 def limit_attributes(limits: FlightLimits) -> dict[str, float]:
-    """Limits of the autopilot as attributes."""
+    """Return the autopilot's limits as attributes of a dataset."""
     speeds = {name: float(getattr(limits, name)) for name in ("speed_min", "speed_max")}
     angles = {name: float(getattr(limits, name)) / DEG_RAD for name in ("bank_max", "alpha_min", "alpha_max")}
     factors = {name: float(getattr(limits, name)) for name in ("load_factor_min", "load_factor_max")}
@@ -204,10 +204,16 @@ def limit_attributes(limits: FlightLimits) -> dict[str, float]:
     }
 
 
-def grid_axis(name: str, wanted: Sequence[float] | None, usual: np.ndarray) -> np.ndarray:
-    """Axis of a grid, the usual one where none is wanted; ValueError if it is not of increasing numbers."""
-    axis = usual if wanted is None else np.asarray(wanted, dtype=float)
-    least = 0.0 if name == "machs" else -np.inf
-    if axis.ndim != 1 or not axis.size or not np.isfinite(axis).all() or (np.diff(axis) <= 0).any() or axis[0] < least:
-        raise ValueError(f"{name}: arrived {wanted}; expected finite numbers in increasing order")
+def grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
+    """Return a grid axis: the requested or the default values. Raises ValueError unless the numbers increase."""
+    axis = default if requested is None else np.asarray(requested, dtype=float)
+    minimum = 0.0 if name == "machs" else -np.inf
+    if (
+        axis.ndim != 1
+        or not axis.size
+        or not np.isfinite(axis).all()
+        or (np.diff(axis) <= 0).any()
+        or axis[0] < minimum
+    ):
+        raise ValueError(f"{name}: arrived {requested}; expected finite numbers in increasing order")
     return axis

@@ -1,6 +1,6 @@
-"""Trim points for users, with units or a diagnosis, and the common start of every analysis.
+"""Trim points with units or a diagnosis, and the common first steps of the analyses.
 
-Airframe, autopilot gains, steady flight.
+First steps: airframe, autopilot gains, steady flight.
 """
 
 from collections.abc import Mapping
@@ -34,32 +34,32 @@ compiled_trim = compiled(solve_trim)
 
 
 class ConditionError(ValueError):
-    """A condition that cannot be flown steadily, held by the loop or described by Euler angles; the text is final."""
+    """The condition cannot be flown steadily, held by the loop, or described by Euler angles."""
 
 
 def resolve_airframe(
     aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Airframe by its name or file, or the caller's own as it is; and attributes that say which.
+    """Return an airframe by name, by file or as passed, with attributes for datasets.
 
     Parameters
     ----------
     aircraft
         Name of an airframe of the library or of an entry point, path of an aircraft file, or an airframe.
     variant, x_cg_over_c
-        Of the library's F-16: see `load_f16`.
+        Variant and centre of gravity of the library's F-16: see `load_f16`.
 
     Raises
     ------
     ValueError
-        No such airframe; a centre of gravity for an airframe that is not the library's F-16; or an airframe of
-        an impossible body.
+        No airframe has this name, a centre of gravity was given for another airframe than the library's F-16, or the
+        airframe's mass properties are impossible.
     ScenarioError
-        No valid aircraft file.
+        The aircraft file is not valid.
     """
     if isinstance(aircraft, str):
-        of: dict[str, str | int | float] = {"aircraft": aircraft}
-        return load_airframe(aircraft, variant, x_cg_over_c), of | (
+        attributes: dict[str, str | int | float] = {"aircraft": aircraft}
+        return load_airframe(aircraft, variant, x_cg_over_c), attributes | (
             {"variant": variant} if aircraft in VARIANTS else {}
         )
     if x_cg_over_c is not None:
@@ -72,23 +72,23 @@ def resolve_airframe(
 
 
 def airframe_label(attributes: Mapping[str, Any]) -> str:
-    """Airframe as attributes of `resolve_airframe` name it, with its variant where it has one."""
+    """Return aircraft and variant, if any, from the attributes of `resolve_airframe`."""
     return " ".join(
         [str(attributes["aircraft"]), *(f"({attributes[key]})" for key in ("variant",) if key in attributes)]
     )
 
 
 def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Gains of the autopilot, the published ones if none are given, with the bandwidth of the sensors' filter set."""
+    """Set the sensor bandwidth of the gains for an inversion; None: the published gains."""
     bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
-    wanted = published_gains() if gains is None else gains
-    return eqx.tree_at(lambda g: g.sensor_bandwidth, wanted, jnp.asarray(bandwidth, dtype=float))
+    base_gains = published_gains() if gains is None else gains
+    return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))
 
 
 def default_gains(
     airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step_s: float, inversion: Inversion
 ) -> AutopilotGains:
-    """Gains where none are given: the published ones of an F-16, those of the aircraft itself of any other."""
+    """Return the default gains: published for an F-16, derived from the aircraft otherwise."""
     if isinstance(airframe, AbstractF16):
         return gains_for(inversion)
     bandwidths = _bandwidths(airframe, environment, trim, jnp.asarray(step_s, dtype=float))
@@ -97,12 +97,12 @@ def default_gains(
 
 @compiled
 def _bandwidths(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step: Scalar) -> Bandwidths:
-    now = flight_condition(airframe, environment, 0.0, trim.state)
-    return derived_bandwidths(airframe, now, trim.state.surfaces, trim.power, step)
+    condition = flight_condition(airframe, environment, 0.0, trim.state)
+    return derived_bandwidths(airframe, condition, trim.state.surfaces, trim.power, step)
 
 
 def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:
-    """Trim point of a steady flight; ConditionError with the nearest trim points where there is none."""
+    """Trim a steady flight. Raises ConditionError, with the nearest trim points in the message, if no trim exists."""
     trim = compiled_trim(airframe, environment, target)
     if trim_violations(airframe, environment, trim):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
@@ -111,28 +111,28 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
 
 @compiled
 def map_points(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> TrimMapPoint:
-    """Points of the trim map at stacked targets."""
+    """Trim stacked targets."""
     return jax.vmap(lambda target: trim_map_point(airframe, environment, target))(targets)
 
 
 _HEAVY_KG = 1000.0
-"""Thrust of aircraft of more mass is told in kN."""
+"""Above this mass, thrust is shown in kN."""
 _ROUNDING = 1e-12
-"""Values below this are rounding noise of a zero, such as the bank of straight flight."""
+"""Smaller values are rounding noise of a zero, such as the bank of straight flight."""
 
 
 @dataclass(frozen=True, repr=False)
 class TrimResult:
-    """A trim point; printed, it is its numbers, or what stops it.
+    """Trim point; printed as a list of quantities, or as the diagnosis.
 
     Attributes
     ----------
     point
-        The solution.
-    rows
-        Name, value and unit of what it holds.
+        Solution of the trim.
+    quantities
+        Name, value and unit of each quantity.
     diagnosis
-        None where it can be flown; otherwise which limit stops it and where the nearest trim points are.
+        None for a steady flight; otherwise the violated limit and the nearest trim points.
     """
 
     point: TrimPoint
@@ -179,12 +179,13 @@ def trim(
     pitch_rate_deg_s
         Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
     variant, x_cg_over_c
-        Of the library's airframe: see `load_airframe`.
+        Variant and centre of gravity of the library's airframe: see `load_airframe`.
 
     Raises
     ------
     ValueError
-        No such airframe, a centre of gravity for one that is not the library's, or a pitch rate in a turn.
+        No airframe has this name, a centre of gravity was given for an airframe outside the library, or a pitch rate
+        was given in a turn.
     """
     enable_compilation_cache()
     environment = standard_environment()
@@ -194,10 +195,10 @@ def trim(
     point = compiled_trim(airframe, environment, target)
     stopped = bool(trim_violations(airframe, environment, point))
     diagnosis = nearest_trims(airframe, environment, target).message() if stopped else None
-    return TrimResult(point, _rows(airframe, point, altitude_m, speed_m_s), diagnosis)
+    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis)
 
 
-def _rows(
+def _quantities(
     airframe: AbstractAirframe, point: TrimPoint, altitude_m: float, speed_m_s: float
 ) -> tuple[tuple[str, float, str], ...]:
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
@@ -205,17 +206,17 @@ def _rows(
     ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
     data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
     thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
-    heavy = float(airframe.mass_properties.mass) > _HEAVY_KG
+    is_heavy = float(airframe.mass_properties.mass) > _HEAVY_KG
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
     rates = zip(("roll rate", "pitch rate", "yaw rate"), point.state.rates_b, strict=True)
     surfaces = zip(airframe.actuators.names, point.state.surfaces, strict=True)
-    rows = (
+    quantities = (
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
         *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
         *((surface_label(name), float(angle) * RAD_DEG, "deg") for name, angle in surfaces),
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
-        ("thrust", thrust / 1000, "kN") if heavy else ("thrust", thrust, "N"),
+        ("thrust", thrust / 1000, "kN") if is_heavy else ("thrust", thrust, "N"),
         ("Mach number", float(data.mach), ""),
     )
-    return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in rows)
+    return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in quantities)

@@ -81,8 +81,8 @@ def step(
         raise RefusedError(f"--{error}") from None
     if duration_s is None:
         with trim_progress("trimming"):
-            pace = step_time_scale(aircraft, variant, speed_m_s, altitude_m)
-        test = step_test(loop, dict(zip(channel, size, strict=True)), None, pace)
+            time_scale = step_time_scale(aircraft, variant, speed_m_s, altitude_m)
+        test = step_test(loop, dict(zip(channel, size, strict=True)), None, time_scale)
     flown = _fly([test], aircraft, variant, speed_m_s, altitude_m, inversion)
     if out is not None:
         from anser.report.response_figures import draw_step
