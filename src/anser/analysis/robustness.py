@@ -387,7 +387,7 @@ def robustness_study(
     size = np.array(_COMMAND.size)
     tolerance = accepted_errors(size)
     fixed = (nominal, environment, limits, jnp.asarray(size), jnp.asarray(tolerance))
-    summaries, verdicts = [], []
+    summaries, verdicts, total = [], [], len(trimmable)
     for k, inversion in enumerate(_INVERSIONS):
         gains = gains_for(inversion)
 
@@ -396,12 +396,10 @@ def robustness_study(
             return clock.run(_fly, fixed, gains, *arguments, step_s, count)
 
         def report_flights(count_done: int, inversion: str = inversion, k: int = k) -> None:
-            report_progress(
-                f"flying {len(trimmable)} flights, {inversion} inversion", 0.1 + 0.45 * (k + count_done / len(trimmable))
-            )
+            report_progress(f"flying {total} flights, {inversion} inversion", 0.1 + 0.45 * (k + count_done / total))
 
-        summaries.append(run_in_batches(fly, len(trimmable), BATCH, report_flights))
-        tolerances = np.broadcast_to(tolerance, (len(trimmable), 3))
+        summaries.append(run_in_batches(fly, total, BATCH, report_flights))
+        tolerances = np.broadcast_to(tolerance, (total, 3))
         verdicts.append(classify_flights(summaries[-1], tolerances, count * step_s, is_start_beyond[trimmable]))
     dataset = robustness_dataset(
         _INVERSIONS,

@@ -7,6 +7,7 @@ from typing import Any
 from anser.aircraft_files.library import is_aircraft_path
 from anser.aircraft_files.sources import VARIANTS
 from anser.analysis.step_flights import StepCase, default_flight_point, step_case
+from anser.analysis.step_tests import STEP_S
 from anser.analysis.trim_points import Inversion, resolve_airframe
 from anser.missions.runs import FlightResult, run
 from anser.scenario.schema import Scenario, validate
@@ -69,7 +70,7 @@ def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitu
     climb = scale * (goal["altitude_m"] + stand_off_up - aircraft_table["start"]["altitude_m"])
     approach_time_s = scale * (goal["north_m"] ** 2 + goal["east_m"] ** 2) ** 0.5 / speed_m_s
     climb = min(climb, _CLIMB_SHARE * case.derived_defaults.capability.climb_rate_max * approach_time_s)
-    values["timing"]["duration_s"] *= time_scale
+    values["timing"]["duration_s"] = round(round(values["timing"]["duration_s"] * time_scale / STEP_S) * STEP_S, 9)
     values["fleet"]["speed_m_s"] = speed_m_s
     aircraft_table["start"] |= {"speed_m_s": speed_m_s, "altitude_m": altitude_m}
     goal |= {"north_m": scale * goal["north_m"], "east_m": scale * goal["east_m"]}

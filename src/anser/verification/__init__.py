@@ -1,4 +1,4 @@
-"""Verification against published figures and independent programs."""
+"""Verification by published figures."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The Aerosonde against forces, moments and accelerations that its source's authors publish."""
+"""Verification of the Aerosonde: forces, moments and accelerations published by the authors of its source."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,12 +16,12 @@ from anser.verification.checks import Check, Comparison, load_published
 
 _TOLERANCE = 1e-10
 _SPEED_OF_SOUND_M_S = 340.0
-"""Of no effect: nothing of this aircraft depends on the Mach number."""
+"""Placeholder: the aircraft's coefficients do not depend on the Mach number."""
 _AXES = ("x", "y", "z")
 
 
 def _rotation(quaternion: list[float]) -> np.ndarray:
-    """R(q) / det R(q), body to NED, as the authors have it: of unit length to 1e-8 only, their quaternion is not."""
+    """R(q) / det R(q), body to NED, as in the authors' simulator: the published |q| is 1 to 1e-8 only."""
     q0, q1, q2, q3 = quaternion
     R = np.array(
         [
@@ -36,8 +36,8 @@ def _rotation(quaternion: list[float]) -> np.ndarray:
 def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: float, gravity: float) -> list[Comparison]:
     state, controls = case["state"], case["controls"]
     V, alpha, beta = case.get("V", 25.0), case.get("alpha", 0.0), case.get("beta", 0.0)
-    numbers = (V, alpha, beta, density, 0.5 * density * V * V, V / _SPEED_OF_SOUND_M_S, 100.0)
-    data = AirData(*(jnp.asarray(float(number)) for number in numbers))
+    air_quantities = (V, alpha, beta, density, 0.5 * density * V * V, V / _SPEED_OF_SOUND_M_S, 100.0)
+    data = AirData(*(jnp.asarray(float(number)) for number in air_quantities))
     velocity_b, rates_b = np.asarray(state["velocity_b_m_s"], float), np.asarray(state["rates_b_rad_s"], float)
     surfaces = jnp.asarray([controls[name] for name in airframe.actuators.names])
     propulsive = airframe.engine.propulsion(100.0 * controls["throttle"], data)
@@ -46,7 +46,7 @@ def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: flo
     force_b = np.asarray(total.force_b) + mass * _rotation(state["quaternion"]).T @ np.array([0.0, 0.0, gravity])
     linear = force_b / mass - np.cross(rates_b, velocity_b)
     angular = angular_acceleration(airframe.mass_properties, jnp.asarray(rates_b), total.moment_b)
-    found = {
+    quantities = {
         "thrust": ("N", [case["thrust_N"]], [propulsive.force_b[0]]),
         "propeller torque": ("N m", [case["torque_Nm"]], [-propulsive.moment_b[0]]),
         "force": ("N", case["force_moment"][:3], force_b),
@@ -56,8 +56,8 @@ def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: flo
     }
     return [
         Comparison(group, f"{case['name']}, {axis}", unit, expected, float(obtained), _TOLERANCE)
-        for group, (unit, wanted, values) in found.items()
-        for axis, expected, obtained in zip(_AXES, wanted, values, strict=False)
+        for group, (unit, published, values) in quantities.items()
+        for axis, expected, obtained in zip(_AXES, published, values, strict=False)
     ]
 
 
@@ -67,7 +67,7 @@ def _measure() -> tuple[Comparison, ...]:
         raise TypeError(f"aerosonde: {type(file).__name__}; expected a file of derivatives")
     airframe = with_derivatives(build_airframe(file), file, {"CD0": 0.0})
     density, gravity = data["rho_check_kg_m3"], data["gravity_check_m_s2"]
-    return tuple(one for case in data["checks"] for one in _compare(airframe, case, density, gravity))
+    return tuple(comparison for case in data["checks"] for comparison in _compare(airframe, case, density, gravity))
 
 
 AEROSONDE_FORCES = Check(

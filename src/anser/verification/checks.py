@@ -1,6 +1,6 @@
 """Checks: a published figure, the same figure computed here, and the tolerance between them.
 
-The published data that come with the package, and the JSON document of the outcomes.
+The package's published data, and the JSON document of the outcomes.
 """
 
 import functools
@@ -14,33 +14,33 @@ from typing import Any
 from anser.results.documents import software_versions
 
 NOT_JUDGED = "flown, not judged"
-"""Verdict on what has no published figure."""
+"""Verdict on a figure without a published value."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One figure and its published value.
+    """A figure and its published value.
 
     Attributes
     ----------
     group
-        The quantity, `alpha_dot`; a table shows the worst comparison of each group.
-    where
-        The point, `V 300 ft/s`.
+        Quantity, `alpha_dot`; a table shows the worst comparison of each group.
+    point
+        Point, `V 300 ft/s`.
     unit
         Unit of expected, obtained and tolerance; empty for a pure number.
     expected
-        The published figure; None where the definition is published and the figure is not.
+        Published figure; None if only the definition is published.
     obtained
-        The figure computed here.
+        Figure computed here.
     tolerance
-        Largest absolute difference that agrees; None exactly where `expected` is.
+        Largest accepted absolute difference; None if, and only if, `expected` is None.
     time_s
         Time of the point, for plots over time.
     reference
-        Which of several published figures, `sim_05`.
-    why
-        Reason of the tolerance where it is another than the check's.
+        Name of the published source among several, `sim_05`.
+    tolerance_reason
+        Reason of the tolerance if different from the check's.
     """
 
     group: str
@@ -66,22 +66,22 @@ class Comparison:
 
     @property
     def error(self) -> float | None:
-        """Obtained minus expected; None where no figure is given."""
+        """Obtained minus expected; None without a published figure."""
         return None if self.expected is None else self.obtained - self.expected
 
     @property
     def judged(self) -> bool:
-        """Whether there is a published figure."""
+        """True if a published figure exists."""
         return self.expected is not None
 
     @property
     def fails(self) -> bool:
-        """Whether the figure is not finite, or differs from the published one by more than the tolerance."""
+        """True if the figure is not finite, or differs from the published figure by more than the tolerance."""
         return not self._agrees
 
     @property
     def passes(self) -> bool:
-        """Whether there is a published figure and it agrees."""
+        """True if a published figure exists and agrees."""
         return self.judged and self._agrees
 
     @property
@@ -92,7 +92,7 @@ class Comparison:
 
     @property
     def severity(self) -> float:
-        """Size of the error in tolerances, for finding the worst of a group; infinite for NaN and infinity."""
+        """Error over tolerance, to find the worst comparison of a group; infinite for NaN and infinity."""
         if not math.isfinite(self.obtained):
             return math.inf
         if self.expected is None or self.tolerance is None:
@@ -105,7 +105,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Check:
-    """Published figures of one source, and how they are computed here.
+    """Published figures of one source, and their computation here.
 
     Attributes
     ----------
@@ -114,15 +114,15 @@ class Check:
     title
         Name on the page.
     source
-        Citation short enough for the cell of a table, `[SL] tab. 3.5-2`.
-    why
-        Reason of the tolerance, as short: `half the last digit`.
+        Short citation for a table cell, `[SL] tab. 3.5-2`.
+    tolerance_reason
+        Short reason of the tolerance, `half the last digit`.
     explanation
         Sentences for the page: conventions, discrepancies and their cause.
     measure
-        Compute all comparisons.
+        Function that computes the comparisons.
     long
-        Whether it takes so long that it is computed beside the others.
+        True for a slow check, run in parallel with the others.
     """
 
     key: str
@@ -136,18 +136,18 @@ class Check:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a check found.
+    """Outcome of a check.
 
     Attributes
     ----------
     check
         The check.
     comparisons
-        All its comparisons; empty if it could not be computed.
+        Comparisons of the check; empty if the computation failed.
     seconds
-        How long it took, compilation included.
+        Duration, compilation included.
     problem
-        Why it could not be computed; None if it could.
+        Reason of a failed computation; otherwise None.
     """
 
     check: Check
@@ -157,17 +157,17 @@ class Outcome:
 
     @property
     def passes(self) -> bool:
-        """Whether it could be computed, judges something, and all that it judges agrees."""
+        """True if the computation succeeded, a published figure exists, and every published figure agrees."""
         return self.judged and not self.fails
 
     @property
     def fails(self) -> bool:
-        """Whether it could not be computed, has no comparisons, or one of them fails."""
+        """True if the computation failed, there are no comparisons, or a comparison fails."""
         return self.problem is not None or not self.comparisons or any(c.fails for c in self.comparisons)
 
     @property
     def judged(self) -> bool:
-        """Whether any of its comparisons has a published figure."""
+        """True if a comparison has a published figure."""
         return any(comparison.judged for comparison in self.comparisons)
 
     @property
@@ -178,39 +178,42 @@ class Outcome:
 
 @functools.cache
 def load_published(name: str) -> dict[str, Any]:
-    """Read a file of published figures by its name without ending; its `about` says where the figures come from."""
+    """Read a file of published figures by name, without suffix; the entry `about` names the source."""
     text = resources.files("anser.verification").joinpath(f"data/{name}.json").read_text(encoding="utf-8")
     return json.loads(text)
 
 
 def half_of_last_digit(printed: str) -> float:
-    """Half a unit of the last digit of a figure as it is printed, `2.6499e4`: by so much rounding may have moved it."""
+    """Return half a unit of the last digit of a printed figure, `2.6499e4`: the greatest rounding error."""
     mantissa, _, exponent = printed.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
 
 
-def half_of_significant(figure: float, digits: int) -> float:
-    """Half a unit of the last of so many significant digits of a figure, for a file that does not keep final zeros."""
-    return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digits + 1)
+def half_of_significant(figure: float, digit_count: int) -> float:
+    """Return half a unit of the last significant digit, for a data format that drops final zeros."""
+    return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digit_count + 1)
 
 
-def compare_as_printed(group: str, where: str, unit: str, printed: str, obtained: float) -> Comparison:
-    """Compare with a figure as it is printed, to half a unit of its last digit."""
-    return Comparison(group, where, unit, float(printed), float(obtained), half_of_last_digit(printed))
+def compare_as_printed(group: str, point: str, unit: str, printed: str, obtained: float) -> Comparison:
+    """Compare with a printed figure, to half a unit of its last digit."""
+    return Comparison(group, point, unit, float(printed), float(obtained), half_of_last_digit(printed))
 
 
 FORMAT_VERSION = 2
-"""Raised when a name is taken away or changes its meaning."""
+"""Format version of the document; raised when a name is removed or changes meaning."""
 
 
 def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:
-    """All that was compared, with the software that computed it; numbers are finite or None.
+    """Return the comparisons, with the software versions, as plain data; numbers are finite or None.
 
-    `passed` is None of what has no published figure: it was flown, not judged.
-
-    `seconds` is the time that all took together; checks are computed side by side. A figure that came out as NaN or
-    infinite is None and its comparison's `problem` says what it was.
+    Parameters
+    ----------
+    outcomes
+        Outcomes of the checks. `passed` is None without a published figure. A NaN or infinite figure is None, and the
+        `problem` of its comparison gives the value.
+    seconds
+        Duration of the run; checks run in parallel.
     """
     return {
         "format_version": FORMAT_VERSION,
@@ -219,7 +222,7 @@ def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:
             any(outcome.judged for outcome in outcomes), not outcomes or any(outcome.fails for outcome in outcomes)
         ),
         "seconds": seconds,
-        "checks": [_outcome(outcome) for outcome in outcomes],
+        "checks": [_outcome_document(outcome) for outcome in outcomes],
     }
 
 
@@ -227,7 +230,7 @@ def _verdict_flag(judged: bool, fails: bool) -> bool | None:
     return False if fails else True if judged else None
 
 
-def _outcome(outcome: Outcome) -> dict[str, Any]:
+def _outcome_document(outcome: Outcome) -> dict[str, Any]:
     check = outcome.check
     return {
         "key": check.key,
@@ -239,11 +242,11 @@ def _outcome(outcome: Outcome) -> dict[str, Any]:
         "passed": _verdict_flag(outcome.judged, outcome.fails),
         "verdict": outcome.verdict,
         "problem": outcome.problem,
-        "comparisons": [_comparison(comparison, check.tolerance_reason) for comparison in outcome.comparisons],
+        "comparisons": [_comparison_document(comparison, check.tolerance_reason) for comparison in outcome.comparisons],
     }
 
 
-def _comparison(comparison: Comparison, tolerance_reason: str) -> dict[str, Any]:
+def _comparison_document(comparison: Comparison, tolerance_reason: str) -> dict[str, Any]:
     finite = math.isfinite(comparison.obtained)
     return {
         "group": comparison.group,

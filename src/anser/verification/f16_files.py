@@ -1,4 +1,4 @@
-"""The s119 F-16 as its DAVE-ML files have it, beside the built-in one: coefficients, thrust, and NESC case 11."""
+"""Verification of the built-in s119 F-16 by its DAVE-ML files: coefficients, thrust, and NESC case 11."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ STATES = 10_000
 _TOLERANCE = 1e-12
 _MOMENT_REFERENCE, _CG_PCT_MAC = 0.35, 25.0
 _FLIGHT_SHARE = 1e-6
-"""Of the tolerances of NESC case 11: what the two flights may differ by."""
+"""Accepted difference of the two flights of NESC case 11, as a part of the case's tolerances."""
 _COEFFICIENTS = {
     "CX": "aeroBodyForceCoefficient_X",
     "CY": "aeroBodyForceCoefficient_Y",
@@ -46,15 +46,15 @@ _SURFACES = ("elevatorDeflection", "aileronDeflection", "rudderDeflection")
 def file_coefficients(
     aerodynamics: Evaluator, V: ScalarLike, alpha: ScalarLike, beta: ScalarLike, rates_b: Vector3, surfaces: Vector
 ) -> dict[str, Scalar]:
-    """Coefficients about the file's moment reference, and reference lengths, by the names of F16_aero.dml; SI."""
-    given = {"trueAirspeed": V, "angleOfAttack": alpha, "angleOfSideslip": beta}
-    given |= {f"bodyAngularRate_{axis}": rates_b[k] for k, axis in enumerate(_AXES)}
-    given |= {name: surfaces[k] for k, name in enumerate(_SURFACES)}
-    return aerodynamics.evaluate_si(given, (*_COEFFICIENTS.values(), *_REFERENCES))
+    """Return the coefficients about the file's moment reference, and the reference lengths, by their names; SI."""
+    inputs = {"trueAirspeed": V, "angleOfAttack": alpha, "angleOfSideslip": beta}
+    inputs |= {f"bodyAngularRate_{axis}": rates_b[k] for k, axis in enumerate(_AXES)}
+    inputs |= {name: surfaces[k] for k, name in enumerate(_SURFACES)}
+    return aerodynamics.evaluate_si(inputs, (*_COEFFICIENTS.values(), *_REFERENCES))
 
 
 class FileEngine(AbstractEngine):
-    """The thrust of F16_prop.dml; all else as the built-in engine.
+    """Engine with the thrust of F16_prop.dml; lag and inverses are those of the built-in engine.
 
     Attributes
     ----------
@@ -68,32 +68,32 @@ class FileEngine(AbstractEngine):
     built_in: AbstractEngine
 
     def steady_state(self, power: ScalarLike) -> Any:
-        """As built in."""
+        """State of the built-in engine."""
         return self.built_in.steady_state(power)
 
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """As built in."""
+        """Rate of the built-in engine."""
         return self.built_in.rate(state, throttle, air_data)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x; the file's other components are 0."""
-        given = {"powerLeverAngle": 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
-        return thrust_along_body_x(self.thrust.evaluate_si(given, ("thrustBodyForce_X",))["thrustBodyForce_X"])
+        """Thrust along body x; the file's thrust has no lateral components."""
+        inputs = {"powerLeverAngle": 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
+        return thrust_along_body_x(self.thrust.evaluate_si(inputs, ("thrustBodyForce_X",))["thrustBodyForce_X"])
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """As built in."""
+        """Inverse of the built-in engine."""
         return self.built_in.power_for_thrust(thrust, air_data)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """As built in."""
+        """Inverse of the built-in engine."""
         return self.built_in.throttle_for_power(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """As built in."""
+        """Inverse of the built-in engine."""
         return self.built_in.throttle_for_power_rate(power, power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """As built in."""
+        """Range of the built-in engine."""
         return self.built_in.outside_tables(air_data)
 
 
@@ -117,20 +117,20 @@ class FileF16(AbstractAirframe):
     cg_forward: Scalar
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force at the moment reference, with its moment about the centre of gravity."""
-        c = file_coefficients(
+        """Force at the moment reference, and moment about the centre of gravity."""
+        coefficients = file_coefficients(
             self.coefficients, jnp.maximum(air_data.V, 1.0), air_data.alpha, air_data.beta, rates_b, surfaces
         )
-        area, span, chord = (c[name] for name in _REFERENCES)
+        area, span, chord = (coefficients[name] for name in _REFERENCES)
         force, moment = list(_COEFFICIENTS.values())[:3], list(_COEFFICIENTS.values())[3:]
         scale = air_data.qbar * area
-        force_b = scale * jnp.stack([c[name] for name in force])
-        about_reference_b = scale * jnp.stack([span, chord, span]) * jnp.stack([c[name] for name in moment])
+        force_b = scale * jnp.stack([coefficients[name] for name in force])
+        about_reference_b = scale * jnp.stack([span, chord, span]) * jnp.stack([coefficients[name] for name in moment])
         lever = self.cg_forward * jnp.stack([jnp.zeros(()), force_b[2], -force_b[1]])
         return Wrench(force_b=force_b, moment_b=about_reference_b + lever)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside the tables' ranges of the flow angles, or those of the engine."""
+        """True outside the tables' ranges of the flow angles, or outside the engine's ranges."""
         alpha, beta = air_data.alpha, air_data.beta
         outside = (alpha < self.alpha_range[0]) | (alpha > self.alpha_range[1])
         outside = outside | (beta < self.beta_range[0]) | (beta > self.beta_range[1])
@@ -138,7 +138,7 @@ class FileF16(AbstractAirframe):
 
 
 def f16_of_files() -> FileF16:
-    """The F-16 of the four files; actuators and ranges are those of the built-in s119 variant."""
+    """Build the F-16 of the four files, with actuators and ranges of the built-in s119 variant."""
     built_in = load_f16("s119")
     inertia = published_model("F16_inertia").evaluate_si({"vrsPositionOfCM": _CG_PCT_MAC / 100.0})
     J = {axes: float(inertia[name]) for name, axes in _INERTIA.items()}
@@ -163,9 +163,9 @@ _INERTIA = {"XIXX": "xx", "XIYY": "yy", "XIZZ": "zz", "XIZX": "zx", "XIXY": "xy"
 
 
 def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "state 13"]:
-    """V, alpha, beta, rates, surfaces, power, altitude, Mach of random states over the tables and beyond their ends."""
+    """Return V, alpha, beta, rates, surfaces, power, altitude, Mach of random states within and beyond the tables."""
     random = np.random.default_rng(seed)
-    least = [
+    lower = [
         5.0,
         -15 * DEG_RAD,
         -35 * DEG_RAD,
@@ -175,53 +175,57 @@ def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "sta
         -500.0,
         0.0,
     ]
-    most = [400.0, 50 * DEG_RAD, 35 * DEG_RAD, *[2.0] * 3, *np.array([25.0, 21.5, 30.0]) * DEG_RAD, 100.0, 16e3, 1.2]
-    return random.uniform(least, most, (count, len(least)))
+    upper = [400.0, 50 * DEG_RAD, 35 * DEG_RAD, *[2.0] * 3, *np.array([25.0, 21.5, 30.0]) * DEG_RAD, 100.0, 16e3, 1.2]
+    return random.uniform(lower, upper, (count, len(lower)))
 
 
 @compiled_quickly
 def compare_models(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Array) -> tuple[dict, dict]:
-    """Coefficients about the moment reference and thrust (lbf) of each state: of the files, and built in."""
+    """Compute each state's coefficients about the moment reference and thrust (lbf), from the files and built in."""
     file_engine = FileEngine(thrust, airframe.engine)
 
-    def one(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
+    def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
         V, alpha, beta, rates_b, surfaces = state[0], state[1], state[2], state[3:6], state[6:9]
-        found = file_coefficients(aerodynamics, V, alpha, beta, rates_b, surfaces)
+        standard_values = file_coefficients(aerodynamics, V, alpha, beta, rates_b, surfaces)
         direction = jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
         data = air_data(V * direction, state[10], StandardAtmosphere().at(0.0))
         data = eqx.tree_at(lambda d: (d.V, d.alpha, d.beta, d.mach), data, (V, alpha, beta, state[11]))
-        built_in = airframe.coefficients(data, rates_b, surfaces)
-        of_file = {name: found[standard] for name, standard in _COEFFICIENTS.items()}
-        of_file["thrust"] = file_engine.propulsion(state[9], data).force_b[0] / LBF_N
-        own = {name: getattr(built_in, name) for name in _COEFFICIENTS}
-        own["thrust"] = airframe.engine.propulsion(state[9], data).force_b[0] / LBF_N
-        return of_file, own
+        built_in_coefficients = airframe.coefficients(data, rates_b, surfaces)
+        file_values = {name: standard_values[standard] for name, standard in _COEFFICIENTS.items()}
+        file_values["thrust"] = file_engine.propulsion(state[9], data).force_b[0] / LBF_N
+        built_in_values = {name: getattr(built_in_coefficients, name) for name in _COEFFICIENTS}
+        built_in_values["thrust"] = airframe.engine.propulsion(state[9], data).force_b[0] / LBF_N
+        return file_values, built_in_values
 
-    return jax.vmap(one)(states)
+    return jax.vmap(compare_state)(states)
 
 
 def _coefficients() -> tuple[Comparison, ...]:
-    """The state in which each differs most; CZ also with the file's own rounded pi."""
+    """Compare coefficients and thrust in the state of the greatest difference; CZ also with the file's rounded pi."""
     airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
     as_filed, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
-    exact = eqx.tree_at(lambda e: e.constants["rtd"], as_filed, as_array(RAD_DEG))
+    exact_pi = eqx.tree_at(lambda e: e.constants["rtd"], as_filed, as_array(RAD_DEG))
     states = random_states()
-    of_file, own = compare_models(airframe, exact, thrust, as_array(states))
-    found = []
-    for name, values in of_file.items():
+    from_file, built_in = compare_models(airframe, exact_pi, thrust, as_array(states))
+    comparisons = []
+    for name, values in from_file.items():
         expected = np.asarray(values)
         if name == "thrust":
             tolerance = _TOLERANCE * float(np.max(np.abs(expected)))
-            found.append(_worst(name, expected, own[name], tolerance, "lbf", "1e-12 of the greatest"))
+            comparisons.append(_worst(name, expected, built_in[name], tolerance, "lbf", "1e-12 of the greatest"))
         else:
-            found.append(_worst(name, expected, own[name], _TOLERANCE))
-    rounded, _ = compare_models(airframe, as_filed, thrust, as_array(states))
+            comparisons.append(_worst(name, expected, built_in[name], _TOLERANCE))
+    rounded_pi, _ = compare_models(airframe, as_filed, thrust, as_array(states))
     # CZ0 (1 - beta^2), beta in degrees over the file's degrees per radian; |CZ0| <= 2.248.
-    share = 2.0 * abs(float(as_filed.constants["rtd"]) / RAD_DEG - 1.0)
-    tolerance = 2.248 * share * float(np.max(states[:, 2] ** 2)) + _TOLERANCE
-    why = "the file's pi of nine digits"
-    found.append(_worst("CZ, as filed", np.asarray(rounded["CZ"]), own["CZ"], tolerance, tolerance_reason=why))
-    return tuple(found)
+    relative_error = 2.0 * abs(float(as_filed.constants["rtd"]) / RAD_DEG - 1.0)
+    tolerance = 2.248 * relative_error * float(np.max(states[:, 2] ** 2)) + _TOLERANCE
+    tolerance_reason = "the file's pi of nine digits"
+    comparisons.append(
+        _worst(
+            "CZ, as filed", np.asarray(rounded_pi["CZ"]), built_in["CZ"], tolerance, tolerance_reason=tolerance_reason
+        )
+    )
+    return tuple(comparisons)
 
 
 def _worst(
@@ -229,30 +233,37 @@ def _worst(
 ) -> Comparison:
     obtained = np.asarray(computed)
     worst = int(np.argmax(np.abs(obtained - expected)))
-    where = f"worst of {STATES:,} random states"
+    point = f"worst of {STATES:,} random states"
     return Comparison(
-        name, where, unit, float(expected[worst]), float(obtained[worst]), tolerance, tolerance_reason=tolerance_reason
+        name, point, unit, float(expected[worst]), float(obtained[worst]), tolerance, tolerance_reason=tolerance_reason
     )
 
 
 def _flight() -> tuple[Comparison, ...]:
-    """NESC case 11 by the files against the built-in one: each column at the time at which they differ most."""
+    """Compare NESC case 11 flown with the files and with the built-in model, each column at its greatest difference."""
     case = TRIMMED_FLIGHTS[0]
     built_in = trimmed_logs()[case.number]
-    of_files = fly_trimmed([case], f16_of_files())[case.number]
-    rows = [round(time_s / LOG_PERIOD_S) for time_s in case.times_s]
-    found = []
+    from_files = fly_trimmed([case], f16_of_files())[case.number]
+    log_indices = [round(time_s / LOG_PERIOD_S) for time_s in case.times_s]
+    comparisons = []
     for name, column in load_published("nesc_checkpoints")["cases"][f"{case.number}"]["columns"].items():
         if "tolerance" not in column:
             continue
-        expected, obtained = of_files[name][rows], built_in[name][rows]
+        expected, obtained = from_files[name][log_indices], built_in[name][log_indices]
         k = int(np.argmax(np.abs(obtained - expected)))
-        where, tolerance = f"NESC case 11, t {case.times_s[k]:g} s", _FLIGHT_SHARE * column["tolerance"]
-        figures = float(expected[k]), float(obtained[k])
-        found.append(
-            Comparison(name, where, column_unit(name), *figures, tolerance, tolerance_reason="1e-6 of NESC case 11's")
+        point, tolerance = f"NESC case 11, t {case.times_s[k]:g} s", _FLIGHT_SHARE * column["tolerance"]
+        expected_and_obtained = float(expected[k]), float(obtained[k])
+        comparisons.append(
+            Comparison(
+                name,
+                point,
+                column_unit(name),
+                *expected_and_obtained,
+                tolerance,
+                tolerance_reason="1e-6 of NESC case 11's",
+            )
         )
-    return tuple(found)
+    return tuple(comparisons)
 
 
 F16_FILES = Check(

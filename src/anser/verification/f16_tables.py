@@ -1,4 +1,4 @@
-"""F-16 aerodynamic and engine data against published values.
+"""Verification of the F-16's aerodynamic and engine data.
 
 Static check shots of the s119 data files, and the tables of the founding thesis, entry by entry.
 """
@@ -23,7 +23,7 @@ from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, LBF_N
 from anser.verification.checks import Check, Comparison, load_published
 
 _MOMENT_REFERENCE = 0.35
-"""The shots refer to the moment reference of the data, x/c: no lever from there to the centre of gravity."""
+"""Moment reference of the data, x/c, used as centre of gravity: the shots' moments have no lever."""
 _UNITS = {"nd": "", "ft": "ft", "ft2": "ft^2", "lbf": "lbf", "ftlbf": "ft lbf"}
 _AERO_INPUTS = {
     "trueAirspeed": FOOT_M,
@@ -37,49 +37,54 @@ _AERO_INPUTS = {
     "rudderDeflection": DEG_RAD,
 }
 """Inputs of the aerodynamic shots, in order, and their factors to SI."""
-_TURNS = ("Roll", "Pitch", "Yaw")
+_ROTATION_AXES = ("Roll", "Pitch", "Yaw")
 _ENGINE_INPUTS = {"powerLeverAngle": 1.0, "altitudeMSL": FOOT_M, "mach": 1.0}
 
 
 @jax.jit
 def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str, Float[Array, " shot"]]:
-    """Coefficients of each shot; they depend on the air nowhere, so sea level serves."""
+    """Coefficients of each shot, independent of the air: sea level is used."""
 
-    def one(speed: Array, alpha: Array, beta: Array, rates_b: Vector3, surfaces: Vector3) -> dict[str, Array]:
+    def coefficients_of_shot(
+        speed: Array, alpha: Array, beta: Array, rates_b: Vector3, surfaces: Vector3
+    ) -> dict[str, Array]:
         direction = [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
         data = air_data(speed * jnp.stack(direction), 0.0, StandardAtmosphere().at(0.0))
-        found = airframe.coefficients(data, rates_b, surfaces)
-        forces, moments = (found.CX, found.CY, found.CZ), (found.Cl, found.Cm, found.Cn)
+        coefficients = airframe.coefficients(data, rates_b, surfaces)
+        forces, moments = (
+            (coefficients.CX, coefficients.CY, coefficients.CZ),
+            (coefficients.Cl, coefficients.Cm, coefficients.Cn),
+        )
         return {
             **{f"aeroBodyForceCoefficient_{axis}": C for axis, C in zip("XYZ", forces, strict=True)},
-            **{f"aeroBodyMomentCoefficient_{axis}": C for axis, C in zip(_TURNS, moments, strict=True)},
+            **{f"aeroBodyMomentCoefficient_{axis}": C for axis, C in zip(_ROTATION_AXES, moments, strict=True)},
             "referenceWingChord": airframe.mean_chord / FOOT_M,
             "referenceWingSpan": airframe.span / FOOT_M,
             "referenceWingArea": airframe.wing_area / FOOT_M**2,
         }
 
-    return jax.vmap(one)(shots[:, 0], shots[:, 1], shots[:, 2], shots[:, 3:6], shots[:, 6:9])
+    return jax.vmap(coefficients_of_shot)(shots[:, 0], shots[:, 1], shots[:, 2], shots[:, 3:6], shots[:, 6:9])
 
 
 @jax.jit
 def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Array, " shot"]]:
     """Thrust and its moment in each shot, lbf and ft lbf."""
 
-    def one(shot: Vector3) -> dict[str, Array]:
+    def thrust_of_shot(shot: Vector3) -> dict[str, Array]:
         wrench = thrust_along_body_x(airframe.engine.thrust(shot[0], shot[1], shot[2]))
         force, moment = wrench.force_b / LBF_N, wrench.moment_b / FT_LBF_N_M
         return {
             **{f"thrustBodyForce_{axis}": force[k] for k, axis in enumerate("XYZ")},
-            **{f"thrustBodyMoment_{axis}": moment[k] for k, axis in enumerate(_TURNS)},
+            **{f"thrustBodyMoment_{axis}": moment[k] for k, axis in enumerate(_ROTATION_AXES)},
         }
 
-    return jax.vmap(one)(shots)
+    return jax.vmap(thrust_of_shot)(shots)
 
 
 def _measure_shots(
     file: str, factors: dict[str, float], compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
 ) -> tuple[Comparison, ...]:
-    """Compare all shots of a file; `factors` are those of its inputs, in order, to SI and rad."""
+    """Compare the shots of a file; `factors` convert the inputs, in order, to SI and rad."""
     shots = load_published(file)["shots"]
     inputs = jnp.array([[shot["inputs"][name][0] * factor for name, factor in factors.items()] for shot in shots])
     airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
@@ -116,12 +121,12 @@ F16_ENGINE_SHOTS = Check(
 
 
 _TABLES_MOMENT_REFERENCE = 0.35
-"""Of the tables, x/c: no lever from there to the centre of gravity."""
+"""Moment reference of the thesis tables, x/c, used as centre of gravity."""
 _SPEED_M_S = 100.0
 _TOLERANCE, _TOLERANCE_LBF = 1e-12, 1e-9
 _RATES = {"p": 0, "q": 1, "r": 2}
 _DEFLECTIONS = {"da": (1, 21.5), "dr": (2, 30.0)}
-"""Surface, and the deflection (deg) for which the thesis prints the increment."""
+"""Surface index, and the deflection (deg) of the printed increment."""
 _POWERS = {"T_idle": 0.0, "T_mil": 50.0, "T_max": 100.0}
 
 
@@ -150,53 +155,55 @@ def _thrusts(airframe: F16, points: Float[Array, "point 3"]) -> Float[Array, " p
     return jax.vmap(thrust)(points)
 
 
-def _rows_of(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+def _grid_points(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
     """Grid points of a table by the names of its axes, the last axis fastest."""
     return [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
 
 
 def _entries(name: str, axes: Mapping[str, Sequence[float]], airframe: F16) -> np.ndarray:
-    """A table's entries as the aircraft flies them: a coefficient, or what a rate or deflection adds to it."""
-    rows = _rows_of(axes)
+    """Compute a table's entries from the aircraft model: a coefficient, or the increment of a rate or deflection."""
+    grid_points = _grid_points(axes)
     if name in _POWERS:
-        points = [[_POWERS[name], row["altitude_ft"], row["mach"]] for row in rows]
+        points = [[_POWERS[name], grid_point["altitude_ft"], grid_point["mach"]] for grid_point in grid_points]
         return np.asarray(_thrusts(airframe, jnp.array(points)))
-    still = np.zeros((len(rows), 8))
-    still[:, 0] = [row["alpha_deg"] for row in rows]
-    still[:, 1] = [row.get("beta_deg", row.get("abs_beta_deg", 0.0)) for row in rows]
-    still[:, 2] = [row.get("elevator_deg", 0.0) for row in rows]
+    neutral = np.zeros((len(grid_points), 8))
+    neutral[:, 0] = [grid_point["alpha_deg"] for grid_point in grid_points]
+    neutral[:, 1] = [grid_point.get("beta_deg", grid_point.get("abs_beta_deg", 0.0)) for grid_point in grid_points]
+    neutral[:, 2] = [grid_point.get("elevator_deg", 0.0) for grid_point in grid_points]
     column = ("CX", "CY", "CZ", "Cl", "Cm", "Cn").index(name[:2])
-    moved, cause = still.copy(), name[2:]
-    if cause in _DEFLECTIONS:
-        surface, deflection = _DEFLECTIONS[cause]
-        moved[:, 2 + surface] = deflection
-    elif cause in _RATES:
-        moved[:, 5 + _RATES[cause]] = 1.0
+    deflected, increment = neutral.copy(), name[2:]
+    if increment in _DEFLECTIONS:
+        surface, deflection = _DEFLECTIONS[increment]
+        deflected[:, 2 + surface] = deflection
+    elif increment in _RATES:
+        deflected[:, 5 + _RATES[increment]] = 1.0
     else:
-        return _column(airframe, still, column)
-    return _column(airframe, moved, column) - _column(airframe, still, column)
+        return _column(airframe, neutral, column)
+    return _column(airframe, deflected, column) - _column(airframe, neutral, column)
 
 
 def _column(airframe: F16, points: np.ndarray, column: int) -> np.ndarray:
     return np.asarray(_coefficients(airframe, jnp.asarray(points)))[:, column]
 
 
-def _grid_point_label(row: Mapping[str, float]) -> str:
-    return ", ".join(f"{axis} {value:g}" for axis, value in row.items())
+def _grid_point_label(grid_point: Mapping[str, float]) -> str:
+    return ", ".join(f"{axis} {value:g}" for axis, value in grid_point.items())
 
 
 def _measure_tables() -> tuple[Comparison, ...]:
     airframe = load_f16("founding", x_cg_over_c=_TABLES_MOMENT_REFERENCE)
     tables: Mapping[str, Any] = load_published("thesis_tables")["tables"]
-    found: list[Comparison] = []
+    comparisons: list[Comparison] = []
     for name, table in tables.items():
         unit, tolerance = ("lbf", _TOLERANCE_LBF) if name in _POWERS else ("", _TOLERANCE)
         printed = np.ravel(table["values"])
         obtained = _entries(name, table["axes"], airframe)
-        for row, expected, value in zip(_rows_of(table["axes"]), printed, obtained, strict=True):
+        for grid_point, expected, value in zip(_grid_points(table["axes"]), printed, obtained, strict=True):
             group = f"{name}, table {table['number']}"
-            found.append(Comparison(group, _grid_point_label(row), unit, float(expected), float(value), tolerance))
-    return tuple(found)
+            comparisons.append(
+                Comparison(group, _grid_point_label(grid_point), unit, float(expected), float(value), tolerance)
+            )
+    return tuple(comparisons)
 
 
 THESIS_TABLES = Check(

@@ -1,4 +1,4 @@
-"""The integrator as checks: its observed order, and what a body without air forces must keep."""
+"""Verification of the integrator: observed order, and invariants of a body without air forces."""
 
 import functools
 import itertools
@@ -33,10 +33,10 @@ _CONTROLS = Controls(jnp.zeros(3), jnp.zeros(()))
 def _fly(
     body: SimpleBody, environment: Environment, start: EarthFixedState, step: ScalarLike, count: Count
 ) -> EarthFixedState:
-    def one(k: Count, state: EarthFixedState) -> EarthFixedState:
+    def advance_step(k: Count, state: EarthFixedState) -> EarthFixedState:
         return advance(body, environment, k * step, state, _CONTROLS, step)
 
-    return jax.lax.fori_loop(0, count, one, start)
+    return jax.lax.fori_loop(0, count, advance_step, start)
 
 
 def _fly_for(name: str, start: EarthFixedState, step_s: float, duration_s: float) -> EarthFixedState:
@@ -50,8 +50,8 @@ def _environment() -> Environment:
 
 
 def _start() -> EarthFixedState:
-    """A brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
-    seen = AircraftState(
+    """State of a brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
+    local_start = AircraftState(
         position_n=jnp.array([0.0, 0.0, -30_000.0 * FOOT_M]),
         velocity_b=jnp.array([180.0, 60.0, 60.0]),
         quaternion=quaternion_from_euler(jnp.asarray(0.3), jnp.asarray(-0.2), jnp.asarray(1.0)),
@@ -59,34 +59,34 @@ def _start() -> EarthFixedState:
         actuators=Deflections(jnp.zeros(3)),
         engine=EnginePower(jnp.zeros(())),
     )
-    return earth_fixed_state(require_round_earth(_environment()), seen)
+    return earth_fixed_state(require_round_earth(_environment()), local_start)
 
 
 def order() -> tuple[Comparison, ...]:
-    """Order from three steps each: log2 of the ratio of successive differences."""
-    ends = [_fly_for("brick", _start(), step_s, _DURATION_S) for step_s in _STEPS_S]
-    found = []
-    for name, words in {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}.items():
-        values = [np.asarray(getattr(end, name)) for end in ends]
+    """Observed order for three step sizes at a time: log2 of the ratio of successive differences."""
+    final_states = [_fly_for("brick", _start(), step_s, _DURATION_S) for step_s in _STEPS_S]
+    comparisons = []
+    for name, label in {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}.items():
+        values = [np.asarray(getattr(final_state, name)) for final_state in final_states]
         changes = [np.linalg.norm(b - a) for a, b in itertools.pairwise(values)]
         for k in range(len(_STEPS_S) - 2):
-            where = f"{words}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
-            found.append(Comparison("order", where, "", 4.0, float(np.log2(changes[k] / changes[k + 1])), 0.2))
-    return tuple(found)
+            point = f"{label}, steps {_STEPS_S[k]:g}, {_STEPS_S[k + 1]:g}, {_STEPS_S[k + 2]:g} s"
+            comparisons.append(Comparison("order", point, "", 4.0, float(np.log2(changes[k] / changes[k + 1])), 0.2))
+    return tuple(comparisons)
 
 
 def invariants() -> tuple[Comparison, ...]:
     """Energy, orbital and rotational angular momentum in inertial axes over 30 s of free flight, relative changes."""
     start = _start()
     end = _fly_for("undamped-brick", start, 0.01, 30.0)
-    before, after = _conserved(start, jnp.asarray(0.0)), _conserved(end, jnp.asarray(30.0))
+    start_values, end_values = _conserved(start, jnp.asarray(0.0)), _conserved(end, jnp.asarray(30.0))
     names = ("energy per mass", "polar angular momentum per mass", "rotational angular momentum")
-    found = [
+    comparisons = [
         Comparison(name, "relative change in 30 s", "", 0.0, float(jnp.linalg.norm(b - a) / jnp.linalg.norm(a)), 3e-10)
-        for name, a, b in zip(names, before, after, strict=True)
+        for name, a, b in zip(names, start_values, end_values, strict=True)
     ]
     length = float(safe_norm(end.quaternion[1:]) ** 2 + end.quaternion[0] ** 2) - 1.0
-    return (*found, Comparison("length of the quaternion", "squared, less 1", "", 0.0, length, 1e-15))
+    return (*comparisons, Comparison("length of the quaternion", "squared, less 1", "", 0.0, length, 1e-15))
 
 
 @jax.jit

@@ -1,4 +1,4 @@
-"""Linear models as checks: the textbook's pull-up and modes, and the poles that dynamic inversion leaves."""
+"""Verification of linear models: the textbook's pull-up and modes, and the poles under dynamic inversion."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ _SPEED_M_S = 502.0 * FOOT_M
 _X_CG = 0.30
 _NAMES = {"VT": "V", "pow": "power"}
 _PER_UNIT = {"VT": FOOT_M, "elevator_deg": DEG_RAD, "aileron_deg": DEG_RAD, "rudder_deg": DEG_RAD}
-"""SI per printed unit; 1 for all others."""
+"""SI per printed unit; 1 for the other quantities."""
 _PRINTED_MODES = (
     ("short period", "-1.2039", "1.4922"),
     ("phugoid", "-0.0087", "0.0739"),
@@ -41,7 +41,7 @@ _CUT = "last digit cut, not rounded"
 def linear_flight(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget
 ) -> tuple[TrimPoint, LinearModel]:
-    """Trim and its linear model; beyond full throttle, where the textbook's gearing has no stop, that below it."""
+    """Trim and linearize; above full throttle, linearize below the stop because the textbook's gearing has no stop."""
     point = solve_trim(airframe, environment, target)
     controls = eqx.tree_at(lambda c: c.throttle, point.controls, jnp.minimum(point.controls.throttle, 0.99))
     return point, linearize(airframe, environment, point.state, controls)
@@ -52,27 +52,29 @@ def _textbook_model(pitch_rate: float) -> LinearModel:
     return linear_flight(textbook_aircraft(_X_CG), textbook_environment(), target)[1]
 
 
-def printed_block(model: LinearModel, matrix: str, rows: list[str], columns: list[str]) -> Float[np.ndarray, "r c"]:
-    """Part of a matrix, "A", "B", "C" or "D", in the textbook's units, by its names of states and inputs."""
+def printed_block(
+    model: LinearModel, matrix: str, row_states: list[str], column_states: list[str]
+) -> Float[np.ndarray, "r c"]:
+    """Return a part of matrix A, B, C or D in the textbook's units, by the textbook's names of states and inputs."""
     row_names = model.outputs if matrix in "CD" else model.states
     column_names = model.inputs if matrix in "BD" else model.states
     values = np.asarray(getattr(model, matrix))
 
-    def at(name: str, names: tuple[str, ...]) -> int:
+    def index_of(name: str, names: tuple[str, ...]) -> int:
         return names.index(_NAMES.get(name, name.removesuffix("_deg")))
 
-    def entry(row: str, column: str) -> float:
-        value = values[at(row, row_names), at(column, column_names)]
-        return float(value) * _PER_UNIT.get(column, 1.0) / _PER_UNIT.get(row, 1.0)
+    def entry(row_state: str, column_state: str) -> float:
+        value = values[index_of(row_state, row_names), index_of(column_state, column_names)]
+        return float(value) * _PER_UNIT.get(column_state, 1.0) / _PER_UNIT.get(row_state, 1.0)
 
-    return np.array([[entry(row, column) for column in columns] for row in rows])
+    return np.array([[entry(row_state, column_state) for column_state in column_states] for row_state in row_states])
 
 
 def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
     """Half a unit of the last printed digit.
 
-    Three digits are printed (four of 1087), one of numbers below 0.001. A printed 0 may be as much as half the smallest
-    unit in its row.
+    Three digits are printed (four of 1087), one for numbers below 0.001. The tolerance of a printed 0 is half the
+    smallest unit of the row.
     """
     size = np.abs(printed)
     digits = np.where(size < 1e-3, 1, np.where(size >= 1000, 4, 3))
@@ -82,65 +84,77 @@ def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "
 
 
 def _pull_up() -> tuple[Comparison, ...]:
-    given: dict[str, Any] = load_published("textbook_checks")["pull_up_linearization"]
+    published: dict[str, Any] = load_published("textbook_checks")["pull_up_linearization"]
     model = _textbook_model(0.3)
-    longitudinal, lateral = given["state_order"][:5], given["state_order"][5:]
+    longitudinal, lateral = published["state_order"][:5], published["state_order"][5:]
     blocks = (
         ("A", longitudinal, longitudinal, "A_lon"),
         ("A", lateral, lateral, "A_lat"),
-        ("B", longitudinal + lateral, given["input_order"], "B"),
+        ("B", longitudinal + lateral, published["input_order"], "B"),
     )
-    found = []
-    for matrix, rows, columns, key in blocks:
-        printed = np.array(given[key], dtype=float)
-        obtained, tolerance = printed_block(model, matrix, rows, columns), printed_tolerances(printed)
-        for i, row in enumerate(rows):
-            for j, column in enumerate(columns):
-                where = f"d({row}_dot)/d({column})"
+    comparisons = []
+    for matrix, row_states, column_states, key in blocks:
+        printed = np.array(published[key], dtype=float)
+        obtained, tolerance = printed_block(model, matrix, row_states, column_states), printed_tolerances(printed)
+        for i, row_state in enumerate(row_states):
+            for j, column_state in enumerate(column_states):
+                point = f"d({row_state}_dot)/d({column_state})"
                 figures = float(printed[i, j]), float(obtained[i, j]), float(tolerance[i, j])
-                found.append(Comparison(key, where, "ft, rad, s, %", *figures))
-    return tuple(found)
+                comparisons.append(Comparison(key, point, "ft, rad, s, %", *figures))
+    return tuple(comparisons)
 
 
 def _modes() -> tuple[Comparison, ...]:
     model = _textbook_model(0.0)
     order = load_published("textbook_checks")["pull_up_linearization"]["state_order"]
-    named = {mode.name for mode in modes_of(model)}
-    found = []
+    mode_names = {mode.name for mode in modes_of(model)}
+    comparisons = []
     for name, real, imaginary in _PRINTED_MODES:
         states = order[:5] if name in ("short period", "phugoid") else order[5:]
         values = np.linalg.eigvals(printed_block(model, "A", states, states))
-        wanted = complex(float(real), float(imaginary))
-        nearest = values[np.argmin(np.abs(values - wanted))]
-        found.append(compare_as_printed(name, "real part", "1/s", real, nearest.real))
-        cut = name == "phugoid"
-        size = half_of_last_digit(imaginary) * (2 if cut else 1) if wanted.imag else 1e-12
-        obtained = float(abs(nearest.imag) if wanted.imag else nearest.imag)
-        why = _CUT if cut else ""
-        found.append(Comparison(name, "imaginary part", "rad/s", wanted.imag, obtained, size, tolerance_reason=why))
-        found.append(
-            Comparison("found by name", name, "", 1.0, float(name in named), 0.0, tolerance_reason="a name or none")
+        printed_eigenvalue = complex(float(real), float(imaginary))
+        nearest = values[np.argmin(np.abs(values - printed_eigenvalue))]
+        comparisons.append(compare_as_printed(name, "real part", "1/s", real, nearest.real))
+        is_cut_off = name == "phugoid"
+        size = half_of_last_digit(imaginary) * (2 if is_cut_off else 1) if printed_eigenvalue.imag else 1e-12
+        obtained = float(abs(nearest.imag) if printed_eigenvalue.imag else nearest.imag)
+        tolerance_reason = _CUT if is_cut_off else ""
+        comparisons.append(
+            Comparison(
+                name,
+                "imaginary part",
+                "rad/s",
+                printed_eigenvalue.imag,
+                obtained,
+                size,
+                tolerance_reason=tolerance_reason,
+            )
         )
-    return tuple(found)
+        comparisons.append(
+            Comparison(
+                "found by name", name, "", 1.0, float(name in mode_names), 0.0, tolerance_reason="a name or none"
+            )
+        )
+    return tuple(comparisons)
 
 
 def _poles() -> tuple[Comparison, ...]:
     airframe, environment = load_f16(), standard_environment()
     point = compiled_quickly(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
     gains, limits = published_gains(), default_limits()
-    found = []
+    comparisons = []
     for loop, channels in CHANNELS.items():
         poles = inversion_poles(LoopCase(airframe, environment, gains, limits, point, 0.01), loop)
         per_channel = len(poles) // len(channels)
         for k, pole in enumerate(poles):
-            where = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
+            channel_and_pole = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
             limit, tolerance = pole.limit_pole, pole.tolerance
-            found += [
-                Comparison(f"{loop} loop", where, "1/s", pole.ideal.real, limit.real, tolerance),
-                Comparison(f"{loop} loop, imaginary", where, "1/s", 0.0, limit.imag, tolerance),
-                Comparison(f"{loop} loop, as flown", where, "1/s", None, pole.sampled_pole.real, None),
+            comparisons += [
+                Comparison(f"{loop} loop", channel_and_pole, "1/s", pole.ideal.real, limit.real, tolerance),
+                Comparison(f"{loop} loop, imaginary", channel_and_pole, "1/s", 0.0, limit.imag, tolerance),
+                Comparison(f"{loop} loop, as flown", channel_and_pole, "1/s", None, pole.sampled_pole.real, None),
             ]
-    return tuple(found)
+    return tuple(comparisons)
 
 
 LINEAR_CHECKS: tuple[Check, ...] = (

@@ -1,4 +1,4 @@
-"""Whole missions as checks: what the flat Earth costs, and what the step of the integration costs."""
+"""Verification by whole missions: effects of the flat Earth and of the integration step."""
 
 import functools
 from importlib import resources
@@ -16,16 +16,16 @@ from anser.units import DEG_RAD, RAD_DEG
 from anser.verification.checks import Check, Comparison
 
 MISSION = "three-aircraft.toml"
-"""The standard mission: a copy of the shipped scenario, which a test holds equal to it."""
+"""Standard mission: a copy of the shipped scenario; a test keeps both equal."""
 
 SINGLE_AIRCRAFT = "single-aircraft.toml"
-"""The single case of the founding work: a copy of the shipped scenario, which a test holds equal to it."""
+"""Single-aircraft case of the founding work: a copy of the shipped scenario; a test keeps both equal."""
 
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
 """50, 100, 200 and 400 Hz; the second is the default."""
 
 _DURATION_S = 75.0
-"""How far the mission is flown: past the time in which its arrival (60.4 s) is looked for; all is compared before."""
+"""Duration of the mission, beyond the interval of the arrival (60.4 s); comparisons end at the arrival."""
 _STRAIGHT_S = (10.0, 50.0)
 _TRACKING_BOUND_M = 1.5
 _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
@@ -38,22 +38,24 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
     Raises
     ------
     RuntimeError
-        If the flight ends while the arrival is still looked for.
+        The flight ends within the interval of the arrival.
     """
-    flown = run(mission_scenario(earth, step_s))
-    needed = max(row["planned_arrival_s"] for row in flown.summary["aircraft"]) + ARRIVAL_MARGIN_S
-    if needed > _DURATION_S:
-        raise RuntimeError(f"{MISSION}: flown for {_DURATION_S:g} s, its arrival needs {needed:.1f} s")
-    return flown
+    flight = run(mission_scenario(earth, step_s))
+    required_duration_s = (
+        max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"]) + ARRIVAL_MARGIN_S
+    )
+    if required_duration_s > _DURATION_S:
+        raise RuntimeError(f"{MISSION}: flown for {_DURATION_S:g} s, its arrival needs {required_duration_s:.1f} s")
+    return flight
 
 
 def mission_scenario(earth: str, step_s: float) -> Scenario:
-    """The standard mission, cut short after its arrival, over an Earth, with a step, s."""
+    """Return the standard mission, ended after the arrival, over an Earth, with a step, s."""
     return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
 def published_flights() -> dict[str, FlightResult]:
-    """Fly the single and three-aircraft cases of the founding work, the second cut short after its arrival."""
+    """Fly the single and three-aircraft cases of the founding work; the second ends after the arrival."""
     return {"single": run(_scenario(SINGLE_AIRCRAFT)), "three": mission()}
 
 
@@ -63,110 +65,119 @@ def _scenario(name: str) -> Scenario:
 
 
 def flat_and_round() -> tuple[Comparison, ...]:
-    """The mission over both Earths: the differences that theory predicts, and how little arrives of them."""
-    flat, curved = mission("flat"), mission("wgs84")
+    """Compare the mission over both Earths: the differences predicted by theory, and small differences at arrival."""
+    flat, round_earth = mission("flat"), mission("wgs84")
     lowest, highest = _STRAIGHT_S
-    straight = [flown.dataset.isel(aircraft=0).sel(time=slice(lowest, highest)) for flown in (flat, curved)]
+    straight = [flight.dataset.isel(aircraft=0).sel(time=slice(lowest, highest)) for flight in (flat, round_earth)]
     down, across = _apparent_accelerations(straight[1])
     lift = STANDARD_GRAVITY_M_S2 * (straight[1].load_factor - straight[0].load_factor).values
     bank = (straight[1].bank_deg - straight[0].bank_deg).values
     tilt = -across / STANDARD_GRAVITY_M_S2 * RAD_DEG
-    where = f"aircraft-1, mean of {lowest:g} to {highest:g} s"
-    found = [
-        # Flown in a straight line; what is left are the slightly different climbs of two closed loops.
-        Comparison("lift per mass", where, "m/s^2", float(down.mean()), float(lift.mean()), 0.05 * 0.0254),
-        Comparison("bank", where, "deg", float(tilt.mean()), float(bank.mean()), 0.05 * 0.148),
+    interval = f"aircraft-1, mean of {lowest:g} to {highest:g} s"
+    comparisons = [
+        # Straight flight; the remaining difference is that of the climbs of two closed loops.
+        Comparison("lift per mass", interval, "m/s^2", float(down.mean()), float(lift.mean()), 0.05 * 0.0254),
+        Comparison("bank", interval, "deg", float(tilt.mean()), float(bank.mean()), 0.05 * 0.148),
     ]
-    for k, (before, after) in enumerate(zip(flat.summary["aircraft"], curved.summary["aircraft"], strict=True)):
-        name = before["name"]
+    for k, (flat_row, round_row) in enumerate(
+        zip(flat.summary["aircraft"], round_earth.summary["aircraft"], strict=True)
+    ):
+        name = flat_row["name"]
         limit = flat.scenario.requirements.miss_max_m
-        found.append(Comparison("miss", name, "m", before["miss_m"], after["miss_m"], 0.01 * limit))
-        apart = _greatest_distance(flat, curved, k)
-        found.append(Comparison("path, greatest difference", name, "m", 0.0, apart, _drift_m(flat, k)))
-        one, other = (flown.dataset.airspeed_m_s.isel(aircraft=k).values for flown in (flat, curved))
-        arrived = flat.dataset.time.values <= before["arrival_s"]
-        found.append(
+        comparisons.append(Comparison("miss", name, "m", flat_row["miss_m"], round_row["miss_m"], 0.01 * limit))
+        distance = _greatest_distance(flat, round_earth, k)
+        comparisons.append(Comparison("path, greatest difference", name, "m", 0.0, distance, _drift_m(flat, k)))
+        flat_airspeed, round_airspeed = (
+            flight.dataset.airspeed_m_s.isel(aircraft=k).values for flight in (flat, round_earth)
+        )
+        arrived = flat.dataset.time.values <= flat_row["arrival_s"]
+        comparisons.append(
             Comparison(
-                "airspeed, greatest difference", name, "m/s", None, float(np.max(np.abs((one - other)[arrived]))), None
+                "airspeed, greatest difference",
+                name,
+                "m/s",
+                None,
+                float(np.max(np.abs((flat_airspeed - round_airspeed)[arrived]))),
+                None,
             )
         )
     spread = flat.scenario.requirements.arrival_spread_max_s
-    found.append(_compare_spread("arrival spread", flat, curved, 0.01 * spread))
-    return tuple(found)
+    comparisons.append(_compare_spread("arrival spread", flat, round_earth, 0.01 * spread))
+    return tuple(comparisons)
 
 
 def steps() -> tuple[Comparison, ...]:
-    """The mission's arrival at each step against the finest; only the default step must keep to a hundredth."""
-    finest, found = mission(step_s=STEPS_S[-1]), []
+    """Compare the mission's arrival at each step with the finest; only the default step must agree to a hundredth."""
+    finest, comparisons = mission(step_s=STEPS_S[-1]), []
     miss_limit = 0.01 * finest.scenario.requirements.miss_max_m
     spread_limit = 0.01 * finest.scenario.requirements.arrival_spread_max_s
     halved = mission(step_s=STEPS_S[2])
     default = mission(step_s=STEPS_S[1])
-    for before, after in zip(halved.summary["aircraft"], default.summary["aircraft"], strict=True):
-        where = f"{before['name']}, 100 Hz against 200 Hz"
-        found.append(Comparison("miss", where, "m", before["miss_m"], after["miss_m"], miss_limit))
-    found.append(_compare_spread("arrival spread", halved, default, spread_limit, "100 Hz against 200 Hz"))
+    for halved_row, default_row in zip(halved.summary["aircraft"], default.summary["aircraft"], strict=True):
+        point = f"{halved_row['name']}, 100 Hz against 200 Hz"
+        comparisons.append(Comparison("miss", point, "m", halved_row["miss_m"], default_row["miss_m"], miss_limit))
+    comparisons.append(_compare_spread("arrival spread", halved, default, spread_limit, "100 Hz against 200 Hz"))
     for step_s in STEPS_S[:-1]:
-        flown, rate = mission(step_s=step_s), f"{1 / step_s:.0f} Hz against {1 / STEPS_S[-1]:.0f} Hz"
+        flight, rate = mission(step_s=step_s), f"{1 / step_s:.0f} Hz against {1 / STEPS_S[-1]:.0f} Hz"
         misses = [
             abs(a["miss_m"] - b["miss_m"])
-            for a, b in zip(flown.summary["aircraft"], finest.summary["aircraft"], strict=True)
+            for a, b in zip(flight.summary["aircraft"], finest.summary["aircraft"], strict=True)
         ]
-        found.append(Comparison("miss, greatest change", rate, "m", None, max(misses), None))
-        change = abs(_spread_s(flown) - _spread_s(finest))
-        found.append(Comparison("arrival spread, change", rate, "s", None, change, None))
-        path = max(_greatest_distance(flown, finest, k) for k in range(len(misses)))
-        found.append(Comparison("path, greatest difference", rate, "m", None, path, None))
-    return tuple(found)
+        comparisons.append(Comparison("miss, greatest change", rate, "m", None, max(misses), None))
+        change = abs(_spread_s(flight) - _spread_s(finest))
+        comparisons.append(Comparison("arrival spread, change", rate, "s", None, change, None))
+        path = max(_greatest_distance(flight, finest, k) for k in range(len(misses)))
+        comparisons.append(Comparison("path, greatest difference", rate, "m", None, path, None))
+    return tuple(comparisons)
 
 
 def climb_and_turn_error() -> tuple[Comparison, ...]:
     """Greatest position error of the climb-and-turn with the founding variant, on velocity commands alone."""
-    flown = fly_climb_and_turn("founding")
-    error = float(flown.summary["aircraft"][0]["position_error_max_m"])
+    flight = fly_climb_and_turn("founding")
+    error = float(flight.summary["aircraft"][0]["position_error_max_m"])
     return (Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M),)
 
 
-def _apparent_accelerations(flown) -> tuple[np.ndarray, np.ndarray]:
-    """Accelerations down and to the right that the turning Earth and its curvature add, m/s^2 ([SL] eq. 1.7-18)."""
-    speed, course = flown.ground_speed_m_s.values, flown.ground_course_deg.values * DEG_RAD
-    latitude = flown.latitude_deg.values * DEG_RAD
+def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
+    """Apparent accelerations down and to the right over the rotating, curved Earth, m/s^2 ([SL] eq. 1.7-18)."""
+    speed, course = dataset.ground_speed_m_s.values, dataset.ground_course_deg.values * DEG_RAD
+    latitude = dataset.latitude_deg.values * DEG_RAD
     east = speed * np.sin(course)
     down = -(2 * EARTH_ROTATION_RAD_S * np.cos(latitude) * east + speed**2 / _MEAN_RADIUS_M)
     turning = 2 * EARTH_ROTATION_RAD_S * np.sin(latitude) + east * np.tan(latitude) / _MEAN_RADIUS_M
     return down, turning * speed
 
 
-def _greatest_distance(one: FlightResult, other: FlightResult, k: int) -> float:
+def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
     """Greatest distance between two flights of an aircraft at the same time, up to the arrival, m."""
-    arrived = one.dataset.time.values <= one.summary["aircraft"][k]["arrival_s"]
+    arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
-        (one.dataset[name].isel(aircraft=k) - other.dataset[name].isel(aircraft=k)).values[arrived]
+        (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]
         for name in ("north_m", "east_m", "altitude_m")
     ]
     return float(np.max(np.sqrt(sum(offset**2 for offset in offsets))))
 
 
-def _drift_m(flown: FlightResult, k: int) -> float:
-    """How far the unmodelled acceleration can carry an aircraft off: velocity error a / K_P, over the whole approach.
+def _drift_m(flight: FlightResult, k: int) -> float:
+    """Bound of the drift by the unmodelled acceleration, m: velocity error a / K_P, over the whole approach.
 
-    The plan is renewed from where the aircraft is, so that the drift is not pulled back before the last seconds.
+    Replanning starts at the aircraft's position; the drift is therefore corrected in the last seconds only.
     """
-    scenario, row = flown.scenario, flown.summary["aircraft"][k]
-    speed = row["speed_mean_m_s"]
+    scenario, aircraft = flight.scenario, flight.summary["aircraft"][k]
+    speed = aircraft["speed_mean_m_s"]
     unmodelled = 2 * EARTH_ROTATION_RAD_S * speed + speed**2 / _MEAN_RADIUS_M
     gain = min(scenario.aircraft[k].gains.velocity.proportional)
-    return unmodelled / gain * row["arrival_s"]
+    return unmodelled / gain * aircraft["arrival_s"]
 
 
-def _spread_s(flown: FlightResult) -> float:
-    return float(flown.summary["fleet"]["arrival_spread_s"])
+def _spread_s(flight: FlightResult) -> float:
+    return float(flight.summary["fleet"]["arrival_spread_s"])
 
 
 def _compare_spread(
-    group: str, before: FlightResult, after: FlightResult, tolerance: float, where: str = "fleet"
+    group: str, reference: FlightResult, flight: FlightResult, tolerance: float, point: str = "fleet"
 ) -> Comparison:
-    return Comparison(group, where, "s", _spread_s(before), _spread_s(after), tolerance)
+    return Comparison(group, point, "s", _spread_s(reference), _spread_s(flight), tolerance)
 
 
 MISSION_CHECKS: tuple[Check, ...] = (

@@ -1,6 +1,6 @@
 """NASA's F-16 of the NESC check-cases.
 
-Its published DAVE-ML files, and the built-in model with actuators and engine that follow their commands without lag.
+Published DAVE-ML files, and the built-in model with actuators and engine that follow the commands without lag.
 """
 
 import functools
@@ -21,23 +21,22 @@ from anser.shapes import Flag, Scalar, ScalarLike
 
 @functools.cache
 def published_model(name: str) -> Model:
-    """A file of NASA's F-16 by its name without ending, `F16_aero`; the README beside them says whence."""
+    """Read a file of NASA's F-16 by name, without suffix: `F16_aero`. Sources: see the README beside the files."""
     content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
     return read_dave_ml(content, f"{name}.dml")
 
 
 _LAGS_IN_STEP = 1.6
-"""Steps of the integrator in units of the lag: 27 % of a difference are left after a step, the least that a classical
-Runge-Kutta step can leave."""
+"""Integration step over lag. A classical Runge-Kutta step leaves at least 27 % of a difference, at this ratio."""
 
 
 class PromptEngine(AbstractEngine):
-    """The thrust tables of another engine, with a power that follows the throttle, 1 for 100 percent, at once.
+    """Engine with the thrust tables of another engine; the power follows the throttle (1: 100 percent) at once.
 
     Attributes
     ----------
     published
-        Engine whose thrust it has.
+        Engine with the thrust tables.
     lag
         Time constant of the power, s.
     """
@@ -46,7 +45,7 @@ class PromptEngine(AbstractEngine):
     lag: Scalar
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone."""
+        """State: power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -54,11 +53,11 @@ class PromptEngine(AbstractEngine):
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """As published."""
+        """Thrust of the published engine."""
         return self.published.propulsion(power, air_data)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """As published."""
+        """Inverse of the published engine."""
         return self.published.power_for_thrust(thrust, air_data)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
@@ -70,12 +69,12 @@ class PromptEngine(AbstractEngine):
         return self.throttle_for_power(power + self.lag * power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """As published."""
+        """Range of the published engine."""
         return self.published.outside_tables(air_data)
 
 
 def prompt_f16(step_s: float) -> F16:
-    """The s119 F-16 without lags and rate limits that a step (s) could resolve."""
+    """Build the s119 F-16 with the shortest lags that a step (s) can integrate, and without rate limits."""
     published = load_airframe("f16", "s119")
     lag = as_array(step_s / _LAGS_IN_STEP)
     actuators = published.actuators

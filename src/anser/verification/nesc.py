@@ -1,4 +1,4 @@
-"""The NESC check-cases as checks: published checkpoints where there are any, listed results where there are none."""
+"""NESC check-cases as checks: published checkpoints, or logged results for cases without checkpoints."""
 
 import functools
 from typing import Any
@@ -21,7 +21,7 @@ _Case = FreeFlight | TrimmedFlight | LawFlight
 
 _SOURCE = "NASA/TM-2015-218675"
 _DIGITS = 10
-"""Significant digits with which the checkpoints are given."""
+"""Significant digits of the checkpoints."""
 
 _EXPLANATION = (
     "The reference is participants 04 and 05 of the published data, which agree best with one another; each "
@@ -41,7 +41,7 @@ _LAW_REFERENCE = (
     "unit of the tenth digit. Flown, not judged: {times}, where one participant's law already acts and the other's "
     "does not."
 )
-_LISTED = "Flown from the published definition, not judged: no figures for it come with this package. "
+_LOGGED_ONLY = "Flown from the published definition, not judged: no figures for it come with this package. "
 _SETTLED = (
     "Of the published flights, only the airspeed at which they settle comes with this package: these two figures are "
     "judged, all else is flown, not judged. The tolerance is four times the difference of the two and half the last "
@@ -71,18 +71,18 @@ _NOTES: dict[int | str, str] = {
 
 
 def _key(case: _Case) -> str:
-    """Number as in the check's key: 09, 13.1."""
+    """Number in the check's key: 09, 13.1."""
     return f"{case.number:02d}" if isinstance(case.number, int) else case.number
 
 
 def _check(case: _Case) -> Check:
-    given = _checkpoints(case)
+    published = _checkpoints(case)
     return Check(
         key=f"nesc-{_key(case)}",
         title=f"NESC case {case.number}: {case.title}",
         source=f"{_SOURCE}, case {str(case.number).partition('-')[0]}",
-        tolerance_reason=_tolerance_reason(case) if given is not None or _settled(case) else NOT_JUDGED,
-        explanation="".join(_sentences(case, given)).strip(),
+        tolerance_reason=_tolerance_reason(case) if published is not None or _settled(case) else NOT_JUDGED,
+        explanation="".join(_sentences(case, published)).strip(),
         measure=functools.partial(_measure, case),
         long=isinstance(case, LawFlight),
     )
@@ -96,45 +96,48 @@ def _tolerance_reason(case: _Case) -> str:
     return "4 times the scatter of sims 04, 05" if isinstance(case, LawFlight) else "scatter of sims 04, 05"
 
 
-def _sentences(case: _Case, given: dict[str, Any] | None) -> tuple[str, ...]:
+def _sentences(case: _Case, published: dict[str, Any] | None) -> tuple[str, ...]:
     note = _NOTES.get(case.number, "")
     if not isinstance(case, LawFlight):
-        return (_LISTED if given is None else f"{_EXPLANATION} ", note)
+        return (_LOGGED_ONLY if published is None else f"{_EXPLANATION} ", note)
     law = _LAW_EXPLANATION.format(law=case.law, feed_forward=_FEED_FORWARD[case.law])
-    if given is None:
-        return (_SETTLED if case.settled_keas else _LISTED, law, note)
-    times = " and ".join(f"{t:g} s" for t in given["not_judged_s"])
+    if published is None:
+        return (_SETTLED if case.settled_keas else _LOGGED_ONLY, law, note)
+    times = " and ".join(f"{t:g} s" for t in published["not_judged_s"])
     return (law, _LAW_REFERENCE.format(times=times), " ", note)
 
 
 def _checkpoints(case: _Case) -> dict[str, Any] | None:
-    """Published figures of a case; None where there are none."""
+    """Return the published figures of a case, or None."""
     return load_published("nesc_checkpoints")["cases"].get(_key(case).replace(".", "p"))
 
 
 @functools.cache
-def _logs(kind: type[_Case], law: LawName | None = None) -> dict[int | str, Log]:
-    """All cases of a kind, or under one law, are flown at once; they compile once, too."""
-    if kind is LawFlight:
+def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str, Log]:
+    """Fly the cases of a class, or of a law, in one batch, compiled once."""
+    if case_class is LawFlight:
         return {**fly_laws([case for case in LAW_FLIGHTS if case.law == law])}
-    return {**(trimmed_logs() if kind is TrimmedFlight else fly_free(FREE_FLIGHTS))}
+    return {**(trimmed_logs() if case_class is TrimmedFlight else fly_free(FREE_FLIGHTS))}
 
 
 def _measure(case: _Case) -> tuple[Comparison, ...]:
-    """Every judged checkpoint of every column with a tolerance, against both participants; or all that is logged."""
-    log, given = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
-    if given is None:
-        listed = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
-        return (*listed, *(_settled_at(log, case.times_s[-1], *one) for one in _settled(case)))
-    not_judged = given.get("not_judged_s", ())
+    """Compare the judged checkpoints with both participants; without checkpoints, list the logged figures."""
+    log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
+    if published is None:
+        logged = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
+        return (
+            *logged,
+            *(_compare_settled(log, case.times_s[-1], *settled_airspeed) for settled_airspeed in _settled(case)),
+        )
+    not_judged = published.get("not_judged_s", ())
     return tuple(
         _comparison(name, log, time_s, simulation, column[simulation][k], column["tolerance"])
         if time_s not in not_judged
         else _comparison(name, log, time_s)
-        for name, column in given["columns"].items()
+        for name, column in published["columns"].items()
         if "tolerance" in column
         for simulation in ("sim_04", "sim_05")
-        for k, time_s in enumerate(given["times_s"])
+        for k, time_s in enumerate(published["times_s"])
         if time_s not in not_judged or simulation == "sim_04"
     )
 
@@ -142,9 +145,9 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
 def _comparison(
     name: str, log: Log, time_s: float, simulation: str = "", expected: float | None = None, tolerance: float = 0.0
 ) -> Comparison:
-    """One column at a time, against a participant where a figure is given."""
+    """Compare a column at a time with a participant's figure, if any."""
     obtained = float(log[name][round(time_s / LOG_PERIOD_S)])
-    if expected is not None and name.startswith(_TURNING):
+    if expected is not None and name.startswith(_PERIODIC_COLUMNS):
         obtained += 360.0 * round((expected - obtained) / 360.0)
     half_digit = half_of_significant(expected, _DIGITS) if expected else 0.0
     return Comparison(
@@ -159,15 +162,15 @@ def _comparison(
     )
 
 
-def _settled_at(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Equivalent airspeed at the end against a participant's."""
+def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
+    """Compare the equivalent airspeed at the end with a participant's."""
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
-    where = f"settled, {simulation}"
-    return Comparison(f"{_KEAS}, settled", where, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)
+    point = f"settled, {simulation}"
+    return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)
 
 
 _KEAS = "equivalentAirspeed_nmi_h"
-_TURNING = ("eulerAngle", "longitude")
-"""Beginnings of the columns that are known up to whole turns."""
+_PERIODIC_COLUMNS = ("eulerAngle", "longitude")
+"""Prefixes of the columns that are defined up to whole turns."""
 NESC_CHECKS: tuple[Check, ...] = tuple(_check(case) for case in (*FREE_FLIGHTS, *TRIMMED_FLIGHTS, *LAW_FLIGHTS))
 """Cases 1 to 13, 15 and 16."""

@@ -1,7 +1,7 @@
-"""Definitions of the NASA NESC atmospheric check-cases 1 to 13.
+"""Definitions of the NASA NESC atmospheric check-cases 1 to 13, 15 and 16, in published units.
 
-15 and 16, in the units in which they are published. Source: [NESC] NASA/TM-2015-218675 and the published check-case
-data. Altitudes are above the ellipsoid or sphere, velocities relative to the rotating Earth in NED.
+Source: [NESC] NASA/TM-2015-218675 and the published check-case data. Altitudes are above the ellipsoid or sphere,
+velocities relative to the rotating Earth in NED.
 """
 
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ _UNITS = (
     ("_deg", "deg"),
     ("_ft", "ft"),
 )
-"""Units that the names of the published columns carry."""
+"""Units in the names of the published columns."""
 
 
 def column_unit(name: str) -> str:
-    """Unit of a published column; 1 for a pure number."""
+    """Return the unit of a published column; 1 for a pure number."""
     return next((unit for suffix, unit in _UNITS if suffix in name), "1")
 
 
 EarthName = Literal["wgs84", "sphere", "rotating-sphere"]
 
 EARTH_RATE_DEG_S = 0.00417807413
-"""7.292115e-5 rad/s, as the participants log it."""
+"""7.292115e-5 rad/s, as logged by the participants."""
 SPHERE_RADIUS_M = 6371007.1809
-"""Sphere of cases 4 and 5: the authalic radius."""
+"""Radius of the sphere of cases 4 and 5: the authalic radius."""
 
 _TUMBLING_DEG_S = (10.0, 20.0, 30.0)
 _AT_REST = (0.0, 0.0, 0.0)
@@ -44,16 +44,16 @@ _CRUISE_S = (0.0, 1.0, 10.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 
 @dataclass(frozen=True)
 class FreeFlight:
-    """A check-case without controls.
+    """Check-case without controls.
 
     Attributes
     ----------
     number, title
-        Of the check-case.
+        Number and title of the check-case.
     body
         Name in the library of bodies.
     earth
-        Which Earth.
+        Model of the Earth.
     altitude_ft, velocity_ft_s
         Initial altitude at latitude 0, longitude 0, and velocity NED.
     yaw_deg
@@ -63,7 +63,7 @@ class FreeFlight:
     wind_east_ft_s
         East velocity of the air at altitudes 0 and 30,000 ft, linear in between.
     times_s
-        Times at which results are listed.
+        Times of the listed results.
     """
 
     number: int
@@ -80,18 +80,18 @@ class FreeFlight:
 
 @dataclass(frozen=True)
 class TrimmedFlight:
-    """A check-case of the F-16, trimmed with wings level and no sideslip, controls held.
+    """Check-case of the F-16, trimmed with wings level and no sideslip, controls fixed.
 
     Attributes
     ----------
     number, title
-        Of the check-case.
+        Number and title of the check-case.
     latitude_deg, longitude_deg, altitude_ft
-        Initial geodetic place.
+        Initial geodetic position.
     velocity_ft_s
         Initial velocity NED; the heading is its direction.
     times_s
-        Times at which results are listed.
+        Times of the listed results.
     """
 
     number: int
@@ -108,29 +108,28 @@ LawName = Literal["F16_control", "F16_gnc"]
 
 @dataclass(frozen=True)
 class LawFlight:
-    """A check-case of the F-16 under one of its published control laws, from trimmed flight on.
+    """Check-case of the F-16 under a published control law, starting in trim.
 
     Attributes
     ----------
     number
-        Of the check-case, 13.1; where it is flown in two ways, with what tells them apart.
+        Number of the check-case, 13.1; with a suffix for a case flown in two ways.
     title
-        Of the check-case.
+        Title of the check-case.
     latitude_deg, longitude_deg, altitude_ft, velocity_ft_s
-        As of a `TrimmedFlight`; altitude and airspeed are what the law is commanded first.
+        Start as in a `TrimmedFlight`; altitude and airspeed are also the law's first commands.
     law
         File of the control law.
     change, change_time_s
-        Input of the law, by how much its command changes (kt, ft, deg), and when.
+        Input of the law, change of its command (kt, ft, deg), and time of the change.
     follows_line
-        Whether the law is told the deviation from the ground track through the position at `change_time_s`.
+        True: the law's input is the deviation from the ground track through the position at `change_time_s`.
     circles_pole
-        Whether the law circles the North Pole, or else the date line at the equator; F16_gnc only.
+        True: the law circles the North Pole; False: the date line at the equator. F16_gnc only.
     times_s
-        Times at which results are listed where there are no checkpoints.
+        Times of the listed results of a case without checkpoints.
     settled_keas
-        Participants and the equivalent airspeed, kt, to two decimals, at which they settle, where that is all that is
-        known of them.
+        Participants and their settled equivalent airspeeds, kt, to two decimals, if no other figures are published.
     """
 
     number: str

@@ -1,4 +1,4 @@
-"""Flying the NESC check-cases, and logging what their participants log."""
+"""Flights of the NESC check-cases, with the log of the published participants."""
 
 import functools
 from collections.abc import Sequence
@@ -59,18 +59,18 @@ from anser.verification.nesc_cases import (
 
 LOG_PERIOD_S = 0.1
 _FALL_STEPS = 10
-"""Integration steps of 0.01 s in a log period: a hundred times below the tumbling's period, error below 1e-9 deg."""
+"""Integration steps of 0.01 s in a log period: a hundredth of the tumbling period, error below 1e-9 deg."""
 _CRUISE_STEPS = 5
 
 Log = dict[str, np.ndarray]
-"""Column of the published data -> values at each logged time."""
+"""Values at each logged time by column of the published data."""
 
 
 def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
-    """Fly check-cases without controls, all in one batch; case number -> log, every 0.1 s from time 0."""
+    """Fly check-cases without controls in one batch; case number -> log, every 0.1 s from time 0."""
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
-    starts = [_start_free(*of) for of in zip(airframes, environments, cases, strict=True)]
+    starts = [_start_free(*start_arguments) for start_arguments in zip(airframes, environments, cases, strict=True)]
     controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
     return _logs(
         cases, stack_rows(airframes), stack_rows(environments), stack_rows(starts), stack_rows(controls), _FALL_STEPS
@@ -80,8 +80,8 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
 def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
     """Trim and fly check-cases of the F-16 in one batch; case number -> log, every 0.1 s from time 0.
 
-    The published vehicle has neither lags nor engine momentum: the trimmed controls and power are simply held. None:
-    the library's s119 variant.
+    The published vehicle has neither lags nor engine momentum: controls and power are constant. `airframe` None: the
+    library's s119 variant.
     """
     airframe = load_f16("s119") if airframe is None else airframe
     environments, starts, controls = trimmed_starts(airframe, cases)
@@ -90,25 +90,25 @@ def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | Non
 
 @functools.cache
 def trimmed_logs() -> dict[int, Log]:
-    """Cases 11 and 12 with the library's s119 variant, flown once per process."""
+    """Fly cases 11 and 12 with the library's s119 variant, once per process."""
     return fly_trimmed(TRIMMED_FLIGHTS)
 
 
 def trimmed_starts(
     airframe: AbstractAirframe, cases: Sequence[TrimmedFlight | LawFlight]
 ) -> tuple[Environment, EarthFixedState, Controls]:
-    """Environments, states and controls of check-cases that start in trim, stacked.
+    """Return stacked environments, states and controls of check-cases that start in trim.
 
     Raises
     ------
     RuntimeError
-        The trim of a case was not found.
+        A case has no trim.
     """
     environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
-    places = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
+    positions_n = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
     environment = stack_rows(environments)
-    starts, controls, residual = _trim_all(airframe, environment, places, velocities_n)
+    starts, controls, residual = _trim_all(airframe, environment, positions_n, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
     return environment, starts, controls
@@ -122,7 +122,7 @@ def _logs(
     controls: Controls,
     steps: int,
 ) -> dict[int, Log]:
-    """Logs of all cases by their numbers, as long as the longest; what is flown is stacked."""
+    """Fly stacked cases for the longest duration; logs by case number."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     logs = _fly_all(airframes, environments, starts, controls, periods, steps)
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
@@ -131,25 +131,28 @@ def _logs(
 def _environment(
     earth: EarthName, wind_east_ft_s: tuple[float, float], latitude_deg: float = 0.0, longitude_deg: float = 0.0
 ) -> Environment:
-    place = (latitude_deg * DEG_RAD, longitude_deg * DEG_RAD)
+    origin = (latitude_deg * DEG_RAD, longitude_deg * DEG_RAD)
     if earth == "wgs84":
-        made = wgs84_earth(*place)
+        earth_model = wgs84_earth(*origin)
     else:
-        rate = wgs84_earth(*place).rotation_rate if earth == "rotating-sphere" else 0.0
-        made = spherical_earth(SPHERE_RADIUS_M, *place, rate)
+        rate = wgs84_earth(*origin).rotation_rate if earth == "rotating-sphere" else 0.0
+        earth_model = spherical_earth(SPHERE_RADIUS_M, *origin, rate)
     east = jnp.asarray(wind_east_ft_s) * FOOT_M
-    still = jnp.zeros_like(east)
-    wind = LayeredWind(jnp.array([0.0, 30_000.0]) * FOOT_M, jnp.stack([still, east, still], axis=1))
-    return Environment(StandardAtmosphere(), wind, made)
+    zeros = jnp.zeros_like(east)
+    wind = LayeredWind(jnp.array([0.0, 30_000.0]) * FOOT_M, jnp.stack([zeros, east, zeros], axis=1))
+    return Environment(StandardAtmosphere(), wind, earth_model)
 
 
 def _start_free(airframe: AbstractAirframe, environment: Environment, case: FreeFlight) -> EarthFixedState:
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
-    still, off = airframe.actuators.steady_state(jnp.zeros(3)), airframe.engine.steady_state(jnp.zeros(()))
-    seen = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), still, off)
-    start = earth_fixed_state(require_round_earth(environment), seen)
+    neutral_actuators, idle_engine = (
+        airframe.actuators.steady_state(jnp.zeros(3)),
+        airframe.engine.steady_state(jnp.zeros(())),
+    )
+    local_start = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), neutral_actuators, idle_engine)
+    start = earth_fixed_state(require_round_earth(environment), local_start)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
 
@@ -157,16 +160,16 @@ def _start_free(airframe: AbstractAirframe, environment: Environment, case: Free
 def _trim_all(
     airframe: AbstractAirframe,
     environments: Environment,
-    places_n: Float[Array, "case 3"],
+    positions_n: Float[Array, "case 3"],
     velocities_n: Float[Array, "case 3"],
 ) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
-    """States with wings level and no sideslip whose body velocity and pitch rate stay as they are; with controls."""
+    """States with wings level, no sideslip, constant body velocity and constant pitch rate, with their controls."""
     trim = functools.partial(_trim_level, airframe)
-    return jax.vmap(trim)(environments, places_n, velocities_n)
+    return jax.vmap(trim)(environments, positions_n, velocities_n)
 
 
 def _trim_level(
-    airframe: AbstractAirframe, environment: Environment, place_n: Vector3, velocity_n: Vector3
+    airframe: AbstractAirframe, environment: Environment, position_n: Vector3, velocity_n: Vector3
 ) -> tuple[EarthFixedState, Controls, Scalar]:
     earth = require_round_earth(environment)
     heading, speed = jnp.arctan2(velocity_n[1], velocity_n[0]), safe_norm(velocity_n)
@@ -174,23 +177,23 @@ def _trim_level(
     def state_of(x: Vector3) -> tuple[EarthFixedState, Controls]:
         alpha, elevator, power = x[0], x[1], 100.0 * x[2]
         surfaces = jnp.stack([elevator, jnp.zeros(()), jnp.zeros(())])
-        seen = AircraftState(
-            position_n=place_n,
+        local_trim = AircraftState(
+            position_n=position_n,
             velocity_b=speed * jnp.stack([jnp.cos(alpha), jnp.zeros(()), jnp.sin(alpha)]),
             quaternion=quaternion_from_euler(jnp.zeros(()), alpha, heading),
             rates_b=jnp.zeros(3),
             actuators=airframe.actuators.steady_state(surfaces),
             engine=airframe.engine.steady_state(power),
         )
-        return earth_fixed_state(earth, seen), Controls(surfaces, airframe.engine.throttle_for_power(power))
+        return earth_fixed_state(earth, local_trim), Controls(surfaces, airframe.engine.throttle_for_power(power))
 
     def residual(x: Vector3, _: None) -> Vector3:
         state, controls = state_of(x)
         rate = earth_fixed_derivative(airframe, environment, 0.0, state, controls)
         return jnp.stack([rate.velocity_b[0], rate.velocity_b[2], 10.0 * rate.rates_b[1]]) / 10.0
 
-    found = levenberg_marquardt(residual, None, jnp.array([0.05, 0.0, 0.2]))
-    return *state_of(found.x), found.residual
+    trim = levenberg_marquardt(residual, None, jnp.array([0.05, 0.0, 0.2]))
+    return *state_of(trim.x), trim.residual
 
 
 @compiled_quickly
@@ -204,19 +207,21 @@ def _fly_all(
 ) -> dict[str, Array]:
     """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
 
-    def fly(airframe: AbstractAirframe, environment: Environment, start: EarthFixedState, held: Controls) -> dict:
+    def fly(
+        airframe: AbstractAirframe, environment: Environment, start: EarthFixedState, fixed_controls: Controls
+    ) -> dict:
         step = LOG_PERIOD_S / steps
 
-        def one(state: EarthFixedState, index: Array) -> tuple[EarthFixedState, dict[str, Scalar]]:
+        def log_period(state: EarthFixedState, index: Array) -> tuple[EarthFixedState, dict[str, Scalar]]:
             time = index * LOG_PERIOD_S
-            row = log_row(airframe, environment, time, state)
+            logged = log_row(airframe, environment, time, state)
 
-            def advanced(k: Array, y: EarthFixedState) -> EarthFixedState:
-                return advance(airframe, environment, time + k * step, y, held, step)
+            def advance_step(k: Array, y: EarthFixedState) -> EarthFixedState:
+                return advance(airframe, environment, time + k * step, y, fixed_controls, step)
 
-            return jax.lax.fori_loop(0, steps, advanced, state), row
+            return jax.lax.fori_loop(0, steps, advance_step, state), logged
 
-        return jax.lax.scan(one, start, jnp.arange(periods + 1))[1]
+        return jax.lax.scan(log_period, start, jnp.arange(periods + 1))[1]
 
     return jax.vmap(fly)(airframes, environments, starts, controls)
 
@@ -224,24 +229,24 @@ def _fly_all(
 def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
-    """One row of a participant's log, by the published names of the columns and in their units; KEAS besides."""
+    """Return a row of a participant's log, by the published column names and in their units, with the KEAS."""
     earth = require_round_earth(environment)
-    seen = local_state(earth, state)
-    now = flight_condition(airframe, environment, time, seen)
-    lat, lon, _ = earth.geodetic(seen.position_n)
+    local = local_state(earth, state)
+    condition = flight_condition(airframe, environment, time, local)
+    lat, lon, _ = earth.geodetic(local.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
-    velocity_n = rotate_back(now.R_bn, seen.velocity_b)
+    velocity_n = rotate_back(condition.R_bn, local.velocity_b)
     rate, zero = earth.rotation_rate, jnp.zeros(())
     position_i = eci_from_ecef(state.position_e, time, zero, rate)
     velocity_i = velocity_eci_from_ecef(state.position_e, rotate_back(R_be, state.velocity_b), time, zero, rate)
-    roll, pitch, yaw = euler_from_quaternion(seen.quaternion)
-    air, sea_level = environment.atmosphere.at(-seen.position_n[2]), environment.atmosphere.at(jnp.zeros(()))
+    roll, pitch, yaw = euler_from_quaternion(local.quaternion)
+    air, sea_level = environment.atmosphere.at(-local.position_n[2]), environment.atmosphere.at(jnp.zeros(()))
     return {
         **_axes("gePosition_ft", state.position_e / FOOT_M),
         **_axes("eiPosition_ft", position_i / FOOT_M),
         **_axes("eiVelocity_ft_s", velocity_i / FOOT_M),
         **_axes("feVelocity_ft_s", velocity_n / FOOT_M),
-        "altitudeMsl_ft": -seen.position_n[2] / FOOT_M,
+        "altitudeMsl_ft": -local.position_n[2] / FOOT_M,
         "longitude_deg": lon * RAD_DEG,
         "latitude_deg": lat * RAD_DEG,
         "localGravity_ft_s2": safe_norm(earth.gravitation_e(state.position_e)) / FOOT_M,
@@ -254,12 +259,12 @@ def log_row(
         "airDensity_slug_ft3": air.density / SLUG_FT3_KG_M3,
         "ambientPressure_lbf_ft2": air.pressure / PSF_PA,
         "ambientTemperature_dgR": air.temperature / RANKINE_K,
-        **_axes("aero_bodyForce_lbf", now.aerodynamic.force_b / LBF_N),
-        **_axes("aero_bodyMoment_ftlbf", now.aerodynamic.moment_b / FT_LBF_N_M, "LMN"),
-        "mach": now.air_data.mach,
-        "dynamicPressure_lbf_ft2": now.air_data.qbar / PSF_PA,
-        "trueAirspeed_nmi_h": now.air_data.V / KNOT_M_S,
-        "equivalentAirspeed_nmi_h": jnp.sqrt(2.0 * now.air_data.qbar / sea_level.density) / KNOT_M_S,
+        **_axes("aero_bodyForce_lbf", condition.aerodynamic.force_b / LBF_N),
+        **_axes("aero_bodyMoment_ftlbf", condition.aerodynamic.moment_b / FT_LBF_N_M, "LMN"),
+        "mach": condition.air_data.mach,
+        "dynamicPressure_lbf_ft2": condition.air_data.qbar / PSF_PA,
+        "trueAirspeed_nmi_h": condition.air_data.V / KNOT_M_S,
+        "equivalentAirspeed_nmi_h": jnp.sqrt(2.0 * condition.air_data.qbar / sea_level.density) / KNOT_M_S,
     }
 
 

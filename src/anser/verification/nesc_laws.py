@@ -1,4 +1,4 @@
-"""Flying the NESC check-cases of the F-16 under its published control laws, in the closed loop that anser has."""
+"""Flights of the NESC check-cases of the F-16 under the published control laws, in anser's closed loop."""
 
 import math
 from collections.abc import Sequence
@@ -31,12 +31,12 @@ from anser.verification.nesc_cases import LawFlight
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_starts
 
 LAW_STEPS = 80
-"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and their files know no sampling."""
+"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the files define no sampling."""
 _LAW_TRIMS = ("trimmedPilotControl_long", "trimmedPilotControl_throttle")
 """Feed-forward of the laws: stick and throttle."""
 _FULL_STICK_DEG = 25.0
 """Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
-_CHANGED_UNITS = {
+_COMMAND_UNITS = {
     "altitudeMslCommand": FOOT_M,
     "equivalentAirspeedCommand": KNOT_M_S,
     "trueBaseCourseCommand": DEG_RAD,
@@ -50,7 +50,7 @@ def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[str, Lo
     Parameters
     ----------
     cases
-        All with the same law.
+        Check-cases with the same law.
     steps
         Steps and samples of the law in a log period.
     """
@@ -71,9 +71,9 @@ def _row_of(controls: Controls, k: int) -> Controls:
 
 
 def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
-    """Inputs of the law: autopilot on, hands off, trim as feed-forward, the change at its time."""
+    """Inputs of the law: autopilot on, stick centred, trim as feed-forward, and the change at its time."""
     north, east, _ = case.velocity_ft_s
-    held: dict[str, float] = {
+    initial_commands: dict[str, float] = {
         **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
         "stabilityAugmentationOn_disc": 1.0,
         "autopilotOn_disc": 1.0,
@@ -83,14 +83,14 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
         "trimmedPilotControl_long": -float(trim.surfaces[0]) * RAD_DEG / _FULL_STICK_DEG,
     }
     if case.law == "F16_gnc":
-        held["selectCircumnavigator_disc"] = float(case.circles_pole)
+        initial_commands["selectCircumnavigator_disc"] = float(case.circles_pole)
     else:
-        held |= {"trueBaseCourseCommand": math.atan2(east, north), "lateralDeviationError": 0.0}
-    change = {name: 0.0 for name in _CHANGED_UNITS if name in held}
+        initial_commands |= {"trueBaseCourseCommand": math.atan2(east, north), "lateralDeviationError": 0.0}
+    change = {name: 0.0 for name in _COMMAND_UNITS if name in initial_commands}
     name, amount = case.change
-    change[name] = amount * _CHANGED_UNITS[name]
+    change[name] = amount * _COMMAND_UNITS[name]
     return NamedCommands(
-        initial_commands={key: as_array(value) for key, value in held.items()},
+        initial_commands={key: as_array(value) for key, value in initial_commands.items()},
         change={key: as_array(value) for key, value in change.items()},
         change_time=as_array(case.change_time_s),
         follows_line=as_array(float(case.follows_line)),
@@ -98,35 +98,37 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
     )
 
 
-class _Log(AbstractRecorder):
-    """What the participants log."""
+class _LogRecorder(AbstractRecorder):
+    """Record of the participants' columns."""
 
     stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> None:
-        """Nothing is kept."""
+        """Return None: the recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Nothing is kept."""
+        """Return None: the recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """One row, by the published names."""
+        """Return a row by the published column names."""
         truth, environment = sample.truth, instant.environment
         state = earth_fixed_state(require_round_earth(environment), truth.state)
         return log_row(truth.airframe, environment, instant.time, state)
 
 
-def _believed(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
-    seen = local_state(require_round_earth(environment), start)
-    return Belief(airframe, seen, flight_condition(airframe, environment, 0.0, seen), jnp.zeros(3), None, None)
+def _exact_belief(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
+    local_start = local_state(require_round_earth(environment), start)
+    return Belief(
+        airframe, local_start, flight_condition(airframe, environment, 0.0, local_start), jnp.zeros(3), None, None
+    )
 
 
 @compiled_quickly
 def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
-    """Of each start, m/s."""
+    """Equivalent airspeed at each start, m/s."""
 
     def airspeed(environment: Environment, start: EarthFixedState) -> Scalar:
-        return named_signals(_believed(airframe, environment, start))["equivalentAirspeed"]
+        return named_signals(_exact_belief(airframe, environment, start))["equivalentAirspeed"]
 
     return jax.vmap(airspeed)(environments, starts)
 
@@ -139,21 +141,21 @@ def _with_trim_feed_forward(
     controls: Controls,
     commands: NamedCommands,
 ) -> NamedCommands:
-    """Commands whose feed-forward of stick and throttle makes the law hold each start, with the pitch of its trim.
+    """Replace the feed-forward of stick and throttle by values with which the law holds each start.
 
-    The bare trim does not: the law feeds back pitch and angle of attack from those for which it was designed, 0.015 deg
-    from those of the start, and settles 0.31 ft too high.
+    With the bare trim, the law does not hold the start: it feeds back pitch and angle of attack relative to its design
+    values, 0.015 deg from the start's, and settles 0.31 ft too high.
 
     Raises
     ------
     RuntimeError
-        No feed-forward makes the law give the controls of the trim.
+        No feed-forward makes the law output the controls of the trim.
     """
     trims, residual = _solve_law_trims(airframe, law, environments, starts, controls, commands)
     if not np.all(np.asarray(residual) < 1e-10):
         raise RuntimeError(f"the law's trim was not found: {np.asarray(residual)} rad or of full power remain")
-    held = {**commands.initial_commands, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
-    return eqx.tree_at(lambda guidance: guidance.initial_commands, commands, held)
+    initial_commands = {**commands.initial_commands, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
+    return eqx.tree_at(lambda guidance: guidance.initial_commands, commands, initial_commands)
 
 
 @compiled_quickly
@@ -165,15 +167,15 @@ def _solve_law_trims(
     controls: Controls,
     commands: NamedCommands,
 ) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
-    """Values of `_LAW_TRIMS` with which the law gives the controls of the trim, and the residual, rad or full power."""
+    """Solve for the `_LAW_TRIMS` with which the law outputs the trim controls; residual in rad or full power."""
 
     def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
-        belief = _believed(airframe, environment, start)
+        belief = _exact_belief(airframe, environment, start)
 
         def excess(trims: Vector, _: None) -> Vector:
             command = {**guidance.initial_commands, **{name: trims[k] for k, name in enumerate(_LAW_TRIMS)}}
-            given, _, _ = law.control(None, belief, command, 0.0)
-            return jnp.stack([given.surfaces[0] - trim.surfaces[0], given.throttle - trim.throttle])
+            outputs, _, _ = law.control(None, belief, command, 0.0)
+            return jnp.stack([outputs.surfaces[0] - trim.surfaces[0], outputs.throttle - trim.throttle])
 
         return levenberg_marquardt(excess, None, jnp.stack([guidance.initial_commands[name] for name in _LAW_TRIMS]))
 
@@ -195,19 +197,21 @@ def _fly_all(
     """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
     step = jnp.asarray(LOG_PERIOD_S / steps)
 
-    def fly(
-        environment: Environment, guidance: NamedCommands, start: EarthFixedState, initial_commands: Controls
-    ) -> dict:
+    def fly(environment: Environment, guidance: NamedCommands, start: EarthFixedState, trim_controls: Controls) -> dict:
         vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
-        seen = local_state(require_round_earth(environment), start)
+        local_start = local_state(require_round_earth(environment), start)
         instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
-        begun = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, seen, initial_commands))
-        return fly_alone(vehicle, environment, begun, step, (periods + 1) * steps, _Log(stride=steps))[2]
+        trimmed = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, local_start, trim_controls))
+        return fly_alone(vehicle, environment, trimmed, step, (periods + 1) * steps, _LogRecorder(stride=steps))[2]
 
     return jax.vmap(fly)(environments, commands, starts, controls)
 
 
-def _trim_point(airframe: F16, environment: Environment, seen: AircraftState, initial_commands: Controls) -> TrimPoint:
-    data = flight_condition(airframe, environment, 0.0, seen).air_data
+def _trim_point(
+    airframe: F16, environment: Environment, local_start: AircraftState, trim_controls: Controls
+) -> TrimPoint:
+    data = flight_condition(airframe, environment, 0.0, local_start).air_data
     zero = jnp.zeros(())
-    return TrimPoint(seen, initial_commands, zero, data.alpha, data.beta, seen.power, jnp.asarray(True), zero, zero)
+    return TrimPoint(
+        local_start, trim_controls, zero, data.alpha, data.beta, local_start.power, jnp.asarray(True), zero, zero
+    )

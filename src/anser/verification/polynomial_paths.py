@@ -1,6 +1,6 @@
-"""Polynomial trajectories against published arc lengths, and the published families of paths as datasets.
+"""Verification of polynomial trajectories by published arc lengths, and the published families of paths as datasets.
 
-Bent sideways by b_4, vertically by c_4.
+The families are bent sideways by b_4 and vertically by c_4.
 """
 
 import math
@@ -22,14 +22,14 @@ from anser.verification.checks import Check, Comparison, compare_as_printed, loa
 
 _SPEED_M_S = 150.0
 DURATION_S = 36.0
-"""Of every path of the published families."""
+"""Duration of each path of the published families."""
 _SAMPLES = 3601
 _ERROR_BOUND_PERCENT = 1.3
 _BOUND = "printed bound"
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
-    """Trajectory of the published lengths (theory section 6).
+    """Return a trajectory of the published lengths (theory section 6).
 
     Parameters
     ----------
@@ -68,21 +68,23 @@ def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Sc
 
 
 def _measure() -> tuple[Comparison, ...]:
-    rows = load_published("arc_lengths")["rows"]
-    estimates, sums, lengths = (np.asarray(x) for x in _lengths(*jnp.array([row[:3] for row in rows]).T))
-    found = []
-    for (angle, b_4, c_4, estimate, length), *computed in zip(rows, estimates, sums, strict=True):
+    published_rows = load_published("arc_lengths")["rows"]
+    estimates, sums, lengths = (
+        np.asarray(x) for x in _lengths(*jnp.array([published_row[:3] for published_row in published_rows]).T)
+    )
+    comparisons = []
+    for (angle, b_4, c_4, estimate, length), *computed in zip(published_rows, estimates, sums, strict=True):
         family = "lateral" if math.isclose(angle, -30.0) else "vertical"
-        where = f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}"
-        found.append(compare_as_printed(f"{family}, six-point estimate", where, "m", estimate, computed[0]))
-        found.append(compare_as_printed(f"{family}, sum of 3,601 speeds", where, "m", length, computed[1]))
+        point = f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}"
+        comparisons.append(compare_as_printed(f"{family}, six-point estimate", point, "m", estimate, computed[0]))
+        comparisons.append(compare_as_printed(f"{family}, sum of 3,601 speeds", point, "m", length, computed[1]))
     errors = 100.0 * np.abs(estimates / lengths - 1.0)
     worst = float(errors.max())
-    where = "greatest of the ten"
-    found.append(
-        Comparison("error of the estimate", where, "%", 0.0, worst, _ERROR_BOUND_PERCENT, tolerance_reason=_BOUND)
+    point = "greatest of the ten"
+    comparisons.append(
+        Comparison("error of the estimate", point, "%", 0.0, worst, _ERROR_BOUND_PERCENT, tolerance_reason=_BOUND)
     )
-    return tuple(found)
+    return tuple(comparisons)
 
 
 ARC_LENGTHS = Check(
@@ -102,35 +104,43 @@ ARC_LENGTHS = Check(
 )
 
 
-_TIMES = 181  # every fifth of a second
+_TIMES = 181
+"""Samples of a path, five per second."""
 _MEMBERS = 81
 _SHAPES = ("lateral_shape", "vertical_shape")
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *SHAPE_VARIABLES)}
 
 
 def shape_families() -> dict[str, xr.Dataset]:
-    """Paths of the published tables of lengths (theory section 6).
+    """Return the paths of the published tables of lengths (theory section 6).
 
     Returns
     -------
-    `b4` and `c4`: over `path` and `time`, where each path leads and what it asks of an aircraft that flies it at the
-    published speeds; over `path`, its shape parameters, its length, that of the six-point rule and the printed one;
-    the two computed lengths also over `member`, many more members of the family. All in the order of the parameter.
+    `b4` and `c4`. Over `path` and `time`: the path, and the commands of an aircraft at the published speeds. Over
+    `path`: shape parameter, length, estimate by the six-point rule, and printed length. Over `member`: the two computed
+    lengths of many more members of the family. Paths and members are sorted by the parameter.
     """
-    rows = load_published("arc_lengths")["rows"]
-    lateral = {row[0] for row in rows if row[1]}  # the lateral family ends at another path angle
-    families = {"b4": [row for row in rows if row[0] in lateral], "c4": [row for row in rows if row[0] not in lateral]}
-    return {name: _dataset(sorted(family, key=lambda row: row[1:3])) for name, family in families.items()}
+    published_rows = load_published("arc_lengths")["rows"]
+    # The lateral family ends at another path angle.
+    lateral = {published_row[0] for published_row in published_rows if published_row[1]}
+    families = {
+        "b4": [published_row for published_row in published_rows if published_row[0] in lateral],
+        "c4": [published_row for published_row in published_rows if published_row[0] not in lateral],
+    }
+    return {
+        name: _dataset(sorted(family, key=lambda published_row: published_row[1:3]))
+        for name, family in families.items()
+    }
 
 
-def _dataset(rows: list[list]) -> xr.Dataset:
-    angle, lateral, vertical = (np.array(column) for column in list(zip(*rows, strict=True))[:3])
+def _dataset(published_rows: list[list]) -> xr.Dataset:
+    angle, lateral, vertical = (np.array(column) for column in list(zip(*published_rows, strict=True))[:3])
     time = np.linspace(0.0, DURATION_S, _TIMES)
-    place, command, length, estimate = _paths(*map(jnp.asarray, (angle, lateral, vertical, time)))
+    positions_n, command, length, estimate = _paths(*map(jnp.asarray, (angle, lateral, vertical, time)))
     history = {
-        "north": place[..., 0],
-        "east": place[..., 1],
-        "altitude": -place[..., 2],
+        "north": positions_n[..., 0],
+        "east": positions_n[..., 1],
+        "altitude": -positions_n[..., 2],
         "airspeed_command": command.V,
         "path_angle_command": command.gamma,
         "course_command": command.chi,
@@ -139,7 +149,7 @@ def _dataset(rows: list[list]) -> xr.Dataset:
         "final_path_angle": np.radians(angle),
         "length": length,
         "length_estimate": estimate,
-        "length_published": np.array([float(row[3]) for row in rows]),
+        "length_published": np.array([float(published_row[3]) for published_row in published_rows]),
     }
     data = {
         _VARIABLES[key].name: (
@@ -169,12 +179,12 @@ def _dataset(rows: list[list]) -> xr.Dataset:
 def _paths(
     angles_deg: jax.Array, lateral: jax.Array, vertical: jax.Array, times: jax.Array
 ) -> tuple[jax.Array, PathCommand, jax.Array, jax.Array]:
-    def one(angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[jax.Array, PathCommand, Scalar, Scalar]:
+    def sample_path(angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[jax.Array, PathCommand, Scalar, Scalar]:
         path = published_path(angle_deg, b_4, c_4)
 
-        def at(time: Scalar) -> tuple[Vector3, PathCommand]:
+        def sample(time: Scalar) -> tuple[Vector3, PathCommand]:
             return path.position_n(time), polar(path.velocity_n(time), path.acceleration_n(time))
 
-        return *jax.vmap(at)(times), arc_length(path), arc_length_estimate(path)
+        return *jax.vmap(sample)(times), arc_length(path), arc_length_estimate(path)
 
-    return jax.vmap(one)(angles_deg, lateral, vertical)
+    return jax.vmap(sample_path)(angles_deg, lateral, vertical)

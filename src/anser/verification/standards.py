@@ -1,6 +1,6 @@
-"""Standards: the U.S.
+"""Verification of standards: the U.S. Standard Atmosphere 1976 and WGS-84.
 
-Standard Atmosphere 1976, and the WGS-84 ellipsoid, geodetic positions and normal gravity, against published figures.
+WGS-84: the ellipsoid, geodetic positions and normal gravity.
 """
 
 import math
@@ -30,29 +30,32 @@ _air_at = jax.jit(jax.vmap(StandardAtmosphere().at))
 
 def _measure_atmosphere() -> tuple[Comparison, ...]:
     figures = load_published("ussa76")
-    rows, bases = figures["geometric"], figures["bases"]
-    heights = jnp.array([float(row[0]) for row in rows])
+    published_rows, bases = figures["geometric"], figures["bases"]
+    heights = jnp.array([float(published_row[0]) for published_row in published_rows])
     base_heights = jnp.array([float(base) for base, _ in bases])
     air = _air_at(jnp.concatenate([heights, jax.vmap(geometric_from_geopotential)(base_heights)]))
-    return (*_table(rows, figures["last_digit_one_low"]["pressure_Pa"], air), *_bases(bases, air.pressure[len(rows) :]))
+    return (
+        *_table(published_rows, figures["last_digit_one_low"]["pressure_Pa"], air),
+        *_bases(bases, air.pressure[len(published_rows) :]),
+    )
 
 
-def _table(rows: list, pressure_low_m: list[int], air: Air) -> Iterator[Comparison]:
+def _table(published_rows: list, pressure_low_m: list[int], air: Air) -> Iterator[Comparison]:
     for column, (name, unit) in enumerate(_AIR_UNITS.items(), start=1):
         values = getattr(air, name)
-        for k, row in enumerate(rows):
-            if row[column] is None:
+        for k, published_row in enumerate(published_rows):
+            if published_row[column] is None:
                 continue
-            half = half_of_last_digit(row[column])
-            low = name == "pressure" and row[0] in pressure_low_m
+            half_digit = half_of_last_digit(published_row[column])
+            is_cut = name == "pressure" and published_row[0] in pressure_low_m
             yield Comparison(
                 group=name,
-                point=f"{row[0] / 1000:g} km",
+                point=f"{published_row[0] / 1000:g} km",
                 unit=unit,
-                expected=float(row[column]),
+                expected=float(published_row[column]),
                 obtained=float(values[k]),
-                tolerance=2.0 * half if low else half,
-                tolerance_reason="last digit cut, not rounded" if low else "",
+                tolerance=2.0 * half_digit if is_cut else half_digit,
+                tolerance_reason="last digit cut, not rounded" if is_cut else "",
             )
 
 
@@ -79,20 +82,20 @@ USSA76 = Check(
 
 
 _ROUNDING_M = 1e-8
-"""Some ten units in the last place of 6.4e6 m."""
+"""Rounding error, about ten units in the last place of 6.4e6 m."""
 _GRAVITY_M_S2 = 1e-9
-"""Half a unit of the ninth decimal, with which gravity at 45 deg is printed, and 1e-10 by which the formulas differ."""
-_NESC_WHY = "half the last digit of each"
+"""Half a unit of the ninth decimal of the printed gravity at 45 deg, plus the difference of the formulas, 1e-10."""
+_NESC_TOLERANCE_REASON = "half the last digit of each"
 _DIGITS = 10
 """Significant digits of the check-case data."""
 
 
 @jax.jit
 def _convert_both_ways(
-    places: Float[Array, "place 3"], points_e: Float[Array, "place 3"]
+    positions: Float[Array, "place 3"], points_e: Float[Array, "place 3"]
 ) -> tuple[Float[Array, "place 3"], Float[Array, "place 3"]]:
-    """Earth-fixed points of geodetic places, and geodetic places of Earth-fixed points."""
-    return jax.vmap(ecef_from_geodetic)(*places.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
+    """Earth-fixed points of geodetic positions, and geodetic positions of Earth-fixed points."""
+    return jax.vmap(ecef_from_geodetic)(*positions.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
 
 
 def _measure_earth() -> tuple[Comparison, ...]:
@@ -102,7 +105,7 @@ def _measure_earth() -> tuple[Comparison, ...]:
 def _ellipsoid() -> Iterator[Comparison]:
     a, b, e2 = float(WGS84.a), float(WGS84.b), float(WGS84.e2)
     pole_M, pole_N = (float(R) for R in radii_of_curvature(math.pi / 2))
-    found = {
+    constants = {
         "semi-minor axis": [b],
         "first eccentricity": [math.sqrt(e2)],
         "first eccentricity squared": [e2],
@@ -111,21 +114,21 @@ def _ellipsoid() -> Iterator[Comparison]:
         "polar radius of curvature": [pole_M, pole_N],
     }
     for name, (printed, unit) in load_published("wgs84")["derived"].items():
-        for obtained in found[name]:
+        for obtained in constants[name]:
             yield compare_as_printed(name, "ellipsoid", unit, printed, obtained)
     equator_M, equator_N = (float(R) for R in radii_of_curvature(0.0))
-    yield _closed("radius of curvature", "meridian at the equator, b^2/a", "m", b * b / a, equator_M)
-    yield _closed("radius of curvature", "prime vertical at the equator, a", "m", a, equator_N)
+    yield _compare_closed_form("radius of curvature", "meridian at the equator, b^2/a", "m", b * b / a, equator_M)
+    yield _compare_closed_form("radius of curvature", "prime vertical at the equator, a", "m", a, equator_N)
 
 
-def _closed(group: str, where: str, unit: str, expected: float, obtained: float) -> Comparison:
-    """Compare with a closed form: nothing but rounding may differ."""
+def _compare_closed_form(group: str, point: str, unit: str, expected: float, obtained: float) -> Comparison:
+    """Compare with a closed form, to rounding."""
     tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
-    return Comparison(group, where, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
+    return Comparison(group, point, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
 
 
 def _positions() -> Iterator[Comparison]:
-    """Equator and pole in closed form, both ways, and a place of the NESC check-cases."""
+    """Compare equator and poles in closed form, both ways, and a start of the NESC check-cases."""
     a, b = float(WGS84.a), float(WGS84.b)
     quarter = math.pi / 2
     closed = [
@@ -138,45 +141,61 @@ def _positions() -> Iterator[Comparison]:
     case = {name: column["sim_05"][0] for name, column in columns.items()}
     degrees = (case["latitude_deg"], case["longitude_deg"])
     feet = tuple(case[f"gePosition_ft_{axis}"] for axis in "XYZ")
-    given = (degrees[0] * DEG_RAD, degrees[1] * DEG_RAD, case["altitudeMsl_ft"] * FOOT_M)
-    places = jnp.array([place for _, place, _ in closed] + [given])
+    case_position = (degrees[0] * DEG_RAD, degrees[1] * DEG_RAD, case["altitudeMsl_ft"] * FOOT_M)
+    positions = jnp.array([position for _, position, _ in closed] + [case_position])
     points_e = jnp.array([point for _, _, point in closed] + [[x * FOOT_M for x in feet]])
-    forward, back = _convert_both_ways(places, points_e)
-    for k, (where, place, point_e) in enumerate(closed):
+    forward, back = _convert_both_ways(positions, points_e)
+    for k, (label, position, point_e) in enumerate(closed):
         for axis in range(3):
-            yield _closed(f"ECEF {'xyz'[axis]}", where, "m", point_e[axis], float(forward[k, axis]))
+            yield _compare_closed_form(f"ECEF {'xyz'[axis]}", label, "m", point_e[axis], float(forward[k, axis]))
         for axis, (name, unit) in enumerate((("latitude", "rad"), ("longitude", "rad"), ("height", "m"))):
-            yield _closed(name, where, unit, place[axis], float(back[k, axis]))
+            yield _compare_closed_form(name, label, unit, position[axis], float(back[k, axis]))
     yield from _nesc_position(degrees, case["altitudeMsl_ft"], feet, forward[-1], back[-1])
 
 
 def _nesc_position(
     degrees: tuple[float, float], height_ft: float, feet: tuple[float, ...], forward: Vector3, back: Vector3
 ) -> Iterator[Comparison]:
-    """The same place in both coordinates: each is known as exactly as the other is printed."""
-    where = "NESC case 11, start"
+    """Compare a position in both coordinates; tolerances follow from the printed digits of the other coordinates."""
+    point = "NESC case 11, start"
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M
     for axis, expected in zip("xyz", feet, strict=True):
         obtained = float(forward["xyz".index(axis)]) / FOOT_M
         tolerance = half_of_significant(expected, _DIGITS) + angles_ft
-        yield Comparison(f"NESC ECEF {axis}", where, "ft", expected, obtained, tolerance, tolerance_reason=_NESC_WHY)
+        yield Comparison(
+            f"NESC ECEF {axis}", point, "ft", expected, obtained, tolerance, tolerance_reason=_NESC_TOLERANCE_REASON
+        )
     point_m = sum(half_of_significant(x, _DIGITS) for x in feet) * FOOT_M
     radius = float(WGS84.b) * math.cos(degrees[0] * DEG_RAD)
     for name, expected, angle in zip(("latitude", "longitude"), degrees, back[:2], strict=True):
         tolerance = half_of_significant(expected, _DIGITS) + point_m / radius * RAD_DEG
         yield Comparison(
-            f"NESC {name}", where, "deg", expected, float(angle) * RAD_DEG, tolerance, tolerance_reason=_NESC_WHY
+            f"NESC {name}",
+            point,
+            "deg",
+            expected,
+            float(angle) * RAD_DEG,
+            tolerance,
+            tolerance_reason=_NESC_TOLERANCE_REASON,
         )
     yield Comparison(
-        "NESC height", where, "ft", height_ft, float(back[2]) / FOOT_M, point_m / FOOT_M, tolerance_reason=_NESC_WHY
+        "NESC height",
+        point,
+        "ft",
+        height_ft,
+        float(back[2]) / FOOT_M,
+        point_m / FOOT_M,
+        tolerance_reason=_NESC_TOLERANCE_REASON,
     )
 
 
 def _gravity() -> Iterator[Comparison]:
     for latitude_deg, printed in load_published("wgs84")["gravity"]:
         obtained = float(somigliana(latitude_deg * DEG_RAD))
-        where, why = f"{latitude_deg} deg", "half the 9th decimal, GRS 80"
-        yield Comparison("gravity", where, "m/s^2", float(printed), obtained, _GRAVITY_M_S2, tolerance_reason=why)
+        point, tolerance_reason = f"{latitude_deg} deg", "half the 9th decimal, GRS 80"
+        yield Comparison(
+            "gravity", point, "m/s^2", float(printed), obtained, _GRAVITY_M_S2, tolerance_reason=tolerance_reason
+        )
 
 
 WGS84_FIGURE = Check(

@@ -1,4 +1,4 @@
-"""Running checks: each is timed, and one that breaks does not stop the others."""
+"""Selection and run of checks; each check is timed, and a failing check does not stop the run."""
 
 import difflib
 import re
@@ -35,42 +35,46 @@ CHECKS: tuple[Check, ...] = (
     *NESC_CHECKS,
     *MISSION_CHECKS,
 )
-"""All checks, in the order in which they are printed."""
+"""The checks, in print order."""
 
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the part that is done, 0 to 1."""
+"""Called with the key of the current check and the completed part, 0 to 1."""
 
 
 def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | None = None) -> tuple[Check, ...]:
-    """Checks by their keys, each once and in the order of `checks` (`CHECKS` where None); all of them without keys.
+    """Select checks by key, without repetition, in the order of `checks`; None selects every check.
 
-    A check-case of the NESC may go by its number, `9`, `13.1` or `nesc-9`; `13` is all parts of case 13.
+    A check-case of the NESC may be requested by number, `9`, `13.1` or `nesc-9`; `13` selects the parts of case 13.
 
     Raises
     ------
     ValueError
-        If a key is unknown; the message names the closest known one and lists all.
+        A key is unknown; the message names the closest known key and lists the known keys.
     """
     checks = CHECKS if checks is None else checks
     if keys is None:
         return tuple(checks)
-    known = [check.key for check in checks]
-    wanted = [part for key in keys for part in _parts(_whole(key), known)]
-    for key in wanted:
-        if key not in known:
-            close = difflib.get_close_matches(key, known, n=1, cutoff=0.0)
+    known_keys = [check.key for check in checks]
+    requested_keys = [known_key for key in keys for known_key in _expand_key(_normalized_key(key), known_keys)]
+    for key in requested_keys:
+        if key not in known_keys:
+            close = difflib.get_close_matches(key, known_keys, n=1, cutoff=0.0)
             nearest = f"; the closest is {close[0]}" if close else ""
-            raise ValueError(f"arrived {key!r}{nearest}; known are {', '.join(known)}")
-    return tuple(check for check in checks if check.key in wanted)
+            raise ValueError(f"arrived {key!r}{nearest}; known are {', '.join(known_keys)}")
+    return tuple(check for check in checks if check.key in requested_keys)
 
 
-def _parts(key: str, known: Sequence[str]) -> list[str]:
-    """The key itself, or those of the parts of a check-case that is flown in several."""
-    parts = [one for one in known if key.startswith("nesc-") and one.startswith((f"{key}.", f"{key}-"))]
-    return [key] if key in known or not parts else parts
+def _expand_key(key: str, known_keys: Sequence[str]) -> list[str]:
+    """Return the key, or the keys of the parts of a check-case in several parts."""
+    parts = [
+        candidate
+        for candidate in known_keys
+        if key.startswith("nesc-") and candidate.startswith((f"{key}.", f"{key}-"))
+    ]
+    return [key] if key in known_keys or not parts else parts
 
 
-def _whole(key: str) -> str:
+def _normalized_key(key: str) -> str:
     number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
     return f"nesc-{int(number[1]):02d}{number[2] or ''}" if number else key
 
@@ -83,44 +87,43 @@ def verify(
     Parameters
     ----------
     keys
-        Which; all of them where None.
+        Keys of the checks; None: every check.
     progress
-        Called before each check, and at the end; from two threads where there are long checks.
+        Called before each check, and at the end; from two threads if there are long checks.
     checks
-        The checks there are; `CHECKS` where None.
+        Available checks; None: `CHECKS`.
 
     Returns
     -------
-    One outcome per check, in their order. A check that raises is an outcome that does not pass and says what was
-    raised.
+    Outcomes in the order of the checks. A check that raises has an outcome that fails; its `problem` is the error.
 
     Raises
     ------
     ValueError
-        If a key is unknown.
+        A key is unknown.
     """
-    chosen = select_checks(keys, checks)
+    selected = select_checks(keys, checks)
     finished: list[Check] = []
 
     def run_in_order(part: Sequence[Check]) -> dict[str, Outcome]:
-        found = {}
+        outcomes = {}
         for check in part:
             if progress is not None:
-                progress(check.key, len(finished) / len(chosen))
-            found[check.key] = _run(check)
+                progress(check.key, len(finished) / len(selected))
+            outcomes[check.key] = _run(check)
             finished.append(check)
-        return found
+        return outcomes
 
-    # Compiling is most of the work and leaves the interpreter free: the long checks are run beside the others.
-    background = _BackgroundRun(lambda: run_in_order([check for check in chosen if check.long]))
-    outcomes = run_in_order([check for check in chosen if not check.long]) | background.result()
+    # Most of the time is compilation outside the interpreter's lock: the long checks run in a second thread.
+    background = _BackgroundRun(lambda: run_in_order([check for check in selected if check.long]))
+    outcomes = run_in_order([check for check in selected if not check.long]) | background.result()
     if progress is not None:
         progress("done", 1.0)
-    return tuple(outcomes[check.key] for check in chosen)
+    return tuple(outcomes[check.key] for check in selected)
 
 
 class _BackgroundRun(threading.Thread):
-    """A thread with a result; an interrupt of the program does not wait for it."""
+    """Thread with a result. Interrupts of the program do not wait for the thread."""
 
     def __init__(self, work: Callable[[], dict[str, Outcome]]) -> None:
         super().__init__(daemon=True)
@@ -132,11 +135,11 @@ class _BackgroundRun(threading.Thread):
     def run(self) -> None:
         try:
             self._result = self._work()
-        except BaseException as raised:  # noqa: BLE001 - handed on to the thread that waits
+        except BaseException as raised:  # noqa: BLE001 - raised again in the waiting thread
             self._raised = raised
 
     def result(self) -> dict[str, Outcome]:
-        """Wait for the work and give its result, or raise what it raised."""
+        """Wait for the result; raises the error of the work, if any."""
         self.join()
         if self._raised is not None:
             raise self._raised
@@ -147,7 +150,7 @@ def _run(check: Check) -> Outcome:
     start = time.perf_counter()
     try:
         comparisons = tuple(check.measure())
-    except Exception as error:  # noqa: BLE001 - whatever breaks one check, the others are run and it is named
+    except Exception as error:  # noqa: BLE001 - a failing check is reported and does not stop the others
         return Outcome(check, (), time.perf_counter() - start, f"{type(error).__name__}: {error}")
     problem = None if comparisons else "it compared nothing"
     return Outcome(check, comparisons, time.perf_counter() - start, problem)

@@ -1,6 +1,6 @@
-"""The numbers with which Stevens & Lewis computed what they print: not those of the aircraft, but theirs.
+"""F-16 with the constants of Stevens & Lewis' program, as used for the printed figures.
 
-Second note of the aircraft's data file; each constant moves some printed figure in its last digits.
+Source: second note of the aircraft's data file. Each constant changes the last digits of a printed figure.
 """
 
 import equinox as eqx
@@ -29,7 +29,7 @@ TextbookControls = Float[Array, "4"]
 """Throttle 0..1, elevator, aileron, rudder deg."""
 
 INERTIA_RATIOS = (-0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5)
-"""c1..c9 as the textbook's program has them, rounded to four digits; the moments in ft lbf."""
+"""c1..c9 of the textbook's program, rounded to four digits; moments in ft lbf."""
 ENGINE_MOMENTUM_SLUG_FT2_S = 160.0
 
 
@@ -51,9 +51,9 @@ class TextbookAtmosphere(AbstractAtmosphere):
 
 
 class TextbookF16(AbstractAirframe):
-    """The F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
+    """F-16 with the textbook's 57.3 deg/rad in CZ = CZ0 (1 - (beta/57.3)^2) and its rounded inertia ratios.
 
-    The rounding of the ratios is expressed as a moment: the one with which the exact inertia gives the same angular
+    The rounded ratios act through the moment: with the exact inertia, the adapted moment gives the textbook's angular
     acceleration.
     """
 
@@ -66,7 +66,7 @@ class TextbookF16(AbstractAirframe):
     beta_range: tuple[Scalar, Scalar]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force and moment with the other CZ; Cm follows through the lever of the centre of gravity."""
+        """Force and moment with the textbook's CZ; Cm follows through the lever of the centre of gravity."""
         f16 = self.f16
         CZ0 = f16.tables(air_data.alpha * RAD_DEG, 0.0, 0.0)[0][0]
         change = CZ0 * (air_data.beta**2 - (air_data.beta * RAD_DEG / 57.3) ** 2)
@@ -82,12 +82,12 @@ class TextbookF16(AbstractAirframe):
         return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """As the F-16."""
+        """Range of the F-16's tables."""
         return self.f16.outside_tables(air_data)
 
 
 def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """[SL] eq. (1.7-5) in the form of their program, with the engine's angular momentum HE."""
+    """[SL] eq. (1.7-5) in the form of the textbook's program, with the engine's angular momentum HE."""
     c1, c2, c3, c4, c5, c6, c7, c8, c9 = INERTIA_RATIOS
     P, Q, R = rates_b
     L, M, N = moment_b / FT_LBF_N_M
@@ -117,14 +117,14 @@ def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> Te
 
 
 def textbook_environment() -> Environment:
-    """Build the textbook's atmosphere, still, with its gravity of 32.17 ft/s^2."""
+    """Build the textbook's environment: its atmosphere without wind, and gravity of 32.17 ft/s^2."""
     return Environment(
         atmosphere=TextbookAtmosphere(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(32.17 * FOOT_M))
     )
 
 
 def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
-    """State of the textbook's state vector, its surfaces where the controls put them: they have no lag there."""
+    """Convert the textbook's state vector; the surfaces are at the commanded deflections, without lag."""
     VT, alpha, beta = x[0] * FOOT_M, x[1], x[2]
     direction = [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
     return AircraftState(
@@ -138,14 +138,14 @@ def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
 
 
 def textbook_controls(u: TextbookControls) -> Controls:
-    """Controls of the textbook's control vector."""
+    """Convert the textbook's control vector."""
     return Controls(surfaces=u[1:] * DEG_RAD, throttle=u[0])
 
 
 def textbook_rates(
     airframe: AbstractAirframe, environment: Environment, x: TextbookState, u: TextbookControls
 ) -> TextbookState:
-    """Time derivative of the textbook's state vector in its own units, per second: its subroutine F."""
+    """Time derivative of the textbook's state vector in the textbook's units, per second: subroutine F."""
     state = textbook_state(x, u)
     rate = state_derivative(airframe, environment, 0.0, state, textbook_controls(u))
     _, (V_dot, alpha_dot, beta_dot) = jax.jvp(flow_angles, (state.velocity_b,), (rate.velocity_b,))

@@ -1,4 +1,4 @@
-"""F-16 against Stevens & Lewis: state derivatives, the steady turn, and trims."""
+"""Verification of the F-16 by Stevens & Lewis: state derivatives, the steady turn, and trims."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -20,18 +20,18 @@ from anser.verification.checks import Check, Comparison, half_of_significant, lo
 from anser.verification.textbook import TextbookF16, textbook_aircraft, textbook_environment, textbook_rates
 
 SINGLE_PRECISION = 4e-7
-"""Relative error of the textbook's program: some three units in the last place of single precision."""
+"""Relative error of the textbook's program: about three units in the last place of single precision."""
 _DIGITS = 7
 """Significant digits of the turn example's figures."""
 _CONDITION_STATES = ("VT", "pN", "pE", "h")
-"""States that are the condition of the example, not results of its trim."""
-_STEADY = ("VT", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "h", "pow")
-"""States whose rates a steady level turn fixes: all but the horizontal position."""
+"""States that define the example's condition and are not results of its trim."""
+_STEADY_STATES = ("VT", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "h", "pow")
+"""States whose rates a steady level turn fixes: every state but the horizontal position."""
 _TURN_RATE_RAD_S = 0.3
 
 
 def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
-    """State and controls of one of the textbook's figures, as its program has them: one vector, its units."""
+    """Return state and controls of a textbook example as one vector, in the textbook's units."""
     controls = figures["controls"]
     surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
     return np.array([*figures["state"], controls["throttle"], *surfaces])
@@ -41,18 +41,18 @@ def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
 def rates_and_slopes(
     airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
 ) -> tuple[Float[Array, "13"], Float[Array, "13 17"]]:
-    """Rates of the textbook's state vector and their derivatives by all states and controls."""
+    """Return the rates of the textbook's state vector and the derivatives with respect to states and controls."""
 
     def rates(z: Float[Array, "17"]) -> Float[Array, "13"]:
         return textbook_rates(airframe, environment, z[:13], z[13:])
 
-    value, push = jax.linearize(rates, x_and_u)
-    return value, jax.vmap(push, out_axes=1)(jnp.eye(17))
+    value, directional_derivative = jax.linearize(rates, x_and_u)
+    return value, jax.vmap(directional_derivative, out_axes=1)(jnp.eye(17))
 
 
 def _rates_of(figures: dict[str, Any]) -> tuple[Float[np.ndarray, "13"], Float[np.ndarray, "13 17"]]:
-    given = jnp.asarray(state_and_controls(figures))
-    value, slopes = rates_and_slopes(textbook_aircraft(figures["xcg"]), textbook_environment(), given)
+    states_and_controls = jnp.asarray(state_and_controls(figures))
+    value, slopes = rates_and_slopes(textbook_aircraft(figures["xcg"]), textbook_environment(), states_and_controls)
     return np.asarray(value), np.asarray(slopes)
 
 
@@ -74,13 +74,13 @@ def _measure_derivatives() -> tuple[Comparison, ...]:
 def _measure_turn() -> tuple[Comparison, ...]:
     example = load_published("textbook_checks")["turn_example_3_6_2"]
     names = [*example["state_names"], *example["controls"]]
-    given = state_and_controls(example)
+    states_and_controls = state_and_controls(example)
     rates, slopes = _rates_of(example)
     printed = [
         0.0 if name in _CONDITION_STATES or value == 0.0 else half_of_significant(value, _DIGITS)
-        for name, value in zip(names, given, strict=True)
+        for name, value in zip(names, states_and_controls, strict=True)
     ]
-    tolerances = np.abs(slopes) @ (np.array(printed) + SINGLE_PRECISION * np.abs(given))
+    tolerances = np.abs(slopes) @ (np.array(printed) + SINGLE_PRECISION * np.abs(states_and_controls))
     units = _units()
     return tuple(
         Comparison(
@@ -92,7 +92,7 @@ def _measure_turn() -> tuple[Comparison, ...]:
             tolerance=float(tolerances[k]),
         )
         for k, name in enumerate(example["state_names"])
-        if name in _STEADY
+        if name in _STEADY_STATES
     )
 
 
@@ -131,17 +131,16 @@ F16_TURN = Check(
 
 _LEVEL_X_CG = 0.35
 _NOISE = 1e-6
-"""Printed angles of this size (rad, deg) are what the textbook's minimizer left of a zero."""
+"""Printed angles of this size (rad, deg) are zeros, up to the noise of the textbook's minimizer."""
 _AILERON_DEG = 2e-5
-"""Half the last digit, 0.5e-5, and 1.5e-5 of single precision.
+"""Half the last digit, 0.5e-5, plus 1.5e-5 for single precision.
 
-The textbook's program resolves the sideslip rate to 5.8e-8 rad/s, 4e-7 of its terms; the sideslip that takes that up is
-balanced by 1.5e-5 deg of aileron in its steady turn and 1.3e-5 deg in its pull-up.
-"""
+The textbook's program resolves the sideslip rate to 5.8e-8 rad/s, 4e-7 of its terms. The corresponding sideslip is
+balanced by 1.5e-5 deg of aileron in the steady turn and 1.3e-5 deg in the pull-up."""
 _PULL_UP_RUDDER_DEG = 3e-5
-"""Half the last digit, 0.5e-5, and the 2.5e-5 deg of rudder that balance that sideslip in the pull-up."""
+"""Half the last digit, 0.5e-5, plus the 2.5e-5 deg of rudder that balance the corresponding sideslip in the pull-up."""
 
-_SINGLE = "last digit, single precision"
+_SINGLE_PRECISION_REASON = "last digit, single precision"
 _NAMES = {
     "nominal": "x_cg 0.35 c",
     "xcg030": "x_cg 0.30 c",
@@ -151,7 +150,7 @@ _NAMES = {
 
 
 class TextbookFlight(NamedTuple):
-    """A steady flight of the textbook at sea level: x_cg/c, speed ft/s, turn rate and pull-up's pitch rate rad/s."""
+    """Steady flight of the textbook at sea level: x_cg/c, speed ft/s, turn rate and pull-up's pitch rate rad/s."""
 
     x_cg: float
     V_ft_s: float
@@ -160,12 +159,12 @@ class TextbookFlight(NamedTuple):
 
 
 def trim_published(flights: list[TextbookFlight]) -> tuple[TrimPoint, Float[np.ndarray, "flight 3"]]:
-    """Trim steady flights with the textbook's constants: the points, batched, and their Euler angles (rad).
+    """Trim steady flights with the textbook's constants; batched trim points and Euler angles (rad).
 
     Raises
     ------
     RuntimeError
-        If one of them is not found; the message names it.
+        A flight has no trim; the message names the flight.
     """
     points, euler = _trim_all(textbook_aircraft(_LEVEL_X_CG), textbook_environment(), jnp.array(flights))
     for flight, converged, residual in zip(flights, points.converged, points.residual, strict=True):
@@ -178,31 +177,33 @@ def trim_published(flights: list[TextbookFlight]) -> tuple[TrimPoint, Float[np.n
 def _trim_all(
     airframe: TextbookF16, environment: Environment, flights: Float[Array, "flight 4"]
 ) -> tuple[TrimPoint, Float[Array, "flight 3"]]:
-    def one(x_cg: Scalar, V_ft_s: Scalar, turn_rate: Scalar, pitch_rate: Scalar) -> tuple[TrimPoint, Float[Array, "3"]]:
+    def trim_flight(
+        x_cg: Scalar, V_ft_s: Scalar, turn_rate: Scalar, pitch_rate: Scalar
+    ) -> tuple[TrimPoint, Float[Array, "3"]]:
         loaded = eqx.tree_at(lambda a: a.f16.x_cg, airframe, x_cg)
         target = trim_target(V_ft_s * FOOT_M, 0.0, turn_rate=turn_rate, pitch_rate=pitch_rate)
         point = solve_trim(loaded, environment, target)
         return point, jnp.stack(euler_from_quaternion(point.state.quaternion))
 
-    return jax.vmap(one)(*flights.T)
+    return jax.vmap(trim_flight)(*flights.T)
 
 
 def _measure() -> tuple[Comparison, ...]:
     checks = load_published("textbook_checks")
-    rows, cases = checks["trim_table_3_6_2"]["rows"], checks["trim_table_3_6_3"]["cases"]
-    flights = [TextbookFlight(_LEVEL_X_CG, float(row["V_ft_s"]), 0.0) for row in rows]
+    published_rows, cases = checks["trim_table_3_6_2"]["rows"], checks["trim_table_3_6_3"]["cases"]
+    flights = [TextbookFlight(_LEVEL_X_CG, float(published_row["V_ft_s"]), 0.0) for published_row in published_rows]
     flights += [
         TextbookFlight(case["xcg"], case["VT_ft_s"], float(case["turn_rate_rad_s"]), float(case["pitch_rate_rad_s"]))
         for case in cases
     ]
     points, euler = trim_published(flights)
-    found = [_figures(jax.tree.map(lambda leaf, k=k: leaf[k], points), euler[k]) for k in range(len(flights))]
-    split = len(rows)
-    return (*_level(rows, found[:split]), *_cases(cases, found[split:]))
+    figures = [_figures(jax.tree.map(lambda leaf, k=k: leaf[k], points), euler[k]) for k in range(len(flights))]
+    split = len(published_rows)
+    return (*_compare_level(published_rows, figures[:split]), *_compare_cases(cases, figures[split:]))
 
 
 def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float]:
-    """Figures of a trim by the names under which they are published."""
+    """Figures of a trim by their published names."""
     elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
     P, Q, R = (float(rate) for rate in point.state.rates_b)
     power = float(point.power)
@@ -223,29 +224,33 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
     }
 
 
-def _level(rows: list[dict[str, float]], found: list[dict[str, float]]) -> Iterator[Comparison]:
-    """Three decimals of the throttle, three significant digits of the angles, in some less a final zero."""
-    for row, figures in zip(rows, found, strict=True):
+def _compare_level(
+    published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
+) -> Iterator[Comparison]:
+    """Compare to three decimals of the throttle, and three significant digits of the angles (final zeros omitted)."""
+    for published_row, figures in zip(published_rows, trim_figures, strict=True):
         for name in ("throttle", "alpha_deg", "elevator_deg"):
-            tolerance = 0.5e-3 if name == "throttle" else half_of_significant(row[name], 3)
-            where = f"table 3.6-2, V {row['V_ft_s']} ft/s"
-            yield Comparison(name, where, _unit(name), row[name], figures[name], tolerance)
+            tolerance = 0.5e-3 if name == "throttle" else half_of_significant(published_row[name], 3)
+            point = f"table 3.6-2, V {published_row['V_ft_s']} ft/s"
+            yield Comparison(name, point, _unit(name), published_row[name], figures[name], tolerance)
 
 
-def _cases(cases: list[dict[str, Any]], found: list[dict[str, float]]) -> Iterator[Comparison]:
-    """Four significant digits; two of the sideslip, printed as 4.8E-4 and 4.1E-5."""
-    for case, figures in zip(cases, found, strict=True):
+def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
+    """Compare to four significant digits; two for the sideslip, printed as 4.8E-4 and 4.1E-5."""
+    for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():
             if abs(printed) < 10 * _NOISE:
-                tolerance, why = _NOISE, "noise of their minimizer"
+                tolerance, tolerance_reason = _NOISE, "noise of their minimizer"
             elif name == "aileron_deg":
-                tolerance, why = _AILERON_DEG, _SINGLE
+                tolerance, tolerance_reason = _AILERON_DEG, _SINGLE_PRECISION_REASON
             elif name == "rudder_deg" and case["name"] == "pull_up":
-                tolerance, why = _PULL_UP_RUDDER_DEG, _SINGLE
+                tolerance, tolerance_reason = _PULL_UP_RUDDER_DEG, _SINGLE_PRECISION_REASON
             else:
-                tolerance, why = half_of_significant(printed, 2 if name == "beta_rad" else 4), ""
-            where = f"table 3.6-3, {_NAMES[case['name']]}"
-            yield Comparison(name, where, _unit(name), float(printed), figures[name], tolerance, tolerance_reason=why)
+                tolerance, tolerance_reason = half_of_significant(printed, 2 if name == "beta_rad" else 4), ""
+            point = f"table 3.6-3, {_NAMES[case['name']]}"
+            yield Comparison(
+                name, point, _unit(name), float(printed), figures[name], tolerance, tolerance_reason=tolerance_reason
+            )
 
 
 def _unit(name: str) -> str:
