@@ -1,33 +1,24 @@
-"""The certified planner: paths that keep limits, distances and keep-outs, with bounds that prove it.
+"""The certified planner: paths within flight limits, separation and keep-outs, with rigorous bounds as the proof.
 
-Where a plan comes from, roughly top-down; what is indented is part of the line above it. Its callers are
-`anser.planning.certified.planner`, which flies plans, and `anser.missions.refusal`, which says why there is none.
+Modules roughly top-down, from a fleet's plan to the mathematics below it. The callers are
+`anser.planning.certified.planner`, whose plans are flown, and `anser.missions.refusal`, which explains a refused plan.
 
-============================  =========================================================================================
-``search``                    `search`: attempts, stage by stage, until a certificate keeps everything
-``arrival_proposals``         the stages: which arrival times to try, with which candidates
-.. ``earliest``               times to try before one that works
-.. ``arrivals``               arrival times that are open to an aircraft by itself
-.. ``necessary_conditions``   arrival times that no path can keep
-``certified_plan``            one attempt, `plan_at`: candidates for given times, placed and certified
-``candidate_sets``            how many candidates of which kind
-``candidates``                the candidates themselves, of three generators in one type
-.. ``timed_profile``          altitude and airspeed by time (``profile``), with the shortest direct paths
-.. ``detours``                generator 1: the direct path of two turns, and detours from it that take the time
-.. ``turn_leg_paths``         generator 2: any four turns and three legs, by damped least squares
-.. ``spline_trajectories``    generator 3: splines in time (``spline``), from guesses (``spline_guesses``), by damped
-                              least squares on what they violate (``spline_equations``)
-.. ``route``                  turns (``smooth_turn``) and legs as a path by its length
-.. ``arrival_motion``         the motion that a rendezvous prescribes
-``placement``                 one candidate for each aircraft, so that all keep the separation
-.. ``tracking``               a candidate or a path at the instants of a fleet's clock
-.. ``clearance``              distances between tracks and from keep-outs; ``broad_phase``: in large fleets
-``delivery``                  profile and route as the path that is flown
-``path_bounds``               bounds of a path between its knots, of which the certificate is made
-============================  =========================================================================================
-
-Two stand apart: ``task``, what is asked (aircraft, airspace, keep-outs, arrival rule), which all of them read; and
-``renewal``, a plan bent or made anew on the way, by `plan_fleet_at` of ``certified_plan``.
+======================  ===============================================================================================
+``planner``             the planner in the loop: first plan, corrections in flight, replanning
+``replanning``          correction of a plan in flight, or a new plan from the current state
+``search``              attempts, stage by stage, until a certificate satisfies every constraint
+``arrival_times``       arrival times: necessary conditions, reachable intervals, search for the earliest
+``certified_plan``      one attempt at given arrival times: one candidate per aircraft, then the certificate
+``candidates``          candidates of three generators, in one type, and their delivery as timed paths
+``detours``             generator 1: direct paths of two turns, and detours from them with a target length
+``turn_leg_paths``      generator 2: four turns and three legs, by damped least squares
+``spline_search``       generator 3: splines in time (``splines``), by damped least squares on the violated constraints
+``timed_profiles``      altitude and airspeed over time (``profile``) with the shortest direct paths
+``routes``              turns and legs as a path by arc length
+``clearance``           distances between tracks and from keep-outs, with a broad phase for large fleets
+``path_bounds``         rigorous bounds of a path between its knots, the basis of the certificate
+``task``                the planning problem: aircraft, airspace, keep-outs, arrival rule
+======================  ===============================================================================================
 """
 
 import lazy_loader

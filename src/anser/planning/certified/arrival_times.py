@@ -1,7 +1,4 @@
-"""Arrival times that are open to each aircraft.
-
-Necessary conditions, the times that limits and keep-outs allow, and the search for the earliest.
-"""
+"""Arrival times open to an aircraft: necessary conditions, reachable intervals, search for the earliest time."""
 
 from collections.abc import Generator, Sequence
 from typing import Literal
@@ -29,18 +26,19 @@ from anser.shapes import Count, Scalar
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # from one time to the next, and from the first that nothing rules out to the first
 RESOLUTION = 1.02
-"""Ratio of two times between which no other is tried."""
+"""Ratio of two neighbouring times at which the search stops."""
 
 
 def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, int | None]:
-    """Search for the first of `count` rising times that works, each index answered by whether it does.
+    """Search for the first feasible index of `count` rising times.
 
-    Up to index `one_by_one` one after the other, then in doubled steps; then back by halving between the last that does
-    not work and the first that does. What works may have gaps, so near the first time steps are small.
+    The generator yields an index and receives whether that time is feasible. The search goes index by index up to
+    `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible index.
+    Feasible times may have gaps, hence the small steps near the first time.
 
     Returns
     -------
-    Index of the first time that was found to work; None if none does.
+    Index of the first feasible time; None if every time is infeasible.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -61,35 +59,36 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
 
 
 def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Generator[float, bool | None, float]:
-    """Times to try one after the other for an earlier one than is known; each is answered by whether it works.
+    """Search for an arrival time earlier than a feasible one.
 
-    Upwards in steps of an eighth, since what is closed for a while may be open before; then by bisection between the
-    last that does not work and the first that does, to a fiftieth.
+    The generator yields a time (s) and receives whether that time is feasible. The search goes upwards in steps of an
+    eighth, because feasible times may have gaps, then by bisection between the last infeasible and the first feasible
+    time, down to a ratio of `RESOLUTION`.
 
     Parameters
     ----------
     admissible
-        Times that nothing rules out, rising, s.
-    known
-        A time that works, s.
+        Rising times that meet the necessary conditions, s.
+    latest_time
+        A feasible time, s.
 
     Returns
     -------
-    The earliest that was found to work, s.
+    Earliest feasible time, s.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
-    low, high, near = float(admissible[0]), latest_time, float(np.sqrt(RESOLUTION))
+    low, high, margin = float(admissible[0]), latest_time, float(np.sqrt(RESOLUTION))
     count = int(np.ceil(np.log(high / low) / np.log(_STEP_UP)))
     steps = np.searchsorted(admissible, low * _FIRST_STEP * _STEP_UP ** np.arange(count))
-    ahead = np.unique(admissible[np.minimum(steps, admissible.size - 1)])
-    for time in ahead[ahead < high / near]:
+    ascending_times = np.unique(admissible[np.minimum(steps, admissible.size - 1)])
+    for time in ascending_times[ascending_times < high / margin]:
         if (yield float(time)):
             high = float(time)
             break
         low = float(time)
     while high > RESOLUTION * low:
-        between = admissible[(admissible > low * near) & (admissible < high / near)]
+        between = admissible[(admissible > low * margin) & (admissible < high / margin)]
         if between.size == 0:
             break
         middle = float(between[np.argmin(np.abs(np.log(between**2 / (low * high))))])
@@ -107,9 +106,11 @@ _ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitu
 
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
-    """Greatest speed of the wind, and of its vertical component, between all ends and somewhat beyond, m/s."""
-    both = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
-    heights = np.linspace(np.min(both) - _ALTITUDE_MARGIN_M, np.max(both) + _ALTITUDE_MARGIN_M, _ALTITUDES)
+    """Greatest wind speed and greatest vertical wind speed, m/s, over the altitudes of all endpoints plus a margin."""
+    down_positions = -np.append(np.asarray(tasks.rendezvous_n)[:, 2], np.asarray(tasks.position_n)[:, 2])
+    heights = np.linspace(
+        np.min(down_positions) - _ALTITUDE_MARGIN_M, np.max(down_positions) + _ALTITUDE_MARGIN_M, _ALTITUDES
+    )
     whole, vertical = _greatest_wind(airspace.wind, as_array(heights))
     return _WIND_FACTOR * float(whole), _WIND_FACTOR * float(vertical)
 
@@ -121,10 +122,10 @@ def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Sca
 
 
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
-    """Least time for each change of altitude at the greatest rate of climb or descent, s; infinite if there is none.
+    """Least time for the change of altitude at the greatest rate of climb or descent, s; infinite if impossible.
 
-    A lower bound whatever the path: rates build up, but a small change needs a small rate only, so nothing is added
-    for that, and the bound is zero for a level rendezvous and continuous there.
+    A lower bound for any path shape. The build-up of the climb rate is left out, because a small change of altitude
+    needs a small rate only: the bound is zero for a level rendezvous and continuous there.
     """
     rate = np.asarray(tasks.limits.climb_rate_max) + _strongest_wind(tasks, airspace)[1]
     fall = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
@@ -133,41 +134,41 @@ def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray
 
 
 def may_arrive(
-    tasks: AircraftTask, airspace: Airspace, who: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
+    tasks: AircraftTask, airspace: Airspace, aircraft: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether a duration (s) meets the necessary conditions: distance, height, a rendezvous outside keep-outs."""
+    """Check the necessary conditions of a duration (s): distance, height, and a rendezvous outside the keep-outs."""
     limits, t = tasks.limits, durations[:, None]
-    line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[who] + t * np.asarray(tasks.goal_velocity_n)[
-        who
-    ]
+    line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[aircraft] + t * np.asarray(
+        tasks.goal_velocity_n
+    )[aircraft]
     wind, vertical_wind = _strongest_wind(tasks, airspace)
-    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[who] + wind) * durations
-    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[who] + vertical_wind) * durations
-    place, volumes = np.asarray(tasks.position_n)[who] + line, airspace.keep_outs
+    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[aircraft] + wind) * durations
+    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[aircraft] + vertical_wind) * durations
+    arrival_positions, volumes = np.asarray(tasks.position_n)[aircraft] + line, airspace.keep_outs
     moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
-    beside = np.linalg.norm(place[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _EDGE_M
-    height = -place[:, 2:]
+    outside = np.linalg.norm(arrival_positions[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _EDGE_M
+    height = -arrival_positions[:, 2:]
     over = height >= np.asarray(volumes.top) - _EDGE_M
     under = height <= np.asarray(volumes.bottom) + _EDGE_M
-    return fast & gentle & np.all(beside | over | under, axis=1)
+    return fast & gentle & np.all(outside | over | under, axis=1)
 
 
 def arrival_distances_max(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
-    """How far apart two aircraft can be at most when the first of them arrives, whatever their shapes.
+    """Greatest possible distances between two aircraft at the earlier arrival, for any path shape.
 
-    The one that arrives later (durations in s) may until then have been away from its rendezvous by what it flies in
-    between.
+    The aircraft with the later arrival (durations in s) can be away from its rendezvous by the distance flown until
+    then.
 
     Returns
     -------
-    Horizontal and vertical distance, m; infinite to itself and to one that is not active.
+    Horizontal and vertical distance, m; infinite on the diagonal and for inactive aircraft.
     """
     limits, (wind, vertical_wind) = tasks.limits, _strongest_wind(tasks, airspace)
-    end = np.asarray(tasks.rendezvous_n)
-    place = end + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
-    apart = place[:, :, None] - place[:, None, :]
+    rendezvous = np.asarray(tasks.rendezvous_n)
+    arrival_positions = rendezvous + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
+    separations = arrival_positions[:, :, None] - arrival_positions[:, None, :]
     between = durations[:, :, None] - durations[:, None, :]
 
     def covered(rate: Float[np.ndarray, " aircraft"], wind: float) -> Float[np.ndarray, "n aircraft aircraft"]:
@@ -177,15 +178,15 @@ def arrival_distances_max(
 
     active = np.asarray(tasks.active) > 0.0
     nothing = np.eye(active.size, dtype=bool) | ~active[:, None] | ~active[None, :]
-    level = np.linalg.norm(apart[..., :2], axis=-1) + covered(np.asarray(limits.speed_max), wind)
-    height = np.abs(apart[..., 2]) + covered(np.asarray(limits.climb_rate_max), vertical_wind)
+    level = np.linalg.norm(separations[..., :2], axis=-1) + covered(np.asarray(limits.speed_max), wind)
+    height = np.abs(separations[..., 2]) + covered(np.asarray(limits.climb_rate_max), vertical_wind)
     return np.where(nothing, np.inf, level), np.where(nothing, np.inf, height)
 
 
 def arrival_conflicts(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
-    """Which two aircraft cannot be apart when the first of them arrives, if each takes its duration (s)."""
+    """Pairs of aircraft (by their durations, s) that necessarily violate the separation at the earlier arrival."""
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = arrival_distances_max(tasks, airspace, durations)
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
@@ -196,38 +197,38 @@ _STRETCH = 3.0  # of the time, at most, in one round of the fixed point
 _BATCH_SIZE = 32  # aircraft and times looked at in one call, at most
 _WINDOW_SAMPLES = 12  # times looked at in a window
 _GRID_NEIGHBOURS = 3  # steps of the grid from a time that is open, within which all is tried
-_GROUND_SPEED_FACTOR = (
-    1.4  # wind behind and a goal that comes nearer: no aircraft is faster than so many times its airspeed
-)
+_GROUND_SPEED_FACTOR = 1.4  # greatest closing speed over airspeed, with a tail wind and an approaching goal
 COARSE_INTERVALS = 128
-"""Intervals of the paths that tell which times are open: they only say where to look."""
+"""Intervals of the paths in the reachability test: a coarse first look, not a certificate."""
 
 
 @compiled_by_older_generator(static_argnames=("intervals",))
 def direct_times(
     tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
-    """Time of the shortest direct path at a mean airspeed (m/s), s, and whether it was found.
+    """Time of the shortest direct path at a mean airspeed (m/s), s, and whether the iteration converged.
 
-    A fixed point: the goal moves on, and the air drifts, while the aircraft is on its way.
+    A fixed-point iteration: the goal moves and the air drifts during the flight.
     """
 
-    def one(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
+    def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
         line = task.rendezvous_n - task.position_n
-        first = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
+        initial_duration = jnp.maximum(jnp.sqrt(jnp.sum(line**2)) / speed, 5.0)
 
-        def once(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        def iterate(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             duration, _ = carry
             speeds = speeds_for_mean(task, duration, speed)
             timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
-            wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
-            found = duration * wanted / jnp.maximum(timed.table.length, 1.0)
-            return jnp.clip(found, duration / _STRETCH, duration * _STRETCH), jnp.abs(found / duration - 1.0)
+            required_length = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
+            next_duration = duration * required_length / jnp.maximum(timed.table.length, 1.0)
+            return jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH), jnp.abs(
+                next_duration / duration - 1.0
+            )
 
-        duration, change = jax.lax.fori_loop(0, ROUNDS, once, (first, jnp.asarray(jnp.inf)))
+        duration, change = jax.lax.fori_loop(0, ROUNDS, iterate, (initial_duration, jnp.asarray(jnp.inf)))
         return duration, change < 1e-6
 
-    return jax.vmap(one)(tasks, speeds)
+    return jax.vmap(solve_task)(tasks, speeds)
 
 
 @compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))
@@ -239,15 +240,15 @@ def _reachable_at(
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether each of the aircraft of the first `count` tasks, alone, can take its duration (s); no for the others."""
+    """Whether an aircraft of the first `count` tasks, flying alone, can arrive after its duration (s); else False."""
 
-    def look(k: Count, found: Bool[Array, " n"]) -> Bool[Array, " n"]:
+    def check_reachable(k: Count, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # One after the other: batched they take as long, and batches that are not full take longer.
-        one = jax.tree.map(lambda leaf: leaf[k][None], tasks)
-        options = fleet_candidates(one, airspace, durations[k][None], intervals, intervals, candidate_set)
-        return found.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
+        task = jax.tree.map(lambda leaf: leaf[k][None], tasks)
+        options = fleet_candidates(task, airspace, durations[k][None], intervals, intervals, candidate_set)
+        return reached.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
 
-    return jax.lax.fori_loop(0, count, look, jnp.zeros(durations.shape, dtype=bool))
+    return jax.lax.fori_loop(0, count, check_reachable, jnp.zeros(durations.shape, dtype=bool))
 
 
 def reachable(
@@ -258,20 +259,23 @@ def reachable(
     intervals: int = COARSE_INTERVALS,
     levels: Sequence[CandidateSet] = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS),
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether aircraft `who`, alone in its airspace, can arrive after a duration (s); any number of such questions."""
-    found = np.zeros(aircraft.size, dtype=bool)
+    """Whether the selected aircraft, alone in the airspace, can arrive after a duration (s)."""
+    reached = np.zeros(aircraft.size, dtype=bool)
     admissible = may_arrive(tasks, airspace, aircraft, durations)
     for candidate_set in levels:
-        left = np.flatnonzero(admissible & ~found)
-        for begin in range(0, left.size, _BATCH_SIZE):
+        remaining = np.flatnonzero(admissible & ~reached)
+        for begin in range(0, remaining.size, _BATCH_SIZE):
             # Filled up to one size: one compiled program for all.
-            some, filled = left[begin : begin + _BATCH_SIZE], np.resize(left[begin : begin + _BATCH_SIZE], _BATCH_SIZE)
-            asked = take_rows(tasks, aircraft[filled])
-            count, times = as_array(some.size, np.int32), as_array(durations[filled])
-            found[some] = np.asarray(_reachable_at(asked, airspace, times, count, intervals, candidate_set))[
-                : some.size
+            batch, padded = (
+                remaining[begin : begin + _BATCH_SIZE],
+                np.resize(remaining[begin : begin + _BATCH_SIZE], _BATCH_SIZE),
+            )
+            batch_tasks = take_rows(tasks, aircraft[padded])
+            count, times = as_array(batch.size, np.int32), as_array(durations[padded])
+            reached[batch] = np.asarray(_reachable_at(batch_tasks, airspace, times, count, intervals, candidate_set))[
+                : batch.size
             ]
-    return found
+    return reached
 
 
 def _open_times(
@@ -281,27 +285,29 @@ def _open_times(
     grid: Float[np.ndarray, "active n"],
     splines_for: Literal["none", "unreached", "all"],
 ) -> Bool[np.ndarray, "active n"]:
-    """Which times of a grid are open: standard candidates everywhere, others near the times found so far, ever farther.
+    """Reachable times of a grid: standard candidates at every time, costlier candidates in growing neighbourhoods.
 
-    Splines are looked for too for "all" aircraft, or for the "unreached" only, which have no time yet.
+    Splines are also searched for "all" aircraft, or only for the "unreached" aircraft without a reachable time.
     """
-    who = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
-    inside = reachable(tasks, airspace, who.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
-    ruled_out = ~may_arrive(tasks, airspace, who.ravel(), grid.ravel()).reshape(grid.shape)
+    aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
+    inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
+    ruled_out = ~may_arrive(tasks, airspace, aircraft.ravel(), grid.ravel()).reshape(grid.shape)
     for candidate_set in (ALONE_TURN_LEG_PATHS,) if splines_for == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
             # On the far side of times that are ruled out there may be others.
-            known = inside | ruled_out
-            near = np.stack([np.convolve(row, np.ones(2 * _GRID_NEIGHBOURS + 1), "same") > 0.5 for row in known])
-            near |= ~inside.any(axis=1, keepdims=True)
+            decided = inside | ruled_out
+            neighbours = np.stack(
+                [np.convolve(flags, np.ones(2 * _GRID_NEIGHBOURS + 1), "same") > 0.5 for flags in decided]
+            )
+            neighbours |= ~inside.any(axis=1, keepdims=True)
             if candidate_set is ALONE_SPLINES and splines_for == "unreached":
-                near &= ~inside.any(axis=1, keepdims=True)
-            asked = near & ~inside & ~tried
-            if not asked.any():
+                neighbours &= ~inside.any(axis=1, keepdims=True)
+            queries = neighbours & ~inside & ~tried
+            if not queries.any():
                 break
-            tried |= asked
-            inside[asked] = reachable(tasks, airspace, who[asked], grid[asked], levels=(candidate_set,))
+            tried |= queries
+            inside[queries] = reachable(tasks, airspace, aircraft[queries], grid[queries], levels=(candidate_set,))
     return inside
 
 
@@ -314,12 +320,12 @@ def arrival_sets(
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
-    """For each aircraft the arrival times (s after the start) up to a latest that are open to it, as intervals.
+    """Intervals of reachable arrival times up to a latest time (s after the start), for each aircraft.
 
-    A grid, geometric from the earliest conceivable time on or even within each one's window; each edge is then refined
-    by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be missed.
-    With splines, these are tried too where nothing else will do; in windows they are anyway, for an aircraft that
-    has no time at all.
+    The grid is geometric from the earliest conceivable time on, or uniform within each aircraft's window. Every edge
+    is refined by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be
+    missed. With splines, the spline generator is also tried where the other generators fail; in windows always for an
+    aircraft without any reachable time.
     """
     if windows_s is not None:
         low = windows_s[:, 0]
@@ -332,18 +338,18 @@ def arrival_sets(
     inside = np.zeros(grid.shape, dtype=bool)
     splines_for = "all" if with_splines else "none" if windows_s is None else "unreached"
     inside[fleet] = _open_times(tasks, airspace, fleet, grid[fleet], splines_for)
-    row, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
-    low, high, opening = grid[row, edge], grid[row, edge + 1], inside[row, edge + 1]
+    aircraft, edge = np.nonzero(inside[:, 1:] != inside[:, :-1])
+    low, high, opening = grid[aircraft, edge], grid[aircraft, edge + 1], inside[aircraft, edge + 1]
     levels = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS, *([ALONE_SPLINES] if with_splines else []))
-    for _ in range(rounds if row.size else 0):
+    for _ in range(rounds if aircraft.size else 0):
         middle = 0.5 * (low + high)
-        lower = reachable(tasks, airspace, row, middle, levels=levels) != opening
+        lower = reachable(tasks, airspace, aircraft, middle, levels=levels) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
-    at = np.where(opening, high, low)  # the end of each edge that lies inside
+    edge_times = np.where(opening, high, low)  # the end of each edge that lies inside
     refined: list[list[tuple[float, float]]] = []
     for k in range(grid.shape[0]):
         end = float("inf") if windows_s is None else float(grid[k, -1])
-        own = [float(x) for x in at[row == k]]
-        bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + own + ([end] if inside[k, -1] else [])
+        edges = [float(x) for x in edge_times[aircraft == k]]
+        bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + edges + ([end] if inside[k, -1] else [])
         refined.append(list(zip(bounds[::2], bounds[1::2], strict=True)))
     return refined

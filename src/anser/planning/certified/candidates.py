@@ -1,7 +1,4 @@
-"""Candidates: all paths by which an aircraft can be at its rendezvous at a given time.
-
-From three generators, and their delivery as timed paths.
-"""
+"""Candidates: paths by which an aircraft can be at its rendezvous at a given time; delivery as timed paths."""
 
 import functools
 from collections.abc import Callable
@@ -38,7 +35,7 @@ from anser.planning.certified.turn_leg_paths import (
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
-_CLOSE_S = 0.02  # knots closer than this become one: differences of positions keep their digits in the accelerations
+_CLOSE_S = 0.02  # closer knots are merged, because accelerations from differences of positions lose digits
 
 
 def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
@@ -47,64 +44,64 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
 
-    def merge(last: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
-        now = jnp.where(time - last < _CLOSE_S, last, time)
-        return now, now
+    def merge(previous: Scalar, time: Scalar) -> tuple[Scalar, Scalar]:
+        merged = jnp.where(time - previous < _CLOSE_S, previous, time)
+        return merged, merged
 
     return jax.lax.scan(merge, jnp.zeros(()), times)[1]
 
 
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
-    """Path from a time (s) on, with knots at equal intervals and wherever curvature, climb or speed has a kink.
+    """Timed path from a start time (s), with knots at equal intervals and at every kink of curvature, climb or speed.
 
-    The table's length is the route's to a part in a million, which the airspeed takes up.
+    The table's length equals the route's to a part in a million; the airspeed absorbs the difference.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
     times = _knots(jnp.concatenate([marks, table.profile.kinks]), duration, table.lengths.shape[0] - 1)
-    # From knot to knot, where nothing kinks: the table's lengths are a little off where a kink lies within an interval,
-    # and in a cell of some hundredths of a second a tenth of a millimetre is an acceleration of 1 m/s^2.
+    # Integrated from knot to knot, without kinks: the table's lengths are slightly wrong in intervals with a kink, and
+    # in a cell of some hundredths of a second a tenth of a millimetre is an acceleration of 1 m/s^2.
     flown, drifted = jax.vmap(lambda begin, span: flown_between(table.profile, table.wind, begin, span))(
         times[:-1], times[1:] - times[:-1]
     )
     lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(flown)])
     drifts = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(drifted, axis=0)])
-    # It ends where it was to end: the table's drift has led there.
+    # The correction makes the path end exactly at the rendezvous, which was computed with the table's drift.
     astray = (table.drift_n - drifts[-1]) / duration
     scale = horizontal.length / jnp.maximum(lengths[-1], 1.0)
 
-    def one(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    def knot(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
-        place, heading, curvature = horizontal.at(scale * length)
+        position, heading, curvature = horizontal.at(scale * length)
         drift, wind = drift + t * astray, wind + astray
-        now = table.profile.at(t)
-        ahead = cis(heading)
-        rate, bend = scale * speed * ahead, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * ahead
-        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (place, rate, bend)]
-        down = (-now.altitude - drift[2], -now.climb - wind[2], -now.climb_dot - wind_dot[2])
+        state = table.profile.at(t)
+        direction = cis(heading)
+        rate, bend = scale * speed * direction, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * direction
+        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (position, rate, bend)]
+        down = (-state.altitude - drift[2], -state.climb - wind[2], -state.climb_dot - wind_dot[2])
         air = jnp.stack([jnp.append(x, z) for x, z in zip(level, down, strict=True)])
         return air, jnp.stack([drift, wind, wind_dot])
 
-    air_n, drift_n = jax.vmap(one)(times, lengths, drifts)
+    air_n, drift_n = jax.vmap(knot)(times, lengths, drifts)
     return TimedPath(start_time + times, air_n, drift_n)
 
 
 DETOUR, TURN_LEG_PATH, SPLINE = range(3)
-_PART_REFINED = 0.4  # of the starts of turn-and-leg paths
-_RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual paths
-_BANK_COST = 1.0  # of each radian of the greatest bank angle
+_REFINED_FRACTION = 0.4  # fraction of the starts of turn-and-leg paths that is refined
+_RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual path shapes
+_BANK_COST = 1.0  # per radian of the greatest bank angle
 _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
 class Routes(NamedTuple):
-    """Turns and legs of candidates, which make a path together with a profile.
+    """Turns and legs of candidates; together with a profile they define a path.
 
     Attributes
     ----------
-    ends, turns_and_legs
-        What each joins, and by what.
+    endpoints, turns_and_legs
+        Start and end conditions, and the turns and legs between them.
     profile
-        Index of its profile.
+        Index of the profile.
     """
 
     endpoints: PathEndpoints
@@ -113,28 +110,28 @@ class Routes(NamedTuple):
 
 
 class Candidates(eqx.Module):
-    """What a fleet can choose from: (aircraft, candidate), splines last; of one aircraft: (candidate).
+    """Candidates of a fleet, shape (aircraft, candidate), splines last; of one aircraft, shape (candidate,).
 
     Attributes
     ----------
     generator
-        Where each comes from: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`.
+        Generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`.
     valid
-        Whether it exists within the limits of its aircraft.
+        Whether the candidate exists within its aircraft's limits.
     cost
-        How little it is preferred.
-    turned, speed
-        Sum of the sizes of its turns, rad, and its mean airspeed, m/s.
+        Preference, lower is better.
+    total_turn, speed
+        Sum of the absolute turn angles, rad, and mean airspeed, m/s.
     tracks
-        Where it is at the instants of the fleet's clock.
+        Positions at the times of the fleet's clock.
     penetration
-        How far it goes into keep-outs, m.
+        Depth inside keep-outs, m.
     routes
-        Of all but the splines.
+        Routes of all candidates except the splines.
     profiles
-        Altitude and airspeed by time, by index of the profile: (aircraft, profile).
+        Altitude and airspeed over time, shape (aircraft, profile).
     splines
-        Paths of the splines, from time 0 on; None where none were looked for.
+        Paths of the spline candidates, from time 0; None without a spline search.
     """
 
     generator: Int[Array, "*aircraft candidates"]
@@ -149,11 +146,11 @@ class Candidates(eqx.Module):
     splines: TimedPath | None
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
-        """The path of one candidate of each aircraft of a fleet, from a time (s) on."""
+        """Paths of one chosen candidate per aircraft, from a start time (s) on."""
         fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
-        own = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
-        profiles = jax.tree.map(lambda leaf: leaf[fleet, own.profile], self.profiles)
-        routes = jax.vmap(route)(own.endpoints, own.turns_and_legs)
+        selected_routes = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
+        profiles = jax.tree.map(lambda leaf: leaf[fleet, selected_routes.profile], self.profiles)
+        routes = jax.vmap(route)(selected_routes.endpoints, selected_routes.turns_and_legs)
         paths = jax.vmap(deliver, in_axes=(None, 0, 0))(start_time, profiles, routes)
         if self.splines is None:
             return paths
@@ -163,7 +160,7 @@ class Candidates(eqx.Module):
 
 
 class _Routed(NamedTuple):
-    """Candidates of turns and legs; fields as of `Candidates`."""
+    """Candidates of turns and legs; fields as in `Candidates`."""
 
     generator: Count
     valid: Flag
@@ -183,10 +180,10 @@ def _routed_candidate(
     profile: Count,
 ) -> _Routed:
     valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
-    turned = jnp.sum(jnp.abs(solved.angles))
+    total_turn = jnp.sum(jnp.abs(solved.angles))
     cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.endpoints, solved) * timed.speed**2 / gravity)
     routes = Routes(timed.endpoints, solved, profile)
-    return _Routed(jnp.asarray(generator), valid, turned + cost, turned, timed.speed, routes)
+    return _Routed(jnp.asarray(generator), valid, total_turn + cost, total_turn, timed.speed, routes)
 
 
 def routed_candidates(
@@ -197,18 +194,20 @@ def routed_candidates(
     timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
     numbers = jnp.arange(len(candidate_set.speeds))
     detours = functools.partial(_detours, task, airspace.gravity, candidate_set)
-    each_way = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
+    over_kinds = jax.vmap(detours, in_axes=(None, None, 0, 0, 0))
     tables = candidate_set.direct_ranks, candidate_set.detour_kinds, candidate_set.sides
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     costs = jnp.abs(timed.speed / task.speed - 1.0) * 20.0 + jnp.abs(altitude_detours) / 400.0
-    found = jax.vmap(each_way, in_axes=(0, 0, None, None, None))(timed, (costs, numbers), *map(jnp.asarray, tables))
-    found = jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]), found)
+    candidates = jax.vmap(over_kinds, in_axes=(0, 0, None, None, None))(
+        timed, (costs, numbers), *map(jnp.asarray, tables)
+    )
+    candidates = jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0], -1, *leaf.shape[3:]), candidates)
     if candidate_set.turn_leg_starts:
-        free = jax.vmap(functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts))(
-            timed, (costs, numbers)
-        )
-        found = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), found, free)
-    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), found)
+        turn_leg_candidates = jax.vmap(
+            functools.partial(_turn_leg_paths, task, airspace, candidate_set.turn_leg_starts)
+        )(timed, (costs, numbers))
+        candidates = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), candidates, turn_leg_candidates)
+    flat = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), candidates)
     if candidate_set.max_candidates is not None and candidate_set.max_candidates < candidate_set.size:
         best = jnp.argsort(jnp.where(flat.valid, flat.cost, jnp.inf))[: candidate_set.max_candidates]
         flat = jax.tree.map(lambda leaf: leaf[best], flat)
@@ -220,43 +219,43 @@ def _detours(
     gravity: Scalar,
     candidate_set: CandidateSet,
     timed: TimedProfile,
-    about: tuple[Scalar, Count],
+    cost_and_profile: tuple[Scalar, Count],
     word: Count,
     kind: Count,
     side: Count,
 ) -> _Routed:
-    """The direct path of a rank by length, or the detour from it that takes the time; the tightest, the widest."""
-    ends, wanted = timed.endpoints, timed.table.length
+    """The direct path of one word, or the detour from it of the target length; tightest and widest turns."""
+    endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
-    way, around = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
-    solved = [solve_detour(ends, base, way, wanted)]
+    shape, sense = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
+    solved = [solve_detour(endpoints, base, shape, target_length)]
     if candidate_set.with_wide_turns:
-        solved.append(widen_detour(ends, wide, way, wanted, solved[0]))
+        solved.append(widen_detour(endpoints, wide, shape, target_length, solved[0]))
     if RACETRACK in candidate_set.detour_kinds:
-        held = [solve_racetrack(ends, base, around, wanted)]
+        racetracks = [solve_racetrack(endpoints, base, sense, target_length)]
         if candidate_set.with_wide_turns:
-            held.append(widen_racetrack(ends, wide, around, wanted, held[0]))
-        solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), held, solved)
+            racetracks.append(widen_racetrack(endpoints, wide, sense, target_length, racetracks[0]))
+        solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), racetracks, solved)
     fits = (task.side == 0) | (task.side * side > 0)
-    cost, profile = about
+    cost, profile = cost_and_profile
     cost = cost + jnp.where(kind == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * kind
-    each = [_routed_candidate(DETOUR, timed, gravity, one, fits, cost, profile) for one in solved]
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *each)
+    candidates = [_routed_candidate(DETOUR, timed, gravity, solution, fits, cost, profile) for solution in solved]
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves), *candidates)
 
 
 def _turn_leg_paths(
-    task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, about: tuple[Scalar, Count]
+    task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Count]
 ) -> _Routed:
-    """Turn-and-leg paths that take the time; they bend to any side, so only where either will do."""
+    """Turn-and-leg paths of the target length. They may bend to either side: only for a task without a side."""
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
-    solved = solve_turn_leg_paths(problem, make_starts(starts), int(_PART_REFINED * starts))
-    cost, profile = about
+    solved = solve_turn_leg_paths(problem, make_starts(starts), int(_REFINED_FRACTION * starts))
+    cost, profile = cost_and_profile
     cost, fits = cost + _TURN_LEG_COST, task.side == 0
-    return jax.vmap(lambda one: _routed_candidate(TURN_LEG_PATH, timed, airspace.gravity, one, fits, cost, profile))(
-        solved
-    )
+    return jax.vmap(
+        lambda solution: _routed_candidate(TURN_LEG_PATH, timed, airspace.gravity, solution, fits, cost, profile)
+    )(solved)
 
 
 def _aircraft_candidates(
@@ -267,31 +266,37 @@ def _aircraft_candidates(
     task: AircraftTask,
     duration: Scalar,
 ) -> Candidates:
-    """The candidates of one aircraft."""
-    found, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
+    routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 
-    def tracked(one: Routes, speed: Scalar) -> tuple[Track, Flag]:
-        profile, sampled = jax.tree.map(lambda leaf: leaf[one.profile], (profiles, samples))
-        about = task.limits, airspace.gravity, task.active
-        return route_track(one.endpoints, one.turns_and_legs, speed, profile, sampled, times, *about)
+    def tracked(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
+        profile, sampled = jax.tree.map(lambda leaf: leaf[routes.profile], (profiles, samples))
+        conditions = task.limits, airspace.gravity, task.active
+        return route_track(routes.endpoints, routes.turns_and_legs, speed, profile, sampled, times, *conditions)
 
-    tracks, within_limits = jax.vmap(tracked)(found.routes, found.speed)
-    common = (found.generator, found.valid & within_limits, found.cost, found.total_turn, found.speed, tracks)
+    tracks, within_limits = jax.vmap(tracked)(routed.routes, routed.speed)
+    fields = (routed.generator, routed.valid & within_limits, routed.cost, routed.total_turn, routed.speed, tracks)
     paths = None
     if candidate_set.spline_starts:
-        starts, kept = candidate_set.spline_starts, candidate_set.max_splines
-        splines = find_splines(task, airspace, duration, intervals, starts, kept)
+        start_count, spline_count = candidate_set.spline_starts, candidate_set.max_splines
+        splines = find_splines(task, airspace, duration, intervals, start_count, spline_count)
         paths = splines.paths
-        # A path that ends before the last one has shorter intervals than the grid.
-        own = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(paths, splines.accelerations)
+        # Sampled anew, because a path shorter than the longest one has shorter intervals than the grid.
+        spline_tracks = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(paths, splines.accelerations)
         cost = jnp.where(splines.valid, _SPLINE_COST + splines.total_turn, _INVALID)
-        more = (jnp.full(kept, SPLINE), splines.valid, cost, splines.total_turn, splines.speeds, own)
-        common = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), common, more)
-    generator, valid, cost, turned, speed, tracks = common
-    clearance = jax.vmap(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs))(tracks)
+        spline_fields = (
+            jnp.full(spline_count, SPLINE),
+            splines.valid,
+            cost,
+            splines.total_turn,
+            splines.speeds,
+            spline_tracks,
+        )
+        fields = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), fields, spline_fields)
+    generator, valid, cost, total_turn, speed, tracks = fields
+    clearance = jax.vmap(lambda track: clearance_from_keep_outs(track, times, airspace.keep_outs))(tracks)
     penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
-    return Candidates(generator, valid, cost, turned, speed, tracks, penetration, found.routes, profiles, paths)
+    return Candidates(generator, valid, cost, total_turn, speed, tracks, penetration, routed.routes, profiles, paths)
 
 
 def fleet_candidates(
@@ -303,55 +308,57 @@ def fleet_candidates(
     candidate_set: CandidateSet,
     extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> Candidates:
-    """All candidates of a fleet, with their tracks on one grid of instants up to the last arrival.
+    """All candidates of a fleet, with their tracks on one time grid up to the last arrival.
 
     Parameters
     ----------
     durations
         Time to each rendezvous, s.
     intervals, instants
-        Even intervals of the paths and of the grid.
+        Number of equal intervals of the paths and of the time grid.
     extra_for
-        Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
+        Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
     """
     times = jnp.max(durations) / instants * jnp.arange(instants + 1)
 
-    def one_of(some: CandidateSet) -> Callable[[AircraftTask, Scalar], Candidates]:
-        return functools.partial(_aircraft_candidates, airspace, intervals, times, some)
+    def generator_of(members: CandidateSet) -> Callable[[AircraftTask, Scalar], Candidates]:
+        return functools.partial(_aircraft_candidates, airspace, intervals, times, members)
 
-    found = jax.vmap(one_of(candidate_set))(tasks, durations)
+    candidates = jax.vmap(generator_of(candidate_set))(tasks, durations)
     if candidate_set.extra is None:
-        return found
-    wanted = tasks.active > 0.0 if extra_for is None else extra_for
+        return candidates
+    selected = tasks.active > 0.0 if extra_for is None else extra_for
     return _concatenate_candidates(
-        found, _candidates_for_selected(jax.jit(one_of(candidate_set.extra)), tasks, durations, wanted)
+        candidates, _candidates_for_selected(jax.jit(generator_of(candidate_set.extra)), tasks, durations, selected)
     )
 
 
 def _candidates_for_selected(
-    one: Callable[[AircraftTask, Scalar], Candidates],
+    generate: Callable[[AircraftTask, Scalar], Candidates],
     tasks: AircraftTask,
     durations: Float[Array, " aircraft"],
-    wanted: Bool[Array, " aircraft"],
+    selected: Bool[Array, " aircraft"],
 ) -> Candidates:
-    """Candidates of some aircraft, one after the other, so that the others cost nothing; they have none."""
-    first = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
-    fleet = wanted.shape[0]
-    empty = jax.tree.map(lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(one, *first))
-    # What was not looked for is no path: it is not chosen even where nothing is valid.
+    """Generate candidates for the selected aircraft only, one at a time; the other rows hold invalid candidates."""
+    first_aircraft = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
+    fleet = selected.shape[0]
+    empty = jax.tree.map(
+        lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(generate, *first_aircraft)
+    )
+    # The highest cost: never chosen over a generated candidate, even an invalid one.
     empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, _NOT_SEARCHED))
-    queue = jnp.argsort(~wanted, stable=True)
+    queue = jnp.argsort(~selected, stable=True)
 
-    def add(k: Count, found: Candidates) -> Candidates:
-        own = one(*jax.tree.map(lambda leaf: leaf[queue[k]], (tasks, durations)))
-        return jax.tree.map(lambda all_, leaf: all_.at[queue[k]].set(leaf), found, own)
+    def add(k: Count, candidates: Candidates) -> Candidates:
+        aircraft_candidates = generate(*jax.tree.map(lambda leaf: leaf[queue[k]], (tasks, durations)))
+        return jax.tree.map(lambda stored, leaf: stored.at[queue[k]].set(leaf), candidates, aircraft_candidates)
 
-    return jax.lax.fori_loop(0, jnp.sum(wanted), add, empty)
+    return jax.lax.fori_loop(0, jnp.sum(selected), add, empty)
 
 
-def _concatenate_candidates(first: Candidates, extra: Candidates) -> Candidates:
-    """Two sets of candidates of each aircraft as one; there are splines in the second only."""
-    later = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + first.profiles.length.shape[1])
-    routed = eqx.tree_at(lambda c: c.splines, later, None)
-    both = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, routed)
-    return eqx.tree_at(lambda c: c.splines, both, extra.splines, is_leaf=lambda leaf: leaf is None)
+def _concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
+    """Append a second set of candidates for every aircraft; only the second set contains splines."""
+    shifted = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + base.profiles.length.shape[1])
+    routed = eqx.tree_at(lambda c: c.splines, shifted, None)
+    joined = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), base, routed)
+    return eqx.tree_at(lambda c: c.splines, joined, extra.splines, is_leaf=lambda leaf: leaf is None)

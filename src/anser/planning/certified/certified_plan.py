@@ -1,8 +1,7 @@
-"""Certified plans: one candidate chosen for each aircraft so that all keep the separation.
+"""Certified plans: one candidate per aircraft, chosen for separation, and a certificate of what the plan satisfies.
 
-And bounds that prove what the plan keeps. Aircraft choose one after the other, each its cheapest candidate among
-those that keep clear of all that have chosen; then aircraft still in conflict choose again, until there is no
-conflict or the rounds are used up.
+Aircraft choose one after another: each takes its cheapest candidate that is clear of the earlier choices. Then aircraft
+still in conflict choose again, until no conflict is left or the rounds are used up.
 """
 
 from collections.abc import Callable
@@ -32,7 +31,7 @@ from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
-_CHUNK_SIZE = 4  # candidates compared with the whole fleet at once, the cheapest first
+_CHUNK_SIZE = 4  # candidates compared with the whole fleet in one step, the cheapest first
 _ROUNDS = 6
 _INVALID_COST = 1e6
 _CONFLICT_COST = 1e3
@@ -40,14 +39,14 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """One candidate for each aircraft.
+    """One candidate per aircraft.
 
     Attributes
     ----------
     chosen
-        Index of its candidate.
+        Index of the chosen candidate.
     valid
-        Whether that keeps the aircraft's own limits.
+        Whether the chosen candidate is within its aircraft's limits.
     """
 
     chosen: Int[Array, " aircraft"]
@@ -55,7 +54,7 @@ class Placement(eqx.Module):
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
-    """Choose for each aircraft, in an order."""
+    """Choose one candidate per aircraft; the aircraft choose in the given order."""
     cost = candidates.cost + jnp.where(candidates.valid, 0.0, _INVALID_COST)
     cost = cost + jnp.where(candidates.penetration > 0.0, _CONFLICT_COST + candidates.penetration, 0.0)
     fleet, count = cost.shape
@@ -63,108 +62,114 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
     ranked = jnp.argsort(cost, axis=1)
     ranked = jnp.concatenate([ranked, jnp.repeat(ranked[:, -1:], chunks * _CHUNK_SIZE - count, axis=1)], axis=1)
     separated = (separation.horizontal > 0.0) & (fleet > 1)
-    all_cylinders, everyone = fleet_cylinders(candidates.tracks, fleet), jnp.arange(fleet)
+    all_cylinders, aircraft_indices = fleet_cylinders(candidates.tracks, fleet), jnp.arange(fleet)
 
     def shortfall(
-        who: Count, which: Int[Array, " k"], cylinders: BoundingCylinders, chosen: Array, others: Array
+        aircraft: Count, options: Int[Array, " k"], cylinders: BoundingCylinders, chosen: Array, neighbours: Array
     ) -> Float[Array, " k"]:
-        """What some candidates of one aircraft lack of the separation from others."""
+        """Lack of separation of an aircraft's candidates from the neighbours' chosen candidates, as a sum of ratios."""
 
-        def tracks_of(some: Int[Array, " some"]) -> Track:
-            return jax.tree.map(lambda leaf: leaf[some, chosen[some]], candidates.tracks)
+        def tracks_of(indices: Int[Array, " some"]) -> Track:
+            return jax.tree.map(lambda leaf: leaf[indices, chosen[indices]], candidates.tracks)
 
-        def one(k: Count) -> Scalar:
-            own, held = jax.tree.map(lambda leaf: leaf[who, k], (candidates.tracks, all_cylinders))
-            ratio = fleet_clearance_ratio(own, held, cylinders, tracks_of, others, separation)
+        def lack(k: Count) -> Scalar:
+            track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft, k], (candidates.tracks, all_cylinders))
+            ratio = fleet_clearance_ratio(track, track_cylinders, cylinders, tracks_of, neighbours, separation)
             return jnp.sum(jnp.maximum(1.0 - ratio, 0.0))
 
-        return jax.vmap(one)(which)
+        return jax.vmap(lack)(options)
 
-    def choose(who: Count, cylinders: BoundingCylinders, chosen: Array, others: Array) -> Count:
-        """The candidate of least cost, conflicts with others included."""
+    def choose(aircraft: Count, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> Count:
+        """Candidate of least cost, including the cost of conflicts with the neighbours."""
 
         def compare(carry: tuple[Count, Count, Scalar]) -> tuple[Count, Count, Scalar]:
-            chunk, best, least = carry
-            which = jax.lax.dynamic_slice_in_dim(ranked[who], chunk * _CHUNK_SIZE, _CHUNK_SIZE)
-            missing = shortfall(who, which, cylinders, chosen, others)
-            total = cost[who, which] + jnp.where(missing > 0.0, _CONFLICT_COST * (1.0 + missing), 0.0)
+            chunk, best, cost_min = carry
+            options = jax.lax.dynamic_slice_in_dim(ranked[aircraft], chunk * _CHUNK_SIZE, _CHUNK_SIZE)
+            missing = shortfall(aircraft, options, cylinders, chosen, neighbours)
+            total = cost[aircraft, options] + jnp.where(missing > 0.0, _CONFLICT_COST * (1.0 + missing), 0.0)
             k = jnp.argmin(total)
-            better = total[k] < least
-            return chunk + 1, jnp.where(better, which[k], best), jnp.where(better, total[k], least)
+            better = total[k] < cost_min
+            return chunk + 1, jnp.where(better, options[k], best), jnp.where(better, total[k], cost_min)
 
         def may_improve(carry: tuple[Count, Count, Scalar]) -> Array:
-            chunk, _, least = carry
-            following = cost[who, ranked[who, jnp.minimum(chunk * _CHUNK_SIZE, ranked.shape[1] - 1)]]
-            return (chunk < chunks) & (following < least)
+            chunk, _, cost_min = carry
+            following = cost[aircraft, ranked[aircraft, jnp.minimum(chunk * _CHUNK_SIZE, ranked.shape[1] - 1)]]
+            return (chunk < chunks) & (following < cost_min)
 
         begin = (jnp.asarray(0), jnp.asarray(0, dtype=ranked.dtype), jnp.asarray(jnp.inf))
         return jax.lax.while_loop(may_improve, compare, begin)[1]
 
-    def assign(who: Count, cylinders: BoundingCylinders, chosen: Array, others: Array) -> _Choice:
-        best = choose(who, cylinders, chosen, others & separated)
-        cylinders = jax.tree.map(lambda all_, one: all_.at[who].set(one[who, best]), cylinders, all_cylinders)
-        return cylinders, chosen.at[who].set(best)
+    def assign(aircraft: Count, cylinders: BoundingCylinders, chosen: Array, neighbours: Array) -> _Choice:
+        best = choose(aircraft, cylinders, chosen, neighbours & separated)
+        cylinders = jax.tree.map(
+            lambda chosen_cylinders, options: chosen_cylinders.at[aircraft].set(options[aircraft, best]),
+            cylinders,
+            all_cylinders,
+        )
+        return cylinders, chosen.at[aircraft].set(best)
 
-    def first_choice(turn: Count, carry: tuple[_Choice, Array]) -> tuple[_Choice, Array]:
+    def first_choice(step: Count, carry: tuple[_Choice, Array]) -> tuple[_Choice, Array]:
         (cylinders, chosen), placed = carry
-        who = order[turn]
-        return assign(who, cylinders, chosen, placed), placed.at[who].set(True)
+        aircraft = order[step]
+        return assign(aircraft, cylinders, chosen, placed), placed.at[aircraft].set(True)
 
-    first = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), all_cylinders)
-    begin = ((first, jnp.zeros(fleet, dtype=ranked.dtype)), jnp.zeros(fleet, dtype=bool))
+    initial_cylinders = jax.tree.map(lambda leaf: jnp.zeros_like(leaf[:, 0]), all_cylinders)
+    begin = ((initial_cylinders, jnp.zeros(fleet, dtype=ranked.dtype)), jnp.zeros(fleet, dtype=bool))
     (cylinders, chosen), _ = jax.lax.fori_loop(0, fleet, first_choice, begin)
 
     def shortfalls(cylinders: BoundingCylinders, chosen: Array) -> Float[Array, " aircraft"]:
-        def own(who: Count) -> Scalar:
-            return shortfall(who, chosen[who][None], cylinders, chosen, (everyone != who) & separated)[0]
+        def aircraft_shortfall(aircraft: Count) -> Scalar:
+            return shortfall(
+                aircraft, chosen[aircraft][None], cylinders, chosen, (aircraft_indices != aircraft) & separated
+            )[0]
 
-        return jax.lax.map(own, everyone)
+        return jax.lax.map(aircraft_shortfall, aircraft_indices)
 
     def choose_again(
         carry: tuple[Count, BoundingCylinders, Array, Array],
     ) -> tuple[Count, BoundingCylinders, Array, Array]:
-        turn, cylinders, chosen, missing = carry
-        # Those in conflict, in the order of choosing and back; the others keep what they have.
-        rank = jnp.where(turn % 2 == 0, -jnp.argsort(order), jnp.argsort(order))
+        step, cylinders, chosen, missing = carry
+        # Only aircraft in conflict choose again, alternately in the order of choosing and in reverse order.
+        rank = jnp.where(step % 2 == 0, -jnp.argsort(order), jnp.argsort(order))
         queue = jnp.argsort(jnp.where(missing > 0.0, rank, fleet))
 
-        def one(k: Count, carry: _Choice) -> _Choice:
-            return assign(queue[k], *carry, everyone != queue[k])
+        def reassign(k: Count, carry: _Choice) -> _Choice:
+            return assign(queue[k], *carry, aircraft_indices != queue[k])
 
-        cylinders, chosen = jax.lax.fori_loop(0, jnp.sum(missing > 0.0), one, (cylinders, chosen))
-        return turn + 1, cylinders, chosen, shortfalls(cylinders, chosen)
+        cylinders, chosen = jax.lax.fori_loop(0, jnp.sum(missing > 0.0), reassign, (cylinders, chosen))
+        return step + 1, cylinders, chosen, shortfalls(cylinders, chosen)
 
     _, _, chosen, _ = jax.lax.while_loop(
         lambda c: (c[0] < _ROUNDS) & jnp.any(c[3] > 0.0),
         choose_again,
         (jnp.asarray(0), cylinders, chosen, shortfalls(cylinders, chosen)),
     )
-    return Placement(chosen, candidates.valid[everyone, chosen])
+    return Placement(chosen, candidates.valid[aircraft_indices, chosen])
 
 
 def choice_order(candidates: Candidates) -> Int[Array, " aircraft"]:
-    """Order of choosing: those with the fewest valid candidates first."""
+    """Order of choosing: aircraft with the fewest valid candidates first."""
     return jnp.argsort(jnp.sum(candidates.valid & (candidates.penetration <= 0.0), axis=1))
 
 
 TIMES_PER_INTERVAL = 4
-"""Intervals of the certificate's distances for each interval between a path's even knots."""
+"""Intervals of the certificate's distances per interval between a path's equally spaced knots."""
 
 
 class Certificate(eqx.Module):
-    """What a fleet's paths certainly keep, between the instants looked at too.
+    """Rigorous bounds on a fleet's paths, valid between the sample times too.
 
     Attributes
     ----------
     bounds
-        Of each path.
+        Bounds of each path.
     excess
-        By how much each passes each limit, as a part of it, in the order of `CERTIFIED_LIMITS`; positive: broken.
+        Relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated.
     clearance_ratio
-        Of each pair, the least ratio of distance to separation, or less; 1 is enough. Infinite for an aircraft and
-        itself. In a large fleet it is exact for the nearest only, see `anser.planning.certified.clearance`.
+        Lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal.
+        In a large fleet exact for the nearest pairs only, see `anser.planning.certified.clearance`.
     keep_out_clearance
-        How far each stays out of each keep-out at least, m.
+        Lower bound on each path's distance from each keep-out, m.
     """
 
     bounds: PathBounds
@@ -174,43 +179,43 @@ class Certificate(eqx.Module):
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps everything but its distance from others."""
+        """Whether each aircraft satisfies every constraint except the separation from other aircraft."""
         xp = namespace(self)
         excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
         return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def satisfied(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft keeps everything."""
+        """Whether each aircraft satisfies every constraint."""
         xp = namespace(self)
         return self.satisfied_individually & xp.all(xp.asarray(self.clearance_ratio) >= 1.0 - _ROUNDING, axis=1)
 
 
-_ROUNDING = 1e-7  # as a part of a limit: a path that starts at it is not refused for rounding
+_ROUNDING = 1e-7  # relative to a limit: a path that starts at a limit is not refused for rounding
 _ROUNDING_M = 1e-3
 
 
 class CertifiedPlan(eqx.Module):
     """Paths of a fleet; leading axis aircraft.
 
-    Whether a path is good is said in steps: `valid`, one was found within its aircraft's own limits; then, of what was
-    found, `certificate.satisfied_individually`, limits and keep-outs are kept between all knots too;
-    `certificate.kept`, and the separation from the others; `feasible`, all of this together.
+    The quality of a path is stated in steps: `valid`, a path within its aircraft's limits exists, judged at samples;
+    `certificate.satisfied_individually`, limits and keep-outs are satisfied between the knots too;
+    `certificate.satisfied`, the separation from the other aircraft as well; `feasible`, the conjunction.
 
     Attributes
     ----------
     paths
-        Where each is when.
+        Position over time.
     arrival_times
-        When each is at its rendezvous, s.
+        Times of arrival at each rendezvous, s.
     certificate
-        What they keep.
+        Rigorous bounds on the paths.
     valid
-        Whether a path was found for each within its own limits, as far as its samples tell.
+        Whether a path within the aircraft's own limits was found, judged at samples.
     lengths
-        Of the paths through the air, in space, from the plan's last renewal on, m.
-    turned
-        Sum of the sizes of all turns of each, as planned, rad.
+        Three-dimensional path lengths through the air, from the latest replanning on, m.
+    total_turn
+        Sum of the absolute turn angles of each planned path, rad.
     speeds
         Mean airspeeds, m/s.
     """
@@ -224,27 +229,27 @@ class CertifiedPlan(eqx.Module):
     speeds: Float[Array, " aircraft"]
 
     def leading(self, count: int) -> "CertifiedPlan":
-        """Of the first aircraft only; concrete."""
-        first = first_rows(self, count)
-        return eqx.tree_at(lambda p: p.certificate.clearance_ratio, first, first.certificate.clearance_ratio[:, :count])
+        """Plan of the first `count` aircraft; concrete arrays."""
+        plan = first_rows(self, count)
+        return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, plan.certificate.clearance_ratio[:, :count])
 
     @property
     def feasible(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft's path is there and keeps everything."""
+        """Whether each aircraft has a path that satisfies every constraint."""
         return namespace(self).asarray(self.valid) & self.certificate.satisfied
 
 
 class FixedPaths(eqx.Module):
-    """Paths that stand as they are while the rest of a fleet is planned around them; leading axis aircraft.
+    """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft.
 
     Attributes
     ----------
-    which
-        Whose paths stand.
+    selected
+        Aircraft with a fixed path.
     paths
-        Where they are when; of the others they mean nothing.
+        Fixed paths; arbitrary for the other aircraft.
     arrival_times
-        When they are at their rendezvous, s.
+        Arrival times at the rendezvous, s.
     """
 
     selected: Bool[Array, " aircraft"]
@@ -258,7 +263,7 @@ def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
 
 
 def within_limits(bounds: PathBounds, limits: PathLimits) -> Bool[Array, " aircraft"]:
-    """Whether each of stacked bounds keeps its aircraft's limits."""
+    """Whether stacked bounds satisfy each aircraft's limits."""
     return jnp.all(jax.vmap(excess)(bounds, limits) <= _ROUNDING, axis=1)
 
 
@@ -270,16 +275,17 @@ def certify(
     from_time: ScalarLike = -jnp.inf,
     bounds: PathBounds | None = None,
 ) -> Certificate:
-    """What stacked paths keep; `intervals` even intervals lie between the knots of each.
+    """Certificate of stacked paths with `intervals` equal intervals between the knots of each path.
 
-    Limits are looked at over whole paths, distances from a time (s) on. `bounds` of the paths, where they are known.
+    Limits are checked over the whole paths, distances from `from_time` (s) on. `bounds` saves the computation of the
+    paths' bounds.
     """
     bounds = fleet_bounds(paths, airspace) if bounds is None else bounds
     over = jax.vmap(excess)(bounds, tasks.limits)
-    # A path that is none, which its own bounds tell, must not hide the others.
-    starts, ends = paths.times[:, 0], paths.times[:, -1]
-    start = jnp.min(jnp.where(jnp.isfinite(starts), starts, jnp.inf))
-    end = jnp.max(jnp.where(jnp.isfinite(ends), ends, -jnp.inf))
+    # An invalid path is reported by its own bounds; its times must not spoil the common time grid.
+    start_times, end_times = paths.times[:, 0], paths.times[:, -1]
+    start = jnp.min(jnp.where(jnp.isfinite(start_times), start_times, jnp.inf))
+    end = jnp.max(jnp.where(jnp.isfinite(end_times), end_times, -jnp.inf))
     times = start + (end - start) * jnp.linspace(0.0, 1.0, TIMES_PER_INTERVAL * intervals + 1)
 
     def tracked(path: TimedPath, accelerations: Array, active: Scalar) -> Track:
@@ -287,17 +293,24 @@ def certify(
 
     tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, tasks.active)
     fleet = paths.times.shape[0]
-    cylinders, everyone = fleet_cylinders(tracks, fleet, TIMES_PER_INTERVAL * INTERVALS_PER_CYLINDER), jnp.arange(fleet)
+    cylinders, aircraft_indices = (
+        fleet_cylinders(tracks, fleet, TIMES_PER_INTERVAL * INTERVALS_PER_CYLINDER),
+        jnp.arange(fleet),
+    )
 
-    def ratios_of(who: Count) -> Float[Array, " aircraft"]:
-        def tracks_of(some: Int[Array, " some"]) -> Track:
-            return jax.tree.map(lambda leaf: leaf[some], tracks)
+    def ratios_of(aircraft: Count) -> Float[Array, " aircraft"]:
+        def tracks_of(indices: Int[Array, " some"]) -> Track:
+            return jax.tree.map(lambda leaf: leaf[indices], tracks)
 
-        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
-        return fleet_clearance_ratio(one, own, cylinders, tracks_of, everyone != who, airspace.separation)
+        track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft], (tracks, cylinders))
+        return fleet_clearance_ratio(
+            track, track_cylinders, cylinders, tracks_of, aircraft_indices != aircraft, airspace.separation
+        )
 
-    ratios = jax.lax.map(ratios_of, everyone)
-    clearance = jax.lax.map(lambda one: clearance_from_keep_outs(one, times, airspace.keep_outs), tracks)
+    ratios = jax.lax.map(ratios_of, aircraft_indices)
+    clearance = jax.lax.map(
+        lambda fleet_track: clearance_from_keep_outs(fleet_track, times, airspace.keep_outs), tracks
+    )
     return Certificate(bounds, over, ratios, clearance)
 
 
@@ -311,49 +324,49 @@ def plan_fleet_at(
     extra_for: Bool[Array, " aircraft"] | None = None,
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
-    """Plan a fleet from a time (s) on for given durations to each rendezvous (s).
+    """Plan a fleet from a start time (s), with the given duration to each rendezvous (s).
 
     Parameters
     ----------
     intervals
-        Even intervals between the knots of a path.
+        Number of equal intervals between the knots of a path.
     extra_for
-        Aircraft for which `candidate_set.extra` is looked at too; None: all that are active.
-    standing
-        Paths that the others keep clear of; these aircraft need not be active. None: there are none.
+        Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
+    fixed_paths
+        Fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned.
     """
     volumes = airspace.keep_outs
-    begun = eqx.tree_at(
+    airspace_at_start = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
-    candidates = fleet_candidates(tasks, begun, durations, intervals, intervals, candidate_set, extra_for)
-    fleet, since = jnp.arange(durations.shape[0]), -jnp.inf
+    candidates = fleet_candidates(tasks, airspace_at_start, durations, intervals, intervals, candidate_set, extra_for)
+    fleet, distances_from = jnp.arange(durations.shape[0]), -jnp.inf
     if fixed_paths is not None:
         candidates = _with_fixed_paths(candidates, fixed_paths, airspace, start_time, durations, intervals)
         tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(fixed_paths.selected, 1.0, tasks.active))
-        since = start_time
+        distances_from = start_time
 
     def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
-        left = eqx.tree_at(lambda c: c.valid, candidates, valid)
-        placed = place_candidates(left, airspace.separation, choice_order(left))
-        paths, arrivals = candidates.paths(start_time, placed.chosen), start_time + durations
+        remaining = eqx.tree_at(lambda c: c.valid, candidates, valid)
+        placement = place_candidates(remaining, airspace.separation, choice_order(remaining))
+        paths, arrivals = candidates.paths(start_time, placement.chosen), start_time + durations
         if fixed_paths is not None:
             paths = select_rows(fixed_paths.selected, fixed_paths.paths, paths)
             arrivals = jnp.where(fixed_paths.selected, fixed_paths.arrival_times, arrivals)
         plan = CertifiedPlan(
             paths=paths,
             arrival_times=arrivals,
-            certificate=certify(paths, tasks, airspace, intervals, since),
-            valid=placed.valid,
+            certificate=certify(paths, tasks, airspace, intervals, distances_from),
+            valid=placement.valid,
             lengths=jax.vmap(TimedPath.air_length)(paths),
-            total_turn=candidates.total_turn[fleet, placed.chosen],
-            speeds=candidates.speed[fleet, placed.chosen],
+            total_turn=candidates.total_turn[fleet, placement.chosen],
+            speeds=candidates.speed[fleet, placement.chosen],
         )
-        return plan, placed
+        return plan, placement
 
     if candidate_set.rounds == 1:
         return placed_of(candidates.valid)[0]
-    # Splines have been certified already: an aircraft that has some gives up the others when one is rejected.
+    # Splines are certified already: after a rejection, an aircraft with splines loses its other candidates.
     uncertified = candidates.generator != SPLINE
     given_up = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
     return _choose_best_placement(placed_of, candidates.valid, given_up, tasks.active > 0.0, candidate_set.rounds)
@@ -367,7 +380,7 @@ def _with_fixed_paths(
     durations: Float[Array, " aircraft"],
     intervals: int,
 ) -> Candidates:
-    """Candidates with those of aircraft whose paths stand replaced by these paths."""
+    """Replace the candidates of aircraft with a fixed path by that path."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
 
     def tracked(path: TimedPath) -> Track:
@@ -376,42 +389,49 @@ def _with_fixed_paths(
 
     tracks, count = jax.vmap(tracked)(fixed_paths.paths), candidates.valid.shape[1]
     tracks = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[:, None], (leaf.shape[0], count, *leaf.shape[1:])), tracks)
-    own = tracks, jnp.ones_like(candidates.valid), jnp.zeros_like(candidates.cost), jnp.zeros_like(candidates.cost)
-    held = (candidates.tracks, candidates.valid, candidates.cost, candidates.penetration)
+    fixed_fields = (
+        tracks,
+        jnp.ones_like(candidates.valid),
+        jnp.zeros_like(candidates.cost),
+        jnp.zeros_like(candidates.cost),
+    )
+    planned_fields = (candidates.tracks, candidates.valid, candidates.cost, candidates.penetration)
     return eqx.tree_at(
-        lambda c: (c.tracks, c.valid, c.cost, c.penetration), candidates, select_rows(fixed_paths.selected, own, held)
+        lambda c: (c.tracks, c.valid, c.cost, c.penetration),
+        candidates,
+        select_rows(fixed_paths.selected, fixed_fields, planned_fields),
     )
 
 
 def _choose_best_placement(
     placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placement]],
     valid: Bool[Array, "aircraft candidates"],
-    given_up: Bool[Array, "aircraft candidates"],
+    withdrawn: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
     rounds: int,
 ) -> CertifiedPlan:
-    """The plan in which the fewest aircraft fail, placed again without the candidates that a certificate rejects.
+    """Plan with the fewest failing aircraft; candidates that fail the certificate are replaced, round by round.
 
-    With the first of its candidates, an aircraft loses those that are given up. What a candidate is held to is looked
-    at from instant to instant; its certificate bounds what lies between too, and may find a limit violated by little.
+    An aircraft also loses its `withdrawn` candidates at its first rejection. Candidates are checked at discrete times;
+    the certificate also bounds the motion in between and may find a slightly violated limit.
     """
     fleet = jnp.arange(valid.shape[0])
 
-    def again(
+    def retry(
         carry: tuple[Count, Array, Array, CertifiedPlan, Flag],
     ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
-        turn, left, fewest, best, _ = carry
-        plan, placed = placed_of(left)
+        round_index, remaining, fewest, best, _ = carry
+        plan, placement = placed_of(remaining)
         failed = jnp.sum(active & ~plan.feasible)
         rejected = active & plan.valid & ~plan.certificate.satisfied_individually
         best = jax.tree.map(lambda a, b: jnp.where(failed < fewest, a, b), plan, best)
-        left = left.at[fleet, placed.chosen].min(~rejected) & ~(given_up & rejected[:, None])
-        return turn + 1, left, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
+        remaining = remaining.at[fleet, placement.chosen].min(~rejected) & ~(withdrawn & rejected[:, None])
+        return round_index + 1, remaining, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
 
-    placed_of = jax.jit(placed_of)  # traced once, though its shapes are asked for first
+    placed_of = jax.jit(placed_of)  # traced once, for its shapes and for the loop
     empty, _ = zeros_like_result(placed_of, valid)
     begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
-    return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], again, begin)[3]
+    return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], retry, begin)[3]
 
 
 plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))(plan_fleet_at)
@@ -419,5 +439,5 @@ plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_s
 
 
 def choose_interval_count(duration_s: float) -> int:
-    """Even intervals for a path of a duration: a power of two from 64 to 2048, at most 2 s long where that will do."""
+    """Number of equal intervals for a path's duration: a power of two, 64 to 2048, of at most 2 s each if possible."""
     return next((intervals for intervals in (64, 128, 256, 512, 1024) if 2.0 * intervals >= duration_s), 2048)

@@ -1,9 +1,8 @@
 """Clearance: distances between moving aircraft and from keep-outs, valid between the sample times.
 
-The broad phase of large fleets; tracks of candidates and paths. Over a short interval a path stays within
-acceleration x interval^2 / 8 of the chord between its ends. Two straight motions have their least distance in closed
-form. In a large fleet bounding cylinders give a lower bound first, and the exact distance is computed for the
-nearest pairs only.
+Over a short interval a path stays within acceleration x interval^2 / 8 of the chord between its ends, and two straight
+motions have their least distance in closed form. In a large fleet, bounding cylinders give a lower bound first (the
+broad phase), and the exact distance is computed for the nearest pairs only.
 """
 
 from collections.abc import Callable
@@ -26,15 +25,15 @@ _TINY = 1e-9  # m^2
 
 
 class Track(eqx.Module):
-    """A path at equal intervals of time.
+    """A path at equally spaced times.
 
     Attributes
     ----------
     positions_n
-        Over the ground, (instant, axis), NED, m.
+        Over the ground, (time, axis), NED, m.
     error_bound
-        Of the distance between the path and its chord in each interval, m.
-    counted
+        Bound of the distance between the path and its chord in each interval, m.
+    included
         1 in intervals that begin before the arrival, else 0.
     """
 
@@ -44,27 +43,27 @@ class Track(eqx.Module):
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
-    """Least length of a vector that changes evenly between two."""
+    """Least length of a vector that changes linearly from `begin` to `end`."""
     step = end - begin
-    near = begin + closest_fraction(begin, step, _TINY)[..., None] * step
-    return jnp.sqrt(jnp.maximum(jnp.sum(near * near, axis=-1), _TINY))
+    closest = begin + closest_fraction(begin, step, _TINY)[..., None] * step
+    return jnp.sqrt(jnp.maximum(jnp.sum(closest * closest, axis=-1), _TINY))
 
 
 def _magnitude_min(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[Array, "*b"]:
-    """Least size of a number that changes evenly between two."""
+    """Least magnitude of a number that changes linearly from `begin` to `end`."""
     return jnp.where(begin * end <= 0.0, 0.0, jnp.minimum(jnp.abs(begin), jnp.abs(end)))
 
 
 def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separation) -> Float[Array, "*batch"]:
     """Least ratio of distance to separation between two paths: 1 is just enough.
 
-    In each interval the better of the two ratios of distance to separation, horizontal and vertical, counts; infinite
-    where nothing is asked. Batches broadcast; the ranks must agree.
+    In each interval the larger of the horizontal and the vertical ratio counts; infinite without a required separation.
+    Batches broadcast; the ranks must agree.
     """
-    apart = neighbour.positions_n - subject.positions_n
+    offset = neighbour.positions_n - subject.positions_n
     error_bound = subject.error_bound + neighbour.error_bound
-    level = _vector_length_min(apart[..., :-1, :2], apart[..., 1:, :2]) - error_bound
-    height = _magnitude_min(apart[..., :-1, 2], apart[..., 1:, 2]) - error_bound
+    level = _vector_length_min(offset[..., :-1, :2], offset[..., 1:, :2]) - error_bound
+    height = _magnitude_min(offset[..., :-1, 2], offset[..., 1:, 2]) - error_bound
     ratio = separation_ratio(level, height, separation.horizontal, separation.vertical)
     return jnp.min(jnp.where(subject.included * neighbour.included > 0.0, ratio, jnp.inf), axis=-1)
 
@@ -72,44 +71,46 @@ def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separatio
 def clearance_from_keep_outs(
     track: Track, times: Float[Array, " instants"], volumes: KeepOuts
 ) -> Float[Array, " volumes"]:
-    """By how much one path stays out of each volume at the least, m: negative inside."""
+    """Least distance of a path from each volume, m; negative inside."""
 
-    def one(volume: KeepOuts) -> Scalar:
-        apart = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
-        beside = _vector_length_min(apart[:-1], apart[1:]) - track.error_bound - volume.radius
+    def volume_clearance(volume: KeepOuts) -> Scalar:
+        offset = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
+        radial_distance = _vector_length_min(offset[:-1], offset[1:]) - track.error_bound - volume.radius
         up = -track.positions_n[:, 2]
         low, high = jnp.minimum(up[:-1], up[1:]) - track.error_bound, jnp.maximum(up[:-1], up[1:]) + track.error_bound
-        clearance = jnp.maximum(jnp.maximum(beside, volume.bottom - high), low - volume.top)
+        clearance = jnp.maximum(jnp.maximum(radial_distance, volume.bottom - high), low - volume.top)
         return jnp.min(jnp.where(track.included > 0.0, clearance, jnp.inf))
 
-    return jax.vmap(one)(volumes)
+    return jax.vmap(volume_clearance)(volumes)
 
 
 def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
-    """Distance from the chord, m, by a bound of the acceleration in each interval (m/s^2) and its length (s)."""
+    """Greatest distance of a path from its chord, m, from acceleration bounds (m/s^2) and the interval's length (s)."""
     return acceleration * step**2 / 8
 
 
 INTERVALS_PER_CYLINDER = 4
-"""Every number of intervals in use is a multiple of it."""
+"""Intervals per bounding cylinder; divides every number of intervals in use."""
 EXACT_PAIRS = 24
-"""Pairs of an aircraft whose clearance is exact; those of a smaller fleet all are."""
-_CYLINDER_TINY = 1e-9  # m^2: keeps the derivatives of the roots finite; each radius grows by as much as a distance may
+"""Number of neighbours of an aircraft with exact clearance; a smaller fleet is computed exactly throughout."""
+_CYLINDER_TINY = (
+    1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
+)
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that hold a path, one for several intervals each.
+    """Upright cylinders that enclose a path, one per group of consecutive intervals.
 
     Attributes
     ----------
     centre
-        Of the axis, north and east, m.
+        Position of the axis, north and east, m.
     radius
-        m.
+        Radius, m.
     low, high
         Least and greatest down coordinate, m.
-    counted
-        1 where any of the intervals counts, else 0.
+    included
+        1 if any of the group's intervals is included, else 0.
     """
 
     centre: Float[Array, "*batch cylinders 2"]
@@ -120,88 +121,92 @@ class BoundingCylinders(eqx.Module):
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Cylinders of a track, or of a batch of them, of `size` intervals each."""
+    """Cylinders of a track or of a batch of tracks, of `size` intervals each."""
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
-        raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
-    places = track.positions_n
-    parts = (*batch, count // size, size)
-    both = jnp.concatenate([places[..., :-1, :].reshape(*parts, 3), places[..., 1:, :].reshape(*parts, 3)], axis=-2)
-    error_bound = jnp.max(track.error_bound.reshape(parts), axis=-1)
-    least, most = jnp.min(both, axis=-2), jnp.max(both, axis=-2)
-    centre = 0.5 * (least + most)[..., :2]
-    off = both[..., :2] - centre[..., None, :]
-    radius = jnp.sqrt(jnp.maximum(jnp.max(jnp.sum(off * off, axis=-1), axis=-1), _CYLINDER_TINY)) + error_bound
-    counted = jnp.max(track.included.reshape(parts), axis=-1)
-    return BoundingCylinders(centre, radius, least[..., 2] - error_bound, most[..., 2] + error_bound, counted)
+        raise ValueError(f"track: got {count} intervals; expected a multiple of {size}")
+    positions = track.positions_n
+    grouped_shape = (*batch, count // size, size)
+    endpoints = jnp.concatenate(
+        [positions[..., :-1, :].reshape(*grouped_shape, 3), positions[..., 1:, :].reshape(*grouped_shape, 3)], axis=-2
+    )
+    error_bound = jnp.max(track.error_bound.reshape(grouped_shape), axis=-1)
+    lower_corner, upper_corner = jnp.min(endpoints, axis=-2), jnp.max(endpoints, axis=-2)
+    centre = 0.5 * (lower_corner + upper_corner)[..., :2]
+    offset = endpoints[..., :2] - centre[..., None, :]
+    radius = jnp.sqrt(jnp.maximum(jnp.max(jnp.sum(offset * offset, axis=-1), axis=-1), _CYLINDER_TINY)) + error_bound
+    included = jnp.max(track.included.reshape(grouped_shape), axis=-1)
+    return BoundingCylinders(
+        centre, radius, lower_corner[..., 2] - error_bound, upper_corner[..., 2] + error_bound, included
+    )
 
 
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Cylinders for `fleet_clearance_ratio` of a fleet of so many; a small one, all of it exact, needs none."""
+    """Cylinders for `fleet_clearance_ratio`; empty for a small fleet, whose clearance is computed exactly."""
     if fleet > EXACT_PAIRS:
         return bounding_cylinders(tracks, size)
-    none = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
-    return BoundingCylinders(jnp.zeros((*none.shape, 2)), none, none, none, none)
+    empty = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
+    return BoundingCylinders(jnp.zeros((*empty.shape, 2)), empty, empty, empty, empty)
 
 
 def cylinder_clearance_ratio(
-    one: BoundingCylinders, other: BoundingCylinders, separation: Separation
+    subject: BoundingCylinders, neighbour: BoundingCylinders, separation: Separation
 ) -> Float[Array, "*batch"]:
-    """A lower bound of `clearance.pair_clearance_ratio`; infinite where nothing is asked."""
-    apart = other.centre - one.centre
-    radius = one.radius + other.radius
-    level = jnp.sqrt(jnp.maximum(jnp.sum(apart * apart, axis=-1), _CYLINDER_TINY)) - radius
-    height = jnp.maximum(other.low - one.high, one.low - other.high)
-    # Where cylinders overlap, the distance may be anything.
+    """Lower bound of `pair_clearance_ratio`; infinite without a required separation."""
+    offset = neighbour.centre - subject.centre
+    radius = subject.radius + neighbour.radius
+    level = jnp.sqrt(jnp.maximum(jnp.sum(offset * offset, axis=-1), _CYLINDER_TINY)) - radius
+    height = jnp.maximum(neighbour.low - subject.high, subject.low - neighbour.high)
+    # The distance of overlapping cylinders has no positive lower bound.
     ratio = jnp.maximum(separation_ratio(level, height, separation.horizontal, separation.vertical), 0.0)
-    return jnp.min(jnp.where(one.included * other.included > 0.0, ratio, jnp.inf), axis=-1)
+    return jnp.min(jnp.where(subject.included * neighbour.included > 0.0, ratio, jnp.inf), axis=-1)
 
 
 def fleet_clearance_ratio(
-    one: Track,
+    track: Track,
     cylinders: BoundingCylinders,
     fleet: BoundingCylinders,
     tracks_of: Callable[[Int[Array, " some"]], Track],
-    others: Bool[Array, " aircraft"],
+    neighbours: Bool[Array, " aircraft"],
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
-    """Clearance ratio between one path and each of a fleet, see `clearance.pair_clearance_ratio`, or a lower bound.
+    """Clearance ratio between one path and each path of a fleet, see `pair_clearance_ratio`, or a lower bound of it.
 
     Parameters
     ----------
-    one, cylinders
-        A path, and its cylinders.
+    track, cylinders
+        A path and its cylinders.
     fleet
         Bounding cylinders of the fleet's paths, stacked.
     tracks_of
-        Stacked paths of some of the fleet, by their indices.
-    others
-        Which of the fleet count; infinite for those that do not.
+        Function from aircraft indices to stacked paths.
+    neighbours
+        Mask of the aircraft to compare with; the ratio is infinite elsewhere.
     separation
-        What is asked.
+        Required distances.
 
     Returns
     -------
-    Exact for the `EXACT_PAIRS` whose cylinders are nearest, for the others the bound of the cylinders.
+    Exact ratio for the `EXACT_PAIRS` nearest cylinders, the cylinders' bound elsewhere.
     """
-    count = others.shape[0]
+    count = neighbours.shape[0]
 
-    def exact(some: Int[Array, " some"]) -> Float[Array, " some"]:
-        return pair_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], one), tracks_of(some), separation)
+    def exact(indices: Int[Array, " some"]) -> Float[Array, " some"]:
+        return pair_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], track), tracks_of(indices), separation)
 
     if count <= EXACT_PAIRS:
-        return jnp.where(others, exact(jnp.arange(count)), jnp.inf)
+        return jnp.where(neighbours, exact(jnp.arange(count)), jnp.inf)
     bound = cylinder_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], cylinders), fleet, separation)
-    bound = jnp.where(others, bound, jnp.inf)
-    near = jax.lax.top_k(-bound, EXACT_PAIRS)[1]
-    return bound.at[near].set(jnp.where(others[near], jnp.maximum(exact(near), bound[near]), jnp.inf))
+    bound = jnp.where(neighbours, bound, jnp.inf)
+    nearest = jax.lax.top_k(-bound, EXACT_PAIRS)[1]
+    return bound.at[nearest].set(jnp.where(neighbours[nearest], jnp.maximum(exact(nearest), bound[nearest]), jnp.inf))
 
 
-_LIMIT_FRACTION = 0.995  # of the limits: the rest is for what lies between the instants
+_LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sample times
 
 
 class ProfileSamples(eqx.Module):
-    """A profile at equally spaced instants, for all candidates that share it. After its end it goes on.
+    """A profile at equally spaced times, shared by several candidates. After its end it continues at constant velocity.
 
     Attributes
     ----------
@@ -210,7 +215,7 @@ class ProfileSamples(eqx.Module):
     length
         Horizontal length flown, m.
     drift_n, wind_n, wind_dot_n
-        How far the air has moved, NED, m; how fast, and how that changes for the aircraft, m/s and m/s^2.
+        Displacement of the air, NED, m; wind and its rate at the aircraft, m/s and m/s^2.
     altitude, climb, climb_dot
         Over the ground, m, m/s, m/s^2.
     speed, speed_dot
@@ -230,22 +235,22 @@ class ProfileSamples(eqx.Module):
 
 
 def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) -> ProfileSamples:
-    """A tabulated profile at times (s after its start)."""
+    """Samples of a tabulated profile at times (s after its start)."""
 
-    def one(t: Scalar) -> ProfileSamples:
+    def sample(t: Scalar) -> ProfileSamples:
         inside = jnp.clip(t, 0.0, table.profile.duration)
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (inside,), (jnp.ones_like(inside),))
-        now = table.profile.at(inside)
+        state = table.profile.at(inside)
         length, drift = table.flown_at(inside)
         return ProfileSamples(
-            t - inside, length, drift, wind, wind_dot, now.altitude, now.climb, now.climb_dot, speed, speed_dot
+            t - inside, length, drift, wind, wind_dot, state.altitude, state.climb, state.climb_dot, speed, speed_dot
         )
 
-    return jax.vmap(one)(times)
+    return jax.vmap(sample)(times)
 
 
 class _Instant(eqx.Module):
-    """A candidate at one instant."""
+    """A candidate at one time."""
 
     position_n: Vector3
     acceleration: Scalar
@@ -255,28 +260,28 @@ class _Instant(eqx.Module):
 
 
 def _instant(
-    here: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
+    sample: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
 ) -> _Instant:
-    """One instant of a profile along a route that is `scale` times as long as the profile's path."""
-    place, heading, curvature = horizontal.at(scale * here.length)
-    ahead = cis(heading)
-    level = place + here.since_end * here.speed * ahead
-    down = -here.altitude - here.since_end * here.climb
-    shift = here.drift_n[:2] + here.since_end * here.wind_n[:2]
-    # Forces make the acceleration over the ground: where the wind changes with altitude, it has a share.
-    cosine, sine = jnp.real(ahead), jnp.imag(ahead)
-    gust_ahead = cosine * here.wind_dot_n[0] + sine * here.wind_dot_n[1]
-    gust_side = cosine * here.wind_dot_n[1] - sine * here.wind_dot_n[0]
-    side = curvature * here.speed**2 + gust_side
-    forward = here.speed_dot + gust_ahead
-    up_rate = here.climb + here.wind_n[2]  # through the air
-    asked = coordinated_demand(here.speed, up_rate, side, forward, gravity + here.climb_dot)
-    accelerations = limits.along(asked.speed, asked.normal / gravity)
-    most = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
-    banked, loaded, along = asked.excess(*(_LIMIT_FRACTION * limit for limit in most))
-    kept = (banked <= 0.0) & (loaded <= 0.0) & (along <= 0.0)
-    position = jnp.stack([jnp.real(level) + shift[0], jnp.imag(level) + shift[1], down])
-    return _Instant(position, jnp.sqrt(side**2 + forward**2 + here.climb_dot**2), kept | (here.since_end > 0.0))
+    """One sample of a profile along a route of `scale` times the length of the profile's path."""
+    route_position, heading, curvature = horizontal.at(scale * sample.length)
+    direction = cis(heading)
+    level = route_position + sample.since_end * sample.speed * direction
+    down = -sample.altitude - sample.since_end * sample.climb
+    air_drift = sample.drift_n[:2] + sample.since_end * sample.wind_n[:2]
+    # The force follows from the acceleration over the ground, which includes the change of the wind with altitude.
+    cosine, sine = jnp.real(direction), jnp.imag(direction)
+    gust_ahead = cosine * sample.wind_dot_n[0] + sine * sample.wind_dot_n[1]
+    gust_side = cosine * sample.wind_dot_n[1] - sine * sample.wind_dot_n[0]
+    side = curvature * sample.speed**2 + gust_side
+    forward = sample.speed_dot + gust_ahead
+    up_rate = sample.climb + sample.wind_n[2]  # through the air
+    required = coordinated_demand(sample.speed, up_rate, side, forward, gravity + sample.climb_dot)
+    accelerations = limits.along(required.speed, required.normal / gravity)
+    bounds = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
+    banked, loaded, along = required.excess(*(_LIMIT_FRACTION * limit for limit in bounds))
+    within = (banked <= 0.0) & (loaded <= 0.0) & (along <= 0.0)
+    position = jnp.stack([jnp.real(level) + air_drift[0], jnp.imag(level) + air_drift[1], down])
+    return _Instant(position, jnp.sqrt(side**2 + forward**2 + sample.climb_dot**2), within | (sample.since_end > 0.0))
 
 
 def route_track(
@@ -290,32 +295,34 @@ def route_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Where a candidate with a route is at the times of its samples (s), and whether its limits are kept there.
+    """Track of a candidate with a route at the sample times (s), and whether its limits are satisfied there.
 
-    Limits of altitude, airspeed and climb are its profile's, and not looked at again.
+    Limits of altitude, airspeed and climb belong to the profile and are not checked again.
 
     Parameters
     ----------
-    ends, turns_and_legs
-        Its route.
+    endpoints, turns_and_legs
+        Start and end conditions of the route, and its turns and legs.
     speed
         Mean airspeed, m/s.
     table, samples, times
-        Its profile, and that at the instants of a fleet's clock, s.
+        Tabulated profile, its samples, and the times of the fleet's clock, s.
     limits, gravity, active
-        What it is held to; m/s^2; 0 for one that does not count.
+        Flight limits; gravity, m/s^2; 0 for an ignored aircraft.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)
     step = times[1] - times[0]
-    seen = jax.vmap(lambda here: _instant(here, horizontal, scale, limits, gravity))(samples)
-    # Between the instants a ramp may have raised it.
+    motions = jax.vmap(lambda sample: _instant(sample, horizontal, scale, limits, gravity))(samples)
+    # A curvature ramp may raise the acceleration between the sample times.
     tightest = jnp.min(turns_and_legs.scales)
-    rising = 0.25 * step * tightness(endpoints, tightest)[1] * speed**3
-    most = endpoints.curvature_max * table.profile.speed_max**2 + 2.0
-    bound = jnp.minimum(jnp.maximum(seen.acceleration[1:], seen.acceleration[:-1]) + rising, most / tightest)
-    counted = active * jnp.where(times[:-1] < table.profile.duration - 1e-6, 1.0, 0.0)
-    return Track(seen.position_n, chord_error_bound(bound, step), counted), jnp.all(seen.within_limits)
+    ramp_allowance = 0.25 * step * tightness(endpoints, tightest)[1] * speed**3
+    acceleration_max = endpoints.curvature_max * table.profile.speed_max**2 + 2.0
+    bound = jnp.minimum(
+        jnp.maximum(motions.acceleration[1:], motions.acceleration[:-1]) + ramp_allowance, acceleration_max / tightest
+    )
+    included = active * jnp.where(times[:-1] < table.profile.duration - 1e-6, 1.0, 0.0)
+    return Track(motions.position_n, chord_error_bound(bound, step), included), jnp.all(motions.within_limits)
 
 
 def path_track(
@@ -325,22 +332,28 @@ def path_track(
     times: Float[Array, " instants"],
     from_time: ScalarLike = -jnp.inf,
 ) -> Track:
-    """A delivered path at even instants (s), with a rigorous bound of its acceleration in each interval.
+    """Track of a delivered path at equally spaced times (s), with a rigorous acceleration bound in each interval.
 
-    Of the path there are bounds of the acceleration in each of its cells, m/s^2; `active` is 0 for one that does not
-    count, and what is before `since`, s, or before the path begins, does not either.
+    Parameters
+    ----------
+    accelerations
+        Bound of the acceleration in each cell of the path, m/s^2.
+    active
+        0 for an ignored aircraft.
+    from_time
+        Start of the included part, s; the time before the path's start is never included.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)
     count = times.shape[0] - 1
-    first = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
-    last = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
-    # An interval lies within one cell, which its middle tells, or each cell that it touches begins or ends in it.
+    first_cells = jnp.floor((path.times[:-1] - times[0]) / step - 1e-9).astype(jnp.int32)
+    last_cells = jnp.floor((path.times[1:] - times[0]) / step + 1e-9).astype(jnp.int32)
+    # An interval lies within one cell, found by its midpoint, or each cell it touches begins or ends in it.
     middles = 0.5 * (times[1:] + times[:-1])
     within = jnp.searchsorted(path.times, middles, side="right", method="compare_all") - 1
     bounds = accelerations[jnp.clip(within, 0, accelerations.shape[0] - 1)]
-    for where in (first, last):
-        bounds = bounds.at[jnp.clip(where, 0, count - 1)].max(accelerations)
+    for touched in (first_cells, last_cells):
+        bounds = bounds.at[jnp.clip(touched, 0, count - 1)].max(accelerations)
     flown = (times[:-1] < path.times[-1] - 1e-6) & (times[1:] > jnp.maximum(from_time, path.times[0]))
-    counted = active * jnp.where(flown, 1.0, 0.0)
-    return Track(positions, chord_error_bound(bounds, step), counted)
+    included = active * jnp.where(flown, 1.0, 0.0)
+    return Track(positions, chord_error_bound(bounds, step), included)

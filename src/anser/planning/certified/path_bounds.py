@@ -1,8 +1,8 @@
-"""Bounds on what a delivered path asks of its aircraft, valid between the knots too.
+"""Bounds of the flight quantities along a delivered path, valid between the knots too.
 
-Each cell of the path is a polynomial in time. Its Bernstein coefficients bound positions, velocities, accelerations and
-the products from which the rest follows by interval arithmetic. The bounds are rigorous but for rounding; with cells of
-a second they exceed the true extremes by about a hundredth.
+Each cell of the path is a polynomial in time. Its Bernstein coefficients bound position, velocity, acceleration and
+their products; interval arithmetic gives the bounds of the remaining quantities. The bounds are rigorous except for
+rounding; with cells of one second they exceed the true extremes by about one per cent.
 """
 
 from typing import Any
@@ -26,26 +26,26 @@ _EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
-    """What a path certainly keeps within.
+    """Rigorous bounds of the flight quantities along one path.
 
     Attributes
     ----------
     speed_min, speed_max
         Airspeed, m/s.
     bank_max, load_factor_max
-        Asked for in coordinated flight, rad, 1.
+        Bank angle and load factor required in coordinated flight, rad, 1.
     climb_rate_max
         Relative to the air, up or down, m/s.
     altitude_min, altitude_max
-        m.
+        Altitude, m.
     acceleration_max, deceleration_max
-        Of V_dot + g sin(gamma), m/s^2.
+        Bounds of V_dot + g sin(gamma), m/s^2.
     wind_error_max
-        By how much the drift's slope and the wind at the aircraft differ at most, m/s.
+        Greatest difference between the drift's slope and the wind at the aircraft, m/s.
     cell_acceleration
-        Bound of the acceleration over the ground in each cell, m/s^2; for distances between paths.
+        Acceleration over the ground in each cell, m/s^2; for distances between paths.
     cell_along, cell_speeds, cell_load_factors
-        Of each cell: `acceleration_max` and `deceleration_max`, least and greatest airspeed, least and greatest load
+        Per cell: `acceleration_max` and `deceleration_max`; least and greatest airspeed; least and greatest load
         factor.
     """
 
@@ -65,17 +65,18 @@ class PathBounds(eqx.Module):
     cell_load_factors: Float[Array, "cells 2"]
 
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
-        """The acceleration and the deceleration that ask as much of an aircraft at its start, level, m/s^2.
+        """Equivalent acceleration and deceleration at the aircraft's start, in level flight, m/s^2.
 
-        They keep the limits of there if and only if the path keeps those of each airspeed and load factor.
+        They satisfy the limits at the start if and only if the path satisfies the limits at every airspeed and load
+        factor.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:
             return self.acceleration_max, self.deceleration_max
         slow, fast = self.cell_speeds[:, 0], self.cell_speeds[:, 1]
-        least, most = self.cell_load_factors[:, 0], self.cell_load_factors[:, 1]
-        gained = self.cell_along[:, 0] + limits.deceleration_max * idle.greatest_rise(slow, fast, most)
-        return xp.max(gained), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, least))
+        load_min, load_max = self.cell_load_factors[:, 0], self.cell_load_factors[:, 1]
+        gained = self.cell_along[:, 0] + limits.deceleration_max * idle.greatest_rise(slow, fast, load_max)
+        return xp.max(gained), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, load_min))
 
 
 def _bernstein_coefficients(
@@ -114,31 +115,33 @@ def _wind_error(
 ) -> Float[Array, " cells"]:
     """Bound of |slope of the drift - wind| per cell."""
     if isinstance(wind, SteadyWind):
-        off = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
-        return jnp.where(drifting, safe_sqrt(jnp.sum(off**2, axis=1)), 0.0)
+        difference = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
+        return jnp.where(drifting, safe_sqrt(jnp.sum(difference**2, axis=1)), 0.0)
     if not isinstance(wind, LayeredWind):
         raise TypeError(f"no certificate for wind of type {type(wind).__name__}; expected a steady or a layered wind")
     low, high = bernstein.bounds(-down)
     slopes = bernstein.elevate(slope, down.shape[-1] - 1)
-    # Below the lowest and above the highest layer the wind is that of the end.
+    # Below the lowest and above the highest altitude the wind is constant.
     edges = wind.altitudes
     floor, ceiling = edges[0] - 1e6, edges[-1] + 1e6
     bottoms = jnp.concatenate([floor[None], edges])
     tops = jnp.concatenate([edges, ceiling[None]])
-    first = jnp.concatenate([wind.velocities_n[:1], wind.velocities_n])
-    last = jnp.concatenate([wind.velocities_n, wind.velocities_n[-1:]])
+    lower_winds = jnp.concatenate([wind.velocities_n[:1], wind.velocities_n])
+    upper_winds = jnp.concatenate([wind.velocities_n, wind.velocities_n[-1:]])
 
     def layer(bottom: Scalar, top: Scalar, begin: Array, end: Array) -> Float[Array, " cells"]:
         rate = (end - begin) / jnp.maximum(top - bottom, _TINY)
         blowing = begin[None, :, None] + rate[None, :, None] * (-down - bottom)[:, None, :]
-        off = jnp.max(jnp.abs(slopes - blowing), axis=2)
-        # A cell that ends at the layer's edge, to rounding, is in the next one: what that leaves out is added.
+        difference = jnp.max(jnp.abs(slopes - blowing), axis=2)
+        # A cell that ends at the layer's edge, to rounding, counts for the next layer; the omitted change is added.
         under = (high < bottom + _EDGE_M) & (low < bottom - _EDGE_M)
         over = (low > top - _EDGE_M) & (high > top + _EDGE_M)
         left_out = _EDGE_M * safe_sqrt(jnp.sum(rate**2))
-        return jnp.where(under | over, left_out * ((low <= top) & (high >= bottom)), safe_sqrt(jnp.sum(off**2, axis=1)))
+        return jnp.where(
+            under | over, left_out * ((low <= top) & (high >= bottom)), safe_sqrt(jnp.sum(difference**2, axis=1))
+        )
 
-    return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, first, last), axis=0), 0.0)
+    return jnp.where(drifting, jnp.max(jax.vmap(layer)(bottoms, tops, lower_winds, upper_winds), axis=0), 0.0)
 
 
 def _bank_and_load(
@@ -150,20 +153,20 @@ def _bank_and_load(
 ) -> tuple[Float[Array, " cells"], Float[Array, " cells"], Float[Array, " cells"]]:
     """Bounds of the bank angle, rad, and of the load factor in coordinated flight from above and below, per cell.
 
-    With L the horizontal and V the whole airspeed, both are ratios of polynomials: of the acceleration across,
-    A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in Bernstein
-    form is, where the lower one's coefficients are positive, a weighted mean of the coefficients' ratios.
+    With L the horizontal and V the three-dimensional airspeed, both are ratios of polynomials: of the acceleration
+    across, A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in
+    Bernstein form is a weighted mean of the coefficients' ratios if the denominator's coefficients are positive.
 
     Parameters
     ----------
     velocity, acceleration
-        Coefficients, through the air and over the ground.
+        Coefficients of the velocity through the air and of the acceleration over the ground.
     squares
         V^2 and L^2.
     error
-        By how much the velocity may be off, m/s.
+        Error bound of the velocity, m/s.
     gravity
-        m/s^2.
+        Gravity, m/s^2.
     """
     square, level_square = squares
     north, east, down = (velocity[:, k] for k in range(3))
@@ -173,35 +176,35 @@ def _bank_and_load(
     lifting = bernstein.product(level_square, gravity - to_down) + bernstein.product(down, along)
     side_square = bernstein.product(bernstein.product(across, across), square)
     lift_square = bernstein.product(lifting, lifting)
-    both = bernstein.product(square, level_square)
-    both = bernstein.elevate(both, lift_square.shape[-1] - 1)
+    speed_product = bernstein.product(square, level_square)
+    speed_product = bernstein.elevate(speed_product, lift_square.shape[-1] - 1)
 
     level_low, level_high = _root_bounds(level_square, error)
     speed_low, speed_high = _root_bounds(square, error)
     a_max = safe_sqrt(bernstein.bounds(_square(acceleration))[1])
     lift_low = bernstein.bounds(lifting)[0]
-    # What an error of the velocity adds: to A, and to D.
-    more_across = error * a_max
-    more_lifting = error * (2.0 * level_high + error) * jnp.max(jnp.abs(gravity - to_down), axis=1)
-    more_lifting = more_lifting + error * (jnp.max(jnp.abs(along), axis=1) + a_max * jnp.max(jnp.abs(down), axis=1))
-    more_lifting = more_lifting + error**2 * a_max
-    least = lift_low - more_lifting
-    banked = (least > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
-    safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (least, speed_low, level_low))
-    tangent = safe_sqrt(_ratio_max(side_square, lift_square, banked)) + more_across * speed_high / safe
-    tangent = tangent * (1.0 + error / slow) * (safe + more_lifting) / safe
-    load = safe_sqrt(_ratio_max(side_square + lift_square, both, banked)) + more_across / narrow
-    load = (load + more_lifting / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
-    # Upside down or too slow to tell: the acceleration and gravity together bound the load even so.
+    # Effect of a velocity error on A and on D.
+    across_error = error * a_max
+    lift_error = error * (2.0 * level_high + error) * jnp.max(jnp.abs(gravity - to_down), axis=1)
+    lift_error = lift_error + error * (jnp.max(jnp.abs(along), axis=1) + a_max * jnp.max(jnp.abs(down), axis=1))
+    lift_error = lift_error + error**2 * a_max
+    lift_min = lift_low - lift_error
+    banked = (lift_min > 0.0) & (speed_low > 0.0) & (level_low > 0.0)
+    safe, slow, narrow = (jnp.where(banked, x, 1.0) for x in (lift_min, speed_low, level_low))
+    tangent = safe_sqrt(_ratio_max(side_square, lift_square, banked)) + across_error * speed_high / safe
+    tangent = tangent * (1.0 + error / slow) * (safe + lift_error) / safe
+    load = safe_sqrt(_ratio_max(side_square + lift_square, speed_product, banked)) + across_error / narrow
+    load = (load + lift_error / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
+    # Inverted or too slow for the bound: acceleration plus gravity still bounds the load factor.
     return (
         jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2),
         jnp.where(banked, load / gravity, a_max / gravity + 1.0),
-        jnp.where(banked, least / (jnp.maximum(speed_high * level_high, _TINY) * gravity), 0.0),
+        jnp.where(banked, lift_min / (jnp.maximum(speed_high * level_high, _TINY) * gravity), 0.0),
     )
 
 
 def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
-    """Bound of a ratio of polynomials; where not sound, 1."""
+    """Upper bound of a ratio of polynomials; 1 in cells that are not sound."""
     safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
     return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
 
@@ -211,23 +214,23 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 
     Notes
     -----
-    Airspeed is that of the velocity over the ground less the wind at the aircraft's altitude, not the path's own.
+    Airspeed is the velocity over the ground less the wind at the aircraft's altitude, not the path's nominal airspeed.
     """
     spans = path.times[1:] - path.times[:-1]
-    real = spans > 0.0
-    safe = jnp.where(real, spans, 1.0)
-    # What comes of an empty cell means nothing: it is finite, and never counted.
+    nonempty = spans > 0.0
+    safe = jnp.where(nonempty, spans, 1.0)
+    # The results of an empty cell are finite, but excluded below.
     air = path.air_n
     ground, velocity_g, acceleration = _bernstein_coefficients(air + path.drift_n, safe)
     _, drift_slope, _ = _bernstein_coefficients(path.drift_n, safe)
     velocity = velocity_g - drift_slope
-    error = _wind_error(wind, ground[:, 2], drift_slope, real)
+    error = _wind_error(wind, ground[:, 2], drift_slope, nonempty)
 
     def least(low: Array) -> Scalar:
-        return jnp.min(jnp.where(real, low, jnp.inf))
+        return jnp.min(jnp.where(nonempty, low, jnp.inf))
 
     def most(high: Array) -> Scalar:
-        return jnp.max(jnp.where(real, high, -jnp.inf))
+        return jnp.max(jnp.where(nonempty, high, -jnp.inf))
 
     square, level_square = _square(velocity), _square(velocity[:, :2])
     speed_low, speed_high = _root_bounds(square, error)
@@ -239,13 +242,13 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     climb = jnp.maximum(jnp.abs(up_rate_low), jnp.abs(up_rate_high))
     bank, load, load_low = _bank_and_load(velocity, acceleration, (square, level_square), error, gravity)
 
-    # V V_dot = v . a for the air's own velocity; the drift's share is a few hundredths.
+    # V V_dot = v . a with v relative to the air; the drift contributes a few hundredths.
     work = jnp.sum(bernstein.product(velocity, acceleration), axis=1) + gravity * bernstein.elevate(-velocity[:, 2], 7)
     margin = error * (a_max + gravity)
-    # The speed with which it is compared may be off by the error.
-    off = 1.0 + error / slow
-    forward = off * _ratio_to_root_max(work, square, slow, fast) + margin / slow
-    backward = off * _ratio_to_root_max(-work, square, slow, fast) + margin / slow
+    # The airspeed in the denominator has the velocity error.
+    speed_ratio_error = 1.0 + error / slow
+    forward = speed_ratio_error * _ratio_to_root_max(work, square, slow, fast) + margin / slow
+    backward = speed_ratio_error * _ratio_to_root_max(-work, square, slow, fast) + margin / slow
     down_low, down_high = bernstein.bounds(ground[:, 2])
     return PathBounds(
         speed_min=least(speed_low),
@@ -258,19 +261,19 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         acceleration_max=most(forward),
         deceleration_max=most(backward),
         wind_error_max=most(error),
-        cell_acceleration=jnp.where(real, a_max, 0.0),
-        cell_along=jnp.where(real[:, None], jnp.stack([forward, backward], axis=-1), 0.0),
+        cell_acceleration=jnp.where(nonempty, a_max, 0.0),
+        cell_along=jnp.where(nonempty[:, None], jnp.stack([forward, backward], axis=-1), 0.0),
         cell_speeds=jnp.stack([speed_low, speed_high], axis=-1),
-        cell_load_factors=jnp.stack([load_low, jnp.where(real, load, 0.0)], axis=-1),
+        cell_load_factors=jnp.stack([load_low, jnp.where(nonempty, load, 0.0)], axis=-1),
     )
 
 
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Bound of a polynomial over the root of another, a root from `slow` to `fast`; 0 where it is negative all over.
+    """Upper bound of a polynomial divided by the root of another, `slow` <= root <= `fast`; 0 if the ratio is negative.
 
-    For any m the root of s is at least 2 m s / (m^2 + s), and nearly that where m is close to it.
+    For any m the root of s is at least 2 m s / (m^2 + s), a close bound if m is close to the root.
     """
     middle = 0.5 * (slow + fast)
     scaled = square / (middle**2)[:, None]
@@ -289,7 +292,7 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
 def excess(
     bounds: PathBounds, limits: PathLimits, limits_checked: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
-    """By how much a path's bounds pass each limit, as a part of it; not positive where it is kept."""
+    """Relative excess of a path's bounds over each limit; at most 0 if the limit is satisfied."""
     along: dict[str, Any] = dict(
         zip(("acceleration_max", "deceleration_max"), bounds.along_at_start(limits), strict=True)
     )

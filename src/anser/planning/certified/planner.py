@@ -1,4 +1,4 @@
-"""The certified planner as a part of the closed loop: paths with certificates, and the holds after them."""
+"""The certified planner in the closed loop: paths with certificates, and holds after the arrivals."""
 
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -31,20 +31,20 @@ _assign_holds = compiled_quickly(assign_holds)
 
 
 class CertifiedPlanState(eqx.Module):
-    """What the certified planner carries along.
+    """State of the certified planner.
 
     Attributes
     ----------
     plan
-        In force.
-    renewal
-        How it came about: index into `REPLANNING_MESSAGES`.
+        Current plan.
+    replanning
+        Outcome of the latest replanning: index into `REPLANNING_MESSAGES`.
     holds
-        What the aircraft fly after their arrival; None: what their own hold says.
+        Planned holds after the arrivals; None: each aircraft's default hold.
     limits
-        What each path may ask, the accelerations that its engine gives among it; leading axis aircraft.
-    asked
-        Whether a plan made anew was due that a planner which does not replan could not make.
+        Flight limits of each path, including the accelerations available from the engine; leading axis aircraft.
+    replan_needed
+        Whether a new plan was needed that a planner without replanning cannot make.
     """
 
     plan: CertifiedPlan
@@ -55,34 +55,34 @@ class CertifiedPlanState(eqx.Module):
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """See `anser.planning.certified`.
+    """The certified planner, see `anser.planning.certified`.
 
     Attributes
     ----------
     sides
         Side of each aircraft's detour: +1 right, -1 left, 0 either.
     speed
-        Mean airspeed that each prefers, m/s.
+        Preferred mean airspeed per aircraft, m/s.
     limits
-        What each path may ask; leading axis aircraft.
+        Flight limits of the paths; leading axis aircraft.
     roll_rates_max
-        How fast a path may change the bank angle, rad/s.
+        Greatest rate of the bank angle along a path, rad/s.
     airspace
-        Wind, distances, keep-outs.
+        Wind, required distances, keep-outs.
     guidance
-        Numbers of the holds.
-    movable
-        Whether arrival times may be put off on the way.
-    latest
-        But not beyond this, s.
+        Settings of the holds' guidance.
+    arrival_is_free
+        Whether arrival times may be postponed in flight.
+    latest_arrival
+        Latest allowed arrival time, s.
     freeze
-        A path stands as it is for this long before its arrival, s.
-    replans
-        Whether a plan is made anew on the way where one bent will not do. Without, it is a much smaller program; its
-        state says where the other one is needed.
-    spared
-        Part of the accelerations along the path that a new path leaves to the autopilot, above all to the engine's
-        spooling down, and for being bent.
+        Duration before the arrival in which a path is frozen, s.
+    allow_replanning
+        Whether a new plan is made in flight if a correction is not feasible. Without replanning the program is much
+        smaller, and its state reports when a replanning is needed.
+    acceleration_reserve
+        Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down,
+        and for corrections of the path.
     """
 
     sides: Int[Array, " aircraft"]
@@ -98,14 +98,14 @@ class CertifiedPlanner(AbstractPlanner):
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
-        """Search for a plan in which all arrive together, with holds up to the latest arrival: not to be traced.
+        """Search for a plan with a common arrival time, with holds up to the latest arrival; not traceable by JAX.
 
-        For other rules of arrival, and for what stands in the way of a plan, see `searched`.
+        For other arrival rules, and for the reason of a refusal, see `search_plan`.
 
         Raises
         ------
         ValueError
-            No plan was found.
+            If no plan is found.
         """
         latest = float(self.latest_arrival)
         tasks = self.aircraft_tasks(reports, self.resolve_limits(performance))
@@ -115,32 +115,32 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """The limits with the accelerations that the engine gives, where none are prescribed.
+        """Limits with the accelerations available from the engine, unless prescribed.
 
-        With all its thrust that is what it gives at the start; idle, it changes with airspeed and load factor. What is
-        `acceleration_reserve` is taken off.
+        At full thrust this is the acceleration at the start; at idle it depends on airspeed and load factor. The
+        `acceleration_reserve` is subtracted.
         """
 
-        def own(prescribed: Array, able: Array) -> Array:
+        def resolve(prescribed: Array, available: Array) -> Array:
             return (1.0 - self.acceleration_reserve) * jnp.where(
-                jnp.isinf(prescribed), jnp.maximum(able, ACCELERATION_FLOOR), prescribed
+                jnp.isinf(prescribed), jnp.maximum(available, ACCELERATION_FLOOR), prescribed
             )
 
         limits, idle = self.limits, performance.idle
-        free = jnp.isinf(limits.deceleration_max)[:, None]
+        unprescribed = jnp.isinf(limits.deceleration_max)[:, None]
         accelerations = (
-            own(limits.acceleration_max, performance.acceleration),
-            own(limits.deceleration_max, performance.deceleration),
+            resolve(limits.acceleration_max, performance.acceleration),
+            resolve(limits.deceleration_max, performance.deceleration),
         )
-        shares = jnp.where(free, idle.level, 1.0), jnp.where(free, idle.by_lift, 0.0)
+        shares = jnp.where(unprescribed, idle.level, 1.0), jnp.where(unprescribed, idle.by_lift, 0.0)
         limits = eqx.tree_at(acceleration_limits, limits, accelerations)
         idle = IdleDeceleration(idle.speeds, *shares)
-        return eqx.tree_at(lambda own: own.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
+        return eqx.tree_at(lambda resolve: resolve.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def correction_limits(self, limits: PathLimits) -> PathLimits:
-        """Limits of a path that is corrected on the way: those of a new path, with `acceleration_reserve` added."""
+        """Limits of a path corrected in flight: the limits of a new path plus the `acceleration_reserve`."""
         return eqx.tree_at(
-            acceleration_limits, limits, replace_fn=lambda most: most / (1.0 - self.acceleration_reserve)
+            acceleration_limits, limits, replace_fn=lambda limit: limit / (1.0 - self.acceleration_reserve)
         )
 
     def search_plan(
@@ -149,34 +149,34 @@ class CertifiedPlanner(AbstractPlanner):
         tasks: AircraftTask,
         request: ArrivalRequest,
         end_time: float,
-        on_progress: Callable[[str], None] = lambda what: None,
+        on_progress: Callable[[str], None] = lambda message: None,
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
-        """A first plan with its holds; or, without a plan, the holds that came nearest, if any were tried.
+        """A first plan with its holds; without a plan, the holds of the closest attempt, if any.
 
         Parameters
         ----------
         time
-            Now, s.
+            Current time, s.
         tasks
-            From `aircraft_tasks`.
+            Tasks from `aircraft_tasks`.
         request
-            When the aircraft are to arrive.
-        until
-            End of the flight, s: up to then the holds keep the separation.
+            Arrival rule of the fleet.
+        end_time
+            End of the flight, s: the holds keep the separation up to this time.
         on_progress
-            Called with what is being done.
+            Callback for progress messages.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
 
-        def after(plan: CertifiedPlan) -> np.ndarray:
+        def check_holds(plan: CertifiedPlan) -> np.ndarray:
             on_progress("choosing the holds")
             holds = _assign_holds(*self._hold_arguments(plan.paths, tasks, time, end_time))
             tried.append((plan, holds))
             return ~np.asarray(holds.clear)
 
-        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, failed_after_arrival=after)
-        wanted = outcome.plan_without_holds if outcome.plan is None else outcome.plan
-        return outcome, next((holds for plan, holds in tried if plan is wanted), None)
+        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, failed_after_arrival=check_holds)
+        selected_plan = outcome.plan_without_holds if outcome.plan is None else outcome.plan
+        return outcome, next((holds for plan, holds in tried if plan is selected_plan), None)
 
     def _hold_arguments(self, paths: TimedPath, tasks: AircraftTask, time: float, end_time: float) -> tuple[Any, ...]:
         return (
@@ -190,38 +190,38 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def prepare_programs(self, tasks: AircraftTask, longest: float, end_time: float) -> Iterator[PreparedProgram]:
-        """Prepare, one after the other, the programs that a search from time 0 will need.
+        """Prepare, one at a time, the programs needed by a search from time 0.
 
         Parameters
         ----------
         tasks
-            The fleet, or shapes of it.
+            The fleet's tasks, or their shapes.
         longest
-            Roughly how long the last aircraft will be on its way, s: where that leaves the size of the paths open,
-            nothing is prepared.
-        until
-            As of `searched`.
+            Rough flight time of the last aircraft, s: if this leaves the size of the paths open, no program is
+            prepared.
+        end_time
+            End of the flight, s.
 
         Yields
         ------
-        Those that make plans (`CertifiedPlan`) and holds (`PlannedHolds`).
+        The programs for plans (`CertifiedPlan`) and for holds (`PlannedHolds`).
         """
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
             durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
-            first = plan_at.prepare(0.0, tasks, self.airspace, durations, intervals, STANDARD, None)
-            yield first
-            yield _assign_holds.prepare(*self._hold_arguments(first.shapes.paths, tasks, 0.0, end_time))
+            planning_program = plan_at.prepare(0.0, tasks, self.airspace, durations, intervals, STANDARD, None)
+            yield planning_program
+            yield _assign_holds.prepare(*self._hold_arguments(planning_program.shapes.paths, tasks, 0.0, end_time))
 
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """The plan bent, made anew or kept, see `replan_certified`; with it the holds that are not flown yet."""
-        own = self.aircraft_tasks(reports, planner_state.limits)
-        made = replan_certified(
+        """Correct, replace or retain the plan, see `replan_certified`; a new plan gets new holds."""
+        tasks = self.aircraft_tasks(reports, planner_state.limits)
+        result = replan_certified(
             planner_state.plan,
             time,
-            own,
+            tasks,
             self.airspace,
             self.arrival_is_free,
             self.freeze,
@@ -230,19 +230,19 @@ class CertifiedPlanner(AbstractPlanner):
             reports.goal_covariance,
             self.correction_limits(planner_state.limits),
         )
-        former, asked = planner_state.holds, planner_state.replan_needed | made.replan_needed
+        former, replan_needed = planner_state.holds, planner_state.replan_needed | result.replan_needed
         if former is None or not self.allow_replanning:
-            return CertifiedPlanState(made.plan, made.status, former, planner_state.limits, asked)
-        planned_anew = made.status == REPLANNED
+            return CertifiedPlanState(result.plan, result.status, former, planner_state.limits, replan_needed)
+        planned_anew = result.status == REPLANNED
 
-        def chosen_anew() -> PlannedHolds:
-            until, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
-            moved = move_with_goals(former, own, time)
-            return assign_holds(made.plan.paths, own, self.airspace, self.guidance, time, until, cells, moved)
+        def assign_again() -> PlannedHolds:
+            end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
+            moved = move_with_goals(former, tasks, time)
+            return assign_holds(result.plan.paths, tasks, self.airspace, self.guidance, time, end_time, cells, moved)
 
-        holds = jax.lax.cond(any_in_batch(planned_anew), chosen_anew, lambda: former)
+        holds = jax.lax.cond(any_in_batch(planned_anew), assign_again, lambda: former)
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
-        return CertifiedPlanState(made.plan, made.status, holds, planner_state.limits, asked)
+        return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
 
     def observe(
         self,
@@ -252,11 +252,11 @@ class CertifiedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> CertifiedPlanState:
-        """Nothing is taken from the way flown."""
+        """Return the state unchanged: the planner does not use the flown path."""
         return planner_state
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
-        """See `AbstractPlanner`: a fleet without a plan is refused before it flies, so all are "planned"."""
+        """See `AbstractPlanner`. The status is always "planned": a fleet without a plan is refused before take-off."""
         plan = planner_state.plan
         planned = jnp.zeros(plan.lengths.shape, dtype=jnp.int32)
         return AircraftPlan(
@@ -270,7 +270,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def aircraft_tasks(self, reports: AircraftReport, limits: PathLimits) -> AircraftTask:
-        """What the planner reckons with for each aircraft; in steady straight flight, as at the start."""
+        """Planning problem of each aircraft, assumed in steady straight flight, as at the start."""
         return AircraftTask(
             position_n=reports.position_n,
             air_velocity_n=reports.air_velocity_n,

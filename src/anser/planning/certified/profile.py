@@ -1,7 +1,7 @@
-"""Altitude and airspeed by time, chosen before the route; what they make of the air's motion.
+"""Profiles: altitude and airspeed over time, chosen before the route, and the resulting motion of the air.
 
-Both rise and fall by smoothsteps, so that acceleration is continuous; both begin with the aircraft's own acceleration,
-which fades. The length of the horizontal path, and how far the air drifts, follow by quadrature on a uniform grid.
+Altitude and airspeed change by smoothsteps, so that acceleration is continuous; the aircraft's initial acceleration
+fades out. The length of the horizontal path and the drift of the air follow by quadrature on a uniform grid.
 """
 
 import equinox as eqx
@@ -15,24 +15,24 @@ from anser.numerics.integration import gauss_legendre
 from anser.planning.limits import PathLimits
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
-CURVATURE_KEPT = 0.98
-"""Of what bank and load factor allow: the certificate's bounds and the fit take the rest."""
+CURVATURE_FRACTION = 0.98
+"""Fraction of the curvature allowed by bank and load factor; certificate and fit need the remainder."""
 _RULE = gauss_legendre(4)
-_FADE_S = 3.0  # of the acceleration that the path begins with
-CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, so that it hardly touches the bank angle
-_SPEED_RATES = (0.8, 0.8)  # m/s^2, gaining and losing
+_FADE_S = 3.0  # duration in which the initial acceleration fades out
+CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, with little effect on the bank angle
+_SPEED_RATES = (0.8, 0.8)  # m/s^2, gain and loss
 _SHORTEST_RAMP_S = 2.0
-_GENTLE_RAMP_S = 20.0  # of a small change of climb: shorter, it would take more of the lift than it gains in time
+_GENTLE_RAMP_S = 20.0  # for a small change of climb: a shorter ramp costs more lift than it saves time
 _LEVEL_OFF_ROUNDS = 3
 _DETOUR_RATE, _DETOUR_ACCELERATION = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
 KINKS = 5
-"""Times at which a third derivative of a profile jumps."""
+"""Number of jumps of a third derivative of a profile."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
 
 class ProfileState(eqx.Module):
-    """State of the climb and of the speed at one time."""
+    """Altitude, airspeed and their rates at one time."""
 
     altitude: Scalar
     climb: Scalar
@@ -44,24 +44,24 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed by time.
+    """Altitude and airspeed over time.
 
     Attributes
     ----------
     duration
-        s.
+        Duration, s.
     altitude_0, climb_0, climb_1
-        First altitude, m, and vertical speeds over the ground at both ends, m/s.
+        Initial altitude, m; initial and final vertical speed over the ground, m/s.
     climb_dot_0, speed_dot_0
-        First accelerations, m/s^2.
+        Initial accelerations, m/s^2.
     plateau, climb_ramp
-        Vertical speed in the middle, m/s, and how long it takes to change to and from it, s.
+        Vertical speed in the middle, m/s, and duration of the change to and from it, s.
     detour
-        Added to the altitude, at most, in the middle, m.
+        Greatest additional altitude, in the middle, m.
     speed_0, speed_1, speed_2
-        First airspeed, that in the middle and the last one, m/s.
+        Initial, middle and final airspeed, m/s.
     speed_ramp, speed_ramp_2
-        How long it takes to change from the first, and at the end to the last, s.
+        Durations of the first and of the last change of airspeed, s.
     """
 
     duration: Scalar
@@ -81,19 +81,19 @@ class Profile(eqx.Module):
 
     @property
     def kinks(self) -> Float[Array, "5"]:
-        """Times at which a third derivative jumps, s after the start."""
+        """Times with a jump of a third derivative, s after the start."""
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])
         return jnp.concatenate([jnp.stack([self.climb_ramp, self.speed_ramp, fade]), late])
 
     @property
     def speed_max(self) -> Scalar:
-        """Greatest airspeed, but for what the first acceleration adds, m/s."""
+        """Greatest airspeed, without the effect of the initial acceleration, m/s."""
         return jnp.maximum(self.speed_0, jnp.maximum(self.speed_1, self.speed_2))
 
     @property
     def speed_min(self) -> Scalar:
-        """Least airspeed, but for what the first acceleration adds, m/s."""
+        """Least airspeed, without the effect of the initial acceleration, m/s."""
         return jnp.minimum(self.speed_0, jnp.minimum(self.speed_1, self.speed_2))
 
     @property
@@ -106,11 +106,11 @@ class Profile(eqx.Module):
     @property
     def climb_bounds(self) -> tuple[Scalar, Scalar]:
         """Bounds of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
-        ends = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
+        end_speed_max = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
         change = jnp.maximum(jnp.abs(self.plateau - self.climb_0), jnp.abs(self.climb_1 - self.plateau))
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         detour = jnp.abs(self.detour)
-        climb = jnp.maximum(ends, jnp.abs(self.plateau)) + _DETOUR_RATE * detour / self.duration
+        climb = jnp.maximum(end_speed_max, jnp.abs(self.plateau)) + _DETOUR_RATE * detour / self.duration
         climb = climb + _FADING_RATE * jnp.abs(self.climb_dot_0) * fade
         rate = 1.5 * change / self.climb_ramp + _DETOUR_ACCELERATION * detour / self.duration**2
         rate = rate + jnp.abs(self.climb_dot_0)
@@ -121,7 +121,7 @@ class Profile(eqx.Module):
         ramp, total = self.climb_ramp, self.duration
         rise, rise_dot, risen = _smoothstep(t / ramp)
         fall, fall_dot, fallen = _smoothstep((t - total + ramp) / ramp)
-        to, back = self.plateau - self.climb_0, self.climb_1 - self.plateau
+        first_change, last_change = self.plateau - self.climb_0, self.climb_1 - self.plateau
         fade = jnp.minimum(_FADE_S, 0.5 * total)
         e0, e1, e2 = _fading(t, fade)
         s = t / total
@@ -135,24 +135,26 @@ class Profile(eqx.Module):
         return ProfileState(
             altitude=self.altitude_0
             + self.climb_0 * t
-            + ramp * (to * risen + back * fallen)
+            + ramp * (first_change * risen + last_change * fallen)
             + self.climb_dot_0 * e0
             + self.detour * b0,
-            climb=self.climb_0 + to * rise + back * fall + self.climb_dot_0 * e1 + self.detour * b1,
-            climb_dot=(to * rise_dot + back * fall_dot) / ramp + self.climb_dot_0 * e2 + self.detour * b2,
+            climb=self.climb_0 + first_change * rise + last_change * fall + self.climb_dot_0 * e1 + self.detour * b1,
+            climb_dot=(first_change * rise_dot + last_change * fall_dot) / ramp
+            + self.climb_dot_0 * e2
+            + self.detour * b2,
             speed=self.speed_0 + up * early + up_late * late + self.speed_dot_0 * f0,
             speed_dot=up * early_dot / self.speed_ramp + up_late * late_dot / self.speed_ramp_2 + self.speed_dot_0 * f1,
         )
 
 
 def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Smoothstep from 0 to 1, its slope, its integral."""
+    """Smoothstep from 0 to 1, with its slope and its integral."""
     v = jnp.clip(u, 0.0, 1.0)
     return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
 
 
 def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """t^2/2 (1 - t/fade)^4 and two derivatives: a unit second derivative that fades."""
+    """The function t^2/2 (1 - t/fade)^4 and two derivatives: a unit second derivative that fades out."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     k = 1.0 / fade
     return (
@@ -163,7 +165,7 @@ def _fading(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
-    """A unit first derivative that fades, t (1 - t/fade)^3, and its slope."""
+    """The function t (1 - t/fade)^3 and its slope: a unit first derivative that fades out."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     return t * q**3, q**3 - 3 * t / fade * q**2
 
@@ -177,7 +179,7 @@ Rates = tuple[ScalarLike, ScalarLike]
 
 
 def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
-    """How long a change of airspeed (m/s) takes, s, at the greatest rates of gain and loss (m/s^2)."""
+    """Duration of a change of airspeed (m/s), s, at the greatest rates of gain and loss (m/s^2)."""
     rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
     return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
 
@@ -185,16 +187,17 @@ def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: 
 def mean_to_last_speed(
     mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Airspeed after the one change that makes a mean airspeed (m/s).
+    """Final airspeed of the profile with one change of airspeed and a given mean airspeed (m/s).
 
-    The change x is d / (1 - ramp / (2 duration)), d being that of the mean; its ramp grows with it: a quadratic.
+    The final change is d / (1 - ramp / (2 duration)), with d the change of the mean; the ramp is proportional to the
+    final change, which gives a quadratic equation.
     """
     change = jnp.asarray(mean - speed_0, dtype=float)
     size = jnp.abs(change)
     rate = jnp.where(change > 0.0, rates[0], rates[1])
     root = 1.0 - 3.0 * size / (rate * duration)
-    whole = 2.0 * size / (1.0 + jnp.sqrt(jnp.where(root > 0.0, root, 1.0)) * (root > 0.0))
-    ramp = jnp.clip(1.5 * whole / rate, _SHORTEST_RAMP_S, 0.8 * duration)
+    final_change = 2.0 * size / (1.0 + jnp.sqrt(jnp.where(root > 0.0, root, 1.0)) * (root > 0.0))
+    ramp = jnp.clip(1.5 * final_change / rate, _SHORTEST_RAMP_S, 0.8 * duration)
     return speed_0 + change / (1.0 - 0.5 * ramp / duration)
 
 
@@ -220,17 +223,17 @@ def make_profile(
     Parameters
     ----------
     duration
-        s.
+        Duration, s.
     altitudes, climbs
-        At both ends, m and m/s.
+        Initial and final values, m and m/s.
     climb_dot_0, speed_dot_0
-        First accelerations, m/s^2.
+        Initial accelerations, m/s^2.
     detour
-        In altitude, m.
+        Detour in altitude, m.
     speeds
-        First airspeed, that in the middle, the last one, m/s.
+        Initial, middle and final airspeed, m/s.
     rates
-        Greatest rates at which airspeed is gained and lost, m/s^2.
+        Greatest rates of gain and loss of airspeed, m/s^2.
     """
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
@@ -264,13 +267,13 @@ class TabulatedProfile(eqx.Module):
     Attributes
     ----------
     profile
-        What is tabulated.
+        The tabulated profile.
     wind
-        The air's motion over the ground.
+        Motion of the air over the ground.
     lengths
-        Horizontal length flown through the air by then, m.
+        Horizontal length flown through the air since the start, m.
     drifts_n
-        How far the air has moved by then, NED, m.
+        Displacement of the air since the start, NED, m.
     """
 
     profile: Profile
@@ -280,12 +283,12 @@ class TabulatedProfile(eqx.Module):
 
     @property
     def length(self) -> Scalar:
-        """Of the whole horizontal path, m."""
+        """Length of the whole horizontal path, m."""
         return self.lengths[..., -1]
 
     @property
     def drift_n(self) -> Vector3:
-        """Of the air in all, NED, m."""
+        """Total displacement of the air, NED, m."""
         return self.drifts_n[..., -1, :]
 
     def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
@@ -293,7 +296,7 @@ class TabulatedProfile(eqx.Module):
         return horizontal_speed(self.profile, self.wind, t)
 
     def flown_at(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
-        """Horizontal length flown by a time, m, and drift of the air by then, NED, m."""
+        """Horizontal length flown, m, and displacement of the air, NED, m, at a time after the start (s)."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
@@ -301,7 +304,7 @@ class TabulatedProfile(eqx.Module):
         return self.lengths[k] + length, self.drifts_n[k] + drift
 
     def time_at(self, length: ScalarLike) -> Scalar:
-        """When a horizontal length has been flown, s after the start."""
+        """Time at which a horizontal length has been flown, s after the start."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.searchsorted(self.lengths, length, side="right") - 1, 0, count - 1)
@@ -315,14 +318,14 @@ class TabulatedProfile(eqx.Module):
 
 def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tuple[Scalar, Vector3]:
     """Horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
-    now = profile.at(t)
-    blowing = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), -now.altitude]), t)
-    through_air = now.climb + blowing[2]
-    return jnp.sqrt(jnp.maximum(now.speed**2 - through_air**2, _SQUARE_MIN)), blowing
+    state = profile.at(t)
+    wind_n = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), -state.altitude]), t)
+    air_climb = state.climb + wind_n[2]
+    return jnp.sqrt(jnp.maximum(state.speed**2 - air_climb**2, _SQUARE_MIN)), wind_n
 
 
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal length flown, m, and drift of the air, NED, m, in a span of time (s) in which nothing kinks."""
+    """Horizontal length flown, m, and displacement of the air, NED, m, in a span of time (s) without a kink."""
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
@@ -343,32 +346,32 @@ def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedP
 
 
 def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
-    """By how much a profile breaks each limit, at most, on its intervals; negative: what is left.
+    """Greatest excess of a profile over each limit at the grid times; negative: margin.
 
-    Speed too low and too high (m/s), climb rate (m/s), too low and too high (m), acceleration (m/s^2).
+    Airspeed too low and too high (m/s), climb rate (m/s), altitude too low and too high (m), acceleration (m/s^2).
     """
     profile = table.profile
     times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])
 
-    def one(t: Scalar) -> Float[Array, "6"]:
-        now = profile.at(t)
-        climb = now.climb + table.rates(t)[1][2]
-        along = now.speed_dot + gravity * climb / jnp.maximum(now.speed, 1.0)
-        faster, slower = limits.along(now.speed, 1.0 + now.climb_dot / gravity)
+    def excess_at(t: Scalar) -> Float[Array, "6"]:
+        state = profile.at(t)
+        climb = state.climb + table.rates(t)[1][2]
+        along = state.speed_dot + gravity * climb / jnp.maximum(state.speed, 1.0)
+        faster, slower = limits.along(state.speed, 1.0 + state.climb_dot / gravity)
         return jnp.stack(
             [
-                limits.speed_min - now.speed,
-                now.speed - limits.speed_max,
+                limits.speed_min - state.speed,
+                state.speed - limits.speed_max,
                 jnp.abs(climb) - limits.climb_rate_max,
-                limits.altitude_min - now.altitude,
-                now.altitude - limits.altitude_max,
+                limits.altitude_min - state.altitude,
+                state.altitude - limits.altitude_max,
                 jnp.maximum(along - faster, -along - slower),
             ]
         )
 
-    return jnp.max(jax.vmap(one)(times), axis=0)
+    return jnp.max(jax.vmap(excess_at)(times), axis=0)
 
 
 def within_profile_limits(excess: Float[Array, "6"]) -> Flag:
-    """Whether all limits are kept, to rounding."""
+    """Whether every limit is satisfied, to rounding."""
     return jnp.all(excess <= 1e-9)

@@ -1,7 +1,6 @@
-"""Replanning in flight.
+"""Replanning in flight: correction or replacement of a certified plan, and the exit path of a departing aircraft.
 
-Correcting or replanning a certified plan without a jump of velocity or acceleration, and the exit path of an
-aircraft that leaves its fleet.
+Velocity and acceleration stay continuous throughout.
 """
 
 from collections.abc import Callable
@@ -26,51 +25,51 @@ from anser.spatial.rotations import safe_hypot
 
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
 REPLANNING_MESSAGES = (
-    "the first plan",
-    "the plan in force, bent to where the rendezvous is now expected",
-    "planned anew from the planned state",
-    "no new plan keeps all limits: the last good plan is kept",
-    "the last good plan is kept until the goal is known well enough for another",
-    "no new plan keeps all limits: the last good plan is bent as far as they allow",
+    "first plan",
+    "current plan, corrected to the expected rendezvous",
+    "new plan from the planned state",
+    "no new plan satisfies every limit: last feasible plan unchanged",
+    "last feasible plan unchanged until the goal's estimate is accurate enough for a new plan",
+    "no new plan satisfies every limit: last feasible plan corrected as far as the limits allow",
 )
 COMMITTED_S = 15.0
-"""With less time to go than this an aircraft's path is corrected, but not planned anew."""
-_SAME_PLACE_M = 1e-6
+"""Time to go, s, below which an aircraft's path is corrected, but not replaced."""
+_SAME_POSITION_M = 1e-6
 SIGNIFICANT_DEVIATIONS = 3.0
-"""By how many standard deviations, as the goal is known, a rendezvous is elsewhere before another plan is made for it.
-Nearer, the next measurements may well bring it back."""
+"""Shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan. A smaller shift may
+well be reversed by the next measurements."""
 CORRECTION_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Parts of a bend that are tried, the greatest first, where no new plan is found."""
+"""Fractions of a correction to try, the greatest first, if no new plan is found."""
 DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
-"""By which parts of the longest time to go the arrivals may be put off, where the arrival time is free."""
+"""Delays of the arrivals to try if arrival times are free, as fractions of the longest time to go."""
 
 
 def interval_count(paths: TimedPath) -> int:
-    """Even intervals between the knots of a path."""
+    """Number of equal intervals between the knots of a path."""
     return paths.times.shape[-1] - 1 - (PIECES - 1) - KINKS
 
 
 def correct_path(
     path: TimedPath, task: AircraftTask, time: ScalarLike, to_go: ScalarLike | None = None, lead: ScalarLike = 0.0
 ) -> TimedPath:
-    """The same path, bent evenly from a knot on to where the rendezvous is expected; C2 everywhere.
+    """The same path, corrected smoothly from a knot on to end at the expected rendezvous; C2 everywhere.
 
-    The bend is d (10 u^3 - 15 u^4 + 6 u^5): a quintic, so each cell's quintic takes it up exactly.
+    The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly.
 
     Parameters
     ----------
     path, task
-        With the goal as it is sensed now.
-    now
-        On the path's clock, s.
+        Current path, and the task with the currently measured goal.
+    time
+        Current time on the path's clock, s.
     to_go
-        When the path ends, s from now; None: as its clock has it.
+        Time to the end of the path, s; None: by the path's clock.
     lead
-        The path stays as it is for this long, s.
+        Duration in which the path stays unchanged, s.
     """
     end = path.times[-1]
     to_go = end - time if to_go is None else to_go
-    off = rendezvous_offset_n(path, task, to_go)
+    offset = rendezvous_offset_n(path, task, to_go)
     begin = jnp.min(jnp.where(path.times > time + lead, path.times, end))
     span = jnp.maximum(end - begin, 1e-3)
     u = jnp.clip((path.times - begin) / span, 0.0, 1.0)
@@ -82,40 +81,43 @@ def correct_path(
         ],
         axis=1,
     )
-    needed = (jnp.sum(off**2) > _SAME_PLACE_M**2) & (end > begin)
-    bent = path.air_n + shares[:, :, None] * off[None, None, :]
-    return eqx.tree_at(lambda p: p.air_n, path, jnp.where(needed, bent, path.air_n))
+    has_moved = (jnp.sum(offset**2) > _SAME_POSITION_M**2) & (end > begin)
+    corrected = path.air_n + shares[:, :, None] * offset[None, None, :]
+    return eqx.tree_at(lambda p: p.air_n, path, jnp.where(has_moved, corrected, path.air_n))
 
 
 def rendezvous_offset_n(path: TimedPath, task: AircraftTask, to_go: ScalarLike) -> Vector3:
-    """From where a path ends to where the rendezvous is expected after a time (s), NED, m."""
+    """Offset from the end of a path to the rendezvous expected after a time (s), NED, m."""
     return task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
 
 
 def rendezvous_has_moved(
     path: TimedPath, task: AircraftTask, covariance: Float[Array, "6 6"], to_go: ScalarLike
 ) -> Flag:
-    """Whether a rendezvous is farther from where a path ends than the errors of what is known of its goal explain.
+    """Whether the distance of a rendezvous from the end of a path exceeds the uncertainty of its goal.
 
-    By `SURE` standard deviations of the goal's place at the arrival, in the direction from the one to the other.
+    The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations of the goal's position at the arrival, along the
+    offset.
 
     Parameters
     ----------
     path, task
-        With the goal as it is sensed now.
+        Current path, and the task with the currently measured goal.
     covariance
-        Of the goal's position and velocity now, NED, m and m/s; foreseen at steady velocity.
+        Covariance of the goal's current position and velocity, NED, m and m/s; extrapolated at steady velocity.
     to_go
-        To the arrival, s.
+        Time to the arrival, s.
     """
-    off = rendezvous_offset_n(path, task, to_go)
-    ahead = jnp.concatenate([off, to_go * off])
-    variance = jnp.sum(ahead[:, None] * covariance * ahead[None, :])  # times the square of the distance
-    return jnp.sum(off**2) ** 2 > SIGNIFICANT_DEVIATIONS**2 * variance
+    offset = rendezvous_offset_n(path, task, to_go)
+    weights = jnp.concatenate([offset, to_go * offset])
+    variance = jnp.sum(
+        weights[:, None] * covariance * weights[None, :]
+    )  # variance along the offset, times the offset's square
+    return jnp.sum(offset**2) ** 2 > SIGNIFICANT_DEVIATIONS**2 * variance
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """The task as its plan has it now: velocity and acceleration go on without a jump."""
+    """The task from the planned state at a time: velocity and acceleration continue without a jump."""
     air, drift = path.states_n(time)
     return eqx.tree_at(
         lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
@@ -132,36 +134,36 @@ def arrival_delays(
     latest_arrival: ScalarLike,
     parts: tuple[float, ...] = DELAY_FRACTIONS,
 ) -> tuple[Float[Array, " tries"], Count]:
-    """By how much a fleet's arrivals may be put off, and how many of these delays there are.
+    """Delays to try for a fleet's arrivals, and the number of allowed delays.
 
-    All by the same, so that those who arrive together go on to do so and the spacing of a sequence stays. So none is
-    put off where one is no longer free: it has arrived, or is about to.
+    The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.
+    Hence no aircraft is delayed if one of them is fixed: it has arrived or is about to arrive.
 
     Parameters
     ----------
     arrival_times
-        As planned so far, s; -inf for one that does not count.
-    now, latest
-        s; no arrival is put off beyond the latter.
+        Planned arrival times, s; -inf for an ignored aircraft.
+    time, latest_arrival
+        Current time, and latest allowed arrival time, s.
+    replannable
+        Whether each aircraft may get a new plan, or is ignored.
+    arrival_is_free
+        Whether the arrival rule leaves the arrival times open.
     parts
-        Of the longest time to go: the delays.
-    free
-        Whether each may be planned anew, or does not count.
-    movable
-        Whether the rule leaves the arrival times open.
+        Delays as fractions of the longest time to go.
 
     Returns
     -------
-    Delays, s, from none on, and the number of them that are open, at least one.
+    Delays, s, from zero on, and the number of allowed delays, at least one.
     """
-    last = jnp.max(arrival_times)
-    delays = jnp.asarray(parts) * jnp.maximum(last - time, 0.0)
-    soon = jnp.sum(last + delays <= latest_arrival, dtype=jnp.int32)
-    return delays, jnp.where(arrival_is_free & jnp.all(replannable), jnp.maximum(soon, 1), 1)
+    last_arrival = jnp.max(arrival_times)
+    delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)
+    open_count = jnp.sum(last_arrival + delays <= latest_arrival, dtype=jnp.int32)
+    return delays, jnp.where(arrival_is_free & jnp.all(replannable), jnp.maximum(open_count, 1), 1)
 
 
 class ReplanningResult(eqx.Module):
-    """A plan, its status (index into `REPLANNING_MESSAGES`), and whether a replanning that was due failed."""
+    """A plan, its status (index into `REPLANNING_MESSAGES`), and whether a necessary replanning failed."""
 
     plan: CertifiedPlan
     status: Count
@@ -178,109 +180,124 @@ def replan_certified(
     latest_arrival: ScalarLike = jnp.inf,
     allow_replanning: bool = True,
     covariances: Float[Array, "aircraft 6 6"] | None = None,
-    bent_limits: PathLimits | None = None,
+    correction_limits: PathLimits | None = None,
 ) -> ReplanningResult:
-    """Plan again from the planned state, towards the goals as they are seen now.
+    """Replan from the planned state, towards the currently measured goals.
 
     Parameters
     ----------
     plan
-        The plan in force.
-    now
-        s.
+        Current plan.
+    time
+        Current time, s.
     tasks
-        The fleet with its goals as sensed now; position and motion are taken from the plan. One that is no longer
-        active keeps its last path and arrival time: the others neither keep clear of it nor wait for it.
+        The fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
+        its last path and arrival time; the other aircraft neither avoid it nor wait for it.
     airspace
-        What they share.
-    movable
-        Whether the arrival times may be put off, see `arrival_delays`.
+        Shared environment.
+    arrival_is_free
+        Whether the arrival times may be postponed, see `arrival_delays`.
     freeze
-        A path stands as it is for this long before its arrival, s.
-    latest
-        No arrival is put off beyond this, s.
-    replans
-        Whether a plan is made anew where one bent will not do.
+        Duration before the arrival in which a path is frozen, s.
+    latest_arrival
+        Latest allowed arrival time, s.
+    allow_replanning
+        Whether a new plan is made if a correction is not feasible.
     covariances
-        Of the goals' positions and velocities, NED, m and m/s: no plan is made anew for one that is not
-        `rendezvous_has_moved`, and its path stands where it cannot be bent. None: the goals are known exactly.
-    bent_limits
-        What a path that is bent may ask of each aircraft, where that is more than a new one may; None: the same.
+        Covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
+        (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
+        goals are known exactly.
+    correction_limits
+        Limits of a corrected path, if wider than the limits of a new path; None: the same.
 
     Returns
     -------
-    The plan bent to where the rendezvous are now expected, if its certificate still keeps everything; else one planned
-    anew from the planned positions, velocities and accelerations, with the limits of a new path or else with those of a
-    bent one; else the last good plan, each path bent as far as its limits allow, if all still keep clear of each other.
+    The first feasible plan of: the current plan, corrected to the expected rendezvous; a new plan from the planned
+    positions, velocities and accelerations, with the limits of a new path, then of a corrected path; the current plan,
+    with each path corrected as far as its limits allow; the current plan unchanged.
     """
     intervals = interval_count(plan.paths)
     active = tasks.active > 0.0
     under_way = active & (plan.arrival_times > time)
-    held_to = tasks if bent_limits is None else eqx.tree_at(lambda t: t.limits, tasks, bent_limits)
+    correction_tasks = tasks if correction_limits is None else eqx.tree_at(lambda t: t.limits, tasks, correction_limits)
     paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
     paths = select_rows(active & (plan.arrival_times - time > freeze), paths, plan.paths)
-    bounds, awaited = None, jnp.zeros_like(under_way)
+    bounds, awaiting = None, jnp.zeros_like(under_way)
     if covariances is not None:
-        sure = jax.vmap(rendezvous_has_moved)(plan.paths, tasks, covariances, plan.arrival_times - time)
+        significant = jax.vmap(rendezvous_has_moved)(plan.paths, tasks, covariances, plan.arrival_times - time)
         bounds = fleet_bounds(paths, airspace)
-        awaited = under_way & ~sure & ~within_limits(bounds, held_to.limits)
-        paths, bounds = select_rows(awaited, (plan.paths, plan.certificate.bounds), (paths, bounds))
-    bent = _recertify(plan, paths, plan.arrival_times, held_to, airspace, intervals, time, under_way, bounds)
-    fine = jnp.all(bent.feasible | ~under_way)
-    how = jnp.where(jnp.any(awaited), AWAITING_GOAL, CORRECTED)
+        awaiting = under_way & ~significant & ~within_limits(bounds, correction_tasks.limits)
+        paths, bounds = select_rows(awaiting, (plan.paths, plan.certificate.bounds), (paths, bounds))
+    corrected = _recertify(
+        plan, paths, plan.arrival_times, correction_tasks, airspace, intervals, time, under_way, bounds
+    )
+    is_feasible = jnp.all(corrected.feasible | ~under_way)
+    status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
     if not allow_replanning:
-        return ReplanningResult(bent, how, ~fine)
+        return ReplanningResult(corrected, status, ~is_feasible)
 
-    free = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
-    here = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
-    # They go on at the mean airspeed of their plans: to slow down in a descent may be more than the idle engine gives.
+    replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
+    planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
+    # Keep the planned mean airspeed: an idle engine may be unable to decelerate the aircraft in a descent.
     speeds = jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed)
-    here = eqx.tree_at(lambda t: (t.active, t.speed), here, (jnp.where(free, tasks.active, 0.0), speeds))
+    planned_tasks = eqx.tree_at(
+        lambda t: (t.active, t.speed), planned_tasks, (jnp.where(replannable, tasks.active, 0.0), speeds)
+    )
 
-    counted = jnp.where(active, plan.arrival_times, -jnp.inf)
-    delays, tries = arrival_delays(counted, time, free | ~active, arrival_is_free, latest_arrival)
-    rounds = 1 if bent_limits is None else 2
+    active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
+    delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
+    rounds = 1 if correction_limits is None else 2
 
-    def certified(made: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
-        return _recertify(made, paths, arrivals, held_to, airspace, intervals, time, under_way)
+    def certified(
+        candidate_plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]
+    ) -> CertifiedPlan:
+        return _recertify(candidate_plan, paths, arrivals, correction_tasks, airspace, intervals, time, under_way)
 
-    def again(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
+    def try_plan(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
         k, _, _ = carry
-        durations = jnp.maximum(counted - time, COMMITTED_S) + delays[k % tries]
-        limits = jax.tree.map(lambda new, bent: jnp.where(k < tries, new, bent), tasks.limits, held_to.limits)
-        asking = eqx.tree_at(lambda t: t.limits, here, limits)
-        made = plan_fleet_at(time, asking, airspace, durations, intervals, MINIMAL)
-        # Those whose paths stand keep the sizes of these paths.
-        made = eqx.tree_at(_plan_sizes, made, select_rows(free, _plan_sizes(made), _plan_sizes(plan)))
-        arrivals = jnp.where(free, time + durations, plan.arrival_times)
-        whole = certified(made, select_rows(free, made.paths, paths), arrivals)
-        good = jnp.all(jnp.where(free, made.valid, True)) & jnp.all(whole.feasible | ~under_way)
-        return k + 1, good, whole
-
-    def in_part() -> tuple[Flag, CertifiedPlan]:
-        def with_part(part: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
-            bent_n = plan.paths.air_n + part * (paths.air_n - plan.paths.air_n)
-            some = eqx.tree_at(lambda p: p.air_n, plan.paths, bent_n)
-            return some, within_limits(fleet_bounds(some, airspace), held_to.limits)
-
-        some, keeps = jax.lax.map(with_part, jnp.asarray(CORRECTION_FRACTIONS))
-        most = jax.tree.map(lambda leaf: leaf[jnp.argmax(keeps, axis=0), jnp.arange(active.shape[0])], some)
-        chosen = select_rows(jnp.any(keeps, axis=0), most, plan.paths)
-        made = certified(plan, chosen, plan.arrival_times)
-        moved = jnp.any(chosen.air_n != plan.paths.air_n)
-        return moved & jnp.all(made.feasible | ~under_way), made
-
-    def anew() -> ReplanningResult:
-        _, found, made = jax.lax.while_loop(
-            lambda c: (c[0] < rounds * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), plan)
+        durations = jnp.maximum(active_arrivals - time, COMMITTED_S) + delays[k % tries]
+        limits = jax.tree.map(
+            lambda new, corrected: jnp.where(k < tries, new, corrected), tasks.limits, correction_tasks.limits
         )
-        some, bent_in_part = in_part()
-        kept = jax.tree.map(lambda a, b, c: jnp.where(found, a, jnp.where(some, b, c)), made, bent_in_part, plan)
-        how = jnp.where(found, REPLANNED, jnp.where(some, PARTLY_CORRECTED, UNCHANGED))
-        return ReplanningResult(kept, how, never)
+        tasks_with_limits = eqx.tree_at(lambda t: t.limits, planned_tasks, limits)
+        new_plan = plan_fleet_at(time, tasks_with_limits, airspace, durations, intervals, MINIMAL)
+        # Aircraft with a fixed path keep its length, turn and speed.
+        new_plan = eqx.tree_at(
+            _plan_sizes, new_plan, select_rows(replannable, _plan_sizes(new_plan), _plan_sizes(plan))
+        )
+        arrivals = jnp.where(replannable, time + durations, plan.arrival_times)
+        fleet_plan = certified(new_plan, select_rows(replannable, new_plan.paths, paths), arrivals)
+        is_good = jnp.all(jnp.where(replannable, new_plan.valid, True)) & jnp.all(fleet_plan.feasible | ~under_way)
+        return k + 1, is_good, fleet_plan
 
-    never = jnp.asarray(False)
-    return jax.lax.cond(fine, lambda: ReplanningResult(bent, how, never), anew)
+    def correct_partly() -> tuple[Flag, CertifiedPlan]:
+        def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+            corrected_n = plan.paths.air_n + fraction * (paths.air_n - plan.paths.air_n)
+            trial_paths = eqx.tree_at(lambda p: p.air_n, plan.paths, corrected_n)
+            return trial_paths, within_limits(fleet_bounds(trial_paths, airspace), correction_tasks.limits)
+
+        trial_paths, satisfies = jax.lax.map(correct_by, jnp.asarray(CORRECTION_FRACTIONS))
+        corrected_paths = jax.tree.map(
+            lambda leaf: leaf[jnp.argmax(satisfies, axis=0), jnp.arange(active.shape[0])], trial_paths
+        )
+        chosen = select_rows(jnp.any(satisfies, axis=0), corrected_paths, plan.paths)
+        candidate_plan = certified(plan, chosen, plan.arrival_times)
+        has_moved = jnp.any(chosen.air_n != plan.paths.air_n)
+        return has_moved & jnp.all(candidate_plan.feasible | ~under_way), candidate_plan
+
+    def replace_plan() -> ReplanningResult:
+        _, is_new, new_plan = jax.lax.while_loop(
+            lambda c: (c[0] < rounds * tries) & ~c[1], try_plan, (jnp.asarray(0), jnp.asarray(False), plan)
+        )
+        is_corrected, corrected_plan = correct_partly()
+        final_plan = jax.tree.map(
+            lambda a, b, c: jnp.where(is_new, a, jnp.where(is_corrected, b, c)), new_plan, corrected_plan, plan
+        )
+        status = jnp.where(is_new, REPLANNED, jnp.where(is_corrected, PARTLY_CORRECTED, UNCHANGED))
+        return ReplanningResult(final_plan, status, not_needed)
+
+    not_needed = jnp.asarray(False)
+    return jax.lax.cond(is_feasible, lambda: ReplanningResult(corrected, status, not_needed), replace_plan)
 
 
 def _plan_sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
@@ -298,81 +315,92 @@ def _recertify(
     under_way: Bool[Array, " aircraft"],
     bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
-    """A plan with other paths, certified from now on."""
-    watched = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
-    certificate = certify(paths, watched, airspace, intervals, time, bounds)
-    ahead = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
+    """The plan with new paths, certified from the current time on."""
+    tasks_under_way = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
+    certificate = certify(paths, tasks_under_way, airspace, intervals, time, bounds)
+    remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
     return eqx.tree_at(
         lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
         plan,
-        (paths, arrivals, certificate, jnp.ones_like(plan.valid), jnp.where(under_way, ahead, plan.lengths)),
+        (
+            paths,
+            arrivals,
+            certificate,
+            jnp.ones_like(plan.valid),
+            jnp.where(under_way, remaining_lengths, plan.lengths),
+        ),
     )
 
 
-_FADE_S = 4.0  # in which the acceleration of the plan that is left dies down
-_LEVEL_S = 12.0  # in which the climb or descent is ended
-_BANK_MAX = 0.7  # rad, greatest of the turn
-_BLEND_SLOPE_MAX = 1.875  # slope of the blend at its middle
+_FADE_S = 4.0  # duration in which the acceleration of the abandoned plan fades out
+_LEVEL_S = 12.0  # duration of the level-off
+_BANK_MAX = 0.7  # rad, greatest bank angle of the turn
+_BLEND_SLOPE_MAX = 1.875  # greatest slope of the blend, at its middle
 
 
 def exit_path(
-    path: TimedPath, now: ScalarLike, until: ScalarLike, turn: ScalarLike, wind: AbstractWind, gravity: ScalarLike
+    path: TimedPath,
+    start_time: ScalarLike,
+    end_time: ScalarLike,
+    turn: ScalarLike,
+    wind: AbstractWind,
+    gravity: ScalarLike,
 ) -> TimedPath:
-    """Path from where a planned path is now to a time (s), with as many knots.
+    """Exit path from the planned position at a time to another time (s), with as many knots as the planned path.
 
-    It goes on without a jump of velocity or acceleration, levels off, turns by an angle (rad, right positive) at a bank
-    of at most 40 deg, and keeps its level airspeed.
+    Velocity and acceleration continue without a jump; the aircraft levels off, turns by an angle (rad, right positive)
+    at a bank of at most 40 deg, and keeps its level airspeed.
 
     Parameters
     ----------
     path
-        In force.
-    now, until
-        s.
+        Current path.
+    start_time, end_time
+        Start and end time, s.
     turn
-        From the present course through the air, rad.
+        Turn from the current course through the air, rad.
     wind
-        As planned with.
+        Wind of the plan.
     gravity
-        m/s^2.
+        Gravity, m/s^2.
     """
-    air, drift = path.states_n(now)
-    place_n, velocity_n, acceleration_n = air[0] + drift[0], air[1], air[2]
-    level = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
-    turning_s = jnp.maximum(_BLEND_SLOPE_MAX * jnp.abs(turn) * level / (gravity * jnp.tan(_BANK_MAX)), 1.0)
-    times = now + (until - now) * jnp.linspace(0.0, 1.0, path.times.shape[0])
+    air, drift = path.states_n(start_time)
+    position_n, velocity_n, acceleration_n = air[0] + drift[0], air[1], air[2]
+    level_speed = jnp.maximum(safe_hypot(velocity_n[0], velocity_n[1]), 1.0)
+    turning_s = jnp.maximum(_BLEND_SLOPE_MAX * jnp.abs(turn) * level_speed / (gravity * jnp.tan(_BANK_MAX)), 1.0)
+    times = start_time + (end_time - start_time) * jnp.linspace(0.0, 1.0, path.times.shape[0])
 
     def velocity_at(elapsed: Scalar) -> Vector3:
         angle = turn * _blend(elapsed / turning_s)
         cosine, sine = jnp.cos(angle), jnp.sin(angle)
-        turned = jnp.stack(
+        velocity = jnp.stack(
             [
                 cosine * velocity_n[0] - sine * velocity_n[1],
                 sine * velocity_n[0] + cosine * velocity_n[1],
                 velocity_n[2] * (1.0 - _blend(elapsed / _LEVEL_S)),
             ]
         )
-        left = jnp.maximum(1.0 - elapsed / _FADE_S, 0.0)
-        return turned + acceleration_n * elapsed * left**2
+        fade = jnp.maximum(1.0 - elapsed / _FADE_S, 0.0)
+        return velocity + acceleration_n * elapsed * fade**2
 
     def with_rate(function: Callable[[Scalar], Vector3], at: Scalar) -> tuple[Array, Array]:
         return jax.jvp(function, (at,), (jnp.ones_like(at),))
 
-    elapsed = times - now
+    elapsed = times - start_time
     velocities, rates = jax.vmap(lambda t: with_rate(velocity_at, t))(elapsed)
-    places = _integrated(elapsed, velocities, rates)
-    downs = place_n[2] + places[:, 2]
+    displacements = _integrated(elapsed, velocities, rates)
+    downs = position_n[2] + displacements[:, 2]
 
-    def blowing(down: Scalar, falling: Scalar) -> tuple[Array, Array]:
-        at = jnp.stack([place_n[0], place_n[1], down])
-        return jax.jvp(lambda p: wind.at(p, now), (at,), (jnp.stack([0.0 * down, 0.0 * down, falling]),))
+    def wind_along(down: Scalar, falling: Scalar) -> tuple[Array, Array]:
+        at = jnp.stack([position_n[0], position_n[1], down])
+        return jax.jvp(lambda p: wind.at(p, start_time), (at,), (jnp.stack([0.0 * down, 0.0 * down, falling]),))
 
-    # The wind's own vertical part moves the aircraft to other layers too; it is steady, and small.
-    winds, wind_rates = jax.vmap(blowing)(downs, velocities[:, 2])
+    # The small, steady vertical wind is neglected in the change of layers.
+    winds, wind_rates = jax.vmap(wind_along)(downs, velocities[:, 2])
     drifts = _integrated(elapsed, winds, wind_rates)
     return TimedPath(
         times,
-        jnp.stack([place_n[None] + places, velocities, rates], axis=1),
+        jnp.stack([position_n[None] + displacements, velocities, rates], axis=1),
         jnp.stack([drifts, winds, wind_rates], axis=1),
     )
 
@@ -385,7 +413,7 @@ def _blend(u: Scalar) -> Scalar:
 def _integrated(
     times: Float[Array, " knots"], slopes: Float[Array, "knots 3"], rates: Float[Array, "knots 3"]
 ) -> Float[Array, "knots 3"]:
-    """Integral from the first knot on of what has such values and slopes, by Hermite's rule."""
+    """Integral from the first knot on, from values and slopes at the knots, by Hermite's rule."""
     span = (times[1:] - times[:-1])[:, None]
     steps = 0.5 * span * (slopes[1:] + slopes[:-1]) + span**2 / 12.0 * (rates[:-1] - rates[1:])
     return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, axis=0)])

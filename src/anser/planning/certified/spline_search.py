@@ -1,8 +1,7 @@
 """Search for spline trajectories, the generator without a prescribed shape.
 
-Random initial guesses and damped least squares. Where limits are narrow or time is short, shape, altitude and
-airspeed must suit each other. From many detours as initial guesses, damped least squares lead to a spline over the
-ground that keeps the limits.
+Within narrow limits or short times, shape, altitude and airspeed must be adjusted together. Damped least squares lead
+from many random detours as initial guesses to splines over the ground within the limits.
 """
 
 import functools
@@ -41,39 +40,39 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Scalar, ScalarLike
 
 _POINTS = 160  # intervals of a detour's polyline
-_CORNER_FRACTION, _ZIGZAG_FRACTION = 0.45, 0.25  # parts of the starts; the others make circles
-_CIRCLING = (0.1, 0.9)  # parts of the points between which circles are
-_LEAST_CIRCLE = 1.05  # turn radii
+_CORNER_FRACTION, _ZIGZAG_FRACTION = 0.45, 0.25  # fractions of the starts; the remaining starts have circles
+_CIRCLING = (0.1, 0.9)  # range of the polyline in which circles are flown
+_CIRCLE_MIN = 1.05  # least radius of a circle, turn radii
 _ROUNDING = 5.0  # smoothness against closeness: corners are rounded over a few intervals
 _HALVINGS = 30
-_LIMIT_FRACTIONS = (0.988, 0.965)  # of the limits of bank, load and acceleration along the path, by turns
+_LIMIT_FRACTIONS = (0.988, 0.965)  # of the limits of bank, load factor and acceleration along the path, alternating
 _HUMP_M = 400.0
 _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """What is random in one guess; the same ones every time.
+    """Random parameters of one initial guess; reproducible.
 
     Attributes
     ----------
-    done
-        Part of the way at each point.
-    ahead, aside
-        Detour of size 1 there, along the way and across it.
+    line_fraction
+        Fraction of the straight line at each point.
+    along_detour, across_detour
+        Unit detour at each point, along and across the line.
     angle
-        There, of whole circles; 0 without.
-    rounds
-        Part of the circles that fit; negative: to the left.
+        Angle flown in full circles at each point; 0 without circles.
+    circle_fraction
+        Number of circles as a fraction of the possible number; negative: to the left.
     speed
-        Part of the range of airspeeds that makes the length.
+        Airspeed that determines the length, as a fraction of the airspeed range.
     first_leg, last_leg
-        Straight on at first and last, turn radii.
+        Straight legs at the start and the end, turn radii.
     course
-        Of arrival where none is prescribed, rad.
+        Course of arrival unless prescribed, rad.
     hump
-        In altitude, m.
-    share
-        Of the limits of bank, load factor and acceleration along the path.
+        Detour in altitude, m.
+    limit_fraction
+        Fraction of the limits of bank, load factor and acceleration along the path.
     """
 
     line_fraction: Float[Array, " points"]
@@ -90,32 +89,32 @@ class Guess(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """A corner on an ellipse, a zigzag or whole circles: the first five of `Guess`."""
+    """A corner on an ellipse, a zigzag or full circles: the first five fields of `Guess`."""
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
-    none = np.zeros_like(s)
+    zeros = np.zeros_like(s)
     kind = rng.random()
     if kind < _CORNER_FRACTION:
         angle = rng.uniform(0.0, 2.0 * np.pi) if rng.random() < 0.5 else side * rng.uniform(0.3, 0.7) * np.pi
         corner = 1.0 - np.abs(2.0 * s - 1.0)
-        return s, np.cos(angle) * corner, np.sin(angle) * corner, none, side
+        return s, np.cos(angle) * corner, np.sin(angle) * corner, zeros, side
     if kind < _CORNER_FRACTION + _ZIGZAG_FRACTION:
         bends = int(rng.integers(2, 5))
-        return s, none, side * (2.0 / np.pi) * np.arcsin(np.sin(np.pi * bends * s)), none, side
-    place = float(rng.choice([0.0, rng.random(), 1.0]))
-    done = np.interp(s, [0.0, _CIRCLING[0], _CIRCLING[1], 1.0], [0.0, place, place, 1.0])
-    turned = 2.0 * np.pi * np.clip((s - _CIRCLING[0]) / (_CIRCLING[1] - _CIRCLING[0]), 0.0, 1.0)
-    return done, none, none, turned, side * rng.uniform(0.2, 1.0)
+        return s, zeros, side * (2.0 / np.pi) * np.arcsin(np.sin(np.pi * bends * s)), zeros, side
+    circle_position = float(rng.choice([0.0, rng.random(), 1.0]))
+    line_fraction = np.interp(s, [0.0, _CIRCLING[0], _CIRCLING[1], 1.0], [0.0, circle_position, circle_position, 1.0])
+    angles = 2.0 * np.pi * np.clip((s - _CIRCLING[0]) / (_CIRCLING[1] - _CIRCLING[0]), 0.0, 1.0)
+    return line_fraction, zeros, zeros, angles, side * rng.uniform(0.2, 1.0)
 
 
 @functools.cache
 def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
     rng = np.random.default_rng([13, seed])
-    rows = []
+    guesses = []
     for k in range(count):
         detour = _detour(rng)
         legs = rng.choice([0.0, 0.5, 1.5]) * rng.random(), rng.uniform(0.3, 2.0)
         hump = rng.choice([0.0, 0.0, 1.0]) * rng.normal(0.0, _HUMP_M)
-        rows.append(
+        guesses.append(
             (
                 *detour,
                 rng.random(),
@@ -125,17 +124,17 @@ def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
                 _LIMIT_FRACTIONS[k % len(_LIMIT_FRACTIONS)],
             )
         )
-    return tuple(np.array(parts) for parts in zip(*rows, strict=True))
+    return tuple(np.array(field_values) for field_values in zip(*guesses, strict=True))
 
 
 def make_guesses(count: int, seed: int = 0) -> Guess:
-    """So many, stacked."""
-    return Guess(*(jnp.asarray(parts) for parts in _random_guesses(count, seed)))
+    """`count` guesses, stacked."""
+    return Guess(*(jnp.asarray(field_values) for field_values in _random_guesses(count, seed)))
 
 
 @functools.cache
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
-    """From coefficients wished for (the three at either end kept) to smooth ones: least squares with the jumps."""
+    """Matrix from target coefficients to smooth ones, by least squares with the jumps; fixes three at either end."""
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
     weight = np.concatenate([np.full(3, 1e9), np.ones(count - 6), np.full(3, 1e9)])
@@ -143,122 +142,130 @@ def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
 
 
 def _last_velocity(
-    problem: SplineProblem, last: Float[Array, "2"], speed: Scalar, wind: Float[Array, "2"], freely: Float[Array, "3"]
+    problem: SplineProblem,
+    direction_2d: Float[Array, "2"],
+    speed: Scalar,
+    wind: Float[Array, "2"],
+    free_velocity: Float[Array, "3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Velocity of arrival over the ground, and the directions in which it may change, see `SplineStart.frame`.
+    """Velocity of arrival over the ground, and the directions of its allowed changes, see `SplineStart.frame`.
 
-    Along `last` at an airspeed where a course or an angle is prescribed, else `freely`.
+    Along `direction_2d` at an airspeed if a course or an angle is prescribed, else `free_velocity`.
     """
     rendezvous = problem.task.rendezvous
-    steep = rendezvous.path_angle_prescribed
-    tangent = jnp.tan(rendezvous.path_angle) * steep
+    angle_prescribed = rendezvous.path_angle_prescribed
+    tangent = jnp.tan(rendezvous.path_angle) * angle_prescribed
     cosine = 1.0 / jnp.sqrt(1.0 + tangent**2)
-    direction = cosine * jnp.append(last, -tangent)
-    onward = jnp.sqrt(jnp.sum((speed * cosine * last + wind) ** 2)) / cosine
-    climbing = jnp.array([0.0, 0.0, 1.0]) * jnp.where(steep, 0.0, 1.0)
-    bound = rendezvous.course_prescribed | steep
+    direction = cosine * jnp.append(direction_2d, -tangent)
+    onward = jnp.sqrt(jnp.sum((speed * cosine * direction_2d + wind) ** 2)) / cosine
+    climbing = jnp.array([0.0, 0.0, 1.0]) * jnp.where(angle_prescribed, 0.0, 1.0)
+    is_prescribed = rendezvous.course_prescribed | angle_prescribed
     frame = jnp.stack([direction, climbing, jnp.zeros(3)], axis=1)
-    return jnp.where(bound, direction * onward, freely), jnp.where(bound, frame, jnp.eye(3))
+    return jnp.where(is_prescribed, direction * onward, free_velocity), jnp.where(is_prescribed, frame, jnp.eye(3))
 
 
 def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
-    """Where a search begins.
+    """Initial spline of a search.
 
-    The way through the air runs from the start some way ahead, makes its detour, and goes some way along the direction
-    of arrival to the rendezvous; at an even speed and climb, the mean wind added.
+    The path through the air runs straight on from the start, makes its detour, and ends with a straight leg in the
+    direction of arrival; constant airspeed and climb, plus the mean wind.
     """
     task, airspace, duration = problem
     limits, rendezvous = task.limits, task.rendezvous
     state, meeting = initial_state_n(problem), task.meeting_n(duration)
     start = state[0]
     heights = jnp.linspace(-start[2], -meeting[2], 9)
-    places = jnp.stack([jnp.zeros(9), jnp.zeros(9), -heights], axis=1)
-    wind = jnp.mean(jax.vmap(lambda p: airspace.wind.at(p, 0.0))(places), axis=0)[:2]
-    aim = meeting[:2] - start[:2] - wind * duration
-    high = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * task.speed)
-    length = (limits.speed_min + guess.speed * (high - limits.speed_min)) * duration
-    radius = turn_radius(0.5 * (limits.speed_min + high), limits.bank_max, airspace.gravity)
-    ahead = task.air_velocity_n[:2]
-    ahead = ahead / jnp.sqrt(jnp.sum(ahead**2) + 1e-6)
+    wind_positions = jnp.stack([jnp.zeros(9), jnp.zeros(9), -heights], axis=1)
+    wind = jnp.mean(jax.vmap(lambda p: airspace.wind.at(p, 0.0))(wind_positions), axis=0)[:2]
+    target = meeting[:2] - start[:2] - wind * duration
+    speed_max = jnp.where(jnp.isfinite(limits.speed_max), limits.speed_max, 2.0 * task.speed)
+    length = (limits.speed_min + guess.speed * (speed_max - limits.speed_min)) * duration
+    radius = turn_radius(0.5 * (limits.speed_min + speed_max), limits.bank_max, airspace.gravity)
+    start_direction = task.air_velocity_n[:2]
+    start_direction = start_direction / jnp.sqrt(jnp.sum(start_direction**2) + 1e-6)
     course = jnp.where(rendezvous.course_prescribed, rendezvous.course, guess.course)
-    last = jnp.stack([jnp.cos(course), jnp.sin(course)])
-    bound = rendezvous.course_prescribed | rendezvous.path_angle_prescribed
-    first_leg, last_leg = guess.first_leg * radius, jnp.where(bound, guess.last_leg, 0.0) * radius
-    begin, end = first_leg * ahead, aim - last_leg * last
+    arrival_direction = jnp.stack([jnp.cos(course), jnp.sin(course)])
+    is_prescribed = rendezvous.course_prescribed | rendezvous.path_angle_prescribed
+    first_leg, last_leg = guess.first_leg * radius, jnp.where(is_prescribed, guess.last_leg, 0.0) * radius
+    begin, end = first_leg * start_direction, target - last_leg * arrival_direction
     straight = jnp.sqrt(jnp.sum((end - begin) ** 2) + _TINY_M)
     along = (end - begin) / straight
     across = jnp.stack([-along[1], along[0]])
     line = begin[None] + guess.line_fraction[:, None] * (end - begin)[None]
-    wanted = length - first_leg - last_leg
-    circles_max = jnp.maximum(wanted - straight, 0.0) / (2.0 * jnp.pi * _LEAST_CIRCLE * radius)
-    turned = jnp.maximum(jnp.round(jnp.abs(guess.circle_fraction) * circles_max), 1.0) * guess.angle
-    ahead_of, aside_of = (
-        guess.along_detour + jnp.sin(turned),
-        guess.across_detour + jnp.sign(guess.circle_fraction) * (1.0 - jnp.cos(turned)),
+    target_length = length - first_leg - last_leg
+    circles_max = jnp.maximum(target_length - straight, 0.0) / (2.0 * jnp.pi * _CIRCLE_MIN * radius)
+    circle_angle = jnp.maximum(jnp.round(jnp.abs(guess.circle_fraction) * circles_max), 1.0) * guess.angle
+    along_shape, across_shape = (
+        guess.along_detour + jnp.sin(circle_angle),
+        guess.across_detour + jnp.sign(guess.circle_fraction) * (1.0 - jnp.cos(circle_angle)),
     )
-    aside = ahead_of[:, None] * along[None] + aside_of[:, None] * across[None]
+    detour = along_shape[:, None] * along[None] + across_shape[:, None] * across[None]
 
-    def long(size: Scalar) -> Scalar:
-        return jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(line + size * aside, axis=0) ** 2, axis=1)))
+    def detour_length(size: Scalar) -> Scalar:
+        return jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(line + size * detour, axis=0) ** 2, axis=1)))
 
-    def halve(_: int, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-        low, top = ends
-        middle = 0.5 * (low + top)
-        short = long(middle) < wanted
-        return jnp.where(short, middle, low), jnp.where(short, top, middle)
+    def halve(_: int, bracket: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        is_short = detour_length(middle) < target_length
+        return jnp.where(is_short, middle, low), jnp.where(is_short, high, middle)
 
     size = jax.lax.fori_loop(0, _HALVINGS, halve, (jnp.zeros(()), jnp.maximum(length, 1.0)))[0]
-    points = jnp.concatenate([jnp.zeros((1, 2)), line + size * aside, aim[None]])
-    done = jnp.cumsum(jnp.sqrt(jnp.sum(jnp.diff(points, axis=0) ** 2, axis=1)))
-    done = jnp.concatenate([jnp.zeros(1), done])
-    # A coefficient stands for the place at its own knot, one before the start and one after the end beside them.
-    share = jnp.clip((jnp.arange(cells + 3) - 1.0) / cells, 0.0, 1.0)
-    flat = jnp.stack([jnp.interp(share * done[-1], done, points[:, k]) for k in range(2)], axis=1)
-    flat = flat + start[None, :2] + wind[None] * (share * duration)[:, None]
-    height = -start[2] + (start[2] - meeting[2]) * share + guess.hump * jnp.sin(jnp.pi * share)
+    points = jnp.concatenate([jnp.zeros((1, 2)), line + size * detour, target[None]])
+    distances = jnp.cumsum(jnp.sqrt(jnp.sum(jnp.diff(points, axis=0) ** 2, axis=1)))
+    distances = jnp.concatenate([jnp.zeros(1), distances])
+    # A coefficient approximates the position at its knot; the outermost knots lie before the start and after the end.
+    fractions = jnp.clip((jnp.arange(cells + 3) - 1.0) / cells, 0.0, 1.0)
+    horizontal = jnp.stack([jnp.interp(fractions * distances[-1], distances, points[:, k]) for k in range(2)], axis=1)
+    horizontal = horizontal + start[None, :2] + wind[None] * (fractions * duration)[:, None]
+    height = -start[2] + (start[2] - meeting[2]) * fractions + guess.hump * jnp.sin(jnp.pi * fractions)
     height = jnp.clip(height, limits.altitude_min, limits.altitude_max)
-    wished = jnp.concatenate([flat, -height[:, None]], axis=1)
+    target_coefficients = jnp.concatenate([horizontal, -height[:, None]], axis=1)
 
-    freely = (wished[-2] - wished[-4]) * 0.5 * cells / duration
-    velocity, frame = _last_velocity(problem, last, done[-1] / duration, wind, freely)
+    free_velocity = (target_coefficients[-2] - target_coefficients[-4]) * 0.5 * cells / duration
+    velocity, frame = _last_velocity(problem, arrival_direction, distances[-1] / duration, wind, free_velocity)
     slopes = knot_coefficients(duration / cells)
-    first, last = slopes @ state, slopes @ jnp.stack([meeting, velocity, jnp.zeros(3)])
-    smooth = jnp.asarray(_smoothing(cells)) @ jnp.concatenate([first, wished[3:-3], last])
+    first_coefficients, arrival_direction = slopes @ state, slopes @ jnp.stack([meeting, velocity, jnp.zeros(3)])
+    smooth = jnp.asarray(_smoothing(cells)) @ jnp.concatenate(
+        [first_coefficients, target_coefficients[3:-3], arrival_direction]
+    )
     return SplineStart(
-        jnp.concatenate([first, smooth[3:-3], last]), frame, initial_limits(problem, guess.limit_fraction)
+        jnp.concatenate([first_coefficients, smooth[3:-3], arrival_direction]),
+        frame,
+        initial_limits(problem, guess.limit_fraction),
     )
 
 
 CELLS = 64
-"""Intervals of a spline; a path's divide them evenly."""
+"""Number of intervals of a spline; divides the number of intervals of a path."""
 _FIRST_STEPS, _STEPS, _LAST_STEPS = 20, 40, 12
-_TIGHTENING_ROUNDS = 2  # times
-_REFINED_FACTOR = 2  # times as many as are delivered
+_TIGHTENING_ROUNDS = 2
+_REFINED_FACTOR = 2  # refined searches per delivered spline
 _DAMPING = Damping(lambda cost: 1e-2 * cost, 0.2, 5.0, 1e-9, 1e9)
-_COST_CONVERGED = 1e-9  # cost at which violations are a small part of what the limits are tightened by
+_COST_CONVERGED = 1e-9  # cost at which violations are small against the tightening of the limits
 
 
-def _spline_step(about: tuple[SplineStart, BlockTridiagonal], at: NormalEquations, damping: Scalar) -> Array:
-    """Step of the unknowns, its size weighed as an aircraft feels it."""
-    damped = jax.tree.map(lambda of, size: of + damping * size, at.form, about[1])
-    return solve_tridiagonal(damped, at.gradient)
+def _spline_step(context: tuple[SplineStart, BlockTridiagonal], equations: NormalEquations, damping: Scalar) -> Array:
+    """Damped Gauss-Newton step of the unknowns; the damping measures the step by `step_metric`."""
+    damped = jax.tree.map(lambda block, size: block + damping * size, equations.form, context[1])
+    return solve_tridiagonal(damped, equations.gradient)
 
 
 class Splines(eqx.Module):
-    """Spline trajectories of one aircraft; stacked, those of a fleet.
+    """Spline trajectories of one aircraft; stacked, of a fleet.
 
     Attributes
     ----------
     paths
-        Where it is when.
+        Position over time.
     valid
-        Whether its certificate keeps everything of its own.
-    turned
-        Sum of the sizes of all changes of heading, rad.
+        Whether the certificate satisfies every constraint of the aircraft itself.
+    total_turn
+        Sum of the absolute changes of heading, rad.
     speeds
         Mean airspeeds, m/s.
     accelerations
-        Bound in each interval of each path, m/s^2.
+        Acceleration bound in each interval of each path, m/s^2.
     """
 
     paths: TimedPath
@@ -271,62 +278,64 @@ class Splines(eqx.Module):
 def find_splines(
     task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, starts: int, max_splines: int
 ) -> Splines:
-    """Spline trajectories of one aircraft that take a duration (s), from so many starts; the nearest few are delivered.
+    """The best `max_splines` spline trajectories of one aircraft for a duration (s), from `starts` guesses.
 
-    Not differentiated: plans are chosen, not tuned. The number of even intervals between the knots of a path is a
+    Not differentiable: plans are selected, not tuned. The number of equal intervals between the knots of a path is a
     multiple of `CELLS`.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem
     cell = duration / CELLS
 
-    def begin_at(begun: SplineStart, metric: BlockTridiagonal) -> SearchState:
-        none = jnp.zeros(metric.diagonal.shape[:2])
-        unknown = NormalEquations(jnp.asarray(jnp.inf), none, jax.tree.map(jnp.zeros_like, metric))
-        return start_search((begun, metric), none, unknown)
+    def start_at(start: SplineStart, metric: BlockTridiagonal) -> SearchState:
+        zeros = jnp.zeros(metric.diagonal.shape[:2])
+        unknown = NormalEquations(jnp.asarray(jnp.inf), zeros, jax.tree.map(jnp.zeros_like, metric))
+        return start_search((start, metric), zeros, unknown)
 
-    def begin(guess: Guess) -> SearchState:
-        first = spline_start(problem, CELLS, guess)
-        return begin_at(first, step_metric(problem, first))
+    def initialize(guess: Guess) -> SearchState:
+        start = spline_start(problem, CELLS, guess)
+        return start_at(start, step_metric(problem, start))
 
-    def fitted(searches: SearchState, steps: int) -> SearchState:
-        def at(about: tuple[SplineStart, BlockTridiagonal], x: Array) -> NormalEquations:
-            return normal_equations(problem, about[0], x)
+    def fit(searches: SearchState, steps: int) -> SearchState:
+        def equations_at(context: tuple[SplineStart, BlockTridiagonal], x: Array) -> NormalEquations:
+            return normal_equations(problem, context[0], x)
 
-        return search_steps(at, _spline_step, _DAMPING, steps, searches, max_splines, _COST_CONVERGED)
+        return search_steps(equations_at, _spline_step, _DAMPING, steps, searches, max_splines, _COST_CONVERGED)
 
-    fits = fitted(jax.vmap(begin)(make_guesses(starts)), _FIRST_STEPS)
+    fits = fit(jax.vmap(initialize)(make_guesses(starts)), _FIRST_STEPS)
     fits = best_searches(fits, min(_REFINED_FACTOR * max_splines, starts))
-    fits = best_searches(fitted(fits, _STEPS), max_splines)
+    fits = best_searches(fit(fits, _STEPS), max_splines)
 
-    def delivered(one: SearchState) -> tuple[TimedPath, PathBounds]:
-        found = Spline(duration, update_coefficients(one.context[0], cell, one.best))
-        path = spline_path(0.0, found, airspace.wind, intervals, intervals + PIECES + KINKS)
+    def path_and_bounds(state: SearchState) -> tuple[TimedPath, PathBounds]:
+        spline = Spline(duration, update_coefficients(state.context[0], cell, state.best))
+        path = spline_path(0.0, spline, airspace.wind, intervals, intervals + PIECES + KINKS)
         return path, path_bounds(path, airspace.wind, airspace.gravity)
 
-    def restarted(one: SearchState) -> SearchState:
-        """The same, within limits tightened by what it violates between the instants that were looked at."""
-        begun, metric = one.context
-        allowed = tighten_limits(problem, begun.allowed, excess(delivered(one)[1], task.limits))
-        return begin_at(SplineStart(update_coefficients(begun, cell, one.best), begun.frame, allowed), metric)
+    def restart(state: SearchState) -> SearchState:
+        """Restart a search within limits tightened by the violations between its sample points."""
+        start, metric = state.context
+        allowed = tighten_limits(problem, start.allowed, excess(path_and_bounds(state)[1], task.limits))
+        return start_at(SplineStart(update_coefficients(start, cell, state.best), start.frame, allowed), metric)
 
-    def again(_: Count, fits: SearchState) -> SearchState:
-        return fitted(jax.vmap(restarted)(fits), _LAST_STEPS)
+    def tighten(_: Count, fits: SearchState) -> SearchState:
+        return fit(jax.vmap(restart)(fits), _LAST_STEPS)
 
-    fits = jax.lax.fori_loop(0, _TIGHTENING_ROUNDS, again, fits)
+    fits = jax.lax.fori_loop(0, _TIGHTENING_ROUNDS, tighten, fits)
 
-    def deliver(one: SearchState) -> Splines:
-        path, bounds = delivered(one)
+    def deliver(state: SearchState) -> Splines:
+        path, bounds = path_and_bounds(state)
         north, east, _ = jnp.moveaxis(path.air_n[:, 1], 1, 0)
         north_dot, east_dot, _ = jnp.moveaxis(path.air_n[:, 2], 1, 0)
         level_square = jnp.maximum(north**2 + east**2, 1.0)
         spans = jnp.diff(path.times)
-        good = jnp.all(excess(bounds, task.limits) <= 0.0) & arrives_forward(one.context[0], path.velocity_n(duration))
+        is_valid = jnp.all(excess(bounds, task.limits) <= 0.0) & arrives_forward(
+            state.context[0], path.velocity_n(duration)
+        )
         if task.limits.bank_rate_max is not None:
-            good &= greatest_bank_rate(path, airspace.gravity) <= task.limits.bank_rate_max
+            is_valid &= greatest_bank_rate(path, airspace.gravity) <= task.limits.bank_rate_max
         return Splines(
             path,
-            good & (task.side == 0),
+            is_valid & (task.side == 0),
             jnp.sum(spans * (jnp.abs(north * east_dot - east * north_dot) / level_square)[:-1]),
             jnp.sum(spans * jnp.sqrt(jnp.sum(path.air_n[:-1, 1] ** 2, axis=1))) / duration,
             bounds.cell_acceleration,

@@ -1,4 +1,4 @@
-"""What is asked of the planner: where each aircraft is, where it must be, and within which limits."""
+"""The planning problem: each aircraft's start, goal and limits, the shared airspace, and the arrival rule."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,29 +18,29 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
-    """One aircraft that is to be planned; stacked, a fleet.
+    """Planning problem of one aircraft; stacked, of a fleet.
 
     Attributes
     ----------
     position_n
-        Where its plan begins, NED, m.
+        Start of the plan, NED, m.
     air_velocity_n, air_acceleration_n
-        Velocity relative to the air there and its rate, NED, m/s and m/s^2.
+        Velocity relative to the air at the start, and its rate, NED, m/s and m/s^2.
     goal_position_n, goal_velocity_n
-        Its goal at the start of the plan, foreseen at steady velocity, NED, m and m/s over the ground.
+        Goal at the start of the plan, extrapolated at steady velocity, NED, m and m/s over the ground.
     rendezvous
-        How it meets the goal.
+        Stand-off and arrival conditions at the goal.
     speed
-        Mean airspeed that it prefers, m/s.
+        Preferred mean airspeed, m/s.
     side
-        Side of its detours: positive right, negative left, 0 either.
+        Side of detours: positive right, negative left, 0 either.
     limits
-        What its path may ask.
+        Flight limits of the path.
     roll_rate_max
-        How fast its path changes the bank angle in a level turn, on the mean, rad/s; `limits` may ask for less.
+        Greatest mean rate of the bank angle in a level turn, rad/s; `limits` may be tighter.
     active
-        0 for one that has stopped, or is there only to fill up a fleet to a size: nobody keeps clear of it, and
-        whatever becomes of its path is no reason to refuse a plan.
+        0 for a stopped aircraft or for padding of a fleet to a larger size: the other aircraft do not avoid it, and its
+        path never makes a plan infeasible.
     """
 
     position_n: Vector3
@@ -57,12 +57,12 @@ class AircraftTask(eqx.Module):
 
     @property
     def rendezvous_n(self) -> Vector3:
-        """Its rendezvous at the start of the plan, NED, m."""
+        """Rendezvous at the start of the plan, NED, m."""
         xp = namespace(self)
         return xp.asarray(self.goal_position_n) + xp.asarray(self.rendezvous.stand_off_n)
 
     def meeting_n(self, elapsed: ScalarLike) -> Vector3:
-        """Its rendezvous after a time (s), NED, m."""
+        """Rendezvous after a time (s), NED, m."""
         return self.goal_position_n + self.goal_velocity_n * elapsed + self.rendezvous.stand_off_n
 
 
@@ -72,14 +72,14 @@ def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
 
 
 class KeepOuts(eqx.Module):
-    """Cylinders that no aircraft enters, standing or moving at a steady velocity; stacked, possibly none.
+    """Forbidden upright cylinders, at rest or at a steady velocity; stacked, possibly empty.
 
     Attributes
     ----------
     position_n, velocity_n
         Axis at time 0, north and east, m and m/s.
     radius, bottom, top
-        m; altitudes.
+        Radius and altitudes, m.
     """
 
     position_n: Float[Array, "volumes 2"]
@@ -95,16 +95,16 @@ def no_keep_outs() -> KeepOuts:
 
 
 class Airspace(eqx.Module):
-    """What all aircraft share.
+    """Shared environment of a fleet.
 
     Attributes
     ----------
     wind
-        Steady or layered.
+        Steady or layered wind.
     gravity
-        m/s^2.
+        Gravity, m/s^2.
     separation, keep_outs
-        See there.
+        Required distances between aircraft, and forbidden volumes.
     """
 
     wind: AbstractWind
@@ -116,28 +116,28 @@ class Airspace(eqx.Module):
 ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
-"""Of times, s."""
+"""Intervals of time, s."""
 
 
 @dataclass(frozen=True)
 class ArrivalRequest:
-    """When a fleet is to arrive.
+    """Arrival rule of a fleet.
 
     Attributes
     ----------
     rule
-        One of `RULES`: "together" (one time: when the farthest can be there at its preferred speed, or as soon after it
-        as a plan is found), "earliest" (the first that is found, see `anser.planning.certified.arrival_times`), "at" (a
-        given one), "sequence" (one after another, as soon as for "together"), "times" (each at its own), "windows"
-        (each within its own, as soon as it can be there at its preferred speed or a plan is found).
+        One of `ARRIVAL_RULES`. "together": one common time, first the time at which the slowest aircraft arrives at its
+        preferred speed, then later ones. "earliest": the earliest feasible common time, see
+        `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
+        "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.
     latest_s
-        No arrival is later than this, s.
+        Latest allowed arrival time, s.
     times_s
-        For "at" and "times", one per aircraft, s after the start of the plan.
+        For "at" and "times": arrival time per aircraft, s after the start of the plan.
     offsets_s
-        For "sequence": how long after the first each arrives, s; else None.
+        For "sequence": delay after the first arrival per aircraft, s; else None.
     windows_s
-        For "windows": (aircraft, 2), s.
+        For "windows": earliest and latest arrival time per aircraft, shape (aircraft, 2), s.
     """
 
     rule: str
@@ -147,5 +147,5 @@ class ArrivalRequest:
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None
 
     def offsets(self, count: int) -> ArrivalTimes:
-        """How long after the first each of so many aircraft arrives, s."""
+        """Delay of each of `count` aircraft after the first arrival, s."""
         return np.zeros(count) if self.offsets_s is None else self.offsets_s

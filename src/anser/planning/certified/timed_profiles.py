@@ -1,7 +1,7 @@
 """Candidate sets and profiles with a given duration.
 
-Tables of the candidates to generate, the motion that a rendezvous prescribes at the arrival, and the profiles with
-their radii and direct paths.
+Tables of the candidates to generate, the prescribed motion at a rendezvous, and the profiles with their turn radii and
+direct paths.
 """
 
 import functools
@@ -28,7 +28,7 @@ from anser.planning.certified.detours import (
     widen_directs,
 )
 from anser.planning.certified.profile import (
-    CURVATURE_KEPT,
+    CURVATURE_FRACTION,
     Profile,
     TabulatedProfile,
     last_to_mean_speed,
@@ -44,33 +44,34 @@ from anser.planning.demand import side_force_max
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 RACETRACK = DETOUR_KINDS
-# How the airspeed is chosen. One change to a speed whose mean is: as preferred; such that the direct path takes the
-# time. One change, to the least or the greatest; or such that the mean is halfway from there to the preferred one. Two
-# changes: slow first, then fast; fast, then slow; as it is, then fast; as it is, then slow.
+# Choices of the airspeed. One change of airspeed, such that: the mean is the preferred airspeed; the direct path takes
+# the given duration; the final airspeed is the least, or the greatest; the mean is halfway from the least, or from the
+# greatest, to the preferred one. Two changes: first slow, then fast; first fast, then slow; first unchanged, then fast;
+# first unchanged, then slow.
 PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE_FAST, LATE_SLOW = range(10)
 
 
 class CandidateSet(NamedTuple):
-    """The candidates to look at, as tables.
+    """Candidates to generate, as tables.
 
     Attributes
     ----------
     speeds, altitude_detours
-        One row per profile: how the airspeed is chosen, and the detour in altitude, m.
-    words, detour_kinds, sides
-        One row per detour: rank of the direct path by its length, which kind (`RACETRACK` after the others), side.
+        One entry per profile: choice of the airspeed, and detour in altitude, m.
+    direct_ranks, detour_kinds, sides
+        One entry per detour: rank of the direct path by length, kind of detour (or `RACETRACK`), side.
     turn_leg_starts
-        Turn-and-leg paths are looked for per profile from so many starts.
-    kept
-        Only so many of these candidates of an aircraft are kept, those with the least cost; None: all.
-    widened
-        Whether each detour is offered with wide turns too, see `anser.planning.certified.detours`.
+        Number of starts of the search for turn-and-leg paths, per profile.
+    max_candidates
+        Number of these candidates retained per aircraft, the cheapest first; None: no limit.
+    with_wide_turns
+        Whether each detour is also generated with wide turns, see `anser.planning.certified.detours`.
     rounds
-        The fleet is placed so often at most: again as long as certificates turn candidates down, without these.
-    spline_starts, splines_kept
-        Splines of each aircraft beside these candidates: looked for from so many starts, so many of them kept.
+        Greatest number of placements of the fleet: repeated without the candidates that certificates reject.
+    spline_starts, max_splines
+        Number of starts of the search for splines, and number of splines retained, per aircraft.
     extra
-        Candidates beside these for some aircraft only, those that find nothing among these; they take long.
+        Additional, slow candidates for aircraft without a feasible candidate in this set.
     """
 
     speeds: tuple[int, ...]
@@ -103,11 +104,11 @@ def make_candidate_set(
     rounds: int = 1,
     splines: tuple[int, int] = (0, 0),
 ) -> CandidateSet:
-    """Every combination of profiles and detours, to both sides, with turn-and-leg paths and splines (starts, kept)."""
+    """Combine every profile with every detour, to both sides; add turn-and-leg paths and splines (starts, retained)."""
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
-    ways = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
+    detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
-    word_column, kind_column, side_column = zip(*ways, strict=True)
+    word_column, kind_column, side_column = zip(*detours, strict=True)
     columns = (speed_column, altitude_column, word_column, kind_column, side_column)
     return CandidateSet(*columns, turn_leg_starts, max_candidates, with_wide_turns, rounds, *splines)
 
@@ -128,14 +129,14 @@ STANDARD = make_candidate_set(
     (PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), with_wide_turns=True, rounds=4
 )
 WITH_TURN_LEG_PATHS = STANDARD._replace(rounds=8, extra=_TURN_LEG_PATHS)
-"""And, for aircraft that need them, every speed, altitude and detour, and turn-and-leg paths."""
+"""Also every speed, altitude and detour, and turn-and-leg paths, for aircraft in need."""
 WITH_SPLINES = STANDARD._replace(rounds=8, extra=_SPLINES)
-"""And, for aircraft that need them, splines."""
+"""Also splines, for aircraft in need."""
 ALONE_STANDARD = make_candidate_set((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
-"""Candidates of an aircraft by itself: detours and speeds, no detour in altitude."""
+"""Candidates of an aircraft alone in its airspace: detours and speeds, no detour in altitude."""
 ALONE_TURN_LEG_PATHS = make_candidate_set(_EVERY_SPEED, (0.0,), (0,), (0, 1), turn_leg_starts=24, max_candidates=48)
 ALONE_SPLINES = make_candidate_set((PREFERRED,), (0.0,), (0,), (0,), splines=(32, 4))
-"""Before an aircraft is said to have no way at all."""
+"""Last candidates before an aircraft is reported as unable to arrive."""
 
 
 _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival finite; such an arrival is not attainable
@@ -147,13 +148,13 @@ class ArrivalMotion(eqx.Module):
     Attributes
     ----------
     climb
-        Vertical speed over the ground, up positive, m/s: that of the prescribed path angle, else the goal's.
+        Vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's.
     heading
-        Of the velocity through the air, rad; where it is free, that along the straight line over the ground.
+        Heading of the velocity through the air, rad; if free, along the straight line over the ground.
     heading_free
-        Whether any heading will do.
+        Whether the heading is free.
     attainable
-        Whether what is prescribed can be flown at this airspeed in this wind.
+        Whether the prescribed motion can be flown at this airspeed in this wind.
     """
 
     climb: Scalar
@@ -165,52 +166,55 @@ class ArrivalMotion(eqx.Module):
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:
     """Motion at the arrival after a duration (s) at an airspeed (m/s).
 
-    In wind the climb rate of a prescribed path angle depends on the course over the ground. Where no course is
-    prescribed with it, it is that of the straight line from here to the rendezvous, as seen from the ground.
+    In wind the climb rate of a prescribed path angle depends on the course over the ground. Without a prescribed
+    course, the course of the straight line over the ground to the rendezvous is used.
     """
     rendezvous = task.rendezvous
     meeting = task.meeting_n(duration)
     line = (meeting - task.position_n) * jnp.array([1.0, 1.0, 0.0])
-    blowing = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), meeting[2]]), duration)
-    steep = rendezvous.path_angle_prescribed
-    windy = jnp.any(blowing[:2] != 0.0)
-    asked = eqx.tree_at(
+    wind_n = wind.at(jnp.stack([jnp.zeros(()), jnp.zeros(()), meeting[2]]), duration)
+    angle_prescribed = rendezvous.path_angle_prescribed
+    windy = jnp.any(wind_n[:2] != 0.0)
+    rendezvous_with_course = eqx.tree_at(
         lambda r: (r.course, r.course_prescribed),
         rendezvous,
         (
             jnp.where(rendezvous.course_prescribed, rendezvous.course, polar(line, jnp.zeros(3)).chi),
-            rendezvous.course_prescribed | (steep & windy),
+            rendezvous.course_prescribed | (angle_prescribed & windy),
         ),
     )
-    # Without a prescribed angle the aircraft climbs as its goal does, which takes part of the airspeed.
-    through = task.goal_velocity_n[2] - blowing[2]
-    square = speed**2 - through**2
+    # Without a prescribed angle the aircraft has its goal's climb rate; the level airspeed is the rest.
+    air_descent = task.goal_velocity_n[2] - wind_n[2]
+    square = speed**2 - air_descent**2
     level = jnp.sqrt(jnp.maximum(square, _LEVEL_MIN**2))
-    flat = blowing * jnp.array([1.0, 1.0, 0.0])
-    air, attainable = final_air_velocity(asked, line, jnp.where(steep, speed, level), jnp.where(steep, blowing, flat))
+    level_wind = wind_n * jnp.array([1.0, 1.0, 0.0])
+    air, attainable = final_air_velocity(
+        rendezvous_with_course,
+        line,
+        jnp.where(angle_prescribed, speed, level),
+        jnp.where(angle_prescribed, wind_n, level_wind),
+    )
     return ArrivalMotion(
-        climb=jnp.where(steep, -(air + blowing)[2], -task.goal_velocity_n[2]),
+        climb=jnp.where(angle_prescribed, -(air + wind_n)[2], -task.goal_velocity_n[2]),
         heading=polar(air, jnp.zeros(3)).chi,
-        heading_free=~asked.course_prescribed,
-        attainable=attainable & (steep | (square > _LEVEL_MIN**2)),
+        heading_free=~rendezvous_with_course.course_prescribed,
+        attainable=attainable & (angle_prescribed | (square > _LEVEL_MIN**2)),
     )
 
 
 def climb_acceleration(task: AircraftTask, wind: AbstractWind) -> Scalar:
-    """Rate of the first vertical speed over the ground, up positive, m/s^2: the wind's share included."""
+    """Rate of the initial vertical speed over the ground, up positive, m/s^2, including the change of the wind."""
     velocity_n = task.air_velocity_n + wind.at(task.position_n, 0.0)
     _, wind_dot_n = jax.jvp(lambda p: wind.at(p, 0.0), (task.position_n,), (velocity_n,))
     return -task.air_acceleration_n[2] - wind_dot_n[2]
 
 
 _SPEED_ROUNDS = 4
-_EXACT_ROUNDS, _LENGTH_TOLERANCE = 4, 3e-7  # until a profile is as long as its direct path, to a part of the length
-_SPEED_FACTOR_MAX, _SPEED_FACTOR_MIN = (
-    1.01,
-    0.999,
-)  # times the preferred airspeed: so much it gives way for a direct path of wide turns
+_EXACT_ROUNDS, _LENGTH_TOLERANCE = 4, 3e-7  # relative difference of a profile's and its direct path's length
+# Of the preferred airspeed: the change accepted for a direct path of wide turns.
+_SPEED_FACTOR_MAX, _SPEED_FACTOR_MIN = 1.01, 0.999
 _GAIN, _LOSS = 0.8, 1.6  # m/s^2
-_RATE_KEPT = 0.6  # part of the acceleration along the path that a change of airspeed may take
+_RATE_FRACTION = 0.6  # fraction of the acceleration along the path available for a change of airspeed
 
 
 def _plane(vector_n: Vector3) -> Array:
@@ -220,7 +224,7 @@ def _plane(vector_n: Vector3) -> Array:
 def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
     """Greatest curvature (1/m) of a path flown by a profile, and its greatest rate along the path (1/m^2).
 
-    One curvature for the whole path: that of the greatest airspeed, the steepest climb and the strongest push-over.
+    One curvature for the whole path, at the greatest airspeed, the steepest climb and the strongest push-over.
     """
     limits = task.limits
     speed = profile.speed_max
@@ -229,19 +233,19 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
     cosine = jnp.sqrt(1.0 - jnp.minimum(climb / jnp.maximum(slowest, 1.0), 0.9) ** 2)
     lift_least = cosine * gravity - climb_dot
     side = side_force_max(lift_least, gravity + climb_dot, limits, gravity)
-    curvature = CURVATURE_KEPT * side / speed**2
+    curvature = CURVATURE_FRACTION * side / speed**2
     ramp_s = jnp.arctan(curvature * speed**2 / gravity) / task.roll_rate_max
     if limits.bank_rate_max is not None:
-        # The tangent of the bank angle rises steadily: the angle does fastest while the wings are level.
-        ramp_s = jnp.maximum(ramp_s, CURVATURE_KEPT * side / (jnp.maximum(lift_least, 1.0) * limits.bank_rate_max))
+        # The tangent of the bank angle rises linearly, so that the angle rises fastest with level wings.
+        ramp_s = jnp.maximum(ramp_s, CURVATURE_FRACTION * side / (jnp.maximum(lift_least, 1.0) * limits.bank_rate_max))
     return curvature, curvature / (speed * ramp_s)
 
 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
-    """Greatest rates at which a profile gains and loses airspeed, m/s^2: the rest is left to climb and descent."""
+    """Greatest rates of gain and loss of airspeed in a profile, m/s^2; the remainder is for climb and descent."""
     limits = task.limits
-    return jnp.minimum(_GAIN, _RATE_KEPT * limits.acceleration_max), jnp.minimum(
-        _LOSS, _RATE_KEPT * limits.deceleration_max
+    return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
+        _LOSS, _RATE_FRACTION * limits.deceleration_max
     )
 
 
@@ -250,9 +254,9 @@ def _speed_0(task: AircraftTask) -> Scalar:
 
 
 def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
-    """The airspeed in the middle and the last one, equal, that make a mean airspeed (m/s)."""
-    last = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
-    return last, last
+    """Middle and final airspeed, equal, that give a mean airspeed (m/s)."""
+    final_speed = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
+    return final_speed, final_speed
 
 
 def _profile(
@@ -280,7 +284,7 @@ def _profile(
 def _path_endpoints(
     task: AircraftTask, airspace: Airspace, table: TabulatedProfile, arrival: ArrivalMotion
 ) -> PathEndpoints:
-    """What the horizontal path joins in the frame that drifts with the air, at a tabulated profile."""
+    """Start and end conditions of a tabulated profile's horizontal path, in the frame that drifts with the air."""
     duration, profile = table.profile.duration, table.profile
     velocity, acceleration = task.air_velocity_n, task.air_acceleration_n
     end = task.meeting_n(duration) - table.drift_n
@@ -303,13 +307,13 @@ def _path_endpoints(
 
 def direct_paths(endpoints: PathEndpoints) -> Direct:
     """The four direct paths, the shortest first."""
-    found = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
-    order = jnp.argsort(found.length)
-    return jax.tree.map(lambda leaf: leaf[order], found)
+    paths = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
+    order = jnp.argsort(paths.length)
+    return jax.tree.map(lambda leaf: leaf[order], paths)
 
 
 class TimedProfile(eqx.Module):
-    """A profile with what follows from it alone."""
+    """A profile with its derived quantities."""
 
     table: TabulatedProfile
     endpoints: PathEndpoints
@@ -329,100 +333,104 @@ def timed_profile(
     altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
-    """Profile of given airspeeds in the middle and at the end, with its direct paths at the radii that go with them."""
+    """Profile with given middle and final airspeeds, with the direct paths at the resulting turn radii."""
     profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
     table = tabulate(profile, airspace.wind, intervals)
-    ends = _path_endpoints(task, airspace, table, arrival)
+    endpoints = _path_endpoints(task, airspace, table, arrival)
     excess = profile_excess(table, task.limits, airspace.gravity)
-    words = direct_paths(ends)
-    wide = jax.vmap(widen_directs, in_axes=(None, 0))(ends, words)
+    directs = direct_paths(endpoints)
+    wide_directs = jax.vmap(widen_directs, in_axes=(None, 0))(endpoints, directs)
     return TimedProfile(
-        table, ends, words, wide, profile.speed_mean, within_profile_limits(excess) & arrival.attainable
+        table, endpoints, directs, wide_directs, profile.speed_mean, within_profile_limits(excess) & arrival.attainable
     )
 
 
 def _match_direct_length(
-    task: AircraftTask, airspace: Airspace, timed: TimedProfile, mean: Scalar, widened_too: bool
+    task: AircraftTask, airspace: Airspace, timed: TimedProfile, mean: Scalar, with_wide_turns: bool
 ) -> tuple[Scalar, Flag]:
-    """The mean airspeed (m/s) at which the shortest direct path takes the time, and whether that is so.
+    """Mean airspeed (m/s) at which the shortest direct path takes the given duration, and whether it was found.
 
-    Of a profile of nearly that speed. The path is the one with the widest turns that is not longer by more than
-    `_FASTER`.
+    The search starts near the mean airspeed of `timed`. The path has the widest turns that lengthen it by no more than
+    `_SPEED_FACTOR_MAX`.
     """
     duration, intervals = timed.table.profile.duration, timed.table.lengths.shape[0] - 1
-    words, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide_directs))
-    fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * timed.table.length) & widened_too
+    shortest, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide_directs))
+    fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * timed.table.length) & with_wide_turns
     width = jnp.where(jnp.any(fits), jnp.array(WIDTHS)[jnp.argmax(fits)], 0.0)
 
-    def longer_by(mean: Scalar) -> Scalar:
-        """By what part of it the direct path is longer than the profile's."""
+    def mismatch_at(mean: Scalar) -> Scalar:
+        """Relative excess of the direct path's length over the profile's length."""
         profile, arrival = _profile(task, airspace, duration, speeds_for_mean(task, duration, mean), 0.0)
         table = tabulate(profile, airspace.wind, intervals)
-        ends = _path_endpoints(task, airspace, table, arrival)
-        return widen_direct(ends, reaim(ends, words, jnp.ones(2)), width).length / table.length - 1.0
+        endpoints = _path_endpoints(task, airspace, table, arrival)
+        return widen_direct(endpoints, reaim(endpoints, shortest, jnp.ones(2)), width).length / table.length - 1.0
 
     def closer(_: object, carry: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        before, now, off_before, off = carry
-        gap = off - off_before
-        found = jnp.where(gap == 0.0, now, now - off * (now - before) / jnp.where(gap == 0.0, 1.0, gap))
-        found = jnp.clip(found, 0.9 * mean, 1.1 * mean)
-        return now, found, off, longer_by(found)
+        previous, current, previous_mismatch, mismatch = carry
+        gap = mismatch - previous_mismatch
+        matched_mean = jnp.where(
+            gap == 0.0, current, current - mismatch * (current - previous) / jnp.where(gap == 0.0, 1.0, gap)
+        )
+        matched_mean = jnp.clip(matched_mean, 0.9 * mean, 1.1 * mean)
+        return current, matched_mean, mismatch, mismatch_at(matched_mean)
 
-    off = longer_by(mean)
-    first = jnp.clip(mean * (1.0 + off), 0.9 * mean, 1.1 * mean)
-    _, found, _, left = jax.lax.fori_loop(0, _EXACT_ROUNDS, closer, (mean, first, off, longer_by(first)))
-    return found, jnp.abs(left) <= _LENGTH_TOLERANCE
+    mismatch = mismatch_at(mean)
+    next_mean = jnp.clip(mean * (1.0 + mismatch), 0.9 * mean, 1.1 * mean)
+    _, matched_mean, _, final_mismatch = jax.lax.fori_loop(
+        0, _EXACT_ROUNDS, closer, (mean, next_mean, mismatch, mismatch_at(next_mean))
+    )
+    return matched_mean, jnp.abs(final_mismatch) <= _LENGTH_TOLERANCE
 
 
 def timed_profiles(
     task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, candidate_set: CandidateSet
 ) -> TimedProfile:
-    """All profiles of a candidate set, stacked."""
+    """Profiles of a candidate set, stacked."""
     kinds = tuple(dict.fromkeys(candidate_set.speeds))
     limits, preferred = task.limits, task.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max
     speed_0, rates = _speed_0(task), speed_rates(task)
 
-    slowest, fastest = (last_to_mean_speed(last, speed_0, duration, rates) for last in (low, high))
-    now = jnp.clip(speed_0, low, high)
-    wished = jnp.clip(preferred, low, high)
+    slowest, fastest = (last_to_mean_speed(final_speeds, speed_0, duration, rates) for final_speeds in (low, high))
+    current_speed = jnp.clip(speed_0, low, high)
+    preferred_speed = jnp.clip(preferred, low, high)
 
-    def closer(_: object, mean: Scalar) -> Scalar:
+    def iterate(_: object, mean: Scalar) -> Scalar:
         speeds = speeds_for_mean(task, duration, mean)
         timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
-        wanted = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
-        # The radii grow with the speed: left to itself a path that is too long would be flown ever faster.
-        return jnp.clip(mean * wanted / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
+        direct_length = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
+        # Clipped, because radii grow with airspeed: for a path that is too long the iteration would diverge.
+        return jnp.clip(mean * direct_length / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
 
-    def exactly(mean: Scalar, otherwise: Scalar) -> Scalar:
-        """A mean airspeed (m/s) at which the direct path takes the time, if it is near one, or else another."""
-        begun = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds_for_mean(task, duration, mean))
-        found, met = _match_direct_length(task, airspace, begun, mean, candidate_set.with_wide_turns)
-        near = (found <= jnp.minimum(_SPEED_FACTOR_MAX * mean, high)) & (
-            found >= jnp.maximum(_SPEED_FACTOR_MIN * mean, low)
+    def match_or(mean: Scalar, fallback: Scalar) -> Scalar:
+        """Nearest mean airspeed (m/s) at which the direct path takes the given duration; else the fallback."""
+        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds_for_mean(task, duration, mean))
+        matched_mean, converged = _match_direct_length(task, airspace, timed, mean, candidate_set.with_wide_turns)
+        is_near = (matched_mean <= jnp.minimum(_SPEED_FACTOR_MAX * mean, high)) & (
+            matched_mean >= jnp.maximum(_SPEED_FACTOR_MIN * mean, low)
         )
-        return jnp.where(met & near, found, otherwise)
+        return jnp.where(converged & is_near, matched_mean, fallback)
 
     matched = preferred
     if MATCHED in kinds:
-        nearly = jax.lax.fori_loop(0, _SPEED_ROUNDS, closer, preferred)
-        # Slightly faster: a path longer than the direct one by less than this is a detour, a shorter one is none.
-        matched = exactly(nearly, (1.0 + 2e-4) * nearly)
+        approximate = jax.lax.fori_loop(0, _SPEED_ROUNDS, iterate, preferred)
+        # Slightly faster, so that a detour slightly longer than the direct path exists.
+        matched = match_or(approximate, (1.0 + 2e-4) * approximate)
     means = {
-        PREFERRED: exactly(wished, wished),
+        PREFERRED: match_or(preferred_speed, preferred_speed),
         MATCHED: matched,
-        SLOWER: 0.5 * (wished + slowest),
-        FASTER: 0.5 * (wished + fastest),
+        SLOWER: 0.5 * (preferred_speed + slowest),
+        FASTER: 0.5 * (preferred_speed + fastest),
     }
     speeds = {kind: speeds_for_mean(task, duration, mean) for kind, mean in means.items()} | {
         SLOWEST: (low, low),
         FASTEST: (high, high),
         SLOW_FAST: (low, high),
         FAST_SLOW: (high, low),
-        LATE_FAST: (now, high),
-        LATE_SLOW: (now, low),
+        LATE_FAST: (current_speed, high),
+        LATE_SLOW: (current_speed, low),
     }
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
-    middle, last = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
-    one = functools.partial(timed_profile, task, airspace, duration, intervals)
-    return jax.vmap(lambda detour, *two: one(detour, two))(altitude_detours, middle, last)
+    middle_speeds, final_speeds = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
+    profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
+    return jax.vmap(lambda detour, *two: profile_for(detour, two))(altitude_detours, middle_speeds, final_speeds)

@@ -1,9 +1,9 @@
-"""Turn-and-leg paths of a wanted length: four turns of any sense and radius and three legs, solved at once.
+"""Turn-and-leg paths of a target length: four turns of any sense and radius and three legs, solved simultaneously.
 
-What detours cannot be is found here: three turns in a row, loops, turns wider than need be, turns that are tighter
-once the aircraft is slower, ways around keep-outs. Four equations (where the path ends, its last heading, its
-length) and one for each volume hold eleven unknowns: from each of many starts, damped Gauss-Newton steps of least size
-lead to the solution nearest to it.
+This generator finds paths beyond the detours: three consecutive turns, loops, turns wider than necessary, turns that
+tighten as the aircraft slows down, paths around keep-outs. Four equations (end position, end heading, length) and one
+per volume contain eleven unknowns: from each of many starts, damped Gauss-Newton steps of minimum norm lead to the
+nearest solution.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from anser.numerics import least_squares
 from anser.planning.certified.detours import FULL_TURN
-from anser.planning.certified.profile import CURVATURE_KEPT, TabulatedProfile
+from anser.planning.certified.profile import CURVATURE_FRACTION, TabulatedProfile
 from anser.planning.certified.routes import (
     LEGS,
     TURNS,
@@ -34,63 +34,63 @@ from anser.shapes import Count, Scalar, ScalarLike
 
 _FIRST_STEPS, _STEPS = 10, 24
 _DAMPING = least_squares.Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
-_LONGEST_STEP = 0.7  # of all unknowns together, in their own units: square roots of radians and of leg / length
-_RESIDUAL_TOLERANCE = 1e-10  # part of the path's length by which it may miss its end, radians for its heading
-_TURN_MOST = 7.5  # rad, beside whole circles
+_LONGEST_STEP = 0.7  # norm of the unknowns: square roots of radians and of leg / length
+_RESIDUAL_TOLERANCE = 1e-10  # miss distance relative to the path's length; heading, rad
+_TURN_MAX = 7.5  # rad, in addition to full circles
 _UNKNOWNS = 2 * TURNS + LEGS
-_RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # from keep-outs
+_RESERVE_M, _RESERVE_UP_M = 30.0, 5.0  # margins to keep-outs
 _VOLUME_WEIGHT = 0.1
 _RADIUS_ROUNDS = 4
-_ON_LEGS = (0.0, 0.2, 0.4, 0.6, 0.8)  # where legs are looked at, besides their ends
+_LEG_FRACTIONS = (0.0, 0.2, 0.4, 0.6, 0.8)  # points of a leg checked against keep-outs
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
-"""A place on a path: north and east, m, and the length flown to it, m."""
+"""Point of a path: north and east, m, and path length up to the point, m."""
 
 
 def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
-    """Where a length lies among `count` values at equal steps from zero: the one before it, and how far beyond."""
-    at = jnp.clip(length / step, 0.0, count - 1.0)
-    k = jnp.minimum(at.astype(jnp.int32), count - 2)
-    return k, at - k
+    """Index of the grid point before a length, on a grid of `count` points from zero, and the fraction beyond it."""
+    grid_position = jnp.clip(length / step, 0.0, count - 1.0)
+    k = jnp.minimum(grid_position.astype(jnp.int32), count - 2)
+    return k, grid_position - k
 
 
 class RadiusSchedule(eqx.Module):
-    """How tightly a path may turn by how far it has come.
+    """Least turn radius as a function of path length.
 
     Attributes
     ----------
     step
-        Length along the path from one value to the next, m.
+        Path length between two values, m.
     scales
-        Least radius there, in units of that which does for the whole path; see `tightness`.
+        Least radius, in units of the radius allowed everywhere on the path; see `tightness`.
     """
 
     step: Scalar
     scales: Float[Array, " intervals"]
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
-        """Least radius of a turn that begins after a length (m) and takes another, in the same units."""
+        """Least radius of a turn from a path length (m) over a span (m), in the same units."""
 
-        def one(position: Scalar) -> Scalar:
-            k, part = _grid_index(position, self.step, self.scales.shape[0])
-            return (1.0 - part) * self.scales[k] + part * self.scales[k + 1]
+        def radius_at(position: Scalar) -> Scalar:
+            k, fraction = _grid_index(position, self.step, self.scales.shape[0])
+            return (1.0 - fraction) * self.scales[k] + fraction * self.scales[k + 1]
 
-        return jnp.max(jax.vmap(one)(length + span * jnp.array([0.0, 0.5, 1.0])))
+        return jnp.max(jax.vmap(radius_at)(length + span * jnp.array([0.0, 0.5, 1.0])))
 
 
 class KeepOutsAlongPath(eqx.Module):
-    """Keep-outs, as a path in the drifting air meets them.
+    """Keep-outs in the frame of the drifting air, as functions of path length.
 
     Attributes
     ----------
     step
-        Length along the path from one value to the next, m.
+        Path length between two values, m.
     norths, easts
-        Of each volume's centre when the path has come so far, in the air's frame, m.
+        Centre of each volume at the time of each path length, in the air's frame, m.
     radii
-        m, a reserve included.
+        Radii with a margin, m.
     in_altitude_band
-        1 where the path is then between bottom and top, else 0.
+        1 if the path is between bottom and top, else 0.
     """
 
     step: Scalar
@@ -100,20 +100,20 @@ class KeepOutsAlongPath(eqx.Module):
     in_altitude_band: Float[Array, "volumes intervals"]
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
-        """How deep a path is inside each volume at a spot, in units of its radius, and how that changes there."""
-        k, part = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
-        here, there = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
-        apart = spot[None, :2] - (1.0 - part) * here - part * there
-        distance = jnp.sqrt(jnp.sum(apart**2, axis=1) + 1.0)
+        """Depth of a point inside each volume, in units of its radius, and the derivative by the point."""
+        k, fraction = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
+        centres, next_centres = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
+        offset = spot[None, :2] - (1.0 - fraction) * centres - fraction * next_centres
+        distance = jnp.sqrt(jnp.sum(offset**2, axis=1) + 1.0)
         in_altitude_band = jnp.maximum(self.in_altitude_band[:, k], self.in_altitude_band[:, k + 1])
-        deep = in_altitude_band * jnp.maximum(1.0 - distance / self.radii, 0.0)
-        slope = jnp.where(deep > 0.0, -1.0 / (self.radii * distance), 0.0)[:, None] * apart
-        moving = jnp.sum(slope * (there - here), axis=1) / self.step
-        return deep, jnp.concatenate([slope, -moving[:, None]], axis=1)
+        depth = in_altitude_band * jnp.maximum(1.0 - distance / self.radii, 0.0)
+        slope = jnp.where(depth > 0.0, -1.0 / (self.radii * distance), 0.0)[:, None] * offset
+        moving = jnp.sum(slope * (next_centres - centres), axis=1) / self.step
+        return depth, jnp.concatenate([slope, -moving[:, None]], axis=1)
 
 
 def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " intervals"]]:
-    """An even step along the path of a tabulated profile, m, and when each is reached, s."""
+    """Step of an equally spaced grid along a profile's path, m, and the time at each grid point, s."""
     count = table.lengths.shape[0]
     even = jnp.linspace(0.0, 1.0, count)
     times = jnp.interp(even * table.length, table.lengths, even * table.profile.duration)
@@ -121,7 +121,7 @@ def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " interva
 
 
 def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
-    """Keep-outs as the path of a tabulated profile meets them."""
+    """Keep-outs as functions of the path length of a tabulated profile."""
     step, times = _even_times(table)
     _, drifts = jax.vmap(table.flown_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
@@ -139,31 +139,30 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Least radii within bank and load factor, by the airspeed, the climb and their rates at each time."""
+    """Least radii within bank and load factor, from the airspeed, the climb and their rates at each time."""
     step, times = _even_times(table)
 
-    def one(t: Scalar) -> Scalar:
-        now = table.profile.at(t)
-        sine = jnp.minimum(jnp.abs(now.climb) / jnp.maximum(now.speed, 1.0), 0.9)
-        level = jnp.sqrt(1.0 - sine**2) * (gravity + now.climb_dot)
-        share = sine * jnp.abs(now.speed_dot)  # of the longitudinal acceleration, up or down
-        return now.speed**2 / (CURVATURE_KEPT * side_force_max(level - share, level + share, limits, gravity))
+    def least_radius_at(t: Scalar) -> Scalar:
+        state = table.profile.at(t)
+        sine = jnp.minimum(jnp.abs(state.climb) / jnp.maximum(state.speed, 1.0), 0.9)
+        level = jnp.sqrt(1.0 - sine**2) * (gravity + state.climb_dot)
+        share = sine * jnp.abs(state.speed_dot)  # vertical component of the longitudinal acceleration
+        return state.speed**2 / (CURVATURE_FRACTION * side_force_max(level - share, level + share, limits, gravity))
 
-    return RadiusSchedule(step, jax.vmap(one)(times) * endpoints.curvature_max)
+    return RadiusSchedule(step, jax.vmap(least_radius_at)(times) * endpoints.curvature_max)
 
 
 class Starts(NamedTuple):
-    """Where to begin looking.
+    """Initial values of the searches.
 
     Attributes
     ----------
     senses
-        Of the turns: 1 right, -1 left.
+        Senses of the turns: 1 right, -1 left.
     unknowns
-        Square roots: of the sizes of the turns (rad), of the lengths of the legs as parts of the path, of how much
-        wider than need be the turns are.
-    waiting
-        What part of the length that is not needed each turn takes up in whole circles.
+        Square roots of: the turn angles (rad), the leg lengths as fractions of the path, the turns' excess radii.
+    circling_fraction
+        Fraction of the spare length flown by each turn in full circles.
     """
 
     senses: Float[ArrayLike, "*starts 4"]
@@ -172,20 +171,20 @@ class Starts(NamedTuple):
 
 
 def make_starts(count: int, seed: int = 0) -> Starts:
-    """`count` starts; the same ones every time. Every second waits in circles, where there is time for them."""
+    """`count` starts, reproducible. Half of them wait in circles if there is time."""
     rng = np.random.default_rng([11, seed])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
     turns = np.pi * rng.random((count, TURNS)) ** 2
     legs = rng.dirichlet(np.full(LEGS, 1.5), count) * rng.uniform(0.1, 0.9, (count, 1))
-    wider = np.where(rng.random((count, TURNS)) < 0.5, 0.02, rng.exponential(0.4, (count, TURNS)))
-    waiting = np.zeros((count, TURNS))
-    waiting[number, rng.integers(0, TURNS, count)] = np.where(rng.random(count) < 0.5, 0.0, rng.random(count))
-    return Starts(senses, np.sqrt(np.concatenate([turns, legs, wider], axis=1)), waiting)
+    excess_radii = np.where(rng.random((count, TURNS)) < 0.5, 0.02, rng.exponential(0.4, (count, TURNS)))
+    circling = np.zeros((count, TURNS))
+    circling[number, rng.integers(0, TURNS, count)] = np.where(rng.random(count) < 0.5, 0.0, rng.random(count))
+    return Starts(senses, np.sqrt(np.concatenate([turns, legs, excess_radii], axis=1)), circling)
 
 
 class TurnLegProblem(eqx.Module):
-    """What a turn-and-leg path has to keep."""
+    """Constraints of a turn-and-leg path."""
 
     endpoints: PathEndpoints
     schedule: RadiusSchedule
@@ -195,7 +194,7 @@ class TurnLegProblem(eqx.Module):
 
 
 class _Flown(eqx.Module):
-    """What has been flown of a path, and how it changes with the unknowns (last axis)."""
+    """The part of a path flown so far, with derivatives by the unknowns (last axis, fields `..._by`)."""
 
     position: Float[Array, "2"]
     """North and east, m."""
@@ -203,7 +202,7 @@ class _Flown(eqx.Module):
     length: Scalar
     penetration: Float[Array, " volumes"]
     """How deep it was inside keep-outs, summed over the spots looked at."""
-    place_by: Float[Array, "2 11"]
+    position_by: Float[Array, "2 11"]
     heading_by: Float[Array, "11"]
     length_by: Float[Array, "11"]
     penetration_by: Float[Array, "volumes 11"]
@@ -215,99 +214,108 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """How a vector changes as it turns."""
+    """Derivative of a vector by its direction."""
     return jnp.stack([-vector[1], vector[0]])
 
 
 def _path_and_residuals(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> tuple[TurnsAndLegs, Float[Array, " equations"], Float[Array, "equations 11"]]:
-    """The path that unknowns stand for, and by how much it misses what is wanted, with the derivatives of that.
+    """Path for given unknowns, its residuals, and their derivatives.
 
-    Parts of the path's length, of half a turn, and for each keep-out how deep the path is inside. The derivatives
-    are composed by hand: what is within a turn depends on three numbers only, not on all eleven.
+    Residuals: miss distance and length, relative to the path's length; heading, in half turns; depth inside each
+    keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on eleven
+    unknowns.
     """
-    ends, wanted = problem.endpoints, problem.target_length
+    endpoints, target_length = problem.endpoints, problem.target_length
     squares, slopes = x * x, 2.0 * x
-    rows = jnp.eye(_UNKNOWNS) * slopes[:, None]
-    whole = senses * circles
-    angles = senses * squares[:TURNS] + whole
-    legs = jnp.append(wanted * squares[TURNS : TURNS + LEGS], 0.0)
-    legs_by = jnp.concatenate([wanted * rows[TURNS : TURNS + LEGS], jnp.zeros((1, _UNKNOWNS))])
-    wider, wider_by = squares[TURNS + LEGS :], rows[TURNS + LEGS :]
-    each = (angles, whole, wider, legs, senses[:, None] * rows[:TURNS], wider_by, legs_by)
+    squares_by = jnp.eye(_UNKNOWNS) * slopes[:, None]
+    full_turns = senses * circles
+    angles = senses * squares[:TURNS] + full_turns
+    legs = jnp.append(target_length * squares[TURNS : TURNS + LEGS], 0.0)
+    legs_by = jnp.concatenate([target_length * squares_by[TURNS : TURNS + LEGS], jnp.zeros((1, _UNKNOWNS))])
+    wider, wider_by = squares[TURNS + LEGS :], squares_by[TURNS + LEGS :]
+    turn_data = (angles, full_turns, wider, legs, senses[:, None] * squares_by[:TURNS], wider_by, legs_by)
 
-    def turn(own: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
-        """By its angle, how much wider it is than need be and where it begins: ends, middle, length; scale."""
-        angle, wider, length = own
-        # A turn that begins before the aircraft is faster ends later than one that does not: its radius is the end's.
+    def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
+        """Displacement to the end and the middle of a turn, length and scale, for angle, excess radius and start."""
+        angle, wider, length = parameters
+        # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
         scale = problem.schedule.least_radius(length, 0.0)
         for _ in range(_RADIUS_ROUNDS):
-            about = smooth_turn(angle, *tightness(ends, scale))
-            scale = problem.schedule.least_radius(length, about.length)
+            estimate = smooth_turn(angle, *tightness(endpoints, scale))
+            scale = problem.schedule.least_radius(length, estimate.length)
         scale = scale * (1.0 + wider)
-        curvature, sharpness = tightness(ends, scale)
-        made = smooth_turn(angle, curvature, sharpness)
-        move = displacement(made, sharpness)
-        # The middle of a turn bulges to its outer side: by a quarter of its chord for each tangent of a quarter.
+        curvature, sharpness = tightness(endpoints, scale)
+        shape = smooth_turn(angle, curvature, sharpness)
+        move = displacement(shape, sharpness)
+        # The middle of a turn lies off its chord, by chord / 2 x tan(angle / 4).
         quarter = 0.25 * (angle - circled)
         middle = (0.5 - 0.5j * jnp.sin(quarter) / jnp.maximum(jnp.cos(quarter), 0.2)) * move
-        found = jnp.stack([jnp.real(move), jnp.imag(move), jnp.real(middle), jnp.imag(middle), made.length])
-        return found, (found, scale)
+        quantities = jnp.stack([jnp.real(move), jnp.imag(move), jnp.real(middle), jnp.imag(middle), shape.length])
+        return quantities, (quantities, scale)
 
-    def fly(flown: _Flown, own: tuple[Array, ...]) -> tuple[_Flown, Scalar]:
-        angle, circled, wider, leg, angle_by, wider_by, leg_by = own
-        local, (found, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]), circled)
-        local, found = jax.lax.optimization_barrier((local, found))
-        found_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
-        found_by = found_by + jnp.outer(local[:, 2], flown.length_by)
-        move, middle = _rotate(flown.heading, found[:2]), _rotate(flown.heading, found[2:4])
-        move_by = _rotate(flown.heading, found_by[:2]) + jnp.outer(_perpendicular(move), flown.heading_by)
-        middle_by = _rotate(flown.heading, found_by[2:4]) + jnp.outer(_perpendicular(middle), flown.heading_by)
+    def fly(flown: _Flown, turn_parameters: tuple[Array, ...]) -> tuple[_Flown, Scalar]:
+        angle, circled, wider, leg, angle_by, wider_by, leg_by = turn_parameters
+        local, (quantities, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]), circled)
+        local, quantities = jax.lax.optimization_barrier((local, quantities))
+        quantities_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
+        quantities_by = quantities_by + jnp.outer(local[:, 2], flown.length_by)
+        move, middle = _rotate(flown.heading, quantities[:2]), _rotate(flown.heading, quantities[2:4])
+        move_by = _rotate(flown.heading, quantities_by[:2]) + jnp.outer(_perpendicular(move), flown.heading_by)
+        middle_by = _rotate(flown.heading, quantities_by[2:4]) + jnp.outer(_perpendicular(middle), flown.heading_by)
         heading, heading_by = flown.heading + angle, flown.heading_by + angle_by
-        ahead = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
-        on, on_by = leg * ahead, jnp.outer(ahead, leg_by) + leg * jnp.outer(_perpendicular(ahead), heading_by)
-        begun = jnp.append(flown.position + move, flown.length + found[4])
-        begun_by = jnp.concatenate([flown.place_by + move_by, (flown.length_by + found_by[4])[None]])
-        along, along_by = jnp.append(on, leg), jnp.concatenate([on_by, leg_by[None]])
+        direction = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
+        leg_vector, leg_vector_by = (
+            leg * direction,
+            jnp.outer(direction, leg_by) + leg * jnp.outer(_perpendicular(direction), heading_by),
+        )
+        leg_start = jnp.append(flown.position + move, flown.length + quantities[4])
+        leg_start_by = jnp.concatenate([flown.position_by + move_by, (flown.length_by + quantities_by[4])[None]])
+        along, along_by = jnp.append(leg_vector, leg), jnp.concatenate([leg_vector_by, leg_by[None]])
         penetration, penetration_by = flown.penetration, flown.penetration_by
         if penetration.shape[0]:
-            halfway = jnp.append(flown.position + middle, flown.length + 0.5 * found[4])
-            halfway_by = jnp.concatenate([flown.place_by + middle_by, (flown.length_by + 0.5 * found_by[4])[None]])
-            parts = jnp.array(_ON_LEGS)
-            spots = jnp.concatenate([halfway[None], begun[None] + jnp.outer(parts, along)])
-            deep, slope = jax.lax.optimization_barrier(jax.vmap(problem.keep_outs.penetration)(spots))
-            penetration = penetration + jnp.sum(deep, axis=0)
-            begin, on_leg = jnp.sum(slope[1:], axis=0), jnp.sum(slope[1:] * parts[:, None, None], axis=0)
+            halfway = jnp.append(flown.position + middle, flown.length + 0.5 * quantities[4])
+            halfway_by = jnp.concatenate(
+                [flown.position_by + middle_by, (flown.length_by + 0.5 * quantities_by[4])[None]]
+            )
+            fractions = jnp.array(_LEG_FRACTIONS)
+            spots = jnp.concatenate([halfway[None], leg_start[None] + jnp.outer(fractions, along)])
+            depths, slope = jax.lax.optimization_barrier(jax.vmap(problem.keep_outs.penetration)(spots))
+            penetration = penetration + jnp.sum(depths, axis=0)
+            leg_slope, on_leg = jnp.sum(slope[1:], axis=0), jnp.sum(slope[1:] * fractions[:, None, None], axis=0)
             for k in range(3):
                 penetration_by = penetration_by + jnp.outer(slope[0, :, k], halfway_by[k])
-                penetration_by = penetration_by + jnp.outer(begin[:, k], begun_by[k])
+                penetration_by = penetration_by + jnp.outer(leg_slope[:, k], leg_start_by[k])
                 penetration_by = penetration_by + jnp.outer(on_leg[:, k], along_by[k])
-        place, place_by = begun[:2] + on, begun_by[:2] + on_by
-        length, length_by = begun[2] + leg, begun_by[2] + leg_by
-        return _Flown(place, heading, length, penetration, place_by, heading_by, length_by, penetration_by), scale
+        position, position_by = leg_start[:2] + leg_vector, leg_start_by[:2] + leg_vector_by
+        length, length_by = leg_start[2] + leg, leg_start_by[2] + leg_by
+        return _Flown(position, heading, length, penetration, position_by, heading_by, length_by, penetration_by), scale
 
-    begun, volumes = roll_out(ends), problem.keep_outs.radii.shape[0]
-    first = _Flown(
-        jnp.stack([jnp.real(begun.position), jnp.imag(begun.position)]),
-        begun.heading,
-        begun.length,
+    initial, volumes = roll_out(endpoints), problem.keep_outs.radii.shape[0]
+    initial_state = _Flown(
+        jnp.stack([jnp.real(initial.position), jnp.imag(initial.position)]),
+        initial.heading,
+        initial.length,
         jnp.zeros(volumes),
         jnp.zeros((2, _UNKNOWNS)),
         jnp.zeros(_UNKNOWNS),
         jnp.zeros(_UNKNOWNS),
         jnp.zeros((volumes, _UNKNOWNS)),
     )
-    flown, scales = jax.lax.scan(fly, first, each)
-    off = jnp.stack([jnp.real(ends.end), jnp.imag(ends.end)]) - flown.position
-    turned = jnp.mod(flown.heading - ends.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
-    asked = jnp.where(ends.end_free, 0.0, 1.0 / jnp.pi)
-    length_off, heading_off = (flown.length / wanted - 1.0)[None], (asked * turned)[None]
-    residuals = [off / wanted, length_off, heading_off, _VOLUME_WEIGHT * flown.penetration]
+    flown, scales = jax.lax.scan(fly, initial_state, turn_data)
+    miss = jnp.stack([jnp.real(endpoints.end), jnp.imag(endpoints.end)]) - flown.position
+    heading_error = jnp.mod(flown.heading - endpoints.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
+    heading_weight = jnp.where(endpoints.end_free, 0.0, 1.0 / jnp.pi)
+    length_residual, heading_residual = (
+        (flown.length / target_length - 1.0)[None],
+        (heading_weight * heading_error)[None],
+    )
+    residuals = [miss / target_length, length_residual, heading_residual, _VOLUME_WEIGHT * flown.penetration]
     residuals_by = [
-        -flown.place_by / wanted,
-        flown.length_by[None] / wanted,
-        asked * flown.heading_by[None],
+        -flown.position_by / target_length,
+        flown.length_by[None] / target_length,
+        heading_weight * flown.heading_by[None],
         _VOLUME_WEIGHT * flown.penetration_by,
     ]
     solved = TurnsAndLegs(angles, scales, legs[:LEGS], jnp.asarray(True))
@@ -315,53 +323,53 @@ def _path_and_residuals(
 
 
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
-    """Paths of a wanted length, each near a start; see `make_starts`.
+    """Paths of a target length, each near a start; see `make_starts`.
 
-    Keep-outs are looked for where turns begin, are half over and end, and at four places of each leg: what comes
-    of it is to be checked for them. Not differentiated: plans are chosen, not tuned.
+    Keep-outs are checked at the start, middle and end of the turns and at four points of each leg: check the final path
+    against keep-outs. Not differentiable: plans are selected, not tuned.
 
     Parameters
     ----------
     problem
-        What they have to keep.
+        Constraints of the paths.
     starts
-        Where to begin, stacked.
-    kept
-        After a first few steps only so many go on, those that miss the least; None: all.
+        Initial values, stacked.
+    max_paths
+        Number of searches continued after the first few steps, the smallest residuals first; None: every search.
 
     Returns
     -------
-    One for each that went on to the last step, in no particular order.
+    One path per continued search, in no particular order.
     """
     problem = eqx.tree_at(
         lambda t: t.target_length, jax.lax.stop_gradient(problem), jnp.maximum(problem.target_length, 1.0)
     )
     count = 4 + problem.keep_outs.radii.shape[0]
 
-    ends = problem.endpoints
-    spare = jnp.maximum(problem.target_length - jnp.abs(ends.end - ends.start), 0.0)
+    endpoints = problem.endpoints
+    spare_length = jnp.maximum(problem.target_length - jnp.abs(endpoints.end - endpoints.start), 0.0)
 
-    def begin(senses: Array, unknowns: Unknowns, circling_fraction: Array) -> least_squares.SearchState:
-        circles = FULL_TURN * jnp.floor(circling_fraction * spare * ends.curvature_max / FULL_TURN)
-        # The legs are parts of what is left beside the circles.
-        left = 1.0 - jnp.sum(circles) / (ends.curvature_max * problem.target_length)
-        parts = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(left))
-        return least_squares.start_search((senses, circles), parts, unknown)
+    def initialize(senses: Array, unknowns: Unknowns, circling_fraction: Array) -> least_squares.SearchState:
+        circles = FULL_TURN * jnp.floor(circling_fraction * spare_length * endpoints.curvature_max / FULL_TURN)
+        # Leg lengths are fractions of the length not flown in circles.
+        leg_fraction = 1.0 - jnp.sum(circles) / (endpoints.curvature_max * problem.target_length)
+        scaled_unknowns = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(leg_fraction))
+        return least_squares.start_search((senses, circles), scaled_unknowns, initial_value)
 
-    def missed_at(about: tuple[Array, Array], x: Unknowns) -> least_squares.Linearized:
-        return least_squares.Linearized(*_path_and_residuals(x, problem, *about)[1:])
+    def residuals_at(context: tuple[Array, Array], x: Unknowns) -> least_squares.Linearized:
+        return least_squares.Linearized(*_path_and_residuals(x, problem, *context)[1:])
 
-    unknown, move = (
+    initial_value, step_rule = (
         least_squares.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
         least_squares.minimum_norm_step(_LONGEST_STEP),
     )
-    searches = jax.vmap(begin)(*(jnp.asarray(x) for x in starts))
-    searches = least_squares.search_steps(missed_at, move, _DAMPING, _FIRST_STEPS, searches)
+    searches = jax.vmap(initialize)(*(jnp.asarray(x) for x in starts))
+    searches = least_squares.search_steps(residuals_at, step_rule, _DAMPING, _FIRST_STEPS, searches)
     if max_paths is not None and max_paths < searches.best.shape[0]:
         searches = least_squares.best_searches(searches, max_paths)
-    searches = least_squares.search_steps(missed_at, move, _DAMPING, _STEPS - _FIRST_STEPS, searches)
+    searches = least_squares.search_steps(residuals_at, step_rule, _DAMPING, _STEPS - _FIRST_STEPS, searches)
     senses, circles = searches.context
-    solved, missed, _ = jax.vmap(_path_and_residuals, (0, None, 0, 0))(searches.best, problem, senses, circles)
-    met = jnp.max(jnp.abs(missed[:, :4]), axis=1) <= _RESIDUAL_TOLERANCE
-    turned = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MOST, axis=1)
-    return eqx.tree_at(lambda s: s.exists, solved, met & turned)
+    solved, residuals, _ = jax.vmap(_path_and_residuals, (0, None, 0, 0))(searches.best, problem, senses, circles)
+    converged = jnp.max(jnp.abs(residuals[:, :4]), axis=1) <= _RESIDUAL_TOLERANCE
+    turns_allowed = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MAX, axis=1)
+    return eqx.tree_at(lambda s: s.exists, solved, converged & turns_allowed)
