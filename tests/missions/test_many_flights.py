@@ -9,7 +9,7 @@ import pytest
 
 import anser
 from anser.missions import fly_many
-from anser.missions.flight_batches import FlightCase, _Group
+from anser.missions.flight_batches import FlightCase, _FlightGroup
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import BlendedRandomness
@@ -84,7 +84,9 @@ def test_rows_are_the_summaries_of_single_flights():
     other = first.replace("fleet.speed_m_s", 148.0)
     told = []
     rows = fly_many(
-        [FlightCase(first), FlightCase(other)], lambda what, part: told.append(part), done=lambda k, r: told.append(k)
+        [FlightCase(first), FlightCase(other)],
+        lambda what, part: told.append(part),
+        on_rows=lambda k, r: told.append(k),
     )
     assert rows[0].met
     assert rows[0].fleet != rows[1].fleet
@@ -147,7 +149,7 @@ class Part(eqx.Module):
 
 def test_what_a_flight_has_not_is_not_counted_among_what_differs():
     """Of a second batch of one group; what differed once stays apart."""
-    group = _Group()
+    group = _FlightGroup()
 
     def of(*numbers):
         return [Part(None, as_array(number), as_array([1.0, 2.0])) for number in numbers]
@@ -174,7 +176,7 @@ def test_random_numbers_of_its_own_are_refused_for_what_is_flown_alone():
 def test_series_are_those_of_single_flights(name, every_s):
     """Also where it is flown alone, with periods that do not fill a segment, and a variable that is not there."""
     scenario = anser.load(SCENARIOS / f"{name}.toml").replace("timing.record_period_s", every_s)
-    kept = SeriesSelection.of(scenario, ("north", "east", "course", "phase", "speed_limited", "clock_lag"), every_s)
+    kept = SeriesSelection.from_period(scenario, ("north", "east", "course", "phase", "speed_limited", "clock_lag"), every_s)
     (row,) = fly_many([FlightCase(scenario)], series=kept)
     flown = anser.run(scenario).dataset
     np.testing.assert_allclose(kept.times_s(scenario), flown["time"].values, atol=1e-9)

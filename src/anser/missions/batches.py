@@ -1,4 +1,4 @@
-"""Many flights in batches of one compiled size, with the time that compiling and running took."""
+"""Batched computation in one compiled size, with the time spent compiling and running."""
 
 import time
 from collections.abc import Callable
@@ -16,26 +16,26 @@ if TYPE_CHECKING:
 
 _R = TypeVar("_R")
 BATCH = 128
-"""Flights of one compiled call: larger batches are no faster on a few cores."""
+"""Flights in one compiled call: larger batches are no faster on a few cores."""
 
 Progress = Callable[[str, float | None], None]
-"""Called with what is being done and the part that is done, 0..1; None where nobody knows how long it takes."""
+"""Callback with a description of the current work and the completed share, 0..1 (None: the duration is unknown)."""
 
 
-def no_progress(what: str, done: float | None) -> None:
-    """Tell nobody: `Progress` where none is wanted."""
+def no_progress(message: str, completed_share: float | None) -> None:
+    """`Progress` callback without any effect."""
 
 
 @dataclass(frozen=True)
 class SurveyResult:
-    """What was computed in batches.
+    """Result of a batched computation.
 
     Attributes
     ----------
     dataset
-        All of it, labelled.
+        Labelled values.
     compile_s, run_s
-        Wall time spent compiling and running.
+        Wall time spent compiling and running, s.
     """
 
     dataset: "xr.Dataset"
@@ -44,50 +44,50 @@ class SurveyResult:
 
 
 class Stopwatch:
-    """Compile and run, and keep the time of each.
+    """Total compile time and run time of several programs.
 
     Attributes
     ----------
     compile_s, run_s
-        Wall time spent so far.
+        Wall time spent so far, s.
     """
 
     def __init__(self) -> None:
         self.compile_s = self.run_s = 0.0
 
-    def run(self, program: Program[..., _R], *of: Any) -> _R:
-        """Call a program with arguments."""
-        began = time.perf_counter()
-        ready = program.ready(*of)
-        compiled = time.perf_counter()
-        result = jax.block_until_ready(ready())
-        self.compile_s += compiled - began
-        self.run_s += time.perf_counter() - compiled
+    def run(self, program: Program[..., _R], *arguments: Any) -> _R:
+        """Compile a program for the arguments, run it and add both durations."""
+        start_time = time.perf_counter()
+        compiled_call = program.ready(*arguments)
+        compiled_time = time.perf_counter()
+        result = jax.block_until_ready(compiled_call())
+        self.compile_s += compiled_time - start_time
+        self.run_s += time.perf_counter() - compiled_time
         return result
 
 
-def run_in_batches(run: Callable[[np.ndarray], Any], total: int, size: int, tell: Callable[[int], None]) -> Any:
-    """Run items 0 to `total` - 1 in batches of one size; the last is filled up with repetitions.
+def run_in_batches(run: Callable[[np.ndarray], Any], total: int, size: int, on_batch: Callable[[int], None]) -> Any:
+    """Run items 0 to `total` - 1 in batches of equal size; the last batch is padded with repeated items.
 
     Parameters
     ----------
     run
-        From the numbers of the items of a batch, shape (size,), to a tree of arrays with a row for each.
+        Function of the item numbers of a batch, shape (size,); returns a tree of arrays with one row per item.
     total
         Number of items, 1 or more.
     size
-        Of a batch.
-    tell
-        Called before each batch how many are done, and at the end.
+        Number of items in a batch.
+    on_batch
+        Called with the number of finished items, before every batch and at the end.
 
     Returns
     -------
-    The tree with a row for each item.
+    Tree of arrays with `total` rows.
     """
-    done = []
-    for first in range(0, total, size):
-        tell(first)
-        batch = run(np.arange(first, first + size) % total)
-        done.append(jax.tree.map(np.asarray, batch))
-    tell(total)
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *done)
+    batches = []
+    for start in range(0, total, size):
+        on_batch(start)
+        batch = run(np.arange(start, start + size) % total)
+        batches.append(jax.tree.map(np.asarray, batch))
+    on_batch(total)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:total], *batches)

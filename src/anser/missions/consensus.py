@@ -1,4 +1,4 @@
-"""The first plan of a fleet without a centre: agreed on over the network, first the arrival time, then the paths."""
+"""First plan of a fleet without a central planner: consensus over the network on the arrival time, then on paths."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ from anser.simulation.flight import Flight, FlightState
 from anser.simulation.start import TrimmedFleet, initialize_flight
 
 DELAY_FACTORS = (1.0, 1.03, 1.08, 1.15, 1.3)
-"""What is proposed one after the other, of the arrival time on which the fleet had agreed."""
+"""Factors on the first agreed arrival time, proposed in this order."""
 _assign_holds = compiled_quickly(assign_holds)
 
 
@@ -55,24 +55,24 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 
 @compiled_quickly
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
-    """Which links are up at each exchange before the flight."""
+    """Up or down state of every link at each exchange before the flight."""
 
-    def one(outages: Any, number: Any) -> Any:
-        return network.links(outages, positions_n, active, number, randomness)
+    def links_at(outages: Any, exchange_number: Any) -> Any:
+        return network.links(outages, positions_n, active, exchange_number, randomness)
 
-    count = active.shape[0]
-    return jax.lax.scan(one, jnp.zeros((count, count), dtype=bool), rounds)[1]
+    fleet_size = active.shape[0]
+    return jax.lax.scan(links_at, jnp.zeros((fleet_size, fleet_size), dtype=bool), rounds)[1]
 
 
 class Agreement(eqx.Module):
-    """What a fleet has agreed on, as arrays.
+    """Result of the negotiation, as arrays.
 
     Attributes
     ----------
-    first
+    plan_state
         Paths and holds.
-    after_s
-        How long it talked.
+    negotiation_s
+        Duration of the negotiation, s.
     """
 
     plan_state: CertifiedPlanState
@@ -81,40 +81,40 @@ class Agreement(eqx.Module):
 
 @dataclass(frozen=True, repr=False)
 class DecentralisedFirstPlan(CertifiedFirstPlan):
-    """What the aircraft of a fleet without a centre have agreed on.
+    """Plan on which the aircraft of a fleet without a central planner have agreed.
 
     Attributes
     ----------
     agreed_after_s
-        How long they talked.
+        Duration of the negotiation, s.
     """
 
     agreed_after_s: float
 
     def initial_state(self) -> FlightState:
-        """The fleet at its start, with the plan."""
+        """Fleet state at the start of the flight, with the plan."""
         return _initialize_compiled(self.flight, self.fleet, self.saved_state().plan_state)
 
     def saved_state(self) -> Agreement:
-        """Paths, holds, and how long they talked."""
+        """Paths, holds and the duration of the negotiation."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        first = CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
-        return Agreement(first, as_array(self.agreed_after_s))
+        plan_state = CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
+        return Agreement(plan_state, as_array(self.agreed_after_s))
 
     def notes(self) -> tuple[str, ...]:
-        """As of the certified planner, and how long they talked."""
-        talked = f"agreed without a centre after {self.agreed_after_s:.1f} s"
-        return (talked, *super().notes())
+        """Notes of the certified planner, after the duration of the negotiation."""
+        negotiation_note = f"agreed without a centre after {self.agreed_after_s:.1f} s"
+        return (negotiation_note, *super().notes())
 
 
 class _NoAgreementError(Exception):
-    """No plan came of it; its argument says why."""
+    """The negotiation ended without a plan; the argument is the reason."""
 
 
 @dataclass
 class _MessageFlood:
-    """Messages before the flight: what was sent by some reaches all others after so many exchanges."""
+    """Flooding of messages before the flight: every aircraft passes on the messages received earlier."""
 
     links: np.ndarray  # (exchange, aircraft, aircraft)
     delay: int
@@ -123,48 +123,49 @@ class _MessageFlood:
     exchange_index: int = 0
 
     def broadcast(self, sources: list[int]) -> None:
-        """Wait until what each of some aircraft says has reached everyone, passed on by the others."""
+        """Advance to the exchange by which the messages of all sources have reached the whole fleet."""
         self.exchange_index = max(self._reached(source) for source in sources)
 
     def _reached(self, source: int) -> int:
-        count = len(self.names)
-        known = np.full(count, np.iinfo(int).max)
-        known[source] = self.exchange_index
+        fleet_size = len(self.names)
+        received_at = np.full(fleet_size, np.iinfo(int).max)
+        received_at[source] = self.exchange_index
         for exchange in range(self.exchange_index, len(self.links)):
-            if (known <= exchange).all():
+            if (received_at <= exchange).all():
                 return exchange
-            senders = known <= exchange
-            heard = (self.links[exchange][:count, :count] & senders[None, :]).any(axis=1)
-            known = np.where(heard, np.minimum(known, exchange + max(self.delay, 1)), known)
-        unheard = ", ".join(f'"{self.names[k]}"' for k in np.flatnonzero(known > len(self.links)))
+            senders = received_at <= exchange
+            receives = (self.links[exchange][:fleet_size, :fleet_size] & senders[None, :]).any(axis=1)
+            received_at = np.where(receives, np.minimum(received_at, exchange + max(self.delay, 1)), received_at)
+        unreached = ", ".join(f'"{self.names[k]}"' for k in np.flatnonzero(received_at > len(self.links)))
         raise _NoAgreementError(
             f"the fleet does not agree within network.agree_within_s = {len(self.links) * self.period_s:g} s: what "
-            f'aircraft "{self.names[source]}" says does not reach {unheard or "all others in time"}'
+            f'aircraft "{self.names[source]}" says does not reach {unreached or "all others in time"}'
         )
 
 
 def plan_decentralised(
     scenario: Scenario,
-    on_progress: Callable[[str], None] = lambda what: None,
-    prepare_next: PrepareNext = lambda *of: None,
+    on_progress: Callable[[str], None] = lambda message: None,
+    prepare_next: PrepareNext = lambda *_: None,
 ) -> DecentralisedFirstPlan:
-    """Trim every aircraft and let the fleet agree.
+    """Trim every aircraft and negotiate the first plan.
 
-    Each looks for its own first arrival; the latest of these is what all agree on (max-consensus). Then, in the order
-    of the scenario, each looks for a path that arrives then and keeps clear of the paths it has heard of; one that
-    finds none proposes a later time, and all begin again. The holds follow from the paths by a rule that all know.
+    Every aircraft searches for its first arrival, and the fleet agrees on the latest of these times (max-consensus).
+    Then the aircraft plan in the order of the scenario: a path with the agreed arrival time and with separation from
+    the paths received so far. If a search fails, the aircraft proposes a later time and the fleet plans anew. The holds
+    follow from the paths by a common rule.
 
     Parameters
     ----------
     scenario
         With `fleet.planner = "decentralised"`.
-    on_progress, ahead
-        As of `anser.plan`.
+    on_progress, prepare_next
+        As in `anser.plan`.
 
     Raises
     ------
     ScenarioError
-        If an aircraft cannot fly steadily at its start.
+        If an aircraft cannot be trimmed at its start.
     """
     enable_compilation_cache()
     on_progress("trimming")
@@ -172,37 +173,42 @@ def plan_decentralised(
     planner = cast(DecentralisedPlanner, flight.planner)
     fleet, tasks = trim_and_build_tasks(flight, planner.aircraft_planner)
     check_trimmable(scenario, flight, fleet.is_trimmed)
-    plan, holds, talked_s, why = negotiate_plan(scenario, flight, tasks, on_progress)
+    plan, holds, negotiation_s, refusal = negotiate_plan(scenario, flight, tasks, on_progress)
     if plan is not None:
-        first = CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
-        program = _initialize_compiled.prepare(flight, fleet, first).start()
+        plan_state = CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
+        program = _initialize_compiled.prepare(flight, fleet, plan_state).start()
         following = prepare_next(flight, program.shapes)
         if following is not None:
             following.start()
-    refusals = (why,) if why else ()
+    refusals = (refusal,) if refusal else ()
     airspace = planner.aircraft_planner.airspace
     return DecentralisedFirstPlan(
-        scenario, flight, fleet, refusals, SearchOutcome(plan, 1), tasks, airspace, holds, talked_s
+        scenario, flight, fleet, refusals, SearchOutcome(plan, 1), tasks, airspace, holds, negotiation_s
     )
 
 
 def negotiate_plan(
-    scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda what: None
+    scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda message: None
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
-    """What a fleet agrees on: plan and holds, or why there are none; and how long it talked, s."""
-    talk = _make_message_flood(scenario, flight, tasks)
+    """Negotiate a plan before the flight.
+
+    Returns
+    -------
+    Plan and holds (None without an agreement), duration of the negotiation (s), and the reason for a failure, else "".
+    """
+    flood = _make_message_flood(scenario, flight, tasks)
     try:
-        plan, holds = _reach_agreement(scenario, cast(DecentralisedPlanner, flight.planner), tasks, talk, on_progress)
+        plan, holds = _reach_agreement(scenario, cast(DecentralisedPlanner, flight.planner), tasks, flood, on_progress)
     except _NoAgreementError as error:
-        return None, None, talk.exchange_index * talk.period_s, str(error)
-    return plan, holds, talk.exchange_index * talk.period_s, ""
+        return None, None, flood.exchange_index * flood.period_s, str(error)
+    return plan, holds, flood.exchange_index * flood.period_s, ""
 
 
 def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> _MessageFlood:
-    numbers = scenario.network or NetworkTable()
+    table = scenario.network or NetworkTable()
     planner = cast(DecentralisedPlanner, flight.planner)
-    rounds = np.arange(round(numbers.agree_within_s / numbers.period_s), 0, -1, dtype=np.int32)
-    # before the flight: samples below that of what is drawn once
+    rounds = np.arange(round(table.agree_within_s / table.period_s), 0, -1, dtype=np.int32)
+    # negative sample numbers: no collision with random numbers of the flight or of its start
     links = _links(
         planner.network,
         tasks.position_n,
@@ -210,14 +216,14 @@ def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask)
         flight.randomness,
         as_array(-1 - rounds, np.int32),
     )
-    names = tuple(one.name for one in scenario.aircraft)
-    return _MessageFlood(np.asarray(links), int(planner.network.delay), names, numbers.period_s)
+    names = tuple(aircraft.name for aircraft in scenario.aircraft)
+    return _MessageFlood(np.asarray(links), int(planner.network.delay), names, table.period_s)
 
 
-def _single_task(tasks: AircraftTask, who: int) -> AircraftTask:
-    """The tasks of a fleet of which one is to be planned."""
-    itself = np.arange(np.asarray(tasks.active).size) == who
-    active = np.where(itself, np.asarray(tasks.active), 0.0)
+def _single_task(tasks: AircraftTask, aircraft: int) -> AircraftTask:
+    """Tasks of a fleet with only one active aircraft."""
+    is_planned = np.arange(np.asarray(tasks.active).size) == aircraft
+    active = np.where(is_planned, np.asarray(tasks.active), 0.0)
     return eqx.tree_at(lambda t: t.active, tasks, as_array(active))
 
 
@@ -225,83 +231,87 @@ def _reach_agreement(
     scenario: Scenario,
     planner: DecentralisedPlanner,
     tasks: AircraftTask,
-    talk: _MessageFlood,
+    flood: _MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan, PlannedHolds]:
-    names, request = talk.names, arrival_request(scenario, np.asarray(tasks.active).size)
+    names, request = flood.names, arrival_request(scenario, np.asarray(tasks.active).size)
     offsets = request.offsets(np.asarray(tasks.active).size)
-    fixed = request.times_s is not None
-    airspace, latest = planner.aircraft_planner.airspace, request.latest_s
-    if fixed:
-        wanted = np.asarray(request.times_s)
+    is_fixed = request.times_s is not None
+    airspace, latest_s = planner.aircraft_planner.airspace, request.latest_s
+    if is_fixed:
+        agreed_times = np.asarray(request.times_s)
     else:
-        firsts = []
+        first_arrivals = []
         for k, name in enumerate(names):
             on_progress(f"{name} looks for its first arrival")
-            found = search(0.0, _single_task(tasks, k), airspace, ArrivalRequest("together", latest)).plan
-            if found is None:
-                raise _NoAgreementError(f'aircraft "{name}" finds no path of its own that arrives within {latest:g} s')
-            firsts.append(float(np.asarray(found.arrival_times)[k]) - offsets[k])
-        talk.broadcast(list(range(len(names))))
-        wanted = max(firsts) + offsets
-    failed = ""
-    for later in DELAY_FACTORS[:1] if fixed else DELAY_FACTORS:
-        times = (wanted - offsets) * later + offsets
-        if np.max(times[: len(names)]) > latest:
+            first_plan = search(0.0, _single_task(tasks, k), airspace, ArrivalRequest("together", latest_s)).plan
+            if first_plan is None:
+                raise _NoAgreementError(
+                    f'aircraft "{name}" finds no path of its own that arrives within {latest_s:g} s'
+                )
+            first_arrivals.append(float(np.asarray(first_plan.arrival_times)[k]) - offsets[k])
+        flood.broadcast(list(range(len(names))))
+        agreed_times = max(first_arrivals) + offsets
+    failure = ""
+    for delay_factor in DELAY_FACTORS[:1] if is_fixed else DELAY_FACTORS:
+        times = (agreed_times - offsets) * delay_factor + offsets
+        if np.max(times[: len(names)]) > latest_s:
             break
-        made, failed = _plan_in_turn(planner, tasks, times, talk, on_progress)
-        if made is None:
+        plan, failure = _plan_in_turn(planner, tasks, times, flood, on_progress)
+        if plan is None:
             continue
         on_progress("choosing the holds")
-        until = as_array(scenario.timing.duration_s)
+        end_time = as_array(scenario.timing.duration_s)
         holds = _assign_holds(
-            made.paths,
+            plan.paths,
             tasks,
             airspace,
             planner.aircraft_planner.guidance,
             as_array(0.0),
-            until,
+            end_time,
             choose_cell_count(scenario.timing.duration_s),
         )
         if np.asarray(holds.clear)[: len(names)].all():
-            return made, holds
-        failed = "no holds keep the aircraft clear of each other after their arrivals"
-    raise _NoAgreementError(failed or f"the fleet agrees on no arrival within {latest:g} s")
+            return plan, holds
+        failure = "no holds keep the aircraft clear of each other after their arrivals"
+    raise _NoAgreementError(failure or f"the fleet agrees on no arrival within {latest_s:g} s")
 
 
 def _plan_in_turn(
     planner: DecentralisedPlanner,
     tasks: AircraftTask,
     times: np.ndarray,
-    talk: _MessageFlood,
+    flood: _MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
-    """A plan in which each keeps clear of those before it; or why there is none."""
-    airspace, made = planner.aircraft_planner.airspace, None
+    """Plan the aircraft in turn, with separation from the aircraft planned before; or return the failure."""
+    airspace, plan = planner.aircraft_planner.airspace, None
     request = ArrivalRequest("times", float(np.max(times)), times_s=times)
     intervals = choose_interval_count(float(np.max(times)))
-    for k, name in enumerate(talk.names):
+    for k, name in enumerate(flood.names):
         on_progress(f"{name} plans for its arrival at {times[k]:.1f} s")
-        standing = None
-        if made is not None:
-            standing = FixedPaths(as_array(np.arange(times.size) < k, bool), made.paths, made.arrival_times)
-        found = search(0.0, _single_task(tasks, k), airspace, request, fixed_paths=standing, intervals=intervals).plan
-        if found is None:
-            talk.broadcast([k])
+        fixed_paths = None
+        if plan is not None:
+            fixed_paths = FixedPaths(as_array(np.arange(times.size) < k, bool), plan.paths, plan.arrival_times)
+        candidate = search(
+            0.0, _single_task(tasks, k), airspace, request, fixed_paths=fixed_paths, intervals=intervals
+        ).plan
+        if candidate is None:
+            flood.broadcast([k])
             return (
                 None,
                 f'aircraft "{name}" finds no path that arrives at {times[k]:.1f} s and keeps clear of the others',
             )
-        own = as_array(np.arange(times.size) == k, bool)
-        ratios = found.certificate.clearance_ratio
-        made = found if made is None else _with_aircraft_rows(made, found, own)
-        made = eqx.tree_at(lambda p: p.certificate.clearance_ratio, made, ratios)
-        talk.broadcast([k])
-    assert made is not None
-    return eqx.tree_at(lambda p: p.certificate, made, _certify_fleet(made, tasks, airspace)), ""
+        is_planned = as_array(np.arange(times.size) == k, bool)
+        ratios = candidate.certificate.clearance_ratio
+        plan = candidate if plan is None else _with_aircraft_rows(plan, candidate, is_planned)
+        plan = eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, ratios)
+        flood.broadcast([k])
+    assert plan is not None
+    return eqx.tree_at(lambda p: p.certificate, plan, _certify_fleet(plan, tasks, airspace)), ""
 
 
 @compiled_quickly
-def _with_aircraft_rows(made: CertifiedPlan, found: CertifiedPlan, own: Any) -> CertifiedPlan:
-    """A plan with the rows of one aircraft from another."""
-    return select_rows(own, found, made)
+def _with_aircraft_rows(plan: CertifiedPlan, candidate: CertifiedPlan, is_planned: Any) -> CertifiedPlan:
+    """Plan with the rows of the selected aircraft from a candidate."""
+    return select_rows(is_planned, candidate, plan)

@@ -1,6 +1,6 @@
 """Events of a single flight in the order of time.
 
-Their effects on flight and plan, and the reassignment of goals that departing aircraft leave.
+Effects on the flight and its plan, and the reassignment of goals that departing aircraft leave.
 """
 
 import dataclasses
@@ -29,12 +29,12 @@ from anser.sensing.goal_filters import hand_over_goal
 from anser.simulation.flight import Flight, FlightState
 
 GOAL_TAKEN_OVER = "goal-taken-over"
-_INFEASIBLE_M = 1e12  # cost of what is not possible, m
+_INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """A fleet at the sample at which goals become free."""
+    """Fleet at the sample at which goals become free."""
 
     scenario: Scenario
     goals: tuple[str, ...]
@@ -43,34 +43,43 @@ class _FleetGoals:
     now_s: float
 
     def aircraft_with_goal(self, goal: str) -> list[str]:
-        """Names of those who fly to a goal and have not left."""
+        """Names of the aircraft that fly to a goal and have not departed."""
         events = self.scenario.event
-        left = {one.aircraft for one in events if one.kind == "aircraft-leaves" and one.time_s <= self.now_s}
-        names = [one.name for one in self.scenario.aircraft]
-        return [name for name, own in zip(names, self.goals, strict=True) if own == goal and name not in left]
+        departed = {
+            event.aircraft for event in events if event.kind == "aircraft-leaves" and event.time_s <= self.now_s
+        }
+        names = [aircraft.name for aircraft in self.scenario.aircraft]
+        return [
+            name
+            for name, assigned_goal in zip(names, self.goals, strict=True)
+            if assigned_goal == goal and name not in departed
+        ]
 
     def distances_m(self, departures: Sequence[tuple[int, Event]]) -> np.ndarray:
-        """Way of each aircraft to the rendezvous of each who left, where it may be there in time; else `_NEVER`.
+        """Distance of every aircraft to the rendezvous of every departed aircraft, (aircraft, departure), m.
 
-        In time is what a straight flight at the greatest airspeed, with the wind, allows: the search decides.
+        `_INFEASIBLE_M` if even a straight flight at the greatest airspeed with the wind would arrive too late, or if
+        the aircraft may not leave its present goal. The search decides about the remaining pairs.
         """
-        tasks, names = self.snapshot.tasks, [one.name for one in self.scenario.aircraft]
-        places = np.asarray(tasks.position_n)
-        free = np.asarray(tasks.active)[: len(names)] > 0.0
-        last_s = self.arrival_times_s
+        tasks, names = self.snapshot.tasks, [aircraft.name for aircraft in self.scenario.aircraft]
+        positions_n = np.asarray(tasks.position_n)
+        can_replan = np.asarray(tasks.active)[: len(names)] > 0.0
+        latest_s = self.arrival_times_s
         if self.scenario.arrival.rule in ("together", "earliest", "sequence"):
-            last_s = np.full_like(last_s, self.scenario.timing.latest_arrival_s)
-        reach_m = (last_s - self.now_s) * (np.asarray(tasks.limits.speed_max) + self.scenario.wind.speed_max_m_s)
-        seen, ways = self.snapshot.seen, np.full((len(names), len(departures)), _INFEASIBLE_M)
-        for column, (leaver, event) in enumerate(departures):
+            latest_s = np.full_like(latest_s, self.scenario.timing.latest_arrival_s)
+        reach_m = (latest_s - self.now_s) * (np.asarray(tasks.limits.speed_max) + self.scenario.wind.speed_max_m_s)
+        flying, distances = self.snapshot.flying_tasks, np.full((len(names), len(departures)), _INFEASIBLE_M)
+        for column, (departed, event) in enumerate(departures):
             to_go_s = np.maximum(self.arrival_times_s - self.now_s, 0.0)[:, None]
-            goal_n = np.asarray(seen.goal_position_n)[leaver] + to_go_s * np.asarray(seen.goal_velocity_n)[leaver]
-            away = np.linalg.norm(goal_n + np.asarray(seen.rendezvous.stand_off_n)[leaver] - places, axis=1)
-            for row in np.flatnonzero(free):
-                spare = len(self.aircraft_with_goal(self.goals[row])) > 1
-                if away[row] <= reach_m[row] and (spare or event.goal_taken_over_by == "nearest"):
-                    ways[row, column] = away[row]
-        return ways
+            goal_n = (
+                np.asarray(flying.goal_position_n)[departed] + to_go_s * np.asarray(flying.goal_velocity_n)[departed]
+            )
+            range_m = np.linalg.norm(goal_n + np.asarray(flying.rendezvous.stand_off_n)[departed] - positions_n, axis=1)
+            for aircraft in np.flatnonzero(can_replan):
+                is_spare = len(self.aircraft_with_goal(self.goals[aircraft])) > 1
+                if range_m[aircraft] <= reach_m[aircraft] and (is_spare or event.goal_taken_over_by == "nearest"):
+                    distances[aircraft, column] = range_m[aircraft]
+        return distances
 
 
 def reassign_goals(
@@ -80,210 +89,213 @@ def reassign_goals(
     number: int,
     departures: Sequence[Event],
     goals: Sequence[str],
-    on_progress: Callable[[str], None] = lambda what: None,
+    on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
-    """Give the goals of aircraft that leave at a sample to others, where that can be planned.
+    """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
 
-    The assignment with the shortest ways in all, of those aircraft that may still be planned anew and can be there in
-    time; one for which no plan is found gives way to the next.
+    The assignment with the least sum of distances is tried first, among aircraft that can still be replanned and can
+    arrive in time. If no plan is found, the longest pair is excluded and the next assignment is tried.
 
     Parameters
     ----------
     scenario, flight, state, number
         The fleet at the sample, after the aircraft have left.
-    left
-        The events by which they left.
+    departures
+        Events by which the aircraft left.
     goals
         Name of the goal of each aircraft.
     on_progress
-        Called with what is being done.
+        Called with a description of the current work.
 
     Returns
     -------
-    Flight and state after it, the name of the goal of each aircraft, and what was done.
+    Flight, state, goal names of all aircraft, and the outcomes.
     """
-    asked = [event for event in departures if event.goal_taken_over_by is not None]
-    if not asked:
+    requests = [event for event in departures if event.goal_taken_over_by is not None]
+    if not requests:
         return flight, state, tuple(goals), []
     on_progress("looking for aircraft that take over a goal")
-    names, now_s = [one.name for one in scenario.aircraft], number * scenario.timing.step_s
+    names, now_s = [aircraft.name for aircraft in scenario.aircraft], number * scenario.timing.step_s
     fleet = _FleetGoals(
         scenario, tuple(goals), snapshot_at(flight, state, number), np.asarray(state.planner.plan.arrival_times), now_s
     )
-    free: list[tuple[int, Event]] = []
-    visited: list[EventOutcome] = []
-    for event in asked:
-        leaver = names.index(str(event.aircraft))
-        others = fleet.aircraft_with_goal(goals[leaver])
-        if others:
-            message = f'its goal "{goals[leaver]}" is not free: "{others[0]}" flies to it'
-            visited.append(EventOutcome(now_s, GOAL_TAKEN_OVER, names[leaver], True, message))
+    open_goals: list[tuple[int, Event]] = []
+    outcomes: list[EventOutcome] = []
+    for event in requests:
+        departed = names.index(str(event.aircraft))
+        remaining = fleet.aircraft_with_goal(goals[departed])
+        if remaining:
+            message = f'its goal "{goals[departed]}" is not free: "{remaining[0]}" flies to it'
+            outcomes.append(EventOutcome(now_s, GOAL_TAKEN_OVER, names[departed], True, message))
         else:
-            free.append((leaver, event))
-    ways = fleet.distances_m(free)
-    while np.any(ways < _INFEASIBLE_M):
-        rows, columns = linear_sum_assignment(ways)
-        pairs = [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if ways[r, c] < _INFEASIBLE_M]
-        handed, moved = flight, state
+            open_goals.append((departed, event))
+    distances = fleet.distances_m(open_goals)
+    while np.any(distances < _INFEASIBLE_M):
+        takers, columns = linear_sum_assignment(distances)
+        pairs = [(int(r), int(c)) for r, c in zip(takers, columns, strict=True) if distances[r, c] < _INFEASIBLE_M]
+        reassigned_flight, reassigned_state = flight, state
         for taker, column in pairs:
-            handed, moved = _hand_over_goal(handed, moved, free[column][0], taker)
-        planned = replan_fleet(scenario, handed, moved, number, on_progress)
-        if planned is not None:
-            after = list(goals)
+            reassigned_flight, reassigned_state = _hand_over_goal(
+                reassigned_flight, reassigned_state, open_goals[column][0], taker
+            )
+        replanned_state = replan_fleet(scenario, reassigned_flight, reassigned_state, number, on_progress)
+        if replanned_state is not None:
+            new_goals = list(goals)
             for taker, column in pairs:
-                after[taker] = goals[free[column][0]]
-            done = [
+                new_goals[taker] = goals[open_goals[column][0]]
+            handovers = [
                 EventOutcome(
                     now_s,
                     GOAL_TAKEN_OVER,
                     names[taker],
                     True,
-                    f'goes to the goal "{after[taker]}" of "{names[free[column][0]]}" instead of "{goals[taker]}"',
+                    f'goes to the goal "{new_goals[taker]}" of "{names[open_goals[column][0]]}" '
+                    f'instead of "{goals[taker]}"',
                 )
                 for taker, column in pairs
             ]
-            lacking = sorted(set(range(len(free))) - {column for _, column in pairs})
+            unassigned = sorted(set(range(len(open_goals))) - {column for _, column in pairs})
             return (
-                handed,
-                planned,
-                tuple(after),
-                [*visited, *done, *(_no_successor(now_s, *free[c], goals) for c in lacking)],
+                reassigned_flight,
+                replanned_state,
+                tuple(new_goals),
+                [*outcomes, *handovers, *(_no_successor(now_s, *open_goals[c], goals) for c in unassigned)],
             )
-        taker, column = max(pairs, key=lambda pair: ways[pair])
-        ways[taker, column] = _INFEASIBLE_M
-    return flight, state, tuple(goals), [*visited, *(_no_successor(now_s, *one, goals) for one in free)]
+        taker, column = max(pairs, key=lambda pair: distances[pair])
+        distances[taker, column] = _INFEASIBLE_M
+    return flight, state, tuple(goals), [*outcomes, *(_no_successor(now_s, *goal, goals) for goal in open_goals)]
 
 
-def _no_successor(now_s: float, leaver: int, event: Event, goals: Sequence[str]) -> EventOutcome:
+def _no_successor(now_s: float, departed: int, event: Event, goals: Sequence[str]) -> EventOutcome:
     return EventOutcome(
-        now_s, GOAL_TAKEN_OVER, str(event.aircraft), False, f'nobody can take over its goal "{goals[leaver]}" in time'
+        now_s, GOAL_TAKEN_OVER, str(event.aircraft), False, f'nobody can take over its goal "{goals[departed]}" in time'
     )
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
-    """One aircraft with the goal, the rendezvous and what is known of the goal of another."""
-    (of_giver, row), (of_taker, at) = _group_and_row(flight, giver), _group_and_row(flight, taker)
+    """Give the goal, the rendezvous and the goal estimate of one aircraft to another aircraft."""
+    (giver_group, giver_row), (taker_group, taker_row) = _group_and_row(flight, giver), _group_and_row(flight, taker)
 
-    def mission(kind: int) -> Any:
-        own = flight.groups[kind].vehicles.batched.mission
-        assert own is not None
-        return own.goal, own.airborne, own.rendezvous
+    def mission(group: int) -> Any:
+        group_mission = flight.groups[group].vehicles.batched.mission
+        assert group_mission is not None
+        return group_mission.goal, group_mission.airborne, group_mission.rendezvous
 
-    def memories(kind: int) -> Any:
-        return state.vehicles[kind].sensors, state.vehicles[kind].estimator
+    def goal_states(group: int) -> Any:
+        return state.vehicles[group].sensors, state.vehicles[group].estimator
 
-    given, known = _row(mission(of_giver), row), _row(memories(of_giver), row)
+    giver_mission, giver_states = _row(mission(giver_group), giver_row), _row(goal_states(giver_group), giver_row)
     flight = eqx.tree_at(
         lambda f: (
-            f.groups[of_taker].vehicles.batched.mission.goal,
-            f.groups[of_taker].vehicles.batched.mission.airborne,
-            f.groups[of_taker].vehicles.batched.mission.rendezvous,
+            f.groups[taker_group].vehicles.batched.mission.goal,
+            f.groups[taker_group].vehicles.batched.mission.airborne,
+            f.groups[taker_group].vehicles.batched.mission.rendezvous,
         ),
         flight,
-        _with_row(mission(of_taker), at, given),
+        _with_row(mission(taker_group), taker_row, giver_mission),
     )
-    after = hand_over_goal(_row(memories(of_taker), at), known)
+    taker_states = hand_over_goal(_row(goal_states(taker_group), taker_row), giver_states)
     state = eqx.tree_at(
-        lambda s: (s.vehicles[of_taker].sensors, s.vehicles[of_taker].estimator),
+        lambda s: (s.vehicles[taker_group].sensors, s.vehicles[taker_group].estimator),
         state,
-        _with_row(memories(of_taker), at, after),
+        _with_row(goal_states(taker_group), taker_row, taker_states),
         is_leaf=lambda leaf: leaf is None,
     )
     return flight, state
 
 
 def _group_and_row(flight: Flight, aircraft: int) -> tuple[int, int]:
-    """Kind of an aircraft, and its place there."""
+    """Index of the group of an aircraft, and its row in the group."""
     return next((k, kind.members.index(aircraft)) for k, kind in enumerate(flight.groups) if aircraft in kind.members)
 
 
-def _row(rows: Any, at: int) -> Any:
-    return jax.tree.map(lambda leaf: np.asarray(leaf)[at], rows)
+def _row(tree: Any, index: int) -> Any:
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[index], tree)
 
 
-def _with_row(rows: Any, at: int, row: Any) -> Any:
-    """Rows with one replaced, on the host: nothing is compiled."""
+def _with_row(tree: Any, index: int, values: Any) -> Any:
+    """Replace one row of every array of a tree, on the host: nothing is compiled."""
 
-    def one(leaf: Any, new: Any) -> Any:
+    def replace_row(leaf: Any, value: Any) -> Any:
         table = np.array(leaf)
-        table[at] = new
+        table[index] = value
         return as_array(table, None)
 
-    return jax.tree.map(one, rows, row)
+    return jax.tree.map(replace_row, tree, values)
 
 
-_TRIES = 3  # searches after one event
-_SETTLED_S = 10.0  # after an event in which renewals are looked at one by one: a filter takes its time too
+_SEARCHES_MAX = 3  # after one event
+_SETTLED_S = 10.0  # time after an event in which every replanning is checked: a goal filter also needs time to settle
 
 
 class EventSchedule:
-    """Events still to come, and what became of those that were.
+    """Coming events of a flight, and the outcomes of past events.
 
     Parameters
     ----------
     scenario
-        With its events.
+        Scenario with the events.
     on_progress
-        Called with what is being done.
+        Called with a description of the current work.
 
     Attributes
     ----------
     outcomes
-        What was done, in the order of time.
+        Outcomes in the order of time.
     goals
         Name of the goal of each aircraft.
     """
 
     def __init__(self, scenario: Scenario, on_progress: Callable[[str], None]) -> None:
         self.outcomes: list[EventOutcome] = []
-        self.goals = tuple(one.goal for one in scenario.aircraft)
+        self.goals = tuple(aircraft.goal for aircraft in scenario.aircraft)
         self._scenario, self._on_progress = scenario, on_progress
         step_s = scenario.timing.step_s
         pairs = [(round(event.time_s / step_s), event) for event in scenario.event]
         self._coming = sorted(pairs, key=lambda pair: pair[0])
-        self._renewal_steps = round(scenario.timing.replan_period_s / step_s)
-        # place in the outcomes of an event after which the renewals are looked at, and how often that may be searched
-        self._watched: tuple[int, int] | None = None
+        self._replan_steps = round(scenario.timing.replan_period_s / step_s)
+        # index of the last goal event among the outcomes, and the searches left for it
+        self._goal_event: tuple[int, int] | None = None
 
     def apply_due(self, flight: Flight, state: FlightState, number: int) -> tuple[Flight, FlightState]:
         """Flight and state after the events that are due at a sample."""
-        due: list[Event] = []
+        due_events: list[Event] = []
         while self._coming and self._coming[0][0] <= number:
-            due.append(self._coming.pop(0)[1])
-        for event in due:
+            due_events.append(self._coming.pop(0)[1])
+        for event in due_events:
             flight, state, outcome = apply_event(self._scenario, flight, state, number, event, self._on_progress)
             self.outcomes.append(outcome)
             if event.kind in GOAL_EVENTS and self._scenario.fleet.planner == "certified":
-                self._watched = len(self.outcomes) - 1, _TRIES
-        flight, state, self.goals, taken = reassign_goals(
-            self._scenario, flight, state, number, due, self.goals, self._on_progress
+                self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
+        flight, state, self.goals, handovers = reassign_goals(
+            self._scenario, flight, state, number, due_events, self.goals, self._on_progress
         )
-        self.outcomes += taken
+        self.outcomes += handovers
         return flight, state
 
     def steps_until_next(self, number: int, steps_max: int) -> int:
-        """Steps to be flown from a sample on before the next event, or the next look at a renewal after one."""
-        steps = min([steps_max, *(due - number for due, _ in self._coming[:1])])
-        if self._watched is not None and self._renewal_steps:
-            steps = min(steps, -number % self._renewal_steps + 1)
+        """Steps from a sample to the next event or to the next check of the replanning, at most `steps_max`."""
+        steps = min([steps_max, *(event_step - number for event_step, _ in self._coming[:1])])
+        if self._goal_event is not None and self._replan_steps:
+            steps = min(steps, -number % self._replan_steps + 1)
         return steps
 
     def check_replanning(self, flight: Flight, state: FlightState, number: int) -> FlightState:
-        """The state at a sample, planned anew by the whole search where renewal finds no plan to a goal that changed.
+        """State at a sample, with a plan of the complete search if periodic replanning failed after a goal changed.
 
-        What renewal tries on the way is little; the search, which takes longer, may find more.
+        Periodic replanning tries small corrections only; the complete search takes longer and may find a plan.
         """
-        if self._watched is None:
+        if self._goal_event is None:
             return state
-        (place, tries), now_s = self._watched, number * self._scenario.timing.step_s
-        event = self.outcomes[place]
+        (outcome_index, tries_left), now_s = self._goal_event, number * self._scenario.timing.step_s
+        event = self.outcomes[outcome_index]
         if int(np.asarray(state.planner.replanning)) not in (UNCHANGED, PARTLY_CORRECTED):
             if now_s > event.time_s + _SETTLED_S:
-                self._watched = None
+                self._goal_event = None
             return state
         self._on_progress(f"planning anew at {now_s:g} s")
-        planned = replan_fleet(self._scenario, flight, state, number, self._on_progress)
-        message = f"{NO_PLAN_MESSAGE if planned is None else 'planned anew'} ({now_s:g} s)"
-        self.outcomes[place] = dataclasses.replace(event, planned=planned is not None, message=message)
-        self._watched = (place, tries - 1) if tries > 1 and planned is None else None
-        return state if planned is None else planned
+        replanned_state = replan_fleet(self._scenario, flight, state, number, self._on_progress)
+        message = f"{NO_PLAN_MESSAGE if replanned_state is None else 'planned anew'} ({now_s:g} s)"
+        self.outcomes[outcome_index] = dataclasses.replace(event, planned=replanned_state is not None, message=message)
+        self._goal_event = (outcome_index, tries_left - 1) if tries_left > 1 and replanned_state is None else None
+        return state if replanned_state is None else replanned_state

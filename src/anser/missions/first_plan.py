@@ -1,4 +1,4 @@
-"""The first plan of a scenario: its interface for people, and first plans by the certified planner."""
+"""The first plan of a scenario: common interface, and first plans by the certified planner."""
 
 import abc
 import dataclasses
@@ -31,15 +31,15 @@ from anser.simulation.start import TrimmedFleet, initialize_flight, trimmed_flee
 from anser.steady.trim import TrimPoint
 
 SPEED_TOLERANCE = 1e-3
-"""Part of the fleet's speed by which a mean airspeed may differ without a note."""
+"""Relative difference from the fleet's speed above which a mean airspeed is noted."""
 
 
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
-"""Prepares the program that is needed after the plan, for a flight and the shapes of its first state."""
+"""Callback that prepares the program needed after planning, from a flight and the shapes of its first state."""
 
 
 class NoPlanError(Exception):
-    """The certified planner found no plan; `reasons` says why, one sentence each."""
+    """No plan was found; `reasons` holds one sentence for each reason."""
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
         super().__init__("; ".join(reasons))
@@ -47,23 +47,23 @@ class NoPlanError(Exception):
 
 
 class PlanFileError(ValueError):
-    """A file that holds no plan, or not one for the scenario."""
+    """The file contains no plan, or the plan of another scenario."""
 
 
 @dataclass(frozen=True, repr=False)
 class FirstPlan(abc.ABC):
-    """The first plan of a scenario; printed, it is when the aircraft arrive and what is wrong.
+    """The first plan of a scenario; the printed form lists arrival times and problems.
 
     Attributes
     ----------
     scenario
-        What was planned.
+        Planned scenario.
     flight
-        Its arrays, filled up to a size with aircraft that never fly.
+        Arrays of the flight, padded with inactive aircraft to a multiple of a fixed size.
     fleet
-        All of these, trimmed at the start.
+        The aircraft of `flight`, trimmed at the start.
     refusals
-        Why there is no plan, one sentence each; empty where there is one.
+        Reasons for a missing plan, one sentence each; empty if a plan exists.
     """
 
     scenario: Scenario
@@ -74,51 +74,53 @@ class FirstPlan(abc.ABC):
     @property
     def trims(self) -> tuple[TrimPoint, ...]:
         """Steady flight of each aircraft at its start."""
-        of_kinds = zip(self.flight.groups, self.fleet.trims, strict=True)
-        found = {
-            place: one for kind, rows in of_kinds for place, one in zip(kind.members, unstack_rows(rows), strict=True)
+        groups = zip(self.flight.groups, self.fleet.trims, strict=True)
+        trims = {
+            position: trim
+            for kind, stacked_trims in groups
+            for position, trim in zip(kind.members, unstack_rows(stacked_trims), strict=True)
         }
-        return tuple(found[place] for place in range(len(self.scenario.aircraft)))
+        return tuple(trims[position] for position in range(len(self.scenario.aircraft)))
 
     @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
-        """The planner's own plan; raises `NoPlanError` if there is none."""
+        """The planner's plan; raises `NoPlanError` if there is no plan."""
 
     @abc.abstractmethod
     def problems(self) -> tuple[str, ...]:
-        """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
+        """Reasons for a missing plan, or obstacles to flying the plan, one sentence each; empty for a flyable plan."""
 
     @abc.abstractmethod
     def notes(self) -> tuple[str, ...]:
-        """Where the plan differs from the scenario's words, one sentence each."""
+        """Differences between the plan and the request of the scenario, one sentence each."""
 
     @abc.abstractmethod
     def path_descriptions(self) -> tuple[str, ...]:
-        """How the path of each aircraft goes, in two or three words."""
+        """Shape of the path of each aircraft, in two or three words."""
 
     @abc.abstractmethod
     def initial_state(self) -> FlightState:
-        """The fleet at its start, with the plan."""
+        """State of the fleet at the start of the flight, with the plan."""
 
     def saved_state(self) -> Any:
-        """What a file keeps of it: arrays in a module."""
+        """Content of a plan file: a module of arrays."""
         return self.initial_state().planner
 
     def __repr__(self) -> str:
-        return "\n  ".join([self._head(), *self._told()])
+        return "\n  ".join([self._head(), *self._problems_and_notes()])
 
     def _repr_html_(self) -> str:
         from anser.results.documents import notebook_table
 
-        rows = []
+        table = []
         if not self.refusals:
             arrivals = np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
-            rows = [
-                {"aircraft": one.name, "goal": one.goal, "arrives at, s": f"{float(time):.2f}", "path": words}
-                for one, time, words in zip(self.scenario.aircraft, arrivals, self.path_descriptions(), strict=True)
+            table = [
+                {"aircraft": aircraft.name, "goal": aircraft.goal, "arrives at, s": f"{float(time):.2f}", "path": path}
+                for aircraft, time, path in zip(self.scenario.aircraft, arrivals, self.path_descriptions(), strict=True)
             ]
-        return notebook_table(self._head(), rows, self._told())
+        return notebook_table(self._head(), table, self._problems_and_notes())
 
     def _head(self) -> str:
         head = f"{self.scenario.name}, {self.scenario.fleet.planner} planner: "
@@ -130,50 +132,50 @@ class FirstPlan(abc.ABC):
         first_s, last_s = (float(end(arrivals_s)) for end in (np.min, np.max))
         return head + format_planned_arrivals(len(self.scenario.aircraft), first_s, last_s)
 
-    def _told(self) -> list[str]:
-        """What is wrong with it, and what is to be noted."""
-        problems = self.problems() if self.refusals else [f"not flyable: {one}" for one in self.problems()]
-        return [*problems, *(f"note: {one}" for one in self.notes())]
+    def _problems_and_notes(self) -> list[str]:
+        """Problems and notes, one line each."""
+        problems = self.problems() if self.refusals else [f"not flyable: {problem}" for problem in self.problems()]
+        return [*problems, *(f"note: {note}" for note in self.notes())]
 
 
 trim_at_start = compiled_quickly(trimmed_fleet)
 """`trimmed_fleet`, compiled."""
 initialize_compiled = compiled_quickly(initialize_flight)
-"""`begin`, compiled."""
+"""`initialize_flight`, compiled."""
 
 
 @compiled_quickly
 def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
-    """The fleet trimmed at its start, and what is asked of the planner for it."""
+    """Trim the fleet at its start and build the planning tasks."""
     fleet = trimmed_fleet(flight)
     return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
 
 def first_plan_status() -> Array:
-    """That a plan is the first: index into `REPLANNING_MESSAGES`."""
+    """Replanning status of a first plan: index into `REPLANNING_MESSAGES`."""
     return as_array(FIRST_PLAN, np.int64)
 
 
 UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
-"""Message of a path that the certified planner delivers without a proof."""
+"""Message for a path delivered without a proof."""
 
 
 @dataclass(frozen=True, repr=False)
 class CertifiedFirstPlan(FirstPlan):
-    """What came of planning a scenario with the certified planner.
+    """The first plan of a scenario by the certified planner.
 
     Attributes
     ----------
     outcome
-        Of the search.
-    all_tasks, airspace
-        What was asked of the planner.
+        Result of the search.
+    padded_tasks, airspace
+        Input of the search.
     holds
-        What the aircraft fly after their arrivals; None where there is no plan.
+        Paths after the arrivals; None without a plan.
 
     Notes
     -----
-    Outcome, all tasks and holds are of all aircraft of the flight, those that only fill it up among them.
+    Outcome, padded tasks and holds contain all aircraft of `flight`, the padding included.
     """
 
     outcome: SearchOutcome
@@ -183,43 +185,43 @@ class CertifiedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def tasks(self) -> AircraftTask:
-        """What was asked of the scenario's aircraft; leading axis aircraft."""
+        """Planning tasks of the scenario's aircraft; leading axis aircraft."""
         return first_rows(self.padded_tasks, len(self.scenario.aircraft))
 
     @functools.cached_property
     def plan(self) -> CertifiedPlan:
-        """The plan; raises `NoPlanError` if there is none: the message says why."""
+        """The plan; raises `NoPlanError` with the reasons if there is no plan."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
         return self.outcome.plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
-        """Why there is no plan, or why it cannot be flown as it stands, one sentence each; empty where it can."""
+        """Reasons for a missing plan, or unproven paths, one sentence each."""
         if self.outcome.plan is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan.feasible))
 
     def notes(self) -> tuple[str, ...]:
-        """Where the plan differs from what the scenario prefers, the mean airspeed, in one sentence; or nothing."""
+        """Mean airspeeds that differ from the preferred airspeeds, in one sentence; empty without a difference."""
         if self.outcome.plan is None:
             return ()
-        asked_m_s = np.array([self.scenario.speed_for(one) for one in self.scenario.aircraft])
+        preferred_m_s = np.array([self.scenario.speed_for(aircraft) for aircraft in self.scenario.aircraft])
         plan = self.plan
-        found_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
-        others = np.flatnonzero(np.abs(found_m_s / asked_m_s - 1.0) > SPEED_TOLERANCE)
-        if not others.size:
+        planned_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
+        differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > SPEED_TOLERANCE)
+        if not differing.size:
             return ()
-        names = ", ".join(f"{self.scenario.aircraft[k].name} {found_m_s[k]:.1f} m/s" for k in others)
-        if np.ptp(asked_m_s) > 0.0:
+        names = ", ".join(f"{self.scenario.aircraft[k].name} {planned_m_s[k]:.1f} m/s" for k in differing)
+        if np.ptp(preferred_m_s) > 0.0:
             return (f"mean airspeeds other than preferred: {names}",)
-        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {asked_m_s[0]:g} m/s: {names}",)
+        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {preferred_m_s[0]:g} m/s: {names}",)
 
     def path_descriptions(self) -> tuple[str, ...]:
-        """How the path of each aircraft goes, such as "turns 83 deg"."""
-        return tuple(describe_turns(math.degrees(float(turned))) for turned in np.asarray(self.plan.total_turn))
+        """Shape of the path of each aircraft, such as "turns 83 deg"."""
+        return tuple(describe_turns(math.degrees(float(total_turn))) for total_turn in np.asarray(self.plan.total_turn))
 
     def initial_state(self) -> FlightState:
-        """The fleet at its start, with the plan."""
+        """State of the fleet at the start of the flight, with the plan."""
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
         state = CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
@@ -227,54 +229,57 @@ class CertifiedFirstPlan(FirstPlan):
 
 
 def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
-    """Whose paths are delivered without a proof, one sentence each."""
+    """Sentence for each aircraft with a path that is delivered without a proof."""
     pairs = zip(scenario.aircraft, feasible, strict=True)
-    return tuple(f'aircraft "{one.name}": {UNPROVEN}' for one, good in pairs if not good)
+    return tuple(f'aircraft "{aircraft.name}": {UNPROVEN}' for aircraft, is_proven in pairs if not is_proven)
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
-    """When the aircraft of a scenario are to arrive; of a count of them, with the last repeated."""
-    arrival, aircraft = scenario.arrival, scenario.aircraft
+    """Arrival rule of a scenario with its times; padded to `count` aircraft by repetition of the last."""
+    arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
     if arrival.rule == "at":
-        times = np.full(len(aircraft), arrival.time_s)
+        times = np.full(len(fleet), arrival.time_s)
     if arrival.rule == "times":
-        times = np.array([one.arrive_s for one in aircraft], dtype=float)
+        times = np.array([aircraft.arrive_s for aircraft in fleet], dtype=float)
     if arrival.rule == "windows":
-        windows = np.array([(one.arrive_from_s, one.arrive_to_s) for one in aircraft], dtype=float)
+        windows = np.array([(aircraft.arrive_from_s, aircraft.arrive_to_s) for aircraft in fleet], dtype=float)
     if arrival.rule == "sequence":
-        names = arrival.order if arrival.order is not None else tuple(one.name for one in aircraft)
+        names = arrival.order if arrival.order is not None else tuple(aircraft.name for aircraft in fleet)
         assert arrival.spacing_s is not None
-        offsets = np.array([names.index(one.name) for one in aircraft]) * arrival.spacing_s
-    more = 0 if count is None else count - len(aircraft)
-    rows = (None if own is None else np.concatenate([own, *[own[-1:]] * more]) for own in (times, offsets, windows))
-    return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *rows)
+        offsets = np.array([names.index(aircraft.name) for aircraft in fleet]) * arrival.spacing_s
+    padding = 0 if count is None else count - len(fleet)
+    padded = (
+        None if values is None else np.concatenate([values, *[values[-1:]] * padding])
+        for values in (times, offsets, windows)
+    )
+    return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *padded)
 
 
 def with_randomness(source: AbstractRandomness | None, flight: Flight) -> Flight:
-    """A flight that draws its random numbers from another source; None: as it is."""
+    """Flight with another source of random numbers; None: unchanged."""
     return flight if source is None else dataclasses.replace(flight, randomness=source)
 
 
 def plan_certified(
     scenario: Scenario,
-    on_progress: Callable[[str], None] = lambda what: None,
-    prepare_next: PrepareNext = lambda *of: None,
+    on_progress: Callable[[str], None] = lambda message: None,
+    prepare_next: PrepareNext = lambda *_: None,
     randomness: AbstractRandomness | None = None,
 ) -> CertifiedFirstPlan:
-    """Trim every aircraft, look for a plan that keeps everything, and where none is found say why.
+    """Trim every aircraft and search for a certified plan; if the search fails, diagnose the reason.
 
     Parameters
     ----------
     scenario
         With `fleet.planner = "certified"`.
-    on_progress, ahead, randomness
-        As of `anser.plan`.
+    on_progress, prepare_next, randomness
+        As in `anser.plan`.
 
     Raises
     ------
     ScenarioError
-        If an aircraft cannot fly steadily at its start.
+        If an aircraft cannot be trimmed at its start.
     """
     enable_compilation_cache()
     on_progress("trimming")
@@ -290,11 +295,11 @@ def plan_certified(
     refusals: tuple[str, ...] = ()
     if outcome.plan is None:
         on_progress("looking for what stands in the way")
-        wanted = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
+        fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
         refusals = (
-            diagnose_refusal(scenario, wanted, outcome.leading(count))
+            diagnose_refusal(scenario, fleet_task, outcome.leading(count))
             if holds is None
-            else diagnose_missing_holds(scenario, wanted, holds)
+            else diagnose_missing_holds(scenario, fleet_task, holds)
         )
         holds = None
     return CertifiedFirstPlan(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
@@ -303,21 +308,23 @@ def plan_certified(
 def _prepare_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, shapes: Any, prepare_next: PrepareNext
 ) -> Iterator[PreparedProgram]:
-    """Prepare what will be needed, as far as the shapes of fleet and tasks tell; the last is what comes `ahead`."""
+    """Prepare the programs needed for planning and afterwards, from the shapes of fleet and tasks."""
     fleet, tasks = shapes
     longest_s = max(
-        math.dist(one.start.position_m, scenario.goal_of(one).position_m(0.0))
-        / min(scenario.speed_for(one), scenario.limits_for(one).speed_max_m_s)
-        for one in scenario.aircraft
+        math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
+        / min(scenario.speed_for(aircraft), scenario.limits_for(aircraft).speed_max_m_s)
+        for aircraft in scenario.aircraft
     )
-    given_s = [one.arrive_s for one in scenario.aircraft if one.arrive_s is not None] + [scenario.arrival.time_s or 0.0]
-    longest_s = max(longest_s, *given_s)
-    found = []
+    prescribed_s = [aircraft.arrive_s for aircraft in scenario.aircraft if aircraft.arrive_s is not None] + [
+        scenario.arrival.time_s or 0.0
+    ]
+    longest_s = max(longest_s, *prescribed_s)
+    planned_shapes = []
     for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s):
-        found.append(program.shapes)
+        planned_shapes.append(program.shapes)
         yield program
-    if found:
-        plan, holds = found
+    if planned_shapes:
+        plan, holds = planned_shapes
         program = initialize_compiled.prepare(
             flight, fleet, CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
         )

@@ -1,4 +1,4 @@
-"""Many flights at once: those of one structure in batches, summed up while they fly."""
+"""Many flights in batches: flights of equal structure are computed together and summarized while flying."""
 
 import dataclasses
 import hashlib
@@ -30,14 +30,19 @@ from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
 from anser.simulation.precision import Precision, cast_flight, cast_state
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight, trimmed_fleet
 
-_AGAIN = 8  # flights of a segment that are flown again at once, with a plan made anew
+_REPLAN_BATCH = 8  # flights of a segment that are repeated together, with replanning
 NO_PLAN = "no plan: the certified planner finds none that keeps everything"
 
 
 class FlightCase(NamedTuple):
-    """One flight: a scenario, and its number, which with the seed rules all that is random; None: the scenario's.
+    """One flight: a scenario with a flight number and a seed, which determine the random numbers.
 
-    Where a source of the random numbers is given, it takes the place of both.
+    Attributes
+    ----------
+    seed
+        None: the scenario's seed.
+    randomness
+        Source of random numbers; replaces number and seed if given.
     """
 
     scenario: Scenario
@@ -46,167 +51,167 @@ class FlightCase(NamedTuple):
     randomness: AbstractRandomness | None = None
 
 
-_Flights = Stacked[Flight]
+_FlightBatch = Stacked[Flight]
 
 
 @compiled
-def _started(flights: _Flights) -> tuple[FlightState, TrimmedFleet]:
+def _start_flights(flights: _FlightBatch) -> tuple[FlightState, TrimmedFleet]:
     return flights.map(start_flight)
 
 
 @compiled
-def _asked(flights: _Flights) -> tuple[TrimmedFleet, AircraftTask]:
-    def one(flight: Flight) -> tuple[TrimmedFleet, AircraftTask]:
+def _trim_and_build_tasks(flights: _FlightBatch) -> tuple[TrimmedFleet, AircraftTask]:
+    def trim(flight: Flight) -> tuple[TrimmedFleet, AircraftTask]:
         fleet, planner = trimmed_fleet(flight), cast(CertifiedPlanner, flight.planner)
         return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
-    return flights.map(one)
+    return flights.map(trim)
 
 
 @compiled
-def _begun(flights: _Flights, fleets: TrimmedFleet, plans: CertifiedPlanState) -> FlightState:
+def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: CertifiedPlanState) -> FlightState:
     return flights.map(initialize_flight, fleets, plans)
 
 
-@compiled_by_older_generator(())  # whose loops of a batch are a little faster too
-def _segment(
-    flights: _Flights,
+@compiled_by_older_generator(())  # its loops over a batch are a little faster too
+def _fly_segment(
+    flights: _FlightBatch,
     states: FlightState,
-    memory: Any,
+    summaries: Any,
     separations: Separation,
-    since: Count,
+    first_sample: Count,
     last_sample: Count,
     series: SeriesSelection | None = None,
 ) -> Any:
-    def one(flight: Flight, state: FlightState, kept: Any, separation: Separation) -> Any:
+    def fly_one(flight: Flight, state: FlightState, recorder_state: Any, separation: Separation) -> Any:
         summary = SummaryRecorder(separation=separation, last_sample=last_sample)
         recorder = summary if series is None else series.recorder(summary)
-        return fly(flight, state, since, SEGMENT_STEPS, recorder, kept)
+        return fly(flight, state, first_sample, SEGMENT_STEPS, recorder, recorder_state)
 
-    return flights.map(one, states, memory, separations)
+    return flights.map(fly_one, states, summaries, separations)
 
 
 def fly_many(
     cases: Sequence[FlightCase],
     progress: Progress | None = None,
     batch: int = BATCH,
-    done: Callable[[list[int], list[FlightRow]], None] = lambda numbers, rows: None,
+    on_rows: Callable[[list[int], list[FlightRow]], None] = lambda numbers, flight_rows: None,
     series: SeriesSelection | None = None,
     precision: Precision = "float64",
 ) -> list[FlightRow]:
-    """Fly many scenarios, those of one structure together, and sum each up as `anser.run` does.
+    """Fly many scenarios in batches of equal structure, with the same summary as `anser.run`.
 
     Parameters
     ----------
     cases
-        What to fly. Scenarios with events or without a centre, which are planned while they fly, are flown one by one,
-        and have the number 0.
+        Flights. Scenarios with events or without a central planner, which plan during the flight, are flown singly and
+        need the number 0.
     progress
-        Called with what is being done and the part of the flights that is behind, 0..1.
+        Called with a description of the current work and the share of finished flights, 0..1.
     batch
-        Flights of one compiled call.
-    done
-        Called with the places of flights in `cases` and what came of them, as soon as it is known.
+        Number of flights in one compiled call.
+    on_rows
+        Called with the indices of finished flights in `cases` and their rows, after each batch.
     series
-        Variables that are kept of each flight over time; None: none are.
+        Variables recorded over time; None: no series.
     precision
-        In which they are flown; they are planned in float64 in any case. A scenario that it does not fit is a row with
-        the reason.
+        Precision of the flights; planning always uses float64. For a scenario that does not allow the precision the row
+        contains the reason.
 
     Returns
     -------
-    A row for each case, in their order.
+    Rows in the order of `cases`.
 
     Raises
     ------
     ValueError
-        A case that is flown alone has another number.
+        If a case that is flown singly has a number other than 0.
     """
     enable_compilation_cache()
-    tell = progress or no_progress
-    rows: list[FlightRow | None] = [None] * len(cases)
-    refused = precision_problems([case.scenario for case in cases], precision)
-    rest = [k for k in range(len(cases)) if k not in refused]
-    alone = [k for k in rest if needs_single_flight(cases[k].scenario)]
-    together = [k for k in rest if k not in set(alone)]
-    behind = 0
+    on_progress = progress or no_progress
+    flight_rows: list[FlightRow | None] = [None] * len(cases)
+    refusals = precision_problems([case.scenario for case in cases], precision)
+    accepted = [k for k in range(len(cases)) if k not in refusals]
+    single = [k for k in accepted if needs_single_flight(cases[k].scenario)]
+    batched = [k for k in accepted if k not in set(single)]
+    finished = 0
 
-    def came(numbers: list[int], found: list[FlightRow]) -> None:
-        nonlocal behind
-        for number, row in zip(numbers, found, strict=True):
-            rows[number] = row
-        behind += len(numbers)
-        done(numbers, found)
-        tell(f"flying {len(cases)} flights", behind / len(cases))
+    def deliver(numbers: list[int], finished_rows: list[FlightRow]) -> None:
+        nonlocal finished
+        for number, flight_row in zip(numbers, finished_rows, strict=True):
+            flight_rows[number] = flight_row
+        finished += len(numbers)
+        on_rows(numbers, finished_rows)
+        on_progress(f"flying {len(cases)} flights", finished / len(cases))
 
-    tell(f"flying {len(cases)} flights", 0.0)
-    if refused:
-        came(list(refused), [FlightRow.failed_start(words) for words in refused.values()])
-    for group, places, flights in _alike([cases[k] for k in together], batch):
-        numbers = [together[k] for k in places]
-        filled_up = group.stacked(flights, min(batch, len(together)))
-        came(numbers, _flown([cases[k] for k in numbers], filled_up, flights, series, precision))
-    for k in alone:
-        came([k], [_flown_alone(cases[k], series)])
-    return cast(list[FlightRow], rows)
+    on_progress(f"flying {len(cases)} flights", 0.0)
+    if refusals:
+        deliver(list(refusals), [FlightRow.failed_start(reason) for reason in refusals.values()])
+    for group, positions, flights in _group_cases([cases[k] for k in batched], batch):
+        numbers = [batched[k] for k in positions]
+        stacked = group.stacked(flights, min(batch, len(batched)))
+        deliver(numbers, _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision))
+    for k in single:
+        deliver([k], [_fly_alone(cases[k], series)])
+    return cast(list[FlightRow], flight_rows)
 
 
-def _flown_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
+def _fly_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
     if case.number != 0 or case.randomness is not None:
-        arrived = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
-        raise ValueError(f"{case.scenario.name}: arrived {arrived}; expected 0 and none, as it is flown alone")
+        received = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
+        raise ValueError(f"{case.scenario.name}: arrived {received}; expected 0 and none, as it is flown alone")
     try:
         scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
         if series is not None:
             scenario = scenario.replace("timing.record_period_s", series.stride * scenario.timing.step_s)
-        flown = run(scenario)
+        result = run(scenario)
     except (NoPlanError, ScenarioError) as error:
         return FlightRow.failed_start(str(error))
-    summary = flown.summary
-    # how long it took is no outcome: the same flight would be another row
+    summary = result.summary
+    # without wall times, by which repeated flights would differ
     fleet = {key: value for key, value in summary["fleet"].items() if key not in ("wall_s", "simulated_s")}
-    kept = {} if series is None else series.values_from_dataset(flown.dataset)
-    return FlightRow(summary["aircraft"], fleet, summary["requirements"], flown.met, series=kept)
+    series_values = {} if series is None else series.values_from_dataset(result.dataset)
+    return FlightRow(summary["aircraft"], fleet, summary["requirements"], result.met, series=series_values)
 
 
-class _Group:
-    """Flights of one structure, which leaves of which have differed so far, and those that wait for a full batch."""
+class _FlightGroup:
+    """Flights of equal structure: pending flights, and the leaves that have differed between flights so far."""
 
     def __init__(self) -> None:
         self.differ: np.ndarray | None = None
         self.numbers: list[int] = []
         self.flights: list[Flight] = []
 
-    def stacked(self, flights: Sequence[Flight], size: int) -> _Flights:
-        """Flights as one, filled up with the last: what once differed is not taken as common again, to compile once."""
-        more = [flights[-1]] * (size - len(flights))
-        found = stack_objects([*flights, *more], tables_only=False, batched=self._differing)
-        # of each leaf of a flight: what a flight has not is none of its leaves
+    def stacked(self, flights: Sequence[Flight], size: int) -> _FlightBatch:
+        """Stack flights, padded with the last; a leaf that once differed stays batched, which avoids recompilation."""
+        padding = [flights[-1]] * (size - len(flights))
+        stacked = stack_objects([*flights, *padding], tables_only=False, batched=self._differing)
+        # per leaf of a flight; absent parts (None) have no leaves
         self.differ = np.array(
-            jax.tree.leaves(jax.tree.map(lambda _, batched: batched is not None, flights[-1], found.batched))
+            jax.tree.leaves(jax.tree.map(lambda _, batched: batched is not None, flights[-1], stacked.batched))
         )
-        return found
+        return stacked
 
     def _differing(self, flight: Flight) -> list[Any]:
         leaves = jax.tree.leaves(flight)
-        # one leaf at least is stacked, or flights that are all the same would have nothing to be mapped over
+        # at least one leaf is batched: identical flights, too, need an axis to map over
         differ = np.arange(len(leaves)) == 0 if self.differ is None else self.differ
-        return [leaf for leaf, own in zip(leaves, differ, strict=True) if own]
+        return [leaf for leaf, differs in zip(leaves, differ, strict=True) if differs]
 
 
-def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, list[int], list[Flight]]]:
-    """Places of cases whose flights have one structure and the same periods, and these flights; up to a batch each."""
-    groups: dict[Any, _Group] = {}
-    last: tuple[Scenario, Flight] | None = None
+def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
+    """Indices and flights of cases with equal structure and equal periods, at most one batch at a time."""
+    groups: dict[Any, _FlightGroup] = {}
+    previous: tuple[Scenario, Flight] | None = None
     for number, case in enumerate(cases):
-        if last is None or case.scenario is not last[0]:
-            last = case.scenario, build_flight(case.scenario)
+        if previous is None or case.scenario is not previous[0]:
+            previous = case.scenario, build_flight(case.scenario)
         seed = case.scenario.seed if case.seed is None else case.seed
-        source = flight_randomness(seed, case.number) if case.randomness is None else case.randomness
-        flight = dataclasses.replace(last[1], randomness=source)
+        randomness = flight_randomness(seed, case.number) if case.randomness is None else case.randomness
+        flight = dataclasses.replace(previous[1], randomness=randomness)
         timing = case.scenario.timing
         key = tree_signature(flight), timing.step_s, timing.replan_period_s, timing.duration_s
-        group = groups.setdefault(key, _Group())
+        group = groups.setdefault(key, _FlightGroup())
         group.numbers.append(number)
         group.flights.append(flight)
         if len(group.numbers) == batch:
@@ -217,60 +222,64 @@ def _alike(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_Group, li
             yield group, group.numbers, group.flights
 
 
-def _flown(
+def _fly_batch(
     cases: Sequence[FlightCase],
-    flights: _Flights,
-    alone: Sequence[Flight],
+    flights: _FlightBatch,
+    single_flights: Sequence[Flight],
     series: SeriesSelection | None,
     precision: Precision,
 ) -> list[FlightRow]:
-    """Start, plan and fly a batch, which is filled up beyond the cases."""
+    """Start, plan and fly a batch that is padded beyond the cases."""
     if cases[0].scenario.fleet.planner == "published":
-        states, fleets = _started(flights)
-        refused = _untrimmable(cases, alone, fleets)
-        some = [k for k in range(len(cases)) if k not in refused]
-        found = _summed_up([cases[k] for k in some], flights, states, some, series, precision)
-        flown = dict(zip(some, found, strict=True))
-        return [flown[k] if k in flown else FlightRow.failed_start(refused[k]) for k in range(len(cases))]
-    fleets, tasks = _asked(flights)
-    refused = _untrimmable(cases, alone, fleets)
+        states, fleets = _start_flights(flights)
+        refusals = _find_untrimmable(cases, single_flights, fleets)
+        selected = [k for k in range(len(cases)) if k not in refusals]
+        finished_rows = _summarize_flights([cases[k] for k in selected], flights, states, selected, series, precision)
+        flight_rows = dict(zip(selected, finished_rows, strict=True))
+        return [flight_rows[k] if k in flight_rows else FlightRow.failed_start(refusals[k]) for k in range(len(cases))]
+    fleets, tasks = _trim_and_build_tasks(flights)
+    refusals = _find_untrimmable(cases, single_flights, fleets)
     plans: dict[int, CertifiedPlanState] = {}
-    known: dict[bytes, CertifiedPlanState | None] = {}
-    for k, (case, flight) in enumerate(zip(cases, alone, strict=True)):
-        if k in refused:
+    plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
+    for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
+        if k in refusals:
             continue
-        own = _row(tasks, k)
+        task = _index_row(tasks, k)
         planner = cast(CertifiedPlanner, flight.planner)
-        # flights that begin alike and are asked the same share the search
-        same = _bytes_of((own, planner, arrival_request(case.scenario)))
-        if same not in known:
-            known[same] = _first_plan(case.scenario, planner, own)
-        plan = known[same]
+        # flights with equal starts and equal requests share the search
+        input_hash = _content_hash((task, planner, arrival_request(case.scenario)))
+        if input_hash not in plans_by_input:
+            plans_by_input[input_hash] = _first_plan(case.scenario, planner, task)
+        plan = plans_by_input[input_hash]
         if plan is None:
-            refused[k] = NO_PLAN
+            refusals[k] = NO_PLAN
         else:
             plans[k] = plan
-    flown: dict[int, FlightRow] = {}
-    for some in _by_structure(plans):
-        rest = [some[-1]] * (_size_of(flights) - len(some))
-        which = np.array([*some, *rest])
-        own = Stacked(_rows(flights.batched, which), flights.shared)
-        states = _begun(own, _rows(fleets, which), stack_rows([plans[k] for k in which]))
-        found = _summed_up([cases[k] for k in some], own, states, range(len(some)), series, precision)
-        flown |= dict(zip(some, found, strict=True))
-    return [flown[k] if k in flown else FlightRow.failed_start(refused[k]) for k in range(len(cases))]
+    flight_rows: dict[int, FlightRow] = {}
+    for selected in _group_by_structure(plans):
+        padding = [selected[-1]] * (_size_of(flights) - len(selected))
+        indices = np.array([*selected, *padding])
+        chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
+        states = _initialize_flights(chosen_flights, _select(fleets, indices), stack_rows([plans[k] for k in indices]))
+        finished_rows = _summarize_flights(
+            [cases[k] for k in selected], chosen_flights, states, range(len(selected)), series, precision
+        )
+        flight_rows |= dict(zip(selected, finished_rows, strict=True))
+    return [flight_rows[k] if k in flight_rows else FlightRow.failed_start(refusals[k]) for k in range(len(cases))]
 
 
-def _untrimmable(cases: Sequence[FlightCase], alone: Sequence[Flight], fleets: TrimmedFleet) -> dict[int, str]:
-    """Of flights with an aircraft that cannot fly steadily at its start: what stops it."""
-    found = {}
-    steady = np.asarray(fleets.is_trimmed)
-    for k, (case, flight) in enumerate(zip(cases, alone, strict=True)):
+def _find_untrimmable(
+    cases: Sequence[FlightCase], single_flights: Sequence[Flight], fleets: TrimmedFleet
+) -> dict[int, str]:
+    """Reasons for flights with an aircraft that cannot be trimmed at its start, by index."""
+    reasons = {}
+    is_trimmed = np.asarray(fleets.is_trimmed)
+    for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
         try:
-            check_trimmable(case.scenario, flight, steady[k])
+            check_trimmable(case.scenario, flight, is_trimmed[k])
         except ScenarioError as error:
-            found[k] = "; ".join(map(str, error.problems))
-    return found
+            reasons[k] = "; ".join(map(str, error.problems))
+    return reasons
 
 
 def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> CertifiedPlanState | None:
@@ -278,88 +287,90 @@ def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTa
     return None if outcome.plan is None else CertifiedPlanState(outcome.plan, first_plan_status(), holds, tasks.limits)
 
 
-def _summed_up(
+def _summarize_flights(
     cases: Sequence[FlightCase],
-    flights: _Flights,
+    flights: _FlightBatch,
     states: FlightState,
-    places: Sequence[int],
+    positions: Sequence[int],
     series: SeriesSelection | None,
     precision: Precision,
 ) -> list[FlightRow]:
-    """Fly a batch to its end; rows of the cases, at their places in it."""
+    """Fly a batch to the end of the flights; rows of the cases, located at the given positions of the batch."""
     if not cases:
         return []
     flights = Stacked(cast_flight(flights.batched, precision), cast_flight(flights.shared, precision))
     states, timing = cast_state(states, precision), cases[0].scenario.timing
     steps = round(timing.duration_s / timing.step_s)
-    size, last = _size_of(flights), as_array(steps, np.int32)
-    apart = np.zeros((size, 2))
-    apart[list(places)] = [case.scenario.separation.required_m or (0.0, 0.0) for case in cases]
-    separations = Separation(*map(as_array, apart.T))
-    memory = jax.tree.map(
+    size, last_sample = _size_of(flights), as_array(steps, np.int32)
+    separations_m = np.zeros((size, 2))
+    separations_m[list(positions)] = [case.scenario.separation.required_m or (0.0, 0.0) for case in cases]
+    separations = Separation(*map(as_array, separations_m.T))
+    summaries = jax.tree.map(
         lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
         SummaryRecorder().init(len(cases[0].scenario.aircraft)),
     )
-    simpler = Stacked(without_replanning(flights.batched), without_replanning(flights.shared))
+    flights_without_replanning = Stacked(without_replanning(flights.batched), without_replanning(flights.shared))
     parts: list[dict[str, np.ndarray]] = []
-    for since in range(0, steps + 1, SEGMENT_STEPS):
-        number = as_array(since, np.int32)
-        flown = _segment(simpler, states, memory, separations, number, last, series)
-        after = flown[0]
-        asked = np.flatnonzero(np.asarray(after.planner.replan_needed))
-        for some in (asked[k : k + _AGAIN] for k in range(0, asked.size, _AGAIN)):
-            # what came of it does not count; filled up to one size with the last of them
-            which = np.concatenate([some, np.repeat(some[-1:], _AGAIN - some.size)])
-            own = Stacked(_rows(flights.batched, which), flights.shared)
-            chosen = _rows((states, memory, separations), which)
-            full = _segment(own, *chosen, number, last, series)
-            flown = jax.tree.map(lambda held, new, which=which: _put(held, which, new), flown, full)
-        states, memory, rows = flown
+    for first_sample in range(0, steps + 1, SEGMENT_STEPS):
+        number = as_array(first_sample, np.int32)
+        segment = _fly_segment(flights_without_replanning, states, summaries, separations, number, last_sample, series)
+        final_states = segment[0]
+        replan_indices = np.flatnonzero(np.asarray(final_states.planner.replan_needed))
+        for selected in (replan_indices[k : k + _REPLAN_BATCH] for k in range(0, replan_indices.size, _REPLAN_BATCH)):
+            # the segment is repeated from its start; padded to one size with the last flight
+            indices = np.concatenate([selected, np.repeat(selected[-1:], _REPLAN_BATCH - selected.size)])
+            chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
+            chosen = _select((states, summaries, separations), indices)
+            replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, series)
+            segment = jax.tree.map(
+                lambda leaf, values, indices=indices: _replace_rows(leaf, indices, values), segment, replanned
+            )
+        states, summaries, recorded = segment
         if series is not None:
-            parts.append(series.segment_rows(rows, since, steps))
-    summary = jax.tree.map(np.asarray, memory[0])
-    arrivals = np.asarray(_arrivals(flights, states))
-    found = []
-    for case, at in zip(cases, places, strict=True):
-        row = build_flight_row(_row(summary, at), arrivals[at], case.scenario)
-        kept = {} if series is None else series.values(parts, at, case.scenario)
-        found.append(dataclasses.replace(row, series=kept))
-    return found
+            parts.append(series.segment_rows(recorded, first_sample, steps))
+    summary = jax.tree.map(np.asarray, summaries[0])
+    arrivals = np.asarray(_arrival_times(flights, states))
+    finished_rows = []
+    for case, position in zip(cases, positions, strict=True):
+        flight_row = build_flight_row(_index_row(summary, position), arrivals[position], case.scenario)
+        series_values = {} if series is None else series.values(parts, position, case.scenario)
+        finished_rows.append(dataclasses.replace(flight_row, series=series_values))
+    return finished_rows
 
 
 @compiled
-def _arrivals(flights: _Flights, states: FlightState) -> Array:
+def _arrival_times(flights: _FlightBatch, states: FlightState) -> Array:
     return flights.map(lambda flight, state: flight.planner.plans(state.planner).arrival_time, states)
 
 
-def _by_structure(plans: dict[int, CertifiedPlanState]) -> list[list[int]]:
-    """Places of plans of the same shapes: how many intervals a path has depends on how long it takes."""
-    found: dict[Any, list[int]] = {}
+def _group_by_structure(plans: dict[int, CertifiedPlanState]) -> list[list[int]]:
+    """Group indices of plans with equal shapes: the number of intervals of a path depends on its duration."""
+    groups: dict[Any, list[int]] = {}
     for k, plan in plans.items():
-        found.setdefault(tree_signature(plan), []).append(k)
-    return list(found.values())
+        groups.setdefault(tree_signature(plan), []).append(k)
+    return list(groups.values())
 
 
-def _size_of(flights: _Flights) -> int:
+def _size_of(flights: _FlightBatch) -> int:
     return len(jax.tree.leaves(flights.batched)[0])
 
 
-def _row(rows: Any, k: int) -> Any:
-    return jax.tree.map(lambda leaf: leaf[k], rows)
+def _index_row(tree: Any, k: int) -> Any:
+    return jax.tree.map(lambda leaf: leaf[k], tree)
 
 
-def _rows(rows: Any, which: np.ndarray) -> Any:
-    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[which], None), rows)
+def _select(tree: Any, indices: np.ndarray) -> Any:
+    return jax.tree.map(lambda leaf: as_array(np.asarray(leaf)[indices], None), tree)
 
 
-def _put(held: Array, which: np.ndarray, new: Array) -> Array:
-    found = np.array(held)
-    found[which] = np.asarray(new)
-    return as_array(found, None)
+def _replace_rows(table: Array, indices: np.ndarray, values: Array) -> Array:
+    copy = np.array(table)
+    copy[indices] = np.asarray(values)
+    return as_array(copy, None)
 
 
-def _bytes_of(value: Any) -> bytes:
-    """All numbers of a value, and its structure, as one text of bytes: equal where planning is asked the same."""
+def _content_hash(value: Any) -> bytes:
+    """Hash of the structure and the numbers of a value: equal for equal planning inputs."""
     leaves, structure = jax.tree.flatten(value)
     text = hashlib.sha256(repr(structure).encode())
     for leaf in leaves:

@@ -1,4 +1,4 @@
-"""A plan as people get it: a dataset, a summary, a picture and a table."""
+"""Output of a plan: dataset, summary, figure and table."""
 
 import math
 from dataclasses import dataclass
@@ -29,26 +29,26 @@ from anser.scenario.schema_aircraft import Goal
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """A plan, sampled and summed up.
+    """A sampled plan with its summary.
 
     Attributes
     ----------
     dataset
-        As `anser.results.plan_record` makes it.
+        Dataset from `anser.results.plan_record`.
     summary
-        The contract of `plan.json`.
+        Content of `plan.json`.
     """
 
     dataset: xr.Dataset
     summary: dict[str, Any]
 
     def write_into(self, folder: Path) -> None:
-        """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into a folder that exists.
+        """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into an existing folder.
 
         Raises
         ------
         FileExistsError
-            One of them exists: nothing is overwritten.
+            If one of the files exists.
         """
         write_summary(self.summary, folder / "plan.json")
         write_trajectories(self.dataset, folder / "trajectories.csv")
@@ -56,12 +56,12 @@ class RecordedPlan:
 
 
 def record_plan(planned: FirstPlan) -> RecordedPlan:
-    """Sample and sum up what `anser.plan` gives: `record(anser.plan(scenario)).summary` is what `plan.json` holds.
+    """Sample and summarize a plan from `anser.plan`; the summary is the content of `plan.json`.
 
     Raises
     ------
     NoPlanError
-        If it is a refusal.
+        If no plan was found.
     """
     if isinstance(planned, PublishedFirstPlan):
         return record_published(planned)
@@ -72,25 +72,25 @@ def record_plan(planned: FirstPlan) -> RecordedPlan:
 
 
 def record_published(planned: PublishedFirstPlan) -> RecordedPlan:
-    """Sample and sum up a plan of the published planner."""
-    scenario, made = planned.scenario, planned.plan
+    """Sample and summarize a plan of the published planner."""
+    scenario, plan = planned.scenario, planned.plan
     details = PlanDetails(
         scenario,
         paths=planned.path_descriptions(),
         messages=tuple(
             PLAN_MESSAGES[int(status)] if int(status) else LIMIT_MESSAGES[int(limit)] if int(limit) else None
-            for status, limit in zip(made.status, planned.limits.status, strict=True)
+            for status, limit in zip(plan.status, planned.limits.status, strict=True)
         ),
         problems=planned.problems(),
         notes=planned.notes(),
         limits=_limits_by_key(scenario),
-        lengths_m=np.asarray(made.lengths),
-        nominal_lengths_m=np.asarray(made.nominal_lengths),
+        lengths_m=np.asarray(plan.lengths),
+        nominal_lengths_m=np.asarray(plan.nominal_lengths),
         turn_utilization=np.asarray(planned.limits.turn_utilization_max),
         level_off_m=np.asarray(planned.limits.level_off_altitude),
     )
-    arrivals = np.full(len(scenario.aircraft), float(made.arrival_time))
-    return _record(made.trajectories, arrivals, planned.flight.environment.gravity, details)
+    arrivals = np.full(len(scenario.aircraft), float(plan.arrival_time))
+    return _record(plan.trajectories, arrivals, planned.flight.environment.gravity, details)
 
 
 def record_certified(
@@ -101,48 +101,53 @@ def record_certified(
     holds: PlannedHolds | None = None,
     notes: tuple[str, ...] = (),
 ) -> RecordedPlan:
-    """Sample and sum up a plan of the certified planner, with what it proves; gravity in m/s^2.
+    """Sample and summarize a plan of the certified planner with its proven bounds; gravity in m/s^2.
 
-    Rows of stacked tasks that are not active fill the fleet up to a size: they are no aircraft of the scenario.
+    Inactive rows of the stacked tasks are padding without an aircraft of the scenario.
     """
-    rows = np.flatnonzero(np.asarray(tasks.active) > 0.0)
-    made, asked = take_rows((plan, tasks.limits), rows)
-    found = made.certificate
-    good, ratio = np.asarray(plan.feasible)[rows], float(np.min(np.asarray(found.clearance_ratio)[:, rows]))
+    indices = np.flatnonzero(np.asarray(tasks.active) > 0.0)
+    active_plan, limits = take_rows((plan, tasks.limits), indices)
+    certificate = active_plan.certificate
+    is_proven, ratio = (
+        np.asarray(plan.feasible)[indices],
+        float(np.min(np.asarray(certificate.clearance_ratio)[:, indices])),
+    )
     details = PlanDetails(
         scenario,
-        paths=tuple(describe_turns(math.degrees(float(turned))) for turned in made.total_turn),
-        lengths_m=np.asarray(made.lengths),
+        paths=tuple(describe_turns(math.degrees(float(total_turn))) for total_turn in active_plan.total_turn),
+        lengths_m=np.asarray(active_plan.lengths),
         notes=notes,
-        messages=tuple(None if ok else UNPROVEN for ok in good),
-        problems=unproven_paths(scenario, good),
-        limits=_limits_by_key(scenario, asked),
-        bounds=_bounds_by_key(found.bounds, asked),
+        messages=tuple(None if ok else UNPROVEN for ok in is_proven),
+        problems=unproven_paths(scenario, is_proven),
+        limits=_limits_by_key(scenario, limits),
+        bounds=_bounds_by_key(certificate.bounds, limits),
         separation_bound=ratio if math.isfinite(ratio) else None,
-        keep_out_bounds_m=np.asarray(found.keep_out_clearance)[:, : len(scenario.keep_out)]
+        keep_out_bounds_m=np.asarray(certificate.keep_out_clearance)[:, : len(scenario.keep_out)]
         if scenario.keep_out
         else None,
-        **_holds_by_key(holds, rows),
+        **_holds_by_key(holds, indices),
     )
-    return _record(made.paths, np.asarray(made.arrival_times), gravity, details, asked)
+    return _record(active_plan.paths, np.asarray(active_plan.arrival_times), gravity, details, limits)
 
 
-def _bounds_by_key(found: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
-    """Bounds of paths by key: of the accelerations those that ask as much of each aircraft at its start."""
-    values = {limit.key: np.asarray(getattr(found, limit.field)) for limit in CERTIFIED_LIMITS}
-    along = np.array([own.along_at_start(held_to) for own, held_to in unstack_rows((found, limits))])
+def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
+    """Bounds of paths by key; accelerations are converted to equal demand at the start of each aircraft."""
+    values = {limit.key: np.asarray(getattr(bounds, limit.field)) for limit in CERTIFIED_LIMITS}
+    along = np.array(
+        [path_bounds.along_at_start(path_limits) for path_bounds, path_limits in unstack_rows((bounds, limits))]
+    )
     return values | {"thrust_surplus_max": along[:, 0], "thrust_deficit_max": along[:, 1]}
 
 
-def _holds_by_key(holds: PlannedHolds | None, rows: np.ndarray) -> dict[str, Any]:
-    """What is recorded of the holds of some aircraft."""
+def _holds_by_key(holds: PlannedHolds | None, indices: np.ndarray) -> dict[str, Any]:
+    """Recorded values of the selected aircraft's holds."""
     if holds is None:
         return {}
-    ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, rows]))
+    ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, indices]))
     return {
-        "hold_radii_m": np.asarray(holds.circles.radius)[rows],
-        "hold_turns": np.asarray(holds.circles.turn)[rows],
-        "hold_heights_m": np.asarray(holds.circles.height)[rows],
+        "hold_radii_m": np.asarray(holds.circles.radius)[indices],
+        "hold_turns": np.asarray(holds.circles.turn)[indices],
+        "hold_heights_m": np.asarray(holds.circles.height)[indices],
         "hold_separation_bound": ratio if math.isfinite(ratio) else None,
     }
 
@@ -165,30 +170,30 @@ def _record(
 
 
 def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Where a goal of a scenario is, (time, NED axis), m."""
+    """Positions of a scenario's goal, (time, NED axis), m."""
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)
-        place = [here + rate * times_s for here, rate in zip(start, (north, east, up), strict=True)]
+        coordinates = [origin + rate * times_s for origin, rate in zip(start, (north, east, up), strict=True)]
     else:
-        at = [point.time_s for point in goal.waypoints]
+        corner_times_s = [point.time_s for point in goal.waypoints]
         corners = zip(*((p.north_m, p.east_m, p.altitude_m) for p in goal.waypoints), strict=True)
-        place = [np.interp(times_s, at, corner) for corner in corners]
-    return np.stack([place[0], place[1], -place[2]], axis=1)
+        coordinates = [np.interp(times_s, corner_times_s, corner) for corner in corners]
+    return np.stack([coordinates[0], coordinates[1], -coordinates[2]], axis=1)
 
 
-def _limits_by_key(scenario: Scenario, own: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Limits by key; what a scenario leaves out is each aircraft's own at its start, the reserve included.
+def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
+    """Limits by key; limits missing in the scenario are derived for each aircraft at its start, without the reserve.
 
-    The published planner has none of its own, and it alone judges the level-off after the arrival.
+    The published planner derives no limits, and only for this planner is the level-off after the arrival checked.
     """
-    found, each = {}, [resolve_limits(scenario, one) for one in scenario.aircraft]
-    for limit in LIMITS if own is None else CERTIFIED_LIMITS:
-        given = [getattr(one, limit.scenario_key) for one in each]
-        if None not in given:
-            found[limit.key] = np.asarray(given) / limit.factor
-        elif own is None:
-            found[limit.key] = math.nan
+    values_by_key, resolved = {}, [resolve_limits(scenario, aircraft) for aircraft in scenario.aircraft]
+    for limit in LIMITS if derived is None else CERTIFIED_LIMITS:
+        scenario_values = [getattr(limits, limit.scenario_key) for limits in resolved]
+        if None not in scenario_values:
+            values_by_key[limit.key] = np.asarray(scenario_values) / limit.factor
+        elif derived is None:
+            values_by_key[limit.key] = math.nan
         else:
-            found[limit.key] = np.asarray(getattr(own, limit.field)) / (1.0 - scenario.fleet.reserve)
-    return found
+            values_by_key[limit.key] = np.asarray(getattr(derived, limit.field)) / (1.0 - scenario.fleet.reserve)
+    return values_by_key

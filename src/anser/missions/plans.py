@@ -1,4 +1,4 @@
-"""Plans of a scenario by the planner that it names, and plan files that are flown without planning again."""
+"""Plans of a scenario by the planner named in the scenario, and plan files."""
 
 import functools
 import hashlib
@@ -53,139 +53,141 @@ from anser.simulation.start import start_flight
 
 _start_flight = compiled_quickly(start_flight)
 _separation = compiled(separation_min)
-_SAME_WIND_M_S = 0.5
+_WIND_CHANGE_M_S = 0.5
 
 
 @compiled
-def _limits_of(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
+def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
     return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
 
 
 @dataclass(frozen=True, repr=False)
 class PublishedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the published planner, which always plans: `problems` says what is wrong with it.
+    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles.
 
     Attributes
     ----------
     state
-        The fleet at its start, with the plan.
+        State of the fleet at the start, with the plan.
     """
 
     state: FlightState
 
     @functools.cached_property
     def plan(self) -> FleetPlan:
-        """The plan itself."""
+        """Plan of the scenario's aircraft."""
         return first_rows(self._all, len(self.scenario.aircraft))
 
     @property
     def _all(self) -> FleetPlan:
-        """The plan with those that fill the fleet up."""
+        """Plan of all aircraft of `flight`, the padding included."""
         return self.state.planner.plan
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """How the paths keep the scenario's limits; leading axis aircraft."""
-        found = _limits_of(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
-        return first_rows(found, len(self.scenario.aircraft))
+        """Compliance of the paths with the scenario's limits; leading axis aircraft."""
+        report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
+        return first_rows(report, len(self.scenario.aircraft))
 
     @functools.cached_property
     def separation_min_m(self) -> float | None:
-        """Least planned distance between two aircraft up to the arrival, m; None for one aircraft."""
+        """Least planned distance between two aircraft before the arrival, m; None for a single aircraft."""
         if len(self.scenario.aircraft) == 1:
             return None
         return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
-        """Where the plan differs from the scenario's words, one sentence each: mean airspeed, wind."""
-        found, asked_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
-        if speed_m_s > asked_m_s * (1.0 + SPEED_TOLERANCE):
+        """Notes on a different mean airspeed and on the change of wind on the way."""
+        notes, preferred_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
+        if speed_m_s > preferred_m_s * (1.0 + SPEED_TOLERANCE):
             farthest = self.scenario.aircraft[int(self.plan.farthest)].name
-            found.append(
-                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {asked_m_s:g} m/s: "
+            notes.append(
+                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {preferred_m_s:g} m/s: "
                 f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
             )
-        changes = {one.name: _change_of_wind_m_s(self.scenario, one, self.arrival_s) for one in self.scenario.aircraft}
-        name = max(changes, key=lambda one: changes[one])
-        if changes[name] > _SAME_WIND_M_S:
-            found.append(
+        changes = {
+            aircraft.name: _wind_change_m_s(self.scenario, aircraft, self.arrival_s)
+            for aircraft in self.scenario.aircraft
+        }
+        name = max(changes, key=lambda aircraft: changes[aircraft])
+        if changes[name] > _WIND_CHANGE_M_S:
+            notes.append(
                 "the plan reckons with the wind where each aircraft starts; that at the rendezvous differs, by "
                 f'{changes[name]:.1f} m/s for aircraft "{name}": lengths and arrival time change as the plan is renewed'
             )
-        return tuple(found)
+        return tuple(notes)
 
     @property
     def arrival_s(self) -> float:
-        """When all arrive, s."""
+        """Common arrival time, s."""
         return float(self.plan.arrival_time)
 
     def problems(self) -> tuple[str, ...]:
-        """Why the plan cannot be flown as it stands, one sentence each; empty where it can."""
-        found, duration_s = [], self.scenario.timing.duration_s
+        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        problems, duration_s = [], self.scenario.timing.duration_s
         if self.arrival_s >= duration_s:
-            found.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
-        codes, stopped = (np.asarray(rows) for rows in statuses(self.flight, self.state))
-        planned, limits = np.asarray(self.plan.status), np.asarray(self.limits.status)
+            problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
+        status_codes, is_stopped = (np.asarray(values) for values in statuses(self.flight, self.state))
+        plan_statuses, limit_statuses = np.asarray(self.plan.status), np.asarray(self.limits.status)
         for k, aircraft in enumerate(self.scenario.aircraft):
-            status = int(codes[k])
-            if stopped[k] or is_breakaway(status):
-                found.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
-            elif planned[k]:
-                found.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(planned[k])]}')
-            elif limits[k]:
-                found.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(limits[k])]}')
-        return tuple(found)
+            status = int(status_codes[k])
+            if is_stopped[k] or is_breakaway(status):
+                problems.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
+            elif plan_statuses[k]:
+                problems.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(plan_statuses[k])]}')
+            elif limit_statuses[k]:
+                problems.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(limit_statuses[k])]}')
+        return tuple(problems)
 
     def path_descriptions(self) -> tuple[str, ...]:
-        """How the path of each aircraft goes: "nominal", "bent left" or "bent right"."""
+        """Shape of the path of each aircraft: "nominal", "bent left" or "bent right"."""
         return tuple(describe_bend(float(bend)) for bend in np.asarray(self.plan.lateral_bends))
 
     def initial_state(self) -> FlightState:
-        """The fleet at its start, with the plan."""
+        """State of the fleet at the start of the flight, with the plan."""
         return self.state
 
 
-def _change_of_wind_m_s(scenario: Scenario, one: Aircraft, arrival_s: float) -> float:
-    """How much the wind at an aircraft's rendezvous differs from that at its start, m/s."""
-    up_m = scenario.goal_of(one).position_m(arrival_s)[2] + one.rendezvous.stand_off_up_m
-    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(one.start.altitude_m))
+def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
+    """Difference of the wind at an aircraft's rendezvous from the wind at its start, m/s."""
+    up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
+    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
 
 
 def plan(
     scenario: Scenario | str | os.PathLike[str],
-    on_progress: Callable[[str], None] = lambda what: None,
-    prepare_next: PrepareNext = lambda *of: None,
+    on_progress: Callable[[str], None] = lambda message: None,
+    prepare_next: PrepareNext = lambda *_: None,
     randomness: AbstractRandomness | None = None,
 ) -> FirstPlan:
-    """Trim every aircraft at its start and make the first plan of the scenario's planner, as seen at time 0.
+    """Trim every aircraft at its start and make the first plan of the scenario's planner, at time 0.
 
-    `anser.run` flies what this gives, and `anser plan` prints it.
+    The result is printed by `anser plan` and flown by `anser.run`.
 
     Parameters
     ----------
     scenario
-        Validated, from `load`, or the path of its file; its `fleet.planner` says which planner.
+        From `load`, or the path of a scenario file; `fleet.planner` selects the planner.
     on_progress
-        Called now and then with what is being done.
-    ahead
-        Prepares a program that is needed next, for a flight and the shapes of its first state: it is traced while the
-        start is compiled, and compiled beside it.
+        Called with a description of the current work.
+    prepare_next
+        Prepares a program that is needed after planning, from a flight and the shapes of its first state; the program
+        is compiled in parallel.
     randomness
-        Source of all random numbers; None: that of the scenario's seed. Not without a centre.
+        Source of the random numbers; None: derived from the scenario's seed. Ignored for a fleet without a central
+        planner.
 
     Returns
     -------
-    Planned
-        With `plan`, `refusals`, which says why there is none, `problems()`, which also says why one that is there
-        cannot be flown as it stands (both are empty of a good plan), and `notes()`, which says where it differs from
-        the scenario's words. Only the certified planner refuses: without a plan, `plan` raises
-        `anser.missions.NoPlanError`.
+    FirstPlan
+        `plan` is the plan (raises `anser.missions.NoPlanError` if none was found), `refusals` the reasons for a missing
+        plan, `problems()` the reasons and the obstacles to flying the plan, and `notes()` the differences from the
+        scenario's request. Reasons and obstacles are empty for a flyable plan. The published planner never refuses.
 
     Raises
     ------
     ScenarioError
-        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start; the message
-        says what stops it.
+        If the file cannot be read or is not a valid scenario, or an aircraft cannot be trimmed at its start.
     """
     enable_compilation_cache()
     scenario = as_scenario(scenario)
@@ -196,13 +198,13 @@ def plan(
     on_progress("trimming and planning")
     flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
     start = _start_flight.prepare(flight).start()
-    following = prepare_next(flight, start.shapes[0])
-    if following is not None:
-        following.start()
+    next_program = prepare_next(flight, start.shapes[0])
+    if next_program is not None:
+        next_program.start()
     state, fleet = _start_flight(flight)
-    made = PublishedFirstPlan(scenario, flight, fleet, (), state)
+    first_plan = PublishedFirstPlan(scenario, flight, fleet, (), state)
     check_trimmable(scenario, flight, fleet.is_trimmed)
-    return made
+    return first_plan
 
 
 _FORMAT = 2
@@ -210,44 +212,44 @@ _STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState, "de
 
 
 def write_plan(planned: FirstPlan, path: Path) -> None:
-    """Write a finished plan into a new file, a NumPy archive whose comment is its checksum.
+    """Write a finished plan to a new file: a NumPy archive with its checksum as the archive comment.
 
     Raises
     ------
     FileExistsError
-        The file exists: nothing is overwritten.
+        If the file exists.
     NoPlanError
-        There is no plan.
+        If no plan was found.
     """
     leaves = jax.tree_util.tree_flatten_with_path(planned.saved_state())[0]
-    arrays = {jax.tree_util.keystr(place, simple=True, separator="."): np.asarray(leaf) for place, leaf in leaves}
-    about = {
+    arrays = {jax.tree_util.keystr(key_path, simple=True, separator="."): np.asarray(leaf) for key_path, leaf in leaves}
+    metadata = {
         "format_version": _FORMAT,
         "planner": planned.scenario.fleet.planner,
         "scenario_hash": planned.scenario.hash,
         **version_attributes(),
     }
     archive = io.BytesIO()
-    np.savez(archive, allow_pickle=False, about=np.array(json.dumps(about)), **arrays)
+    np.savez(archive, allow_pickle=False, about=np.array(json.dumps(metadata)), **arrays)
     write_file(path, _with_checksum(archive))
 
 
 def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
-    """Read a finished plan of a scenario; its aircraft are trimmed again, its search is not repeated.
+    """Read a finished plan of a scenario: the aircraft are trimmed again, the search is not repeated.
 
     Parameters
     ----------
     path
-        Of the file, or of the folder that `anser plan --out` wrote, with its `plan.npz`.
+        Plan file, or the folder from `anser plan --out` with `plan.npz`.
     scenario
-        Whose plan it is.
+        Scenario of the plan.
 
     Raises
     ------
     PlanFileError
-        The file cannot be read, is damaged, or holds a plan for another scenario.
+        If the file cannot be read, is damaged, or contains the plan of another scenario.
     ScenarioError
-        An aircraft cannot fly steadily at its start.
+        If an aircraft cannot be trimmed at its start.
     """
     path = Path(path)
     if path.is_dir():
@@ -256,9 +258,9 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
         _verify(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        about = json.loads(str(arrays.pop("about")))
-        _refuse_foreign_plan(about, scenario, path)
-        state = _rebuild_state(_STATES[about["planner"]], "", arrays)
+        metadata = json.loads(str(arrays.pop("about")))
+        _refuse_foreign_plan(metadata, scenario, path)
+        state = _rebuild_state(_STATES[metadata["planner"]], "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
@@ -272,20 +274,22 @@ def _verify(path: Path) -> None:
     except DamagedFileError as error:
         raise PlanFileError(str(error)) from None
     if not verified:
-        words = "a file without a checksum, cut or of an older version"
-        raise PlanFileError(f"{path}: arrived {words}; expected a plan of format {_FORMAT}, as anser plan --out writes")
-
-
-def _refuse_foreign_plan(about: dict[str, Any], scenario: Scenario, path: Path) -> None:
-    """Refuse a plan of another format, version of anser or scenario."""
-    if about["format_version"] != _FORMAT:
-        raise PlanFileError(f"{path} has format_version {about['format_version']}; expected {_FORMAT}")
-    made_by, version = about["version_anser"], version_attributes()["version_anser"]
-    if made_by != version:
-        raise PlanFileError(f"{path}: arrived a plan of anser {made_by}; expected one of {version}: plan again")
-    if (about["planner"], about["scenario_hash"]) != (scenario.fleet.planner, scenario.hash):
+        received = "a file without a checksum, cut or of an older version"
         raise PlanFileError(
-            f"{path} holds the plan of another scenario ({about['planner']}, hash {about['scenario_hash']}); "
+            f"{path}: arrived {received}; expected a plan of format {_FORMAT}, as anser plan --out writes"
+        )
+
+
+def _refuse_foreign_plan(metadata: dict[str, Any], scenario: Scenario, path: Path) -> None:
+    """Refuse a plan of another file format, of another version of anser, or of another scenario."""
+    if metadata["format_version"] != _FORMAT:
+        raise PlanFileError(f"{path} has format_version {metadata['format_version']}; expected {_FORMAT}")
+    file_version, version = metadata["version_anser"], version_attributes()["version_anser"]
+    if file_version != version:
+        raise PlanFileError(f"{path}: arrived a plan of anser {file_version}; expected one of {version}: plan again")
+    if (metadata["planner"], metadata["scenario_hash"]) != (scenario.fleet.planner, scenario.hash):
+        raise PlanFileError(
+            f"{path} holds the plan of another scenario ({metadata['planner']}, hash {metadata['scenario_hash']}); "
             f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
         )
 
@@ -299,35 +303,48 @@ def _first_plan_from_state(scenario: Scenario, state: Any, path: Path) -> FirstP
     check_trimmable(scenario, flight, fleet.is_trimmed)
     if scenario.fleet.planner == "published":
         return PublishedFirstPlan(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
-    first = state.plan_state if isinstance(state, Agreement) else state
+    plan_state = state.plan_state if isinstance(state, Agreement) else state
     planner = flight.planner.aircraft_planner if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
     assert isinstance(planner, CertifiedPlanner)
-    tasks = planner.aircraft_tasks(fleet.reports, first.limits)
-    made = scenario, flight, fleet, (), SearchOutcome(first.plan, 0), tasks, planner.airspace, first.holds
+    tasks = planner.aircraft_tasks(fleet.reports, plan_state.limits)
+    arguments = (
+        scenario,
+        flight,
+        fleet,
+        (),
+        SearchOutcome(plan_state.plan, 0),
+        tasks,
+        planner.airspace,
+        plan_state.holds,
+    )
     if isinstance(state, Agreement):
-        return DecentralisedFirstPlan(*made, float(state.negotiation_s))
-    return CertifiedFirstPlan(*made)
+        return DecentralisedFirstPlan(*arguments, float(state.negotiation_s))
+    return CertifiedFirstPlan(*arguments)
 
 
 def _with_checksum(archive: io.BytesIO) -> bytes:
-    """Bytes of an archive with their checksum as its comment, which stands at the end."""
+    """Bytes of an archive with the checksum as archive comment, at the end of the file."""
     with zipfile.ZipFile(archive, "a") as file:
         file.comment = bytes(TRAILER_BYTES)
     content = archive.getvalue()[:-TRAILER_BYTES]
     return content + checksum_trailer(hashlib.sha256(content).hexdigest())
 
 
-def _rebuild_state(kind: type, place: str, arrays: dict[str, np.ndarray]) -> Any:
-    """A module of arrays from those under its place, by the types of its fields."""
+def _rebuild_state(kind: type, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
+    """Rebuild a module of arrays from the arrays with a key prefix, according to the types of its fields."""
     fields = {}
     for name, hint in get_type_hints(kind).items():
-        own = f"{place}{name}"
-        modules = [one for one in (hint, *get_args(hint)) if isinstance(one, type) and issubclass(one, eqx.Module)]
-        if not modules:
-            left_out = own not in arrays and type(None) in get_args(hint)
-            fields[name] = None if left_out else as_array(arrays[own], None)
-        elif any(key.startswith(f"{own}.") for key in arrays):
-            fields[name] = _rebuild_state(modules[0], f"{own}.", arrays)
+        field_key = f"{prefix}{name}"
+        module_types = [
+            field_type
+            for field_type in (hint, *get_args(hint))
+            if isinstance(field_type, type) and issubclass(field_type, eqx.Module)
+        ]
+        if not module_types:
+            is_absent = field_key not in arrays and type(None) in get_args(hint)
+            fields[name] = None if is_absent else as_array(arrays[field_key], None)
+        elif any(key.startswith(f"{field_key}.") for key in arrays):
+            fields[name] = _rebuild_state(module_types[0], f"{field_key}.", arrays)
         else:
             fields[name] = None
     return kind(**fields)

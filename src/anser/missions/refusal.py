@@ -1,4 +1,4 @@
-"""Why no plan exists: which constraint binds, by how much, and the nearest request that works."""
+"""Diagnosis of a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request."""
 
 from collections.abc import Sequence
 
@@ -13,25 +13,25 @@ from anser.planning.limits import RELAXED_TOGETHER
 from anser.planning.separation import Separation
 from anser.scenario.schema import Scenario
 
-_FACTORS = 2.0 ** np.linspace(0.0, 2.0, 9)  # by which a limit is loosened, from as asked to four times
+_RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the requested value to four times as much
 _MESSAGES_MAX = 3
-_STEPS = 5
-_EDGE_S = 0.5
-_ALL_PAIRS_MAX = 20  # aircraft up to which all pairs are looked at for all arrival times
+_BISECTIONS = 5
+_TIME_TOLERANCE_S = 0.5
+_ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[str, ...]:
-    """Sentences that say what stands in the way of a plan of a scenario's fleet, after a search that found none."""
-    names, request = [one.name for one in scenario.aircraft], fleet.request
-    too_close = _conflicting_rendezvous(names, fleet)
-    if too_close:
-        return tuple(too_close)
+    """Diagnose a search without a result: sentences with the reasons that a scenario's fleet has no plan."""
+    names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
+    conflicts = _conflicting_rendezvous(names, fleet)
+    if conflicts:
+        return tuple(conflicts)
     arrivals = outcome.arrivals
     if arrivals is None:
         arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s)
-    alone = _infeasible_aircraft(names, fleet, arrivals, outcome)
-    if alone:
-        return tuple(alone)
+    infeasible = _infeasible_aircraft(names, fleet, arrivals, outcome)
+    if infeasible:
+        return tuple(infeasible)
     if request.rule in ("together", "earliest", "sequence"):
         offsets = request.offsets(len(names))
         if not [1 for a, _ in common_times(arrivals, offsets) if a <= request.latest_s - float(np.max(offsets))]:
@@ -40,171 +40,173 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
-    """Sentences that say who could arrive, but cannot hold afterwards, given the best holds that were found."""
-    names = [one.name for one in scenario.aircraft]
-    known = slice(len(names))  # not those that fill the fleet up
-    found, ratios = [], np.asarray(holds.clearance_ratio)[known, known]
-    for k in np.flatnonzero(~np.asarray(holds.clear)[known] & fleet.active):
-        other = int(np.argmin(ratios[k]))
-        if ratios[k, other] >= 1.0:
-            found.append(
+    """Sentences about aircraft that can arrive but cannot hold afterwards, from the best holds of the search."""
+    names = [aircraft.name for aircraft in scenario.aircraft]
+    scenario_aircraft = slice(len(names))  # without the padding
+    messages, ratios = [], np.asarray(holds.clearance_ratio)[scenario_aircraft, scenario_aircraft]
+    for k in np.flatnonzero(~np.asarray(holds.clear)[scenario_aircraft] & fleet.active):
+        nearest = int(np.argmin(ratios[k]))
+        if ratios[k, nearest] >= 1.0:
+            messages.append(
                 f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude, '
                 "off its goal and out of the keep-outs"
             )
-        elif k < other or ratios[other, k] >= 1.0:
-            found.append(
-                f'"{names[k]}" and "{names[other]}" can arrive, but no holds afterwards keep them apart until the '
-                f"flight ends: {ratios[k, other]:.2f} of the separation at best; other courses of arrival, rendezvous "
-                "points farther apart or arrivals one after another would help"
+        elif k < nearest or ratios[nearest, k] >= 1.0:
+            messages.append(
+                f'"{names[k]}" and "{names[nearest]}" can arrive, but no holds afterwards keep them apart until the '
+                f"flight ends: {ratios[k, nearest]:.2f} of the separation at best; other courses of arrival, "
+                "rendezvous points farther apart or arrivals one after another would help"
             )
-    return tuple(found[:_MESSAGES_MAX])
+    return tuple(messages[:_MESSAGES_MAX])
 
 
 def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
-    """Arrival times in words."""
+    """Format intervals of arrival times."""
     if not intervals:
         return "at no time"
     parts = [
         f"from {a:.1f} s on" if np.isinf(b) else f"from {a:.1f} to {b:.1f} s" for a, b in intervals[:_MESSAGES_MAX]
     ]
-    more = " and later" if len(intervals) > _MESSAGES_MAX else ""
-    return " and ".join(parts) + more
+    suffix = " and later" if len(intervals) > _MESSAGES_MAX else ""
+    return " and ".join(parts) + suffix
 
 
 def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[str]:
-    """Pairs whose rendezvous points are closer than the separation whenever they may arrive."""
+    """Messages for pairs with rendezvous points closer than the separation at every permitted arrival time."""
     if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MAX:
         return []
     times = fleet.requested_times()
     if times.shape[0] == 0:
         return []
-    always = np.all(arrival_conflicts(fleet.tasks, fleet.airspace, times), axis=0)
-    level, height = arrival_distances_max(fleet.tasks, fleet.airspace, times)
-    words = f"at {times[0, 0]:.1f} s" if fleet.request.rule == "at" else "when the first of them arrives"
-    asked = fleet.airspace.separation
-    least = float(asked.horizontal), float(asked.vertical)
-    found = []
-    for i, j in zip(*np.nonzero(np.triu(always)), strict=True):
-        most = int(np.argmax(level[:, i, j]))
-        reached = level[most, i, j], height[most, i, j]
-        found.append(
-            f'the rendezvous points of "{names[i]}" and "{names[j]}" are too close to each other: {words} they leave '
-            f"{_distances(*reached, least[1] > 0.0)} at most, {_distances(*least, least[1] > 0.0)} asked, the reserve "
-            "included"
+    is_conflict = np.all(arrival_conflicts(fleet.tasks, fleet.airspace, times), axis=0)
+    horizontal_m, vertical_m = arrival_distances_max(fleet.tasks, fleet.airspace, times)
+    time_text = f"at {times[0, 0]:.1f} s" if fleet.request.rule == "at" else "when the first of them arrives"
+    separation = fleet.airspace.separation
+    required_m = float(separation.horizontal), float(separation.vertical)
+    messages = []
+    for i, j in zip(*np.nonzero(np.triu(is_conflict)), strict=True):
+        widest = int(np.argmax(horizontal_m[:, i, j]))
+        attainable_m = horizontal_m[widest, i, j], vertical_m[widest, i, j]
+        messages.append(
+            f'the rendezvous points of "{names[i]}" and "{names[j]}" are too close to each other: {time_text} '
+            f"they leave {_distances(*attainable_m, required_m[1] > 0.0)} at most, "
+            f"{_distances(*required_m, required_m[1] > 0.0)} asked, the reserve included"
         )
-    return found[:_MESSAGES_MAX]
+    return messages[:_MESSAGES_MAX]
 
 
-def _distances(horizontal_m: float, vertical_m: float, both: bool) -> str:
-    """A distance in the plane and, where one is asked, that in altitude, in words."""
-    return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if both else "")
+def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> str:
+    """Format a horizontal distance, with the vertical distance if required."""
+    return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if with_vertical else "")
 
 
 def _infeasible_aircraft(
     names: Sequence[str], fleet: FleetTask, arrivals: Sequence[Intervals], outcome: SearchOutcome
 ) -> list[str]:
-    """Aircraft that by themselves cannot do what is asked."""
-    found, request, best = [], fleet.request, outcome.best_attempt
-    # The search looks further than the arrival sets do: what it found for one aircraft is not denied.
-    flown = (
+    """Messages for aircraft that cannot meet the request even without the other aircraft."""
+    messages, request, best = [], fleet.request, outcome.best_attempt
+    # The search covers more than the arrival sets: an aircraft with a path from the search is not infeasible.
+    is_feasible = (
         np.zeros(len(names), dtype=bool)
         if best is None
         else np.asarray(best.valid & best.certificate.satisfied_individually)
     )
     for k, name in enumerate(names):
-        if flown[k]:
+        if is_feasible[k]:
             continue
-        own = arrivals[k]
-        if not own:
-            asked = f"cannot arrive within {request.latest_s:.0f} s"
-            wanted = request.latest_s
+        intervals = arrivals[k]
+        if not intervals:
+            refusal = f"cannot arrive within {request.latest_s:.0f} s"
+            requested_s = request.latest_s
         elif request.times_s is not None:
-            wanted = float(request.times_s[k])
-            if any(a - _EDGE_S <= wanted <= b + _EDGE_S for a, b in own):
+            requested_s = float(request.times_s[k])
+            if any(a - _TIME_TOLERANCE_S <= requested_s <= b + _TIME_TOLERANCE_S for a, b in intervals):
                 continue
-            asked = f"cannot arrive at {wanted:.1f} s"
+            refusal = f"cannot arrive at {requested_s:.1f} s"
         elif request.windows_s is not None:
-            low, high = request.windows_s[k]
-            if any(a <= high and b >= low for a, b in own):
+            window_start, window_end = request.windows_s[k]
+            if any(a <= window_end and b >= window_start for a, b in intervals):
                 continue
-            asked, wanted = f"cannot arrive between {low:.1f} and {high:.1f} s", float(high)
+            refusal, requested_s = f"cannot arrive between {window_start:.1f} and {window_end:.1f} s", float(window_end)
         else:
             continue
-        nearest = f"; by itself it can {format_intervals(own)}" if own else ""
-        found.append(f'aircraft "{name}" {asked}{_binding_constraint(k, fleet, wanted)}{nearest}')
-    return found
+        nearest = f"; by itself it can {format_intervals(intervals)}" if intervals else ""
+        messages.append(f'aircraft "{name}" {refusal}{_binding_constraint(k, fleet, requested_s)}{nearest}')
+    return messages
 
 
-def _relax_constraint(fleet: FleetTask, what: str, factor: float) -> FleetTask:
-    """The same fleet with one kind of limit, or the keep-outs, loosened by a factor (1 is as asked)."""
+def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> FleetTask:
+    """The same fleet with one type of limit, or the keep-outs, relaxed by a factor (1: as requested)."""
     limits = fleet.tasks.limits
-    if what == "keep-outs":
+    if constraint == "keep-outs":
         radius = fleet.airspace.keep_outs.radius / factor
         airspace = eqx.tree_at(lambda a: a.keep_outs.radius, fleet.airspace, radius)
         return FleetTask(fleet.tasks, airspace, fleet.request)
-    for limit in RELAXED_TOGETHER[what]:
-        wider = limit.relaxed(getattr(limits, limit.field), factor)
-        limits = eqx.tree_at(lambda x, field=limit.field: getattr(x, field), limits, wider)
+    for limit in RELAXED_TOGETHER[constraint]:
+        relaxed = limit.relaxed(getattr(limits, limit.field), factor)
+        limits = eqx.tree_at(lambda x, field=limit.field: getattr(x, field), limits, relaxed)
     return FleetTask(eqx.tree_at(lambda t: t.limits, fleet.tasks, limits), fleet.airspace, fleet.request)
 
 
-def _binding_constraint(who: int, fleet: FleetTask, wanted_s: float) -> str:
-    """The limit whose loosening alone lets an aircraft arrive at a time, and by how much."""
+def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> str:
+    """The limit that, relaxed alone, lets an aircraft arrive at a time; with the necessary relaxation."""
     best: tuple[float, str] | None = None
-    for what in (*RELAXED_TOGETHER, "keep-outs"):
-        if what == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
+    for constraint in (*RELAXED_TOGETHER, "keep-outs"):
+        if constraint == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
             continue
-        low, high = 0, len(_FACTORS) - 1
+        low, high = 0, len(_RELAXATIONS) - 1
 
-        def works(step: int, what: str = what) -> bool:
-            looser = _relax_constraint(fleet, what, float(_FACTORS[step]))
-            return bool(reachable(looser.tasks, looser.airspace, np.array([who]), np.array([wanted_s]))[0])
+        def is_reachable(step: int, constraint: str = constraint) -> bool:
+            relaxed_task = _relax_constraint(fleet, constraint, float(_RELAXATIONS[step]))
+            return bool(
+                reachable(relaxed_task.tasks, relaxed_task.airspace, np.array([aircraft]), np.array([requested_s]))[0]
+            )
 
-        if not works(high):
+        if not is_reachable(high):
             continue
         while high - low > 1:
             middle = (low + high) // 2
-            low, high = (low, middle) if works(middle) else (middle, high)
-        if best is None or _FACTORS[high] < best[0]:
-            best = float(_FACTORS[high]), what
+            low, high = (low, middle) if is_reachable(middle) else (middle, high)
+        if best is None or _RELAXATIONS[high] < best[0]:
+            best = float(_RELAXATIONS[high]), constraint
     if best is None:
         return ": no single limit, loosened up to four times, changes that"
-    factor, what = best
-    keys = " and ".join(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER.get(what, ()))
-    named = f"{what} ({keys})" if keys else what
-    return f": the {named} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
+    factor, constraint = best
+    keys = " and ".join(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER.get(constraint, ()))
+    description = f"{constraint} ({keys})" if keys else constraint
+    return f": the {description} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
 
 
 def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float) -> str:
-    starts = [own[0][0] - o for own, o in zip(arrivals, offsets_s, strict=True)]
-    ends = [own[-1][1] - o for own, o in zip(arrivals, offsets_s, strict=True)]
-    last, first = int(np.argmax(starts)), int(np.argmin(ends))
+    interval_starts = [intervals[0][0] - offset for intervals, offset in zip(arrivals, offsets_s, strict=True)]
+    interval_ends = [intervals[-1][1] - offset for intervals, offset in zip(arrivals, offsets_s, strict=True)]
+    latest, earliest = int(np.argmax(interval_starts)), int(np.argmin(interval_ends))
     return (
-        f'no arrival time up to {latest_s:.0f} s is open to all: "{names[last]}" can arrive '
-        f'{format_intervals(arrivals[last])}, "{names[first]}" {format_intervals(arrivals[first])}'
+        f'no arrival time up to {latest_s:.0f} s is open to all: "{names[latest]}" can arrive '
+        f'{format_intervals(arrivals[latest])}, "{names[earliest]}" {format_intervals(arrivals[earliest])}'
     )
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> str:
-    """The largest separation with which a plan exists."""
-    asked = fleet.airspace.separation
-    horizontal, vertical = float(asked.horizontal), float(asked.vertical)
+    """Message with the largest feasible separation."""
+    separation = fleet.airspace.separation
+    horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:
         return f"no plan was found in {outcome.attempts} tries, though each aircraft by itself has one"
     pair = ""
     if outcome.best_attempt is not None:
         ratios = np.asarray(outcome.best_attempt.certificate.clearance_ratio)
-        one, other = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
-        pair = f' ("{names[one]}" and "{names[other]}" are the closest)'
+        aircraft_a, aircraft_b = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
+        pair = f' ("{names[aircraft_a]}" and "{names[aircraft_b]}" are the closest)'
     low, high = 0.0, 1.0
-    for _ in range(_STEPS):
+    for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         factor = 1.0 / max(middle, 1e-6)
-        smaller = Separation(asked.horizontal / factor, asked.vertical / factor)
+        smaller = Separation(separation.horizontal / factor, separation.vertical / factor)
         airspace = eqx.tree_at(lambda a: a.separation, fleet.airspace, smaller)
-        works = search(0.0, fleet.tasks, airspace, fleet.request, thorough=False).plan is not None
-        low, high = (middle, high) if works else (low, middle)
+        is_feasible = search(0.0, fleet.tasks, airspace, fleet.request, thorough=False).plan is not None
+        low, high = (middle, high) if is_feasible else (low, middle)
     if low == 0.0:
         return f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"
-    reached, wanted = (_distances(part * horizontal, part * vertical, vertical > 0.0) for part in (low, 1.0))
-    return f"separation {reached} reachable, {wanted} asked{pair}, the reserve included"
+    attainable, requested = (_distances(share * horizontal, share * vertical, vertical > 0.0) for share in (low, 1.0))
+    return f"separation {attainable} reachable, {requested} asked{pair}, the reserve included"

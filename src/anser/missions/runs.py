@@ -1,7 +1,4 @@
-"""One run of a scenario.
-
-The precisions that it allows, planning, the flight with its events, and the result with the limits of each aircraft.
-"""
+"""One flight of a scenario: check of the precision, planning, the flight with its events, and the result."""
 
 import dataclasses
 import functools
@@ -35,92 +32,89 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
-    """Whether a scenario's flight stops for a search on the host, or has plans of several sizes."""
+    """Whether the flight of a scenario stops for searches on the host, or has plans of several sizes."""
     return bool(scenario.event) or scenario.fleet.planner == "decentralised"
 
 
 def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
-    """Refuse to fly a scenario in a precision that does not fit it (ScenarioError), of the file `source`.
+    """Refuse a precision that does not fit a scenario (ScenarioError with the file name `source`).
 
-    Over a round Earth places are integrated as distances from its centre, of which float32 tells no two apart that are
-    nearer than half a metre. Fleets that plan while they fly do so from their state between two steps.
+    Over a round Earth, positions are integrated as distances from the centre of the Earth, for which float32 has a
+    resolution of half a metre. Fleets that plan during the flight do this in float64, between two steps.
     """
     if precision == "float64":
         return
-    arrived = None
+    received = None
     if scenario.earth.model != "flat":
-        arrived = "a round Earth, whose distances float32 rounds to half a metre"
+        received = "a round Earth, whose distances float32 rounds to half a metre"
     elif needs_single_flight(scenario):
-        arrived = "one with events, or without a centre"
-    if arrived is not None:
-        words = 'precision = "float64" for it'
-        raise ScenarioError(source or scenario.name, [Problem("precision", f'"{precision}" of {arrived}', words)])
+        received = "one with events, or without a centre"
+    if received is not None:
+        expected = 'precision = "float64" for it'
+        raise ScenarioError(source or scenario.name, [Problem("precision", f'"{precision}" of {received}', expected)])
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
-    """Places of scenarios that a precision does not fit, and why."""
-    found: dict[int, str] = {}
+    """Reasons that a precision does not fit, by index of the scenario."""
+    problems: dict[int, str] = {}
     for k, scenario in enumerate(scenarios):
         try:
             check_precision(scenario, precision)
         except ScenarioError as error:
-            found[k] = "; ".join(map(str, error.problems))
-    return found
+            problems[k] = "; ".join(map(str, error.problems))
+    return problems
 
 
 def limits_text(scenario: Scenario, flight: Flight) -> str:
-    """JSON: a list with one object for each aircraft of the scenario.
+    """Limits of the scenario's aircraft as JSON, one object per aircraft.
 
     Parameters
     ----------
     scenario
-        As flown.
+        Scenario of the flight.
     flight
-        What was built of it; its further aircraft, which only fill it up, are left out.
+        Arrays built from the scenario; padding aircraft are left out.
 
     Returns
     -------
     str
-        Of each aircraft the keys of `[limits]` with the values that hold for it (null: none), and `surfaces_deg`: the
-        lower and the upper stop of each control surface by its name, deg; surfaces without finite stops are left out.
+        Per aircraft the keys of `[limits]` with the effective values (null: no limit), and `surfaces_deg`: lower and
+        upper stop of each control surface by name, deg; surfaces without finite stops are left out.
     """
     stops: dict[int, dict[str, list[float]]] = {}
-    for kind in flight.groups:
-        actuators = kind.vehicles.batched.airframe.actuators  # what has one axis is always stacked
-        ends = [np.degrees(np.asarray(end)) for end in (actuators.lower, actuators.upper)]
-        for row, place in enumerate(kind.members):
-            named = zip(actuators.names, *(end[row] for end in ends), strict=True)
-            stops[place] = {
-                name: [round(float(a), 6), round(float(b), 6)] for name, a, b in named if np.isfinite(a + b)
+    for group in flight.groups:
+        actuators = group.vehicles.batched.airframe.actuators  # arrays with one axis are always batched
+        stop_angles = [np.degrees(np.asarray(angles)) for angles in (actuators.lower, actuators.upper)]
+        for position, index in enumerate(group.members):
+            surface_stops = zip(actuators.names, *(angles[position] for angles in stop_angles), strict=True)
+            stops[index] = {
+                name: [round(float(a), 6), round(float(b), 6)] for name, a, b in surface_stops if np.isfinite(a + b)
             }
-    each = [
-        resolve_limits(scenario, one).model_dump() | {"surfaces_deg": stops[place]}
-        for place, one in enumerate(scenario.aircraft)
+    limits_by_aircraft = [
+        resolve_limits(scenario, aircraft).model_dump() | {"surfaces_deg": stops[index]}
+        for index, aircraft in enumerate(scenario.aircraft)
     ]
-    return json.dumps(each)
+    return json.dumps(limits_by_aircraft)
 
 
-_FILES = (FLIGHT, SUMMARY, "report.html")
+_RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
-"""One segment of a flight by itself, compiled; see `anser.simulation.fly`."""
+"""One segment of a single flight, compiled; see `anser.simulation.fly`."""
 
 
 def without_replanning(flight: Flight) -> Flight:
-    """The same flight with a planner that only keeps its plan up to date: a smaller program, for most segments."""
+    """The flight with a planner that does not replan: a smaller program, sufficient for most segments."""
     return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, allow_replanning=False))
 
 
 def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
-    """Begin with the program of a flight's segments, for a state or the shapes of one."""
+    """Prepare the program of a flight's segments, for a state or the shapes of a state."""
     return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
 
 
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
-    """As `prepare_flight`, in a precision.
-
-    xarray and pandas, which take as long to import as a program to load, come meanwhile.
-    """
+    """Prepare the program of a flight's segments in a precision; import xarray and pandas in the meantime."""
     prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision))
     importlib.import_module("anser.results")
     return prepared
@@ -128,16 +122,16 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 @dataclass(frozen=True, repr=False)
 class FlightResult(SavedFlight):
-    """A flown scenario; printed, it is who arrived when.
+    """Result of a flown scenario; the printed form lists the arrivals.
 
     Attributes
     ----------
     dataset, summary
-        As of `SavedFlight`.
+        As in `SavedFlight`.
     scenario
-        What was flown.
+        Scenario of the flight.
     planned
-        The first plan, with what of it the scenario's limits forbid.
+        The first plan.
     """
 
     scenario: Scenario
@@ -149,29 +143,29 @@ class FlightResult(SavedFlight):
         Parameters
         ----------
         folder
-            To make and write into.
+            Path of the new folder.
         force
-            Whether the folder may exist: these three files are then replaced in it, all others are left alone.
+            Whether the folder may exist: the three files are then replaced, further files stay.
 
         Raises
         ------
         FileExistsError
-            If the folder exists: without `force` nothing is overwritten.
+            If the folder exists and `force` is False.
         """
         target = Path(folder)
         if target.exists() and not (target.is_dir() and force):
             or_force = ", or give force=True to replace the run in it" if target.is_dir() else ""
             raise FileExistsError(f"{target} exists and is not overwritten: choose another folder{or_force}")
-        with staged_folder(target) if target.exists() else new_folder(target) as beside:
-            self.write_into(beside)
+        with staged_folder(target) if target.exists() else new_folder(target) as staging:
+            self.write_into(staging)
         return target
 
     def write_into(self, folder: Path) -> None:
-        """Write the three files into a folder that exists; refuses to overwrite any (FileExistsError)."""
+        """Write the three files into an existing folder; raises FileExistsError if one of the files exists."""
         from anser.results.netcdf import write_netcdf
         from anser.results.summary import write_summary
 
-        flight, summary, report = (folder / name for name in _FILES)
+        flight, summary, report = (folder / name for name in _RESULT_FILES)
         write_netcdf(self.dataset, flight)
         write_summary(self.summary, summary)
         self.report(report)
@@ -188,29 +182,31 @@ def run(
     Parameters
     ----------
     scenario
-        Validated, from `load`, or the path of its file.
+        From `load`, or the path of a scenario file.
     progress
-        Called now and then with what is being done and how much of the flight is behind; None before and after it.
+        Called with a description of the current work and the completed share of the flight; None before and after the
+        flight.
     planned
-        A finished plan of this scenario, from `anser.plan` or `anser.missions.read_plan`; None: one is made.
+        A finished plan of this scenario, from `anser.plan` or `anser.missions.read_plan`; None: the scenario is planned
+        first.
     precision
-        In which it is flown; it is planned in float64 in any case.
+        Precision of the flight; planning always uses float64.
 
     Raises
     ------
     ValueError
-        The plan is one of another scenario.
+        If `planned` is the plan of another scenario.
     ScenarioError
-        If the file cannot be read or is no valid scenario, or an aircraft cannot fly steadily at its start, or the
-        precision does not fit the scenario; the message says what stops it.
+        If the file cannot be read or is not a valid scenario, if an aircraft cannot be trimmed at its start, or if the
+        precision does not fit the scenario.
     NoPlanError
-        If the certified planner finds no plan; the message says why.
+        If no plan was found; the message contains the reasons.
     """
     scenario, on_progress = as_scenario(scenario), progress or no_progress
     check_precision(scenario, precision)
-    began = clock.perf_counter()
+    start_time = clock.perf_counter()
     if planned is None:
-        planned = plan(scenario, lambda what: on_progress(what, None), functools.partial(_prepare, precision))
+        planned = plan(scenario, lambda message: on_progress(message, None), functools.partial(_prepare, precision))
     elif planned.scenario != scenario:
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
     from anser.results.dataset import to_dataset
@@ -221,35 +217,37 @@ def run(
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = cast_flight(planned.flight, precision), cast_state(planned.initial_state(), precision)
-    simpler = without_replanning(flight)
+    flight_without_replanning = without_replanning(flight)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     on_progress("flying", 0.0)
-    segments, at = [], 0
-    happenings = EventSchedule(scenario, lambda what: on_progress(what, None))
-    while at <= steps:
-        flight, state = happenings.apply_due(flight, state, at)
-        simpler = without_replanning(flight)
-        flown = happenings.steps_until_next(at, min(SEGMENT_STEPS, steps + 1 - at))
-        # a flight without events has none of the program that can fly part of a segment
-        part = {"flown": as_array(flown, np.int32)} if scenario.event else {}
-        number = as_array(at, np.int32)
-        after, _, history = fly_segment(simpler, state, number, **part)
-        if after.planner.replan_needed:  # what came of it does not count
-            after, _, history = fly_segment(flight, state, number, **part)
-        at += flown if scenario.event else SEGMENT_STEPS
-        state = happenings.check_replanning(flight, after, at)
-        rows = slice(flown if scenario.event else None), slice(len(scenario.aircraft))
-        segments.append({key: np.asarray(values)[rows] for key, values in cast_to_precision(history, float).items()})
-        on_progress("flying", min(at / (steps + 1), 1.0))
-    history = {key: np.concatenate([part[key] for part in segments])[: steps + 1] for key in segments[0]}
+    segments, sample_index = [], 0
+    schedule = EventSchedule(scenario, lambda message: on_progress(message, None))
+    while sample_index <= steps:
+        flight, state = schedule.apply_due(flight, state, sample_index)
+        flight_without_replanning = without_replanning(flight)
+        step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
+        # without events every segment is flown whole: a smaller program
+        partial = {"flown": as_array(step_count, np.int32)} if scenario.event else {}
+        sample = as_array(sample_index, np.int32)
+        final_state, _, history = fly_segment(flight_without_replanning, state, sample, **partial)
+        if final_state.planner.replan_needed:  # the segment is repeated from its start
+            final_state, _, history = fly_segment(flight, state, sample, **partial)
+        sample_index += step_count if scenario.event else SEGMENT_STEPS
+        state = schedule.check_replanning(flight, final_state, sample_index)
+        selection = slice(step_count if scenario.event else None), slice(len(scenario.aircraft))
+        segments.append(
+            {key: np.asarray(values)[selection] for key, values in cast_to_precision(history, float).items()}
+        )
+        on_progress("flying", min(sample_index / (steps + 1), 1.0))
+    history = {key: np.concatenate([partial[key] for partial in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s
-    wall_s = clock.perf_counter() - began
+    wall_s = clock.perf_counter() - start_time
     on_progress("summing up", None)
-    happened = [one.as_dict() for one in happenings.outcomes]
+    outcomes = [outcome.as_dict() for outcome in schedule.outcomes]
     surfaces = planned.flight.surfaces[: len(scenario.aircraft)]
     summary = summarize(
-        time_s, history, scenario, wall_s, planned.path_descriptions(), happened, happenings.goals, surfaces
+        time_s, history, scenario, wall_s, planned.path_descriptions(), outcomes, schedule.goals, surfaces
     )
     attributes = _attributes(scenario) | {"limits": limits_text(scenario, planned.flight)} | version_attributes()
     if isinstance(planned, DecentralisedFirstPlan):
@@ -259,7 +257,7 @@ def run(
     dataset = to_dataset(
         time_s[::stride],
         {key: values[::stride] for key, values in history.items()},
-        [a.name for a in scenario.aircraft],
+        [aircraft.name for aircraft in scenario.aircraft],
         attributes,
         surfaces,
     )

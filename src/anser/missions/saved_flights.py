@@ -1,4 +1,4 @@
-"""A flight without what flew it: what was recorded and its summary, of this run or read back from its folder."""
+"""Saved flights: dataset and summary of a flight, from a run in this process or from the folder of an earlier run."""
 
 import os
 import tempfile
@@ -18,19 +18,19 @@ PLAN = "plan.npz"
 
 
 class RunFolderError(ValueError):
-    """A folder that holds no run, or one that cannot be read."""
+    """The folder contains no run, or files that cannot be read."""
 
 
 @dataclass(frozen=True, repr=False)
 class SavedFlight:
-    """A recorded flight; printed, it is who arrived when.
+    """A recorded flight; the printed form lists the arrivals.
 
     Attributes
     ----------
     dataset
-        Recorded at the scenario's record period; dimensions time and aircraft, every variable with unit, frame, name.
+        Samples at the scenario's record period; dimensions time and aircraft, every variable with unit, frame and name.
     summary
-        The contract of `summary.json`.
+        Content of `summary.json`.
     """
 
     dataset: "xr.Dataset"
@@ -38,9 +38,9 @@ class SavedFlight:
 
     @property
     def met(self) -> bool:
-        """Whether every aircraft arrived that did not leave the fleet, and every requirement is met."""
-        arrived = all(row["status"] == "arrived" or "left_s" in row for row in self.summary["aircraft"])
-        return arrived and all(row["met"] for row in self.summary["requirements"])
+        """Whether every aircraft that stayed in the fleet arrived, and every requirement is met."""
+        arrived = all(entry["status"] == "arrived" or "left_s" in entry for entry in self.summary["aircraft"])
+        return arrived and all(entry["met"] for entry in self.summary["requirements"])
 
     def __repr__(self) -> str:
         from anser.results.summary_format import format_summary
@@ -54,19 +54,19 @@ class SavedFlight:
 
     @property
     def plot(self) -> "FlightPlots":
-        """Its figures: `flown.plot.tracks()`, `.profile()`, `.separation()` and others."""
+        """Figures of the flight: `flight.plot.tracks()`, `.profile()`, `.separation()` and more."""
         from anser.report.flight_figures import FlightPlots
 
         return FlightPlots(self.dataset)
 
     def show(self) -> Path:
-        """Write the interactive report into a new temporary folder and open it in the browser; returns its path."""
+        """Write the interactive report into a new temporary folder, open it in the browser and return its path."""
         page = self.report(Path(tempfile.mkdtemp(prefix="anser-")) / "report.html")
         webbrowser.open(page.as_uri())
         return page
 
     def report(self, path: Path | str) -> Path:
-        """Write the interactive HTML report; refuses to overwrite (FileExistsError)."""
+        """Write the interactive HTML report; raises FileExistsError if the file exists."""
         from anser.report.flight_page import write_report
 
         write_report(self.dataset, self.summary, Path(path))
@@ -74,21 +74,21 @@ class SavedFlight:
 
 
 def load_flight(folder: str | os.PathLike[str]) -> SavedFlight:
-    """Read a flight back from the folder that `anser run` or `Flown.save` wrote.
+    """Read a flight from a folder of `anser run` or `FlightResult.save`.
 
     Parameters
     ----------
     folder
-        With `flight.nc` and `summary.json`.
+        Folder with `flight.nc` and `summary.json`.
 
     Raises
     ------
     ValueError
-        The folder holds no run, or one that cannot be read; the message says which of its files.
+        If the folder contains no run or a damaged file; the message names the file.
     """
-    place = Path(folder)
-    check_run_folder(place)
-    return SavedFlight(*_read(place))
+    path = Path(folder)
+    check_run_folder(path)
+    return SavedFlight(*_read(path))
 
 
 def _read(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
@@ -105,27 +105,27 @@ def _read(folder: Path) -> tuple["xr.Dataset", dict[str, Any]]:
     except DamagedFileError as error:
         raise RunFolderError(str(error)) from None
     except OSError as error:
-        words = f"arrived files that cannot be read ({error}); expected what `anser run` wrote"
-        raise RunFolderError(f"{folder}: {words}") from None
-    flown, summarized = dataset["aircraft"].values.tolist(), [row["name"] for row in summary["aircraft"]]
+        received = f"arrived files that cannot be read ({error}); expected what `anser run` wrote"
+        raise RunFolderError(f"{folder}: {received}") from None
+    flown, summarized = dataset["aircraft"].values.tolist(), [entry["name"] for entry in summary["aircraft"]]
     if flown != summarized:
-        words = f"{FLIGHT} of {', '.join(flown)} with {SUMMARY} of {', '.join(summarized)}"
-        raise RunFolderError(f"{folder}: arrived {words}; expected both of the same flight")
+        received = f"{FLIGHT} of {', '.join(flown)} with {SUMMARY} of {', '.join(summarized)}"
+        raise RunFolderError(f"{folder}: arrived {received}; expected both of the same flight")
     hashes = dataset.attrs.get("scenario_hash"), summary["scenario"].get("hash")
     if None not in hashes and hashes[0] != hashes[1]:
-        words = f"{FLIGHT} of scenario {hashes[0]} with {SUMMARY} of scenario {hashes[1]}"
-        raise RunFolderError(f"{folder}: arrived {words}; expected both of the same flight")
+        received = f"{FLIGHT} of scenario {hashes[0]} with {SUMMARY} of scenario {hashes[1]}"
+        raise RunFolderError(f"{folder}: arrived {received}; expected both of the same flight")
     return dataset, summary
 
 
 def check_run_folder(folder: Path) -> None:
-    """Refuse a folder that holds no run (RunFolderError)."""
-    wanted = "one that `anser run` wrote"
+    """Raise RunFolderError for a folder without a run."""
+    expected = "one that `anser run` wrote"
     if not folder.is_dir():
         if folder.name in RUN_FILES and folder.is_file():
-            wanted = f"its folder, {folder.parent}"
-        raise RunFolderError(f"arrived {folder}, which is no folder; expected {wanted}")
+            expected = f"its folder, {folder.parent}"
+        raise RunFolderError(f"arrived {folder}, which is no folder; expected {expected}")
     lacking = [name for name in RUN_FILES if not (folder / name).is_file()]
     if lacking:
-        words = f"which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
-        raise RunFolderError(f"arrived {folder}, {words}")
+        missing = f"which holds no {' and no '.join(lacking)}; expected a folder that `anser run` wrote"
+        raise RunFolderError(f"arrived {folder}, {missing}")

@@ -1,4 +1,4 @@
-"""Chosen variables of many flights at a chosen rate: recorded beside the running summary."""
+"""Time series of selected variables, recorded for many flights in addition to the running summary."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 class SeriesSelection(eqx.Module):
-    """Which variables are kept of many flights, and how often.
+    """Selection of variables recorded for many flights.
 
     Attributes
     ----------
     keys
-        Of `anser.variables.CATALOGUE`.
-    every
+        Keys of `anser.variables.CATALOGUE`.
+    stride
         Steps between two rows.
     """
 
@@ -35,67 +35,67 @@ class SeriesSelection(eqx.Module):
 
     @classmethod
     def from_period(cls, scenario: Scenario, keys: Sequence[str], every_s: float) -> "SeriesSelection":
-        """Of variables kept every so many seconds, a whole number of the scenario's steps."""
+        """Selection with a period in seconds, a whole multiple of the scenario's step."""
         return cls(tuple(keys), round(every_s / scenario.timing.step_s))
 
     @property
     def recording_stride(self) -> int:
-        """Steps between two rows that are recorded, so that they fill a segment; some of them are kept."""
+        """Steps between two recorded rows: a divisor of the segment length, so more rows are recorded than kept."""
         return math.gcd(self.stride, SEGMENT_STEPS)
 
     def rows(self, scenario: Scenario) -> int:
-        """How many are kept of a flight: at its start, and every so many steps."""
+        """Number of rows of a flight, the start included."""
         return round(scenario.timing.duration_s / scenario.timing.step_s) // self.stride + 1
 
     def times_s(self, scenario: Scenario) -> np.ndarray:
         """Times of the rows, s."""
         return np.arange(self.rows(scenario)) * (self.stride * scenario.timing.step_s)
 
-    def segment_rows(self, rows: Mapping[str, Array], since: int, last: int) -> dict[str, np.ndarray]:
-        """Of the recorded rows of a segment, shape (flights, rows, aircraft), those that are kept."""
-        numbers = since + np.arange(SEGMENT_STEPS // self.recording_stride) * self.recording_stride
-        chosen = np.flatnonzero((numbers % self.stride == 0) & (numbers <= last))
-        return {key: np.asarray(values)[:, chosen] for key, values in rows.items()}
+    def segment_rows(self, recorded: Mapping[str, Array], first_sample: int, last_sample: int) -> dict[str, np.ndarray]:
+        """Select the rows of the series from the recorded rows of a segment, shape (flights, rows, aircraft)."""
+        numbers = first_sample + np.arange(SEGMENT_STEPS // self.recording_stride) * self.recording_stride
+        selected = np.flatnonzero((numbers % self.stride == 0) & (numbers <= last_sample))
+        return {key: np.asarray(values)[:, selected] for key, values in recorded.items()}
 
     def values(
-        self, parts: Sequence[Mapping[str, np.ndarray]], place: int, scenario: Scenario
+        self, parts: Sequence[Mapping[str, np.ndarray]], index: int, scenario: Scenario
     ) -> dict[str, np.ndarray]:
-        """Of one flight of a batch, from what is kept of each segment: by key, as `FlightRow.series`."""
+        """Series of one flight of a batch by key, from the selected rows of all segments, as in `FlightRow.series`."""
         shape = len(scenario.aircraft), self.rows(scenario)
         return {
-            key: convert_series(key, np.concatenate([part[key][place] for part in parts]).T)
+            key: convert_series(key, np.concatenate([part[key][index] for part in parts]).T)
             if key in parts[0]
             else missing_series(key, shape)
             for key in self.keys
         }
 
     def values_from_dataset(self, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
-        """Of a flight that was recorded as often: by key, as `FlightRow.series`."""
+        """Series by key from a flight recorded with the same period, as in `FlightRow.series`."""
         shape = dataset.sizes["aircraft"], dataset.sizes["time"]
-        found = {}
+        series = {}
         for key in self.keys:
             variable = catalogue_variable(key)
             missing = missing_series(key, shape)
-            held = dataset[variable.name].values.T if variable.name in dataset else missing
-            found[key] = held.astype(missing.dtype)
-        return found
+            values = dataset[variable.name].values.T if variable.name in dataset else missing
+            series[key] = values.astype(missing.dtype)
+        return series
 
     def recorder(self, summary: SummaryRecorder) -> "SeriesRecorder":
-        """What records both."""
+        """Recorder of the summary and of the selected variables."""
         return SeriesRecorder(summary=summary, keys=self.keys, stride=self.recording_stride)
 
 
 class SeriesRecorder(AbstractRecorder):
-    """The running summary, and rows of chosen variables; those that a flight has not are not in its rows.
+    """Recorder of the running summary and of selected variables; variables absent from a flight are omitted.
 
     Attributes
     ----------
     summary
-        Of which the recorder_state is.
+        Recorder of the summary; its state is the recorder state.
     keys
-        Of `anser.variables.CATALOGUE`.
-    every
-        Number of samples between two rows.
+        Keys of `anser.variables.CATALOGUE`.
+    stride
+        Steps between two rows.
     """
 
     summary: SummaryRecorder
@@ -103,7 +103,7 @@ class SeriesRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, Any]:
-        """Summary of no sample."""
+        """Empty summary."""
         return self.summary.init(aircraft)
 
     def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:
@@ -111,6 +111,6 @@ class SeriesRecorder(AbstractRecorder):
         return self.summary.update(recorder_state, sample, instant)
 
     def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
-        """Each variable of each aircraft, SI units and radians."""
-        found = sample.rows(record)
-        return {key: found[key] for key in self.keys if key in found}
+        """Selected variables of each aircraft, SI units and radians."""
+        values = sample.rows(record)
+        return {key: values[key] for key in self.keys if key in values}

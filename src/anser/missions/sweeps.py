@@ -1,4 +1,4 @@
-"""Sweeps: a scenario flown with every combination of values of some of its keys, as one labelled dataset."""
+"""Sweeps: flights of a scenario with every combination of values of some keys, as one labelled dataset."""
 
 import itertools
 import json
@@ -24,7 +24,7 @@ from anser.scenario.schema import Scenario
 def sweep_dataset(
     swept: Mapping[str, Sequence[object]],
     aircraft: Sequence[str],
-    rows: Sequence[FlightRow],
+    flight_rows: Sequence[FlightRow],
     attributes: Mapping[str, str | int],
 ) -> xr.Dataset:
     """Label the flights of a sweep.
@@ -32,38 +32,41 @@ def sweep_dataset(
     Parameters
     ----------
     swept
-        By path, the values put there, in the order in which they vary: the last fastest.
+        Values by scenario path; the values of the last path vary fastest.
     aircraft
         Names.
-    rows
-        What came of each flight, in that order.
+    flight_rows
+        Results of the flights, in the order of the combinations.
     attributes
-        Of the whole dataset.
+        Attributes of the dataset.
 
     Returns
     -------
     xr.Dataset
-        One dimension for each path, with its values as coordinate, and `aircraft`; NaN and "no flight" where a flight
-        could not begin, with the reason.
+        One dimension for each path, with the values as coordinate, and `aircraft`; NaN, "no flight" and the reason for
+        a flight that could not start.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)
 
     data: dict[str, Any] = {
-        key: ((*dimensions, *of_one), values.reshape(*shape, *values.shape[1:]), about)
-        for key, (of_one, values, about) in tabulate_flights(rows, len(aircraft)).items()
+        key: ((*dimensions, *flight_dimensions), values.reshape(*shape, *values.shape[1:]), variable_attributes)
+        for key, (flight_dimensions, values, variable_attributes) in tabulate_flights(
+            flight_rows, len(aircraft)
+        ).items()
         if key not in FLEET_QUANTITIES or not np.isnan(values).all()
     }
     coordinates: dict[str, Any] = {
-        path: (path, _plain(values), unit_attributes("", f"{path} of the scenario")) for path, values in swept.items()
+        path: (path, _coordinate_values(values), unit_attributes("", f"{path} of the scenario"))
+        for path, values in swept.items()
     }
     coordinates["aircraft"] = ("aircraft", np.array(aircraft, dtype=np.str_), {"long_name": "Aircraft"})
-    about = {**attributes, "swept": json.dumps(list(swept)), **version_attributes()}
-    return xr.Dataset(data, coordinates, about)
+    variable_attributes = {**attributes, "swept": json.dumps(list(swept)), **version_attributes()}
+    return xr.Dataset(data, coordinates, variable_attributes)
 
 
-def _plain(values: Sequence[object]) -> np.ndarray:
-    """Numbers as numbers, truth values as such; all else in words, tables as JSON."""
+def _coordinate_values(values: Sequence[object]) -> np.ndarray:
+    """Coordinate values: numbers and booleans unchanged, strings unchanged, tables as JSON."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -71,8 +74,8 @@ def _plain(values: Sequence[object]) -> np.ndarray:
     return np.array([value if isinstance(value, str) else json.dumps(value) for value in values], dtype=np.str_)
 
 
-_SAID = 5
-"""Combinations that are named where several make no valid scenario."""
+_MESSAGES_MAX = 5
+"""Greatest number of invalid combinations in a message."""
 
 
 def sweep(
@@ -80,92 +83,95 @@ def sweep(
     swept: Mapping[str, Sequence[object]],
     progress: Progress | None = None,
 ) -> "xr.Dataset":
-    """Fly a scenario with every combination of values at some of its places.
+    """Fly a scenario with every combination of values of some of its keys.
 
-    All are validated before one flies. They share the scenario's seed: what is random is the same in all, so that
-    flights differ by what was swept alone.
+    All combinations are validated before the first flight. The flights share the scenario's seed and thus the random
+    numbers, and differ only by the swept values.
 
     Parameters
     ----------
     scenario
-        Validated, from `load`, or the path of its file.
+        From `load`, or the path of a scenario file.
     swept
-        By path, as of `Scenario.replace`, the values to be put there: `{"wind.speed_m_s": [0, 5, 10]}`.
+        Values by path, as in `Scenario.replace`: `{"wind.speed_m_s": [0, 5, 10]}`.
     progress
-        Called with what is being done and the part of the flights that is behind, 0..1.
+        Called with a description of the current work and the share of finished flights, 0..1.
 
     Returns
     -------
     xr.Dataset
-        One dimension for each path, named like it, and `aircraft`: arrival times, misses, airspeeds, distances, spread,
-        whether every requirement is met, as in `summary.json`; a flight that could not begin has its `reason`.
+        One dimension for each path, with the name of the path, and `aircraft`. Variables as in `summary.json`: arrival
+        times, misses, airspeeds, distances, spread, and whether every requirement is met; a flight that could not start
+        has a `reason`.
 
     Raises
     ------
     ScenarioError
-        The file cannot be read or is no valid scenario; a path leads nowhere, or a combination makes no valid scenario
-        or another fleet: the message names it.
+        If the file cannot be read or is not a valid scenario, a path does not exist, or a combination is not a valid
+        scenario or has another fleet; the message names the combination.
     ValueError
-        Nothing is swept, or a path has no values or one of them twice.
+        If `swept` is empty, or a path has no values or duplicate values.
     """
     scenario = as_scenario(scenario)
     scenarios = swept_scenarios(scenario, swept)
-    rows = fly_many([FlightCase(one) for one in scenarios], progress)
+    flight_rows = fly_many([FlightCase(variant) for variant in scenarios], progress)
 
     attributes = {"title": scenario.name, "scenario_hash": scenario.hash, "scenario": scenario.model_dump_json()}
-    names = [one.name for one in scenario.aircraft]
-    return sweep_dataset(swept, names, rows, attributes | {"seed": scenario.seed})
+    names = [aircraft.name for aircraft in scenario.aircraft]
+    return sweep_dataset(swept, names, flight_rows, attributes | {"seed": scenario.seed})
 
 
 def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -> list[Scenario]:
-    """Scenarios of a sweep, the last path's values fastest; raises as `sweep` does."""
+    """Scenarios of a sweep, the values of the last path fastest; raises as `sweep` does."""
     if not swept:
         raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
     for path, values in swept.items():
         if isinstance(values, str) or not len(values):
             raise ValueError(f"sweep, {path}: arrived {values!r}; expected a list with one value at least")
-        if any(values[k] == other for k in range(len(values)) for other in values[:k]):
+        if any(values[k] == earlier for k in range(len(values)) for earlier in values[:k]):
             raise ValueError(f"sweep, {path}: arrived a value twice in {list(values)!r}; expected each once")
-    made, problems = [], []
-    for chosen in itertools.product(*swept.values()):
-        given = dict(zip(swept, chosen, strict=True))
+    scenarios, problems = [], []
+    for values_by_path in itertools.product(*swept.values()):
+        combination = dict(zip(swept, values_by_path, strict=True))
         try:
-            (path, value), *more = given.items()
-            one = scenario.replace(path, value, *itertools.chain(*more))
+            (path, value), *further_items = combination.items()
+            variant = scenario.replace(path, value, *itertools.chain(*further_items))
         except ScenarioError as error:
-            problems.append((given, error.problems))
+            problems.append((combination, error.problems))
             continue
-        if [a.name for a in one.aircraft] != [a.name for a in scenario.aircraft]:
-            arrived = ", ".join(a.name for a in one.aircraft)
+        if [aircraft.name for aircraft in variant.aircraft] != [aircraft.name for aircraft in scenario.aircraft]:
+            received = ", ".join(aircraft.name for aircraft in variant.aircraft)
             expected = "the aircraft of the scenario, as all flights of a sweep have the same fleet"
-            problems.append((given, [Problem("aircraft", arrived, expected)]))
+            problems.append((combination, [Problem("aircraft", received, expected)]))
             continue
-        made.append(one)
+        scenarios.append(variant)
     if problems:
-        raise _refused(scenario, problems, len(made) + len(problems))
-    refuse_unused_keys(f"sweep of {scenario.name}", _first_cases(made, swept))
-    return made
+        raise _refused(scenario, problems, len(scenarios) + len(problems))
+    refuse_unused_keys(f"sweep of {scenario.name}", _first_cases(scenarios, swept))
+    return scenarios
 
 
 def _first_cases(
     scenarios: Sequence[Scenario], swept: Mapping[str, Sequence[object]]
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
-    """Flights in which each path in turn has its first two values, the others their first."""
+    """Flights with the first two values of one path at a time and the first value of the remaining paths."""
     sizes = [len(values) for values in swept.values()]
     strides = [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
-    for number in [0, *(stride for stride, size in zip(strides, sizes, strict=True) if size > 1)]:
-        places = [number // stride % size for stride, size in zip(strides, sizes, strict=True)]
+    for index in [0, *(stride for stride, size in zip(strides, sizes, strict=True) if size > 1)]:
+        indices = [index // stride % size for stride, size in zip(strides, sizes, strict=True)]
         yield (
-            scenarios[number],
-            {path: values[k] for (path, values), k in zip(swept.items(), places, strict=True)},
+            scenarios[index],
+            {path: values[k] for (path, values), k in zip(swept.items(), indices, strict=True)},
         )
 
 
 def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
-    """One message for all combinations that are no scenario: the first few whole, and how many there are."""
-    said = []
-    for given, found in problems[:_SAID]:
-        words = ", ".join(f"{path} = {value}" for path, value in given.items())
-        said += [Problem(f"{one.path} (with {words})", one.arrived, one.expected) for one in found]
-    more = f" ({len(problems)} of {count} combinations, the first {_SAID} told)" if len(problems) > _SAID else ""
-    return ScenarioError(f"sweep of {scenario.name}{more}", said)
+    """Combine the problems of invalid combinations into one error: the first few in full, and the total number."""
+    messages = []
+    for combination, combination_problems in problems[:_MESSAGES_MAX]:
+        assignments = ", ".join(f"{path} = {value}" for path, value in combination.items())
+        messages += [Problem(f"{p.path} (with {assignments})", p.arrived, p.expected) for p in combination_problems]
+    suffix = (
+        f" ({len(problems)} of {count} combinations, the first {_MESSAGES_MAX} told)" if len(problems) > _MESSAGES_MAX else ""
+    )
+    return ScenarioError(f"sweep of {scenario.name}{suffix}", messages)
