@@ -176,7 +176,9 @@ def test_random_numbers_of_its_own_are_refused_for_what_is_flown_alone():
 def test_series_are_those_of_single_flights(name, every_s):
     """Also where it is flown alone, with periods that do not fill a segment, and a variable that is not there."""
     scenario = anser.load(SCENARIOS / f"{name}.toml").replace("timing.record_period_s", every_s)
-    kept = SeriesSelection.from_period(scenario, ("north", "east", "course", "phase", "speed_limited", "clock_lag"), every_s)
+    kept = SeriesSelection.from_period(
+        scenario, ("north", "east", "course", "phase", "speed_limited", "clock_lag"), every_s
+    )
     (row,) = fly_many([FlightCase(scenario)], series=kept)
     flown = anser.run(scenario).dataset
     np.testing.assert_allclose(kept.times_s(scenario), flown["time"].values, atol=1e-9)

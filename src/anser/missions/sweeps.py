@@ -172,6 +172,8 @@ def _refused(scenario: Scenario, problems: list, count: int) -> ScenarioError:
         assignments = ", ".join(f"{path} = {value}" for path, value in combination.items())
         messages += [Problem(f"{p.path} (with {assignments})", p.arrived, p.expected) for p in combination_problems]
     suffix = (
-        f" ({len(problems)} of {count} combinations, the first {_MESSAGES_MAX} told)" if len(problems) > _MESSAGES_MAX else ""
+        f" ({len(problems)} of {count} combinations, the first {_MESSAGES_MAX} told)"
+        if len(problems) > _MESSAGES_MAX
+        else ""
     )
     return ScenarioError(f"sweep of {scenario.name}{suffix}", messages)
