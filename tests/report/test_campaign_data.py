@@ -77,7 +77,7 @@ def test_what_is_drawn_is_what_was_flown():
 
 
 def test_of_many_flights_half_of_those_drawn_failed(monkeypatch):
-    monkeypatch.setattr(campaign_data, "_POINTS", 40)
+    monkeypatch.setattr(campaign_data, "_SCATTER_POINTS_MAX", 40)
     found = collected(shown(failed=range(0, 200, 2)))
     assert found["drawn"] == [40, FLIGHTS]
     assert sum(found["failed"]) == 20

@@ -85,7 +85,7 @@ def test_labels(thin):
     assert axis_label(thin["altitude_m"]) == "Altitude $h$ (m)"
     assert axis_label(thin["airspeed_command_m_s"]) == "True airspeed command\n$V_{c}$ (m/s)"
     assert axis_label(thin["mach"], "Mach") == "Mach $M$"
-    assert axis_label(thin["altitude_m"], in_unit="km") == "Altitude $h$ (km)"
+    assert axis_label(thin["altitude_m"], unit="km") == "Altitude $h$ (km)"
     assert escape_mathtext("a$b") == r"a\$b"
 
 

@@ -1,4 +1,4 @@
-"""Figures of an airframe: coefficients, thrust and level flight, and the pitch trims of its deep stall."""
+"""Figures of an airframe: coefficients, thrust, level flight, and the pitch trims of a deep stall."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -34,9 +34,9 @@ def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
     Parameters
     ----------
     dataset
-        As `anser.analysis.airframe_dataset` makes it.
+        Result of `anser.analysis.airframe_dataset`.
     path
-        Where; FileExistsError where it exists.
+        File to write. Raises FileExistsError if it exists.
     """
     save_figure(draw_for_print(_draw_airframe, dataset), [path])
 
@@ -45,13 +45,13 @@ def _draw_airframe(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.2, 6.4))
     grid = figure.subplots(2, 3)
     title = " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
-    words = f"{escape_mathtext(title)} at an altitude of {dataset.attrs['altitude_m']:g} m"
-    below = "Below, level flight at each airspeed. Lines: within all limits of the airframe; dots: beyond one of them."
-    figure.suptitle(f"{words}\n{below}", fontsize=SMALL + 2)
-    sized = bool(dataset.attrs["dimensionless"])
-    what = "coefficient" if sized else "force (m²), moment (m³) over dynamic pressure"
-    _draw_coefficients(grid[0, 0], dataset["over_alpha"], _LONGITUDINAL, "alpha", what)
-    _draw_coefficients(grid[0, 1], dataset["over_beta"], _LATERAL, "beta", what)
+    heading = f"{escape_mathtext(title)} at an altitude of {dataset.attrs['altitude_m']:g} m"
+    note = "Below, level flight at each airspeed. Lines: within all limits of the airframe; dots: beyond one of them."
+    figure.suptitle(f"{heading}\n{note}", fontsize=SMALL + 2)
+    is_dimensionless = bool(dataset.attrs["dimensionless"])
+    quantity_label = "coefficient" if is_dimensionless else "force (m²), moment (m³) over dynamic pressure"
+    _draw_coefficients(grid[0, 0], dataset["over_alpha"], _LONGITUDINAL, "alpha", quantity_label)
+    _draw_coefficients(grid[0, 1], dataset["over_beta"], _LATERAL, "beta", quantity_label)
     _draw_thrust(grid[0, 2], dataset)
     _draw_trim(grid[1, 0], dataset, dataset["trim_alpha_deg"], "angle of attack (°)")
     _draw_trim(grid[1, 1], dataset, dataset["trim_power"], "power (%)")
@@ -61,16 +61,16 @@ def _draw_airframe(dataset: xr.Dataset) -> "Figure":
     return figure
 
 
-def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...], across: str, what: str) -> None:
+def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...], abscissa: str, y_label: str) -> None:
     for k, name in enumerate(names):
-        axes.plot(values[across], values.sel(coefficient=name), label=name, **series_style(k))
-    axes.set_xlabel({"alpha": "angle of attack α (°), no sideslip", "beta": "sideslip β (°), α = 2°"}[across])
-    axes.set_ylabel(what)
+        axes.plot(values[abscissa], values.sel(coefficient=name), label=name, **series_style(k))
+    axes.set_xlabel({"alpha": "angle of attack α (°), no sideslip", "beta": "sideslip β (°), α = 2°"}[abscissa])
+    axes.set_ylabel(y_label)
     _draw_legend(axes)
 
 
 def _draw_legend(axes: "Axes") -> None:
-    """Above the panel, where no curve is; three columns at most."""
+    """Draw the legend above the panel, clear of the curves, in at most three columns."""
     columns = min(3, len(axes.get_legend_handles_labels()[0]))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
 
@@ -85,54 +85,61 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _draw_trim(
-    axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, what: str, k: int = 0, label: str | None = None
+    axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Level flight: a full line where it is within the limits, dots beyond."""
+    """Draw a variable of level flight over airspeed: solid within the limits, dots beyond a limit."""
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
     axes.plot(speeds[~within], values.values[~within], ".", color=line["color"], markersize=3)
     axes.set_xlabel("airspeed (m/s), level flight")
-    axes.set_ylabel(what)
+    axes.set_ylabel(y_label)
 
 
 def draw_deep_stall(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw Cm against alpha for each centre of gravity, trims marked, and the followed curve of trims.
+    """Draw Cm over alpha for each centre of gravity with the trims marked, and the followed curve of trims.
 
     Parameters
     ----------
     dataset
-        As `anser.analysis.deep_stall` makes it.
+        Result of `anser.analysis.deep_stall`.
     paths
-        New files, with one of the suffixes of a figure.
+        New files, with suffixes of `FIGURE_SUFFIXES`.
     """
     mpl, figure = new_figure((9.0, 4.2))
     with mpl.rc_context(PRINT_STYLE):
-        left, right = figure.subplots(1, 2)
+        moment_axes, trim_axes = figure.subplots(1, 2)
         alphas = dataset["alpha"].values
-        for k, x_cg in enumerate(dataset["x_cg"].values):
-            left.plot(alphas, dataset["pitching_moment"].values[k], color=color_of(k), label=f"{x_cg:g} of chord")
-        left.axhline(0.0, color=INK, linewidth=0.8)
-        for stable, fill, name in ((1, INK, "stable trim"), (0, "white", "unstable trim")):
-            which = dataset["trim_stable"].values == stable
-            marks = {"linestyle": "none", "marker": "o", "color": INK, "markerfacecolor": fill, "zorder": 5}
-            left.plot(dataset["trim_alpha"].values[which], np.zeros(which.sum()), label=name, **marks)
-            right.plot(dataset["trim_x_cg"].values[which], dataset["trim_alpha"].values[which], **marks)
-        left.set_xlabel("angle of attack (deg)")
-        left.set_ylabel("pitching moment coefficient $C_m$")
-        left.legend(title="centre of gravity")
+        for color_index, x_cg in enumerate(dataset["x_cg"].values):
+            moment_axes.plot(
+                alphas,
+                dataset["pitching_moment"].values[color_index],
+                color=color_of(color_index),
+                label=f"{x_cg:g} of chord",
+            )
+        moment_axes.axhline(0.0, color=INK, linewidth=0.8)
+        for stable, fill_color, name in ((1, INK, "stable trim"), (0, "white", "unstable trim")):
+            is_selected = dataset["trim_stable"].values == stable
+            marks = {"linestyle": "none", "marker": "o", "color": INK, "markerfacecolor": fill_color, "zorder": 5}
+            moment_axes.plot(
+                dataset["trim_alpha"].values[is_selected], np.zeros(is_selected.sum()), label=name, **marks
+            )
+            trim_axes.plot(dataset["trim_x_cg"].values[is_selected], dataset["trim_alpha"].values[is_selected], **marks)
+        moment_axes.set_xlabel("angle of attack (deg)")
+        moment_axes.set_ylabel("pitching moment coefficient $C_m$")
+        moment_axes.legend(title="centre of gravity")
         x_cg, alpha = dataset["branch_x_cg"].values, dataset["branch_alpha"].values
-        falls = dataset["branch_slope"].values < 0.0
-        right.plot(x_cg, np.where(falls, alpha, np.nan), color=INK, label="stable")
-        right.plot(x_cg, np.where(falls, np.nan, alpha), color=MUTED, linestyle="dashed", label="unstable")
-        right.set_xlabel("centre of gravity (of chord)")
-        right.set_ylabel("angle of attack of the trim (deg)")
+        is_stable = dataset["branch_slope"].values < 0.0
+        trim_axes.plot(x_cg, np.where(is_stable, alpha, np.nan), color=INK, label="stable")
+        trim_axes.plot(x_cg, np.where(is_stable, np.nan, alpha), color=MUTED, linestyle="dashed", label="unstable")
+        trim_axes.set_xlabel("centre of gravity (of chord)")
+        trim_axes.set_ylabel("angle of attack of the trim (deg)")
         if np.isfinite(x_cg).any():
-            right.legend()
-        of = dataset.attrs
+            trim_axes.legend()
+        attributes = dataset.attrs
         figure.suptitle(
-            f"{of['aircraft']} ({of['variant']}): pitch trims with the elevator held at {of['elevator_deg']:g} deg, "
-            "no sideslip",
+            f"{attributes['aircraft']} ({attributes['variant']}): pitch trims with the elevator held at "
+            f"{attributes['elevator_deg']:g} deg, no sideslip",
             fontsize=9.5,
             color=INK,
         )

@@ -1,6 +1,6 @@
-"""Data of a campaign for its page.
+"""Data of a campaign for its report page.
 
-Convergence, distributions, quantile bands over time, and every flight against every input, as plain data.
+Convergence, distributions, quantile bands over time, and each flight against each varied input, as plain data.
 """
 
 import json
@@ -17,24 +17,24 @@ from anser.results.sampling_statistics import order_statistic_interval, quantile
 
 
 def json_numbers(values: np.ndarray) -> list[float | None]:
-    """Nine digits of each number; None where it is not finite."""
+    """Round the values to nine significant digits; a value that is not finite becomes None."""
     return [float(f"{value:.9g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """One variable over time: of each aircraft the quantiles over the flights.
+    """Quantiles of one variable over the flights, at each time, for each aircraft.
 
     Attributes
     ----------
-    name, words, unit
-        Of the variable.
+    name, long_name, unit
+        Attributes of the variable.
     times_s
-        Shape (times,).
+        Times, s; shape (times,).
     aircraft
-        Names of those that are drawn.
+        Names of the plotted aircraft.
     quantiles
-        At 5, 50 and 95 % of the flights; shape (3, aircraft, times); NaN where no flight has a number.
+        Quantiles at 5, 50 and 95 % of the flights; shape (3, aircraft, times); NaN if no flight has a finite value.
     """
 
     name: str
@@ -46,45 +46,45 @@ class SeriesBands:
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """For JSON."""
+    """Convert the bands to plain data for JSON."""
     return [
         {
-            "name": one.name,
-            "words": one.long_name,
-            "unit": one.unit,
-            "time": json_numbers(one.times_s),
+            "name": band.name,
+            "words": band.long_name,
+            "unit": band.unit,
+            "time": json_numbers(band.times_s),
             "aircraft": [
                 {
                     "name": name,
-                    **{end: json_numbers(one.quantiles[q, k]) for q, end in enumerate(("low", "middle", "high"))},
+                    **{end: json_numbers(band.quantiles[q, k]) for q, end in enumerate(("low", "middle", "high"))},
                 }
-                for k, name in enumerate(one.aircraft)
+                for k, name in enumerate(band.aircraft)
             ],
         }
-        for one in bands
+        for band in bands
     ]
 
 
-_COUNTS = 100
-"""Numbers of flights at which convergence is drawn."""
-_STEPS = 1500
-"""Points of a distribution at most."""
-_POINTS = 4000
-"""Flights that are drawn against the inputs at most."""
+_CONVERGENCE_POINTS_MAX = 100
+"""Greatest number of points of a convergence curve."""
+_DISTRIBUTION_POINTS_MAX = 1500
+"""Greatest number of points of a distribution."""
+_SCATTER_POINTS_MAX = 4000
+"""Greatest number of flights that are plotted against the inputs."""
 
 
 @dataclass(frozen=True)
 class ReplayedFlight:
-    """A flight of a campaign that was flown again for its report.
+    """A flight of a campaign that was simulated again for the map of the report.
 
     Attributes
     ----------
     number
-        Of the flight.
+        Flight number.
     worst
-        Whether it is one of the worst; else it is one of the others that they are drawn over.
+        Whether the flight is one of the worst; otherwise it belongs to the background of the map.
     tracks
-        Its positions, as `flight.nc` holds them.
+        Positions of the aircraft, in the format of `flight.nc`.
     """
 
     number: int
@@ -94,32 +94,32 @@ class ReplayedFlight:
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """What the page of a campaign shows.
+    """Content of the report page of a campaign.
 
     Attributes
     ----------
     dataset
-        From `anser.campaigns.CampaignStore.dataset`.
-    answers, influences
-        `as_dict` of them.
+        Result of `anser.campaigns.CampaignStore.dataset`.
+    estimates, influences
+        Results of their methods `as_dict`.
     study
-        The study, as plain values.
-    place
-        Folder of the campaign, as a user names it.
+        The study as plain values.
+    folder
+        Folder of the campaign as the user entered it.
     independent
-        Which flights of the dataset are independent of each other.
+        Mask of the statistically independent flights of the dataset; shape (flights,).
     worst
         Numbers of the flights that are listed as the worst.
-    enough
-        Whether no more are flown since the study's rule says so.
+    is_converged
+        Whether the campaign ended early by the study's stopping rule.
     levels
-        Of inputs that are texts, all values in their order, by path.
-    again
-        Flights flown again; none: no map.
-    otherwise
-        Numbers of those that did not come out as in the campaign.
+        Ordered values of each text input, by key path.
+    replays
+        Flights simulated again for the map; without replays the page has no map.
+    replay_differences
+        Numbers of the replayed flights whose results differ from the campaign's.
     bands
-        Of the variables that are kept over time.
+        Quantiles of the variables recorded over time.
     """
 
     dataset: xr.Dataset
@@ -137,65 +137,77 @@ class CampaignReport:
 
     @property
     def varied_paths(self) -> list[str]:
-        """Paths of what varies."""
+        """Key paths of the varied inputs."""
         return json.loads(self.dataset.attrs["varied"])
 
 
-def campaign_data(shown: CampaignReport) -> dict[str, Any]:
-    """Collect what the page draws, for JSON."""
-    alone = shown.dataset.isel(flight=np.flatnonzero(shown.independent))
-    confidence = float(shown.estimates["confidence"])
-    found: dict[str, dict[str, Any]] = {}
-    for one in shown.estimates["quantiles"]:
-        name, upper = one["name"], one["upper"]
-        if name not in found:
-            values = worst_of_fleet(alone, name, upper=upper)
-            share = _usual([other for other in shown.estimates["quantiles"] if other["name"] == name])
-            about = {key: one[key] for key in ("name", "words", "upper")} | {"unit": printed_unit(one["unit"])}
-            found[name] = about | _distribution(values, upper) | _converging(values, share, upper, confidence)
-        found[name].setdefault("quantiles", []).append({key: one[key] for key in ("share", "value", "low", "high")})
+def campaign_data(report: CampaignReport) -> dict[str, Any]:
+    """Collect the data that the page plots, for JSON."""
+    independent_flights = report.dataset.isel(flight=np.flatnonzero(report.independent))
+    confidence = float(report.estimates["confidence"])
+    quantities: dict[str, dict[str, Any]] = {}
+    for estimate in report.estimates["quantiles"]:
+        name, upper = estimate["name"], estimate["upper"]
+        if name not in quantities:
+            values = worst_of_fleet(independent_flights, name, upper=upper)
+            share = _share_to_plot(
+                [candidate for candidate in report.estimates["quantiles"] if candidate["name"] == name]
+            )
+            description = {key: estimate[key] for key in ("name", "words", "upper")} | {
+                "unit": printed_unit(estimate["unit"])
+            }
+            quantities[name] = (
+                description | _distribution(values, upper) | _quantile_convergence(values, share, upper, confidence)
+            )
+        quantities[name].setdefault("quantiles", []).append(
+            {key: estimate[key] for key in ("share", "value", "low", "high")}
+        )
     return {
         "confidence": confidence,
-        "met": _met(alone["met"].values, confidence),
-        "quantities": list(found.values()),
-        "series": series_data(shown.bands),
-        **_flights(shown, list(found.values())),
+        "met": _success_convergence(independent_flights["met"].values, confidence),
+        "quantities": list(quantities.values()),
+        "series": series_data(report.bands),
+        **_flights(report, list(quantities.values())),
     }
 
 
-def _usual(quantiles: Sequence[Mapping[str, Any]]) -> float:
-    """The share whose convergence is drawn: the nearest to 95 % of those whose bound is known, if one is."""
-    known = [one["share"] for one in quantiles if one["value"] is not None]
-    return min(known or [one["share"] for one in quantiles], key=lambda share: abs(share - 0.95))
+def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
+    """Choose the quantile whose convergence is plotted: the nearest to 95 %, preferring those with a known bound."""
+    bounded_shares = [estimate["share"] for estimate in quantiles if estimate["value"] is not None]
+    return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
 
 def _counts(size: int) -> np.ndarray:
-    return np.unique(np.linspace(1, size, min(size, _COUNTS)).round().astype(int)) if size else np.empty(0, int)
+    return (
+        np.unique(np.linspace(1, size, min(size, _CONVERGENCE_POINTS_MAX)).round().astype(int))
+        if size
+        else np.empty(0, int)
+    )
 
 
-def _met(met: np.ndarray, confidence: float) -> dict[str, Any]:
-    counts = _counts(met.size)
-    successes = np.cumsum(met)[counts - 1] if met.size else counts
+def _success_convergence(succeeded: np.ndarray, confidence: float) -> dict[str, Any]:
+    counts = _counts(succeeded.size)
+    successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
     pairs = zip(successes.tolist(), counts.tolist(), strict=True)
-    ends = np.array([wilson_interval(*pair, confidence) for pair in pairs]).reshape(-1, 2)
+    intervals = np.array([wilson_interval(*pair, confidence) for pair in pairs]).reshape(-1, 2)
     middle = 100.0 * successes / np.maximum(counts, 1)
     return {
         "n": counts.tolist(),
         "value": json_numbers(middle),
-        "low": json_numbers(100 * ends[:, 0]),
-        "high": json_numbers(100 * ends[:, 1]),
+        "low": json_numbers(100 * intervals[:, 0]),
+        "high": json_numbers(100 * intervals[:, 1]),
     }
 
 
-def _converging(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:
-    """A quantile and its interval against the number of flights."""
+def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:
+    """A quantile and its confidence interval against the number of flights."""
     counts, sign = _counts(values.size), 1.0 if upper else -1.0
-    rows = []
+    estimates = []
     for count in counts:
         low, high = order_statistic_interval(sign * values[:count], share, confidence)
         value = sign * quantile(sign * values[:count], share)
-        rows.append((value, low, high) if upper else (value, -high, -low))
-    value, low, high = np.array(rows).reshape(-1, 3).T
+        estimates.append((value, low, high) if upper else (value, -high, -low))
+    value, low, high = np.array(estimates).reshape(-1, 3).T
     return {
         "share": share,
         "converging": {
@@ -208,42 +220,48 @@ def _converging(values: np.ndarray, share: float, upper: bool, confidence: float
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Part of the flights (%) that keep each bound; one that failed keeps none."""
+    """Share of the flights (%) within each bound; a failed flight is within no bound."""
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
-    known = np.flatnonzero(np.isfinite(ordered))
-    if known.size > _STEPS:
-        known = known[np.unique(np.linspace(0, known.size - 1, _STEPS).round().astype(int))]
-    kept, share = ordered[known], shares[known]
-    return {"kept": json_numbers(kept if upper else kept[::-1]), "part": json_numbers(share if upper else share[::-1])}
+    finite = np.flatnonzero(np.isfinite(ordered))
+    if finite.size > _DISTRIBUTION_POINTS_MAX:
+        finite = finite[np.unique(np.linspace(0, finite.size - 1, _DISTRIBUTION_POINTS_MAX).round().astype(int))]
+    bounds, share = ordered[finite], shares[finite]
+    return {
+        "kept": json_numbers(bounds if upper else bounds[::-1]),
+        "part": json_numbers(share if upper else share[::-1]),
+    }
 
 
-def _flights(shown: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Flights against the inputs; evenly spaced ones where there are too many, half of them such that failed."""
-    data, met = shown.dataset, shown.dataset["met"].values
-    failed = _spaced(np.flatnonzero(~met), max(_POINTS // 2, _POINTS - int(met.sum())))
-    rows = np.sort(np.concatenate([failed, _spaced(np.flatnonzero(met), _POINTS - failed.size)]))
+def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Outputs of the flights against the inputs. A large campaign is thinned evenly, half to failed flights."""
+    data, succeeded = report.dataset, report.dataset["met"].values
+    failed = _spaced(
+        np.flatnonzero(~succeeded), max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))
+    )
+    selected = np.sort(np.concatenate([failed, _spaced(np.flatnonzero(succeeded), _SCATTER_POINTS_MAX - failed.size)]))
     inputs = []
-    for path in shown.varied_paths:
-        values = data[path].values[rows]
+    for path in report.varied_paths:
+        values = data[path].values[selected]
         levels = None
         if values.dtype.kind not in "fiu":
-            levels = [str(one) for one in shown.levels.get(path, ())] or sorted({str(one) for one in values})
-            values = np.array([levels.index(str(one)) for one in values.tolist()], dtype=float)
+            levels = [str(entry) for entry in report.levels.get(path, ())] or sorted({str(entry) for entry in values})
+            values = np.array([levels.index(str(entry)) for entry in values.tolist()], dtype=float)
         inputs.append({"path": path, "levels": levels, "values": json_numbers(values)})
     outputs = {
-        one["name"]: json_numbers(worst_of_fleet(data, one["name"], upper=one["upper"])[rows]) for one in quantities
+        entry["name"]: json_numbers(worst_of_fleet(data, entry["name"], upper=entry["upper"])[selected])
+        for entry in quantities
     }
     return {
         "inputs": inputs,
         "outputs": outputs,
-        "numbers": data["flight"].values[rows].tolist(),
-        "failed": (~met[rows]).astype(int).tolist(),
-        "drawn": [int(rows.size), int(met.size)],
+        "numbers": data["flight"].values[selected].tolist(),
+        "failed": (~succeeded[selected]).astype(int).tolist(),
+        "drawn": [int(selected.size), int(succeeded.size)],
     }
 
 
-def _spaced(values: np.ndarray, count: int) -> np.ndarray:
-    if values.size <= count:
-        return values
-    return values[np.linspace(0, values.size - 1, count).round().astype(int)] if count else values[:0]
+def _spaced(indices: np.ndarray, count: int) -> np.ndarray:
+    if indices.size <= count:
+        return indices
+    return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

@@ -23,26 +23,31 @@ if TYPE_CHECKING:
 _CAMPAIGN_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-campaign"}
 _CAMPAIGN_QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("arrival spread", "s")}
 _MILLISECONDS_BELOW_S = 0.01
-_ONE_END = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
-_ACROSS_MAX = 6
-"""Inputs that flights are drawn against at most."""
+_OPEN_INTERVAL = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
+_INPUTS_MAX = 6
+"""Greatest number of inputs that the misses are plotted against."""
 _CONVERGENCE_POINTS = 200
-"""Numbers of flights at which the convergence is drawn."""
-_MANY = 5_000
-"""Flights of which more are drawn as pixels, or the figure as SVG would be too large."""
+"""Greatest number of points of the convergence curve."""
+_VECTOR_FLIGHTS_MAX = 5_000
+"""Greatest number of flights drawn as vectors; more are drawn as pixels, since the SVG file would be too large."""
 _FLIGHTS_MIN = 2
-"""Flights that there is something to draw of."""
+"""Least number of flights for a figure."""
 
 
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a campaign as SVG and PNG files `campaign`, which take the place of former ones.
+    """Draw a campaign as SVG and PNG files `campaign`, replacing earlier ones.
 
     Parameters
     ----------
     dataset
-        From `anser.campaigns.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
+        Result of `anser.campaigns.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
     folder
-        To write into; returns the paths of its files, none of fewer than two flights.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written; empty for a campaign of fewer than two flights.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -50,74 +55,94 @@ def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw_campaign(dataset: xr.Dataset) -> "Figure":
-    across = [path for path in json.loads(dataset.attrs["varied"]) if dataset[path].dtype.kind in "fiu"][:_ACROSS_MAX]
-    rows = 1 + -(-len(across) // 3)
-    _, figure = new_figure((9.6, 2.9 * rows + 0.5))
-    axes = figure.subplots(rows, 3, squeeze=False)
+    input_paths = [path for path in json.loads(dataset.attrs["varied"]) if dataset[path].dtype.kind in "fiu"][
+        :_INPUTS_MAX
+    ]
+    row_count = 1 + -(-len(input_paths) // 3)
+    _, figure = new_figure((9.6, 2.9 * row_count + 0.5))
+    axes = figure.subplots(row_count, 3, squeeze=False)
     _draw_convergence(axes[0, 0], dataset)
-    shown = applicable_quantities(_CAMPAIGN_QUANTITIES, dataset)
-    for place, name in zip(axes[0, 1:], shown, strict=False):
-        _draw_distribution(place, dataset, name, *_CAMPAIGN_QUANTITIES[name])
-    for place in axes[0, 1 + len(shown) :]:
-        place.set_visible(False)
-    places = axes[1:].ravel() if rows > 1 else np.empty(0, dtype=object)
-    for place, path in zip(places, across, strict=False):
-        _draw_against(place, dataset, path)
-    for place in places[len(across) :]:
-        place.set_visible(False)
+    quantities = applicable_quantities(_CAMPAIGN_QUANTITIES, dataset)
+    for panel, name in zip(axes[0, 1:], quantities, strict=False):
+        _draw_distribution(panel, dataset, name, *_CAMPAIGN_QUANTITIES[name])
+    for panel in axes[0, 1 + len(quantities) :]:
+        panel.set_visible(False)
+    input_panels = axes[1:].ravel() if row_count > 1 else np.empty(0, dtype=object)
+    for panel, path in zip(input_panels, input_paths, strict=False):
+        _draw_miss_against_input(panel, dataset, path)
+    for panel in input_panels[len(input_paths) :]:
+        panel.set_visible(False)
     figure.suptitle(f"{dataset.attrs['title']}: {dataset.sizes['flight']} flights", fontsize=SMALL + 2)
     return figure
 
 
 def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Share of the flights that met every requirement, with its interval, against how many were flown."""
-    met = dataset["met"].values
-    counts = np.unique(np.linspace(1, met.size, min(met.size, _CONVERGENCE_POINTS)).round().astype(int))
-    successes = np.cumsum(met)[counts - 1]
+    """Draw the share of successful flights, with its confidence interval, over the number of flights."""
+    succeeded = dataset["met"].values
+    counts = np.unique(np.linspace(1, succeeded.size, min(succeeded.size, _CONVERGENCE_POINTS)).round().astype(int))
+    successes = np.cumsum(succeeded)[counts - 1]
     confidence = float(dataset.attrs["confidence"])
     pairs = zip(successes.tolist(), counts.tolist(), strict=True)
-    ends = np.array([wilson_interval(one, count, confidence) for one, count in pairs])
+    intervals = np.array([wilson_interval(success_count, count, confidence) for success_count, count in pairs])
     color = series_style(0)["color"]
-    axes.fill_between(counts, 100 * ends[:, 0], 100 * ends[:, 1], alpha=0.2, color=color, linewidth=0)
+    axes.fill_between(counts, 100 * intervals[:, 0], 100 * intervals[:, 1], alpha=0.2, color=color, linewidth=0)
     axes.plot(counts, 100 * successes / counts, color=color)
     axes.set_xlabel("flights")
     axes.set_ylabel(f"meet every requirement (%),\nand the interval at {100 * confidence:g} %")
 
 
-def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, words: str, unit: str) -> None:
-    """Share of the flights below each value; the 95 % point with its interval. Failures are never below."""
+def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, quantity_label: str, unit: str) -> None:
+    """Draw the share of flights below each value, and the 95 % point with its interval; failures count as above."""
     values = worst_of_fleet(dataset, name)
     if unit == "s" and np.all(values[np.isfinite(values)] < _MILLISECONDS_BELOW_S):
         values, unit = 1000.0 * values, "ms"
     ordered = np.sort(values)
     shares = 100.0 * np.arange(1, ordered.size + 1) / ordered.size
-    known = np.isfinite(ordered)
+    is_finite = np.isfinite(ordered)
     axes.step(
-        ordered[known], shares[known], where="post", color=series_style(0)["color"], rasterized=values.size > _MANY
+        ordered[is_finite],
+        shares[is_finite],
+        where="post",
+        color=series_style(0)["color"],
+        rasterized=values.size > _VECTOR_FLIGHTS_MAX,
     )
     low, high = order_statistic_interval(values, 0.95, float(dataset.attrs["confidence"]))
-    ends = [end for end in (low, high) if np.isfinite(end)]
-    label = "interval of the 95 % point" if len(ends) == 2 else _ONE_END
-    for k, end in enumerate(ends):
-        axes.axvline(end, color=series_style(1)["color"], linewidth=0.9, linestyle="--", label=None if k else label)
+    bounds = [bound for bound in (low, high) if np.isfinite(bound)]
+    label = "interval of the 95 % point" if len(bounds) == 2 else _OPEN_INTERVAL
+    for k, bound in enumerate(bounds):
+        axes.axvline(bound, color=series_style(1)["color"], linewidth=0.9, linestyle="--", label=None if k else label)
     axes.axhline(95.0, color="0.6", linewidth=0.7)
     axes.set_ylim(0.0, 102.0)
-    axes.set_xlabel(f"{words} ({unit})")
+    axes.set_xlabel(f"{quantity_label} ({unit})")
     axes.set_ylabel("flights below (%)")
     axes.ticklabel_format(axis="x", style="plain")
     axes.locator_params(axis="x", nbins=5)
-    if ends:
+    if bounds:
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, fontsize=SMALL)
 
 
-def _draw_against(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Greatest miss of each flight against an input; those that failed are crosses, at the top without a miss."""
-    x, y, met = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
-    known = np.isfinite(y)
-    many = x.size > _MANY
-    axes.plot(x[met & known], y[met & known], ".", markersize=3.0, color=series_style(0)["color"], rasterized=many)
-    axes.plot(x[~met & known], y[~met & known], "x", markersize=5.0, color=series_style(1)["color"], rasterized=many)
-    for value in x[~known]:
+def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
+    """Draw the greatest miss of each flight over an input. Crosses: failed flights, at the top edge without a miss."""
+    x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
+    has_miss = np.isfinite(y)
+    is_large = x.size > _VECTOR_FLIGHTS_MAX
+    axes.plot(
+        x[succeeded & has_miss],
+        y[succeeded & has_miss],
+        ".",
+        markersize=3.0,
+        color=series_style(0)["color"],
+        rasterized=is_large,
+    )
+    axes.plot(
+        x[~succeeded & has_miss],
+        y[~succeeded & has_miss],
+        "x",
+        markersize=5.0,
+        color=series_style(1)["color"],
+        rasterized=is_large,
+    )
+    for value in x[~has_miss]:
         axes.plot(
             value, 0.98, "x", markersize=5.0, color=series_style(1)["color"], transform=axes.get_xaxis_transform()
         )
@@ -133,14 +158,19 @@ _PAIRS_MIN = 2
 
 
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw two campaigns beside each other as new SVG and PNG files `comparison`.
+    """Draw the comparison of two campaigns as new SVG and PNG files `comparison`.
 
     Parameters
     ----------
     dataset
-        Pairs, from `anser.campaigns.compare_campaigns`.
+        Pairs of flights, result of `anser.campaigns.compare_campaigns`.
     folder
-        To write into; returns the paths of its new files, none of fewer than two pairs.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written; empty for fewer than two pairs.
     """
     if dataset.sizes["flight"] < _PAIRS_MIN:
         return ()
@@ -148,36 +178,40 @@ def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _draw_paired(dataset: xr.Dataset) -> "Figure":
-    shown = [one for one in _PAIRED_QUANTITIES if one[0] in dataset]
-    _, figure = new_figure((7.6, 3.2 * len(shown)))
-    axes = figure.subplots(len(shown), 2, squeeze=False)
-    for row, (name, words, unit) in zip(axes, shown, strict=True):
-        first, second = dataset[name].values
-        _draw_pairs(row[0], first, second, dataset["met"].values)
-        row[0].set_xlabel(f"{words}, first ({unit})")
-        row[0].set_ylabel(f"{words}, second ({unit})")
-        _draw_differences(row[1], first, second)
-        row[1].set_xlabel(f"{words}, second less first ({unit})")
+    quantities = [quantity for quantity in _PAIRED_QUANTITIES if quantity[0] in dataset]
+    _, figure = new_figure((7.6, 3.2 * len(quantities)))
+    axes = figure.subplots(len(quantities), 2, squeeze=False)
+    for panels, (name, label, unit) in zip(axes, quantities, strict=True):
+        first_values, second_values = dataset[name].values
+        _draw_pairs(panels[0], first_values, second_values, dataset["met"].values)
+        panels[0].set_xlabel(f"{label}, first ({unit})")
+        panels[0].set_ylabel(f"{label}, second ({unit})")
+        _draw_differences(panels[1], first_values, second_values)
+        panels[1].set_xlabel(f"{label}, second less first ({unit})")
     return figure
 
 
-def _draw_pairs(axes: "Axes", first: np.ndarray, second: np.ndarray, met: np.ndarray) -> None:
-    """Each flight in both; below the line the second is better. Crosses: one of them did not meet every requirement."""
-    known = np.isfinite(first) & np.isfinite(second)
-    good = known & met.all(axis=0)
-    bad = known & ~met.all(axis=0)
-    axes.plot(first[good], second[good], ".", markersize=3.0, color=series_style(0)["color"])
-    axes.plot(first[bad], second[bad], "x", markersize=5.0, color=series_style(1)["color"])
+def _draw_pairs(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray, succeeded: np.ndarray) -> None:
+    """Draw the second campaign's value over the first's for each flight; a cross marks a pair with a failed flight."""
+    is_finite = np.isfinite(first_values) & np.isfinite(second_values)
+    both_succeeded = is_finite & succeeded.all(axis=0)
+    any_failed = is_finite & ~succeeded.all(axis=0)
+    axes.plot(
+        first_values[both_succeeded], second_values[both_succeeded], ".", markersize=3.0, color=series_style(0)["color"]
+    )
+    axes.plot(first_values[any_failed], second_values[any_failed], "x", markersize=5.0, color=series_style(1)["color"])
     axes.axline((0.0, 0.0), slope=1.0, color="0.6", linewidth=0.7)
 
 
-def _draw_differences(axes: "Axes", first: np.ndarray, second: np.ndarray) -> None:
-    """Share of the flights below each difference; what is infinite lies beyond the ends."""
-    alike = first == second
-    off = np.sort(np.where(alike, 0.0, np.where(alike, 0.0, second) - np.where(alike, 0.0, first)))
-    shares = 100.0 * np.arange(1, off.size + 1) / off.size
-    known = np.isfinite(off)
-    axes.step(off[known], shares[known], where="post", color=series_style(0)["color"])
+def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
+    """Draw the share of the flights below each difference; infinite differences lie beyond the ends of the curve."""
+    is_equal = first_values == second_values
+    differences = np.sort(
+        np.where(is_equal, 0.0, np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values))
+    )
+    shares = 100.0 * np.arange(1, differences.size + 1) / differences.size
+    is_finite = np.isfinite(differences)
+    axes.step(differences[is_finite], shares[is_finite], where="post", color=series_style(0)["color"])
     axes.axvline(0.0, color="0.6", linewidth=0.7)
     axes.axhline(50.0, color="0.6", linewidth=0.7)
     axes.set_ylim(0.0, 102.0)
@@ -188,39 +222,44 @@ _RARE_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-rare"}
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a rare event as SVG and PNG files `rare`, which take the place of former ones.
+    """Draw the probability of a rare event as SVG and PNG files `rare`, replacing earlier ones.
 
     Parameters
     ----------
     dataset
-        From `anser.campaigns.RareEvent.dataset`.
+        Result of `anser.campaigns.RareEvent.dataset`.
     folder
-        To write into; returns the paths of its files.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
     """
     return save_drawings({"rare": _draw_rare}, dataset, _RARE_STYLE, folder, overwrite=True)
 
 
 def _draw_rare(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((6.4, 4.0))
-    axes, about = figure.subplots(), dataset.attrs
+    axes, attributes = figure.subplots(), dataset.attrs
     x, probability = dataset["threshold"].values, dataset["probability"].values
-    sure = f"interval at {100 * about['confidence']:g} %"
+    interval_label = f"interval at {100 * attributes['confidence']:g} %"
     axes.fill_between(
-        x, dataset["low"], dataset["high"], alpha=0.2, color=series_style(0)["color"], linewidth=0, label=sure
+        x, dataset["low"], dataset["high"], alpha=0.2, color=series_style(0)["color"], linewidth=0, label=interval_label
     )
     axes.plot(x, probability, color=series_style(0)["color"], label="probability")
-    bounds = np.asarray(about["bounds"], dtype=float)
+    bounds = np.asarray(attributes["bounds"], dtype=float)
     bounds = bounds[np.isfinite(bounds)]
     axes.plot(
         bounds, np.full(bounds.size, 0.02), "|", color="0.4", transform=axes.get_xaxis_transform(), label="levels"
     )
-    axes.axvline(about["asked"], color=series_style(1)["color"], linewidth=0.9, linestyle="--", label="threshold")
+    axes.axvline(attributes["asked"], color=series_style(1)["color"], linewidth=0.9, linestyle="--", label="threshold")
     axes.set_yscale("log")
-    known = dataset["threshold"].attrs
-    axes.set_xlabel(f"{known['long_name'].lower()} ({known['units']})")
-    axes.set_ylabel(f"probability of a flight {about['breached']} it")
-    axes.legend(loc="lower left" if about["breached"] == "above" else "lower right", fontsize=SMALL)
-    figure.suptitle(about["title"], fontsize=SMALL + 2)
+    threshold = dataset["threshold"].attrs
+    axes.set_xlabel(f"{threshold['long_name'].lower()} ({threshold['units']})")
+    axes.set_ylabel(f"probability of a flight {attributes['breached']} it")
+    axes.legend(loc="lower left" if attributes["breached"] == "above" else "lower right", fontsize=SMALL)
+    figure.suptitle(attributes["title"], fontsize=SMALL + 2)
     return figure
 
 
@@ -231,18 +270,23 @@ _SWEEP_PANELS = (
     ("miss_m", "greatest miss (m)"),
 )
 _LEGEND_LINES_MAX = 12
-"""Lines that a key names at most."""
+"""Greatest number of lines that get a legend."""
 
 
 def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a sweep as SVG and PNG files `sweep`: against the first path with several numbers, one line for each rest.
+    """Draw a sweep as SVG and PNG files `sweep`, with one line for each combination of the paths not on the abscissa.
 
     Parameters
     ----------
     dataset
-        As `anser.missions.sweeps` makes it.
+        Result of `anser.missions.sweeps`.
     folder
-        To write into; returns the paths of its new files, none where no path has several numbers.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written; empty if no path has several numeric values.
     """
     if _abscissa_path(dataset) is None:
         return ()
@@ -250,39 +294,39 @@ def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _abscissa_path(dataset: xr.Dataset) -> str | None:
-    """The path that is drawn from left to right: the one with the most values, if they are numbers."""
+    """The numeric path with the most values, for the abscissa; None if no numeric path has several values."""
     paths = [path for path in json.loads(dataset.attrs["swept"]) if dataset[path].dtype.kind == "f"]
     longest = max(paths, key=lambda path: dataset[path].size, default=None)
     return longest if longest is not None and dataset[longest].size > 1 else None
 
 
 def _draw_sweep(dataset: xr.Dataset) -> "Figure":
-    across = str(_abscissa_path(dataset))
-    others = [path for path in json.loads(dataset.attrs["swept"]) if path != across]
+    abscissa = str(_abscissa_path(dataset))
+    line_paths = [path for path in json.loads(dataset.attrs["swept"]) if path != abscissa]
     panels = [(name, label) for name, label in _SWEEP_PANELS if name in dataset]
     _, figure = new_figure((7.2, 1.9 * len(panels) + 0.6))
     all_axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (name, label) in zip(all_axes, panels, strict=True):
-        _draw_panel(axes, dataset, name, across, others)
+        _draw_panel(axes, dataset, name, abscissa, line_paths)
         axes.set_ylabel(label)
-    all_axes[-1].set_xlabel(across)
-    lines = int(np.prod([dataset[path].size for path in others]))
+    all_axes[-1].set_xlabel(abscissa)
+    lines = int(np.prod([dataset[path].size for path in line_paths]))
     if 1 < lines <= _LEGEND_LINES_MAX:
         figure.legend(*all_axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(f"sweep of {dataset.attrs['title']}", fontsize=SMALL + 2)
     return figure
 
 
-def _draw_panel(axes: "Axes", dataset: xr.Dataset, name: str, across: str, others: list[str]) -> None:
+def _draw_panel(axes: "Axes", dataset: xr.Dataset, name: str, abscissa: str, line_paths: list[str]) -> None:
     values = dataset[name]
     if "aircraft" in values.dims:
         values = values.max("aircraft", skipna=False)
-    x = dataset[across].values
-    for k, at in enumerate(itertools.product(*(range(dataset[path].size) for path in others))):
-        where = dict(zip(others, at, strict=True))
-        y, met = (one.isel(where).transpose(across).values for one in (values, dataset["met"]))
-        label = ", ".join(f"{path} = {dataset[path].values[j]}" for path, j in where.items())
+    x = dataset[abscissa].values
+    for k, combination in enumerate(itertools.product(*(range(dataset[path].size) for path in line_paths))):
+        selection = dict(zip(line_paths, combination, strict=True))
+        y, succeeded = (variable.isel(selection).transpose(abscissa).values for variable in (values, dataset["met"]))
+        label = ", ".join(f"{path} = {dataset[path].values[j]}" for path, j in selection.items())
         axes.plot(x, y, label=label, **series_style(k))
-        axes.plot(x[met], y[met], "o", markersize=3.5, color=series_style(k)["color"])
-        axes.plot(x[~met], y[~met], "x", markersize=6.0, color=series_style(k)["color"])
+        axes.plot(x[succeeded], y[succeeded], "o", markersize=3.5, color=series_style(k)["color"])
+        axes.plot(x[~succeeded], y[~succeeded], "x", markersize=6.0, color=series_style(k)["color"])
     axes.margins(y=0.12)

@@ -1,4 +1,4 @@
-"""Quantities derived from a recorded flight.
+"""Variables derived from a recorded flight.
 
 Errors along and across the plan, separations, estimation errors, and events such as phases, replanning and limited
 commands.
@@ -15,7 +15,7 @@ from anser.results.separation import nearest_aircraft_distance
 from anser.variables import PLAN_VARIABLES
 
 HOLD = 2
-"""Value of `phase` once the aircraft has arrived and holds."""
+"""Value of `phase` in the hold after the arrival."""
 
 _CLIMB_RATE = next(variable for variable in PLAN_VARIABLES if variable.key == "climb_rate")
 _LABELS = {
@@ -32,93 +32,103 @@ _LABELS = {
     "own_band_m": ("m", "2σ_o", "Two standard deviations of the own place"),
 }
 DERIVED_VARIABLES = (_CLIMB_RATE.name, *_LABELS)
-"""Names of what `add_derived_variables` adds."""
+"""Names of the variables that `add_derived_variables` can add."""
 
 
 def recorded_scenario(dataset: xr.Dataset) -> dict[str, Any]:
-    """Read the scenario that a dataset carries as JSON; empty where it carries none that can be read."""
+    """Read the scenario that a dataset carries as JSON; empty if missing or unreadable."""
     try:
-        found = json.loads(dataset.attrs.get("scenario", "{}"))
+        scenario = json.loads(dataset.attrs.get("scenario", "{}"))
     except (TypeError, ValueError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return scenario if isinstance(scenario, dict) else {}
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Limits that each aircraft flew with, by the keys of a scenario's `limits`, and its `surfaces_deg`.
+    """Limits of each aircraft during the flight, by the keys of a scenario's `limits`, and `surfaces_deg`.
 
-    A record without them, from before they were written, has the scenario's for the library's F-16, and none for other
-    aircraft, whose own are not known.
+    Older records carry no limits: then the library's F-16 gets the scenario's limits, and any other aircraft none.
     """
     if "limits" in dataset.attrs:
         return json.loads(dataset.attrs["limits"])
     scenario = recorded_scenario(dataset)
-    limits, rows = scenario.get("limits", {}), scenario.get("aircraft", [{}] * dataset.sizes["aircraft"])
-    is_own = [row.get("type", "f16") != "f16" or row.get("airframe") is not None for row in rows]
-    return [{} if own else limits for own in is_own]
+    limits, aircraft_tables = scenario.get("limits", {}), scenario.get("aircraft", [{}] * dataset.sizes["aircraft"])
+    has_unknown_limits = [
+        table.get("type", "f16") != "f16" or table.get("airframe") is not None for table in aircraft_tables
+    ]
+    return [{} if is_unknown else limits for is_unknown in has_unknown_limits]
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
-    """Whether the paths have certificates; these paths have turns, but no lateral bend."""
+    """Whether the planner gives paths with certificates; certified paths have turns but no lateral bend."""
     return scenario.get("fleet", {}).get("planner", "published") != "published"
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Horizontal and vertical separation that a scenario asks for, m; vertical 0: altitude does not count."""
-    asked = scenario.get("separation", {})
-    if not asked.get("horizontal_m", 0.0) > 0.0:
+    """Horizontal and vertical separation (m) required by a scenario, None if none; vertical 0: altitude is ignored."""
+    separation = scenario.get("separation", {})
+    if not separation.get("horizontal_m", 0.0) > 0.0:
         return None
-    return float(asked["horizontal_m"]), float(asked.get("vertical_m", 0.0))
+    return float(separation["horizontal_m"]), float(separation.get("vertical_m", 0.0))
 
 
 def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
-    """Add what the report draws and no flight records; plan and errors end where the hold begins.
+    """Add the derived variables of the report; planned values and errors end at the start of the hold.
 
     Parameters
     ----------
     dataset
         A flight, dimensions (time, aircraft).
     scenario
-        As `recorded_scenario` reads it: the floor and the separation asked for are taken from it, where it has them.
+        Result of `recorded_scenario`, for the lowest altitude allowed and the required separation.
 
     Returns
     -------
     xr.Dataset
-        The same with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; `distance_min_m` where
-        there are two aircraft or more; `height_over_floor_m` and `separation_kept` where the scenario asks for them.
-        `position_error_m` and the planned point are NaN in the hold. Where sensors have errors, how far goal and
-        aircraft are from where they are taken to be, with two standard deviations (the root of the sum over the axes).
+        The flight with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; for two aircraft or more
+        `distance_min_m`; with limits in the scenario, `height_over_floor_m` and `separation_kept`. With sensor errors,
+        the estimation errors of the goal's and of the aircraft's own position, each with two standard deviations (root
+        of the sum over the axes). `position_error_m` and the planned point are NaN in the hold.
     """
-    planned = dataset["phase"].values != HOLD
-    changed = {
-        name: dataset[name].where(planned)
+    is_before_hold = dataset["phase"].values != HOLD
+    before_hold = {
+        name: dataset[name].where(is_before_hold)
         for name in ("position_error_m", "reference_north_m", "reference_east_m", "reference_altitude_m")
     }
-    found = dataset.assign(changed)
-    found[_CLIMB_RATE.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
+    derived = dataset.assign(before_hold)
+    derived[_CLIMB_RATE.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
         units=_CLIMB_RATE.unit, symbol=_CLIMB_RATE.symbol, long_name=_CLIMB_RATE.long_name
     )
     along, across, height = _errors(dataset)
     for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
-        _add(found, name, np.where(planned, values, np.nan))
-    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+        _add_variable(derived, name, np.where(is_before_hold, values, np.nan))
+    positions = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
     if dataset.sizes["aircraft"] > 1:
-        _add(found, "distance_min_m", nearest_aircraft_distance(places))
+        _add_variable(derived, "distance_min_m", nearest_aircraft_distance(positions))
     floor = scenario.get("limits", {}).get("altitude_min_m")
     if floor is not None:
-        _add(found, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
-    apart_m = required_separation(scenario)
-    if dataset.sizes["aircraft"] > 1 and apart_m is not None:
-        # none is asked for of an aircraft that has arrived
+        _add_variable(derived, "height_over_floor_m", dataset["altitude_m"].values - float(floor))
+    separation_m = required_separation(scenario)
+    if dataset.sizes["aircraft"] > 1 and separation_m is not None:
+        # no separation is required of an aircraft that has arrived
         flying = dataset["phase"].values != HOLD
-        _add(found, "separation_kept", nearest_aircraft_distance(places, apart_m, flying))
+        _add_variable(derived, "separation_kept", nearest_aircraft_distance(positions, separation_m, flying))
     if "goal_sigma_north_m" in dataset:
-        for what, true, taken in (("goal", "goal_", "goal_estimate_"), ("own", "", "own_estimate_")):
-            _add(found, f"{what}_error_m", _length(dataset[f"{true}{a}"] - dataset[f"{taken}{a}"] for a in _AXES))
-            _add(found, f"{what}_band_m", 2.0 * _length(dataset[f"{what}_sigma_{axis}"] for axis in _AXES))
+        for subject, true_prefix, estimate_prefix in (
+            ("goal", "goal_", "goal_estimate_"),
+            ("own", "", "own_estimate_"),
+        ):
+            _add_variable(
+                derived,
+                f"{subject}_error_m",
+                _length(dataset[f"{true_prefix}{a}"] - dataset[f"{estimate_prefix}{a}"] for a in _AXES),
+            )
+            _add_variable(
+                derived, f"{subject}_band_m", 2.0 * _length(dataset[f"{subject}_sigma_{axis}"] for axis in _AXES)
+            )
     if "heard_from" in dataset:
-        _add(found, "links_heard", np.bitwise_count(dataset["heard_from"].values).astype(float))
-    return found
+        _add_variable(derived, "links_heard", np.bitwise_count(dataset["heard_from"].values).astype(float))
+    return derived
 
 
 _AXES = ("north_m", "east_m", "altitude_m")
@@ -129,7 +139,7 @@ def _length(parts: Iterable[xr.DataArray]) -> np.ndarray:
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Flown less planned place: along the planned path over ground, to its right, and up; m."""
+    """Actual less planned position: along the planned ground track, to its right, and up; m."""
     north, east, up = (
         dataset[name].values - dataset[f"reference_{name}"].values for name in ("north_m", "east_m", "altitude_m")
     )
@@ -144,9 +154,9 @@ def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return north * cosine + east * sine, east * cosine - north * sine, up
 
 
-def _add(dataset: xr.Dataset, name: str, values: np.ndarray) -> None:
-    unit, symbol, words = _LABELS[name]
-    dataset[name] = (("time", "aircraft"), values, {"units": unit, "symbol": symbol, "long_name": words})
+def _add_variable(dataset: xr.Dataset, name: str, values: np.ndarray) -> None:
+    unit, symbol, long_name = _LABELS[name]
+    dataset[name] = (("time", "aircraft"), values, {"units": unit, "symbol": symbol, "long_name": long_name})
 
 
 REPLANNING_OUTCOMES = (
@@ -157,7 +167,7 @@ REPLANNING_OUTCOMES = (
     "kept until the goal is known better",
     "bent as far as the limits allow",
 )
-"""What a renewal did, in the order of the numbers in `find_events`."""
+"""Outcomes of a replanning, in the order of the codes in `find_events`."""
 
 LIMITED_COMMANDS = {
     "speed": "speed",
@@ -167,7 +177,7 @@ LIMITED_COMMANDS = {
     "rates": "body rates",
     "surfaces": "surfaces",
 }
-"""Commands that the autopilot can hold at a limit, `speed_limited` and so on, in words."""
+"""Commands that the autopilot can limit (`speed_limited` and the like), with their display names."""
 
 _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 
@@ -178,52 +188,55 @@ def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        One for each aircraft: `phases` and `failed`, [name or code, from, to] each; `renewals`, [time, what] each,
-        `what` an index into `RENEWALS`: the instants at which the plan in force changed; `limited`, [index into
-        `LIMITED`, from, to] each; `outside`, [from, to] each: outside the aerodynamic tables. Times in s.
+        A dictionary for each aircraft: `phases` and `failed`, entries [name or code, from, to]; `renewals`, entries
+        [time, index into `REPLANNING_OUTCOMES`], the times at which the active plan changed; `limited`, entries [index
+        into `LIMITED_COMMANDS`, from, to]; `outside`, entries [from, to], outside the aerodynamic tables. Times in s.
     """
     time = dataset["time"].values
-    return [_of_one(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
+    return [_aircraft_events(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
 
 
-def _of_one(one: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
-    names = str(one["phase"].attrs.get("flag_meanings", "approach frozen hold")).split()
+def _aircraft_events(aircraft: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
+    names = str(aircraft["phase"].attrs.get("flag_meanings", "approach frozen hold")).split()
     phases = [
-        [names[code] if code < len(names) else str(code), *span] for code, *span in _stretches(one["phase"], time)
+        [names[code] if code < len(names) else str(code), *span]
+        for code, *span in _runs_of_equal_values(aircraft["phase"], time)
     ]
     limited = [
         [k, *span]
-        for k, what in enumerate(LIMITED_COMMANDS)
-        for held, *span in _stretches(one[f"{what}_limited"], time)
-        if held
+        for k, command in enumerate(LIMITED_COMMANDS)
+        for is_limited, *span in _runs_of_equal_values(aircraft[f"{command}_limited"], time)
+        if is_limited
     ]
     return {
         "phases": phases,
-        "renewals": _renewals(one, time),
+        "renewals": _renewals(aircraft, time),
         "limited": limited,
-        "outside": [span for out, *span in _stretches(one["outside_tables"], time) if out],
-        "failed": [[code, *span] for code, *span in _stretches(one["status"], time) if code],
+        "outside": [
+            span for is_outside, *span in _runs_of_equal_values(aircraft["outside_tables"], time) if is_outside
+        ],
+        "failed": [[code, *span] for code, *span in _runs_of_equal_values(aircraft["status"], time) if code],
     }
 
 
-def _renewals(one: xr.Dataset, time: np.ndarray) -> list[list[float]]:
-    how, arrival = one["renewal"].values.astype(int), one["arrival_time_s"].values
-    shape = np.stack([one["planned_length_m"].values, np.nan_to_num(one["lateral_bend_m"].values)])
-    new_way = np.diff(how) != 0
+def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
+    outcome, arrival = aircraft["renewal"].values.astype(int), aircraft["arrival_time_s"].values
+    shape = np.stack([aircraft["planned_length_m"].values, np.nan_to_num(aircraft["lateral_bend_m"].values)])
+    new_outcome = np.diff(outcome) != 0
     new_shape = np.any(np.diff(shape, axis=1) != 0, axis=0)
     new_time = np.diff(arrival) != 0
-    at = np.flatnonzero((new_way | new_shape | new_time) & np.isfinite(arrival[1:])) + 1
-    # the published planner records no way; a new arrival time tells that it coordinated the fleet anew
-    what = [_ANEW if how[k] == _FITTED and new_time[k - 1] else int(how[k]) for k in at]
-    return [[round(float(time[k]), 4), code] for k, code in zip(at, what, strict=True)]
+    indices = np.flatnonzero((new_outcome | new_shape | new_time) & np.isfinite(arrival[1:])) + 1
+    # the published planner records no outcome: a new arrival time means that it planned the fleet anew
+    codes = [_ANEW if outcome[k] == _FITTED and new_time[k - 1] else int(outcome[k]) for k in indices]
+    return [[round(float(time[k]), 4), code] for k, code in zip(indices, codes, strict=True)]
 
 
-def _stretches(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
-    """Runs of equal values: [value, from, to] each; each lasts until the next begins."""
+def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
+    """Runs of equal values, [value, from, to]; a run lasts until the start of the next."""
     codes = values.values.astype(int)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
-    ends = [*starts[1:], codes.size - 1]
+    stops = [*starts[1:], codes.size - 1]
     return [
-        [int(codes[start]), round(float(time[start]), 4), round(float(time[end]), 4)]
-        for start, end in zip(starts, ends, strict=True)
+        [int(codes[start]), round(float(time[start]), 4), round(float(time[stop]), 4)]
+        for start, stop in zip(starts, stops, strict=True)
     ]

@@ -1,7 +1,6 @@
-"""Data of a flight for its page.
+"""Data of a flight for its report page.
 
-Panels and sections of time plots, symbols of goals, packed variables, events and facts of each aircraft, as plain
-data.
+Panels and sections of time plots, icons of goals, packed variables, events and facts of each aircraft, as plain data.
 """
 
 import html
@@ -25,9 +24,9 @@ from anser.report.packing import pack, quantization_step
 from anser.results.dataset import surface_names
 from anser.variables import CATALOGUE
 
-_STILL_M_S = 1.0  # slower than a ship keeps steerage, as fast as a current sets a buoy adrift
-_DRIFTING_M_S = 30.0  # slower than wings carry, as fast as a gale: what drifts with the air
-_PATHS = {
+_ADRIFT_SPEED_MAX_M_S = 1.0  # below a ship's steerage way; a buoy drifts with the current
+_WIND_SPEED_MAX_M_S = 30.0  # a gale; below an aircraft's stalling speed
+_ICON_PATHS = {
     "ship": "M1 9H15L13 13H4ZM5 8V5H9V8ZM6 4V2H8V4Z",
     "buoy": "M3 11H13L11 14H5ZM5 10L7 4H9L11 10ZM6 3V1H10V3Z",
     "drifting": "M5 13a4 4 0 0 1 -1 -7.5a4.2 4.2 0 0 1 8 -0.5a3.8 3.8 0 0 1 0 8Z",
@@ -41,21 +40,21 @@ GOAL_FORM_TEXTS = {
     "flying": "goal in the air, faster than a gale (aircraft)",
     "goal": "goal",
 }
-"""Forms by their names, in words for a key."""
+"""Description of each form of goal, for the legend."""
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Form of the goal of each aircraft, a key of `WORDS`: "goal" where the scenario does not say where it is.
+    """Form of each aircraft's goal, a key of `GOAL_FORM_TEXTS`; "goal" if the scenario gives no kind of goal.
 
     Parameters
     ----------
     dataset
-        The flight, with its goals as it holds them for each aircraft.
+        The flight, with the recorded goal positions of each aircraft.
     scenario
-        As the dataset carries it; may be empty.
+        Scenario carried by the dataset; may be empty.
     """
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
-    goal_of = {str(one["name"]): str(one.get("goal", "")) for one in scenario.get("aircraft") or []}
+    goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
     time = dataset["time"].values
     return [
         _form(kinds.get(goal_of.get(str(name), ""), ""), _speed_m_s(dataset.isel(aircraft=k), time))
@@ -64,51 +63,50 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
 
 
 def goal_form_legend(forms: Collection[str]) -> str:
-    """Entries of the scene's key for the forms that are drawn, HTML."""
+    """Legend entries for the forms of goals in the scene, HTML."""
     return "".join(
-        f'<span><svg class="mark" viewBox="0 0 16 16" aria-hidden="true"><path d="{_PATHS[form]}"/></svg>'
-        f"{html.escape(words)}</span>"
-        for form, words in GOAL_FORM_TEXTS.items()
+        f'<span><svg class="mark" viewBox="0 0 16 16" aria-hidden="true"><path d="{_ICON_PATHS[form]}"/></svg>'
+        f"{html.escape(description)}</span>"
+        for form, description in GOAL_FORM_TEXTS.items()
         if form in forms
     )
 
 
 def _form(kind: str, speed_m_s: float) -> str:
     if kind == "surface":
-        return "ship" if speed_m_s > _STILL_M_S else "buoy"
+        return "ship" if speed_m_s > _ADRIFT_SPEED_MAX_M_S else "buoy"
     if kind == "airborne":
-        return "flying" if speed_m_s > _DRIFTING_M_S else "drifting"
+        return "flying" if speed_m_s > _WIND_SPEED_MAX_M_S else "drifting"
     return "goal"
 
 
-def _speed_m_s(one: xr.Dataset, time: np.ndarray) -> float:
-    """Speed of a goal for most of the record; 0 where it has no two places."""
-    place = np.stack([one[f"goal_{axis}_m"].values for axis in ("north", "east", "altitude")])
-    known = np.isfinite(place).all(axis=0)
-    if known.sum() < 2:
+def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
+    """Median speed of an aircraft's goal, m/s; 0 with fewer than two recorded positions."""
+    position = np.stack([aircraft[f"goal_{axis}_m"].values for axis in ("north", "east", "altitude")])
+    is_recorded = np.isfinite(position).all(axis=0)
+    if is_recorded.sum() < 2:
         return 0.0
-    return float(np.median(np.linalg.norm(np.diff(place[:, known]), axis=0) / np.diff(time[known])))
+    return float(np.median(np.linalg.norm(np.diff(position[:, is_recorded]), axis=0) / np.diff(time[is_recorded])))
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One plot over time.
+    """A plot over time.
 
     Attributes
     ----------
     response
-        Variable that is drawn solid.
+        Variable drawn solid.
     command
-        Variable that is drawn dashed, a command or a plan; None for none.
+        Variable drawn dashed, a command or a plan.
     limits
-        Keys of the scenario's `limits` that are drawn as lines; a number is drawn as it is, and a key with a minus sign
-        before it with the opposite sign.
-    within
-        Whether the axis reaches to the limits, however far from the data they are.
+        Limits drawn as lines: keys of the scenario's `limits`, a minus sign in front for the opposite value; or
+        numbers.
+    includes_limits
+        Whether the axis always reaches to the limits, however far from the data.
     compass
-        Whether it is a direction over ground: the line goes on through north without a jump, and the numbers on its
-        axis are those of a compass, 0 to 360 degrees. Wrapped it would jump at each turn through north; unwrapped
-        numbers would grow with every circle of a hold and name no direction.
+        Whether the variable is a compass direction: the line is drawn unwrapped, without a jump at north, and the axis
+        is labelled from 0 to 360 degrees.
     """
 
     response: str
@@ -119,17 +117,17 @@ class Panel:
 
 
 def _surface_panel(surface: str) -> Panel:
-    """Position and command of a control surface."""
+    """Panel with position and command of a control surface."""
     return Panel(f"{surface}_deg", f"{surface}_command_deg")
 
 
 SURFACE_PLACEHOLDER = _surface_panel("*")
-"""Stands for a panel of each of the flight's control surfaces."""
+"""Placeholder for the panels of the flight's control surfaces."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """Plots that are looked at together."""
+    """Plots with a common heading."""
 
     key: str
     title: str
@@ -248,44 +246,48 @@ _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
 
 
 def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
-    """Panels of a section for a flight with these control surfaces."""
-    found = []
+    """Panels of a section, for a flight with the given control surfaces."""
+    panels = []
     for panel in section.panels:
-        found += [_surface_panel(name) for name in surfaces] if panel is SURFACE_PLACEHOLDER else [panel]
-    return found
+        panels += [_surface_panel(name) for name in surfaces] if panel is SURFACE_PLACEHOLDER else [panel]
+    return panels
 
 
-def _names(panel: Panel) -> list[str]:
+def _panel_variables(panel: Panel) -> list[str]:
     return [name for name in (panel.response, panel.command) if name is not None]
 
 
-def _drawn(surfaces: Sequence[str]) -> list[str]:
+def _plotted_variables(surfaces: Sequence[str]) -> list[str]:
     panels = [panel for section in SECTIONS for panel in _panels(section, surfaces)]
-    return [name for panel in panels for name in _names(panel)]
+    return [name for panel in panels for name in _panel_variables(panel)]
 
 
 def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Variables that a dataset must have for a report, those of its own control surfaces among them."""
-    own = [name for name in _drawn(surface_names(dataset)) if name not in DERIVED_VARIABLES and name not in _OPTIONAL]
-    return tuple(dict.fromkeys((*_SCENE, *_EVENTS, *own)))
+    """Variables that a report requires in the dataset, including the positions and commands of the control surfaces."""
+    recorded = [
+        name
+        for name in _plotted_variables(surface_names(dataset))
+        if name not in DERIVED_VARIABLES and name not in _OPTIONAL
+    ]
+    return tuple(dict.fromkeys((*_SCENE, *_EVENTS, *recorded)))
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Variables of a dataset, derived ones included, that the page gets."""
-    drawn = dict.fromkeys((*_SCENE, *_drawn(surface_names(dataset))))
-    return tuple(name for name in drawn if name in dataset)
+    """Variables of a dataset, including derived ones, that are sent to the page."""
+    names = dict.fromkeys((*_SCENE, *_plotted_variables(surface_names(dataset))))
+    return tuple(name for name in names if name in dataset)
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Sections as the page gets them: only panels whose variable is there, limits of all aircraft as numbers.
+    """Sections for the page: the panels of recorded variables, with the limits of all aircraft as numbers.
 
     Parameters
     ----------
     dataset
-        With the derived variables.
+        The flight with the derived variables.
     """
     limits = aircraft_limits(dataset)
-    found = []
+    sections = []
     for section in SECTIONS:
         panels = [
             {
@@ -298,87 +300,90 @@ def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
             for panel in _panels(section, surface_names(dataset))
             if panel.response in dataset
         ]
-        # a section for what some flights have shows nothing that others stand with
+        # a section is left out if its first variable is missing
         if all(panel is SURFACE_PLACEHOLDER or panel.response in dataset for panel in section.panels[:1]):
-            found.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
-    return found
+            sections.append({"key": section.key, "title": section.title, "caption": section.caption, "panels": panels})
+    return sections
 
 
 def _limits(key: str | float, limits: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Values of a limit among all aircraft."""
+    """Values of a limit over the aircraft."""
     if not isinstance(key, str):
         return [key]
     sign = -1.0 if key.startswith("-") else 1.0
-    values = [row.get(key.removeprefix("-")) for row in limits]
+    values = [limit_table.get(key.removeprefix("-")) for limit_table in limits]
     return [sign * float(value) for value in values if value is not None]
 
 
-_SAMPLES_MAX = 150_000  # of all aircraft together: 20 aircraft at 10 Hz for 750 s
+_SAMPLES_MAX = 150_000  # total over the aircraft: 20 aircraft at 10 Hz for 750 s
 _TIMES_MAX = 12_000
 _SUMMARY_KEYS = ("scenario", "versions", "seed", "aircraft", "fleet", "requirements")
 _FACT_KEYS = ("name", "goal", "planned_arrival_s", "arrival_s", "miss_m", "status")
-_ROW_KEYS = (
+_AIRCRAFT_KEYS = (
     *_FACT_KEYS,
     *("speed_min_m_s", "speed_mean_m_s", "speed_max_m_s", "clearance_min_m", "position_error_max_m", "tables_left_s"),
 )
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
-    """Refuse what cannot be reported.
+    """Check that dataset and summary are complete and belong to the same flight.
 
     Raises
     ------
     ValueError
-        The dataset lacks a variable, the summary a key, or dataset and summary are not of one flight.
+        If a variable of the dataset or a key of the summary is missing, or if they are of different flights.
     """
     missing = [name for name in needed_variables(dataset) if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
     lacking = [key for key in _SUMMARY_KEYS if key not in summary]
-    rows = [] if lacking else summary["aircraft"]
-    lacking += [f"aircraft.{key}" for key in _ROW_KEYS if any(key not in row for row in rows)]
+    fleet = [] if lacking else summary["aircraft"]
+    lacking += [f"aircraft.{key}" for key in _AIRCRAFT_KEYS if any(key not in aircraft for aircraft in fleet)]
     if lacking:
         raise ValueError(f"the summary lacks {', '.join(lacking)}, which the report tells")
-    flown, summarized = [str(name) for name in dataset["aircraft"].values], [row["name"] for row in summary["aircraft"]]
+    flown, summarized = (
+        [str(name) for name in dataset["aircraft"].values],
+        [aircraft["name"] for aircraft in summary["aircraft"]],
+    )
     if flown != summarized:
         raise ValueError(f"the dataset holds the aircraft {flown}, the summary {summarized}")
-    of_dataset, of_summary = dataset.attrs.get("scenario_hash"), summary["scenario"]["hash"]
-    if of_dataset is not None and of_dataset != of_summary:
-        raise ValueError(f"the dataset is of scenario {of_dataset}, the summary {of_summary}")
+    dataset_hash, summary_hash = dataset.attrs.get("scenario_hash"), summary["scenario"]["hash"]
+    if dataset_hash is not None and dataset_hash != summary_hash:
+        raise ValueError(f"the dataset is of scenario {dataset_hash}, the summary {summary_hash}")
 
 
 def flight_data(
     dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any], label: str
 ) -> dict[str, Any]:
-    """Collect what the page draws of one flight.
+    """Collect the data of one flight that the page draws.
 
     Parameters
     ----------
     dataset
-        The flight with its derived variables.
+        The flight with the derived variables.
     summary
-        As `summary.json` holds it.
+        Content of `summary.json`.
     scenario
-        As the dataset carries it; may be empty.
+        Scenario carried by the dataset; may be empty.
     label
-        What the run is called on the page.
+        Name of the run on the page.
 
     Returns
     -------
     dict
-        For JSON. Variables come packed, every `every`-th record of them.
+        Plain data for JSON. The variables are packed and thinned to every `every`-th record.
     """
-    every = max(
+    stride = max(
         1,
         -(-dataset.sizes["time"] * dataset.sizes["aircraft"] // _SAMPLES_MAX),
         -(-dataset.sizes["time"] // _TIMES_MAX),
     )
-    kept = np.unique(np.append(np.arange(0, dataset.sizes["time"], every), dataset.sizes["time"] - 1))
+    samples = np.unique(np.append(np.arange(0, dataset.sizes["time"], stride), dataset.sizes["time"] - 1))
     names = packed_variables(dataset)
-    time = dataset["time"].values[kept][:, None]
+    time = dataset["time"].values[samples][:, None]
     columns = [(time, quantization_step(time, "s"))]
     for name in names:
-        values = np.asarray(dataset[name].values[kept], dtype=np.float64)
+        values = np.asarray(dataset[name].values[samples], dtype=np.float64)
         columns.append((values, quantization_step(values, str(dataset[name].attrs["units"]))))
     packed, gaps = pack(columns)
     variables = {
@@ -387,13 +392,13 @@ def flight_data(
     }
     return {
         "label": label,
-        "times": int(kept.size),
-        "every": every,
+        "times": int(samples.size),
+        "every": stride,
         "timeStep": columns[0][1],
         "aircraft": [
-            {key: row[key] for key in _FACT_KEYS} | {"form": form, "before": before}
-            for row, form, before in zip(
-                summary["aircraft"], goal_forms(dataset, scenario), _goals_before(summary, scenario), strict=True
+            {key: aircraft[key] for key in _FACT_KEYS} | {"form": form, "before": earlier_goal}
+            for aircraft, form, earlier_goal in zip(
+                summary["aircraft"], goal_forms(dataset, scenario), _earlier_goals(summary, scenario), strict=True
             )
         ],
         "variables": variables,
@@ -405,16 +410,21 @@ def flight_data(
     }
 
 
-def _goals_before(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
-    """Of each aircraft that took over another's goal: its own goal, and until when, s, it flew to that."""
-    own = {str(one["name"]): str(one["goal"]) for one in scenario.get("aircraft") or [] if "goal" in one}
-    events = [one for one in summary.get("events", ()) if one["kind"] == "goal-taken-over"]
-    until = {str(one["whom"]): float(one["time_s"]) for one in events}
-    names = [str(row["name"]) for row in summary["aircraft"]]
-    return [[own[name], until[name]] if name in own and name in until else None for name in names]
+def _earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
+    """For an aircraft that took over another goal: its earlier goal and the time of the takeover, s; otherwise None."""
+    assigned_goal = {
+        str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry
+    }
+    events = [entry for entry in summary.get("events", ()) if entry["kind"] == "goal-taken-over"]
+    takeover_s = {str(entry["whom"]): float(entry["time_s"]) for entry in events}
+    names = [str(aircraft["name"]) for aircraft in summary["aircraft"]]
+    return [
+        [assigned_goal[name], takeover_s[name]] if name in assigned_goal and name in takeover_s else None
+        for name in names
+    ]
 
 
 def script_json(data: Any) -> str:
-    """JSON that can stand within a script element: nothing in it ends the element or begins another."""
+    """JSON that is safe inside a script element: the text cannot end the element or start another."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

@@ -1,6 +1,6 @@
 """Figures of a flight for print, by name.
 
-The available ones, how they are written to files, and the same figures as methods for Python
+The available figures, the writing of figure files, and the same figures as methods for Python
 (`flown.plot.tracks()`).
 """
 
@@ -58,7 +58,7 @@ NEEDED_VARIABLES = tuple(
         )
     )
 )
-"""Variables of a flight that these figures draw, besides those of its surfaces."""
+"""Variables of a flight that these figures draw, besides the control surfaces."""
 
 
 def _always(_: xr.Dataset) -> str:
@@ -67,14 +67,14 @@ def _always(_: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class FlightFigure:
-    """A figure.
+    """A figure of a flight.
 
     Attributes
     ----------
     draw
-        Draws it on a sheet.
-    lacking
-        Why there is none of a flight; empty where there is one.
+        Function that draws the figure on a sheet.
+    unavailable_reason
+        Function that gives the reason if a flight does not have this figure, otherwise an empty string.
     """
 
     draw: Callable[[FlightSheet], "Figure"]
@@ -87,7 +87,7 @@ def _surfaces(sheet: FlightSheet) -> "Figure":
 
 
 def _plan(sheet: FlightSheet) -> "Figure":
-    if has_certified_paths(sheet.scenario):  # its paths have no such parameter
+    if has_certified_paths(sheet.scenario):  # certified paths have no lateral bend
         return draw_time_histories(sheet, _PLAN[1:], "length and arrival time of the plan")
     return draw_time_histories(sheet, _PLAN, "shape parameter, length and arrival time of the plan")
 
@@ -124,32 +124,32 @@ FLIGHT_FIGURES: dict[str, FlightFigure] = {
         draw_network, lambda dataset: "" if recorded_network(dataset) else "a centre plans for all its aircraft"
     ),
 }
-"""Each figure by its name."""
+"""Figures by name."""
 
 
 def available_figures(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the figures that can be drawn of a flight."""
+    """Names of the figures that a flight has."""
     return tuple(name for name, figure in FLIGHT_FIGURES.items() if not figure.unavailable_reason(dataset))
 
 
 def select_figures(dataset: xr.Dataset, names: Sequence[str]) -> dict[str, FlightFigure]:
-    """Figures of a flight by their names, with hyphens or underscores.
+    """Figures of a flight by name; hyphens and underscores are equivalent.
 
     Raises
     ------
     ValueError
-        There is none of a name, at all or of this flight; the message says which there are.
+        If a name is unknown or the flight has no such figure; the message lists the available names.
     """
-    found = {}
-    for arrived in names:
-        name = arrived.replace("_", "-")
+    figures = {}
+    for requested_name in names:
+        name = requested_name.replace("_", "-")
         expected = f"expected one of {', '.join(available_figures(dataset))}"
         if name not in FLIGHT_FIGURES:
-            raise ValueError(f"arrived {arrived!r}; {expected}")
-        if why := FLIGHT_FIGURES[name].unavailable_reason(dataset):
-            raise ValueError(f"arrived {arrived!r}, which there is not of this flight: {why}; {expected}")
-        found[name] = FLIGHT_FIGURES[name]
-    return found
+            raise ValueError(f"arrived {requested_name!r}; {expected}")
+        if reason := FLIGHT_FIGURES[name].unavailable_reason(dataset):
+            raise ValueError(f"arrived {requested_name!r}, which there is not of this flight: {reason}; {expected}")
+        figures[name] = FLIGHT_FIGURES[name]
+    return figures
 
 
 def draw_flight(
@@ -161,47 +161,54 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into `NAME-FIGURE` of a folder.
+    """Draw figures of a flight into files `NAME-FIGURE`.
 
     Parameters
     ----------
     dataset
-        The flight, as `flight.nc` holds it.
+        The flight: content of `flight.nc`.
     name
-        What the names of the files begin with.
+        First part of the file names.
     folder
-        To write into; returns the paths of its new files.
+        Output folder.
     suffixes
-        Kinds of files, of `FIGURE_SUFFIXES`.
-    chosen
-        As `select_figures` has them; None: all that can be drawn.
-    paper
-        What they are drawn on; None: as wide as a page's text, with titles.
+        File formats, of `FIGURE_SUFFIXES`.
+    selection
+        Result of `select_figures`; by default every available figure.
+    figure_format
+        Width and title; by default the width of a page's text, with titles.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
     """
     sheet = FlightSheet(dataset, figure_format or FigureFormat())
     figures = select_figures(dataset, available_figures(dataset)) if selection is None else selection
-    drawings = {f"{name}-{key}": lambda _, of=figure: of.draw(sheet) for key, figure in figures.items()}
+    drawings = {
+        f"{name}-{key}": lambda _, flight_figure=figure: flight_figure.draw(sheet) for key, figure in figures.items()
+    }
     return save_drawings(drawings, dataset, PRINT_STYLE, folder, suffixes)
 
 
 _WIDTH_MM = FigureFormat().width_mm
 
 
-def _method(name: str, words: str) -> "Callable[..., Figure]":
+def _method(name: str, description: str) -> "Callable[..., Figure]":
     """Method that draws one figure."""
 
     def draw(self: "FlightPlots", *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
         return self(name, width_mm=width_mm, title=title)
 
     draw.__name__ = draw.__qualname__ = name.replace("-", "_")
-    draw.__doc__ = f"{words}\n\n        Arguments and errors as of a call of `FlightPlots` itself."
+    draw.__doc__ = f"{description}\n\n        Arguments and errors as of a call of `FlightPlots` itself."
     return draw
 
 
 class FlightPlots:
-    """Figures of one flight, each a new `matplotlib.figure.Figure`, which a notebook shows and `savefig` writes.
+    """Figures of one flight as `matplotlib.figure.Figure`, displayed by notebooks and written by `savefig`.
 
-    `flown.plot("guidance")` draws any figure of `anser figures`; `flown.plot.names` are those that there are.
+    `flown.plot("guidance")` draws any figure of `anser figures`; `flown.plot.names` lists the available names.
     """
 
     def __init__(self, dataset: xr.Dataset) -> None:
@@ -209,36 +216,36 @@ class FlightPlots:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the figures that can be drawn of this flight."""
+        """Names of the figures that this flight has."""
         return available_figures(self._dataset)
 
     def __call__(self, name: str, *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
-        """Draw a figure by its name.
+        """Draw a figure by name.
 
         Parameters
         ----------
         name
-            One of `names`.
+            A member of `names`.
         width_mm
-            Width of the figure; letters keep their size.
+            Width of the figure, mm; the size of letters does not change.
         title
-            Whether the flight's title stands above it.
+            Whether the flight's title stands above the figure.
 
         Raises
         ------
         ValueError
-            There is none of this name, or the width is none of a figure.
+            If this flight has no figure of this name, or if the width is out of range.
         """
         try:
-            figure = select_figures(self._dataset, [name])
+            selection = select_figures(self._dataset, [name])
         except ValueError as error:
             raise ValueError(f"plot: {error}") from None
         try:
-            paper = FigureFormat(width_mm, title)
+            figure_format = FigureFormat(width_mm, title)
         except ValueError as error:
             raise ValueError(f"width_mm: {error}") from None
-        (one,) = figure.values()
-        return draw_for_print(lambda dataset: one.draw(FlightSheet(dataset, paper)), self._dataset)
+        (flight_figure,) = selection.values()
+        return draw_for_print(lambda dataset: flight_figure.draw(FlightSheet(dataset, figure_format)), self._dataset)
 
     def __repr__(self) -> str:
         return f"figures of a flight: {', '.join(self.names)}"

@@ -1,7 +1,6 @@
 """Time histories of a flight for print.
 
-Variables with their commands and limits, estimated goal velocities, and distances to the rendezvous and to other
-aircraft.
+Variables with commands and limits, estimated goal velocities, and distances to the rendezvous and between aircraft.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,28 +30,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MARKS = 8  # on a line over time
-_MARGIN, _BEYOND = 0.05, 0.25  # of a panel: empty, and at most for commands beyond what was flown; parts of its height
+_MARKERS_PER_LINE = 8
+_MARGIN, _COMMAND_EXCESS_MAX = 0.05, 0.25  # relative to the range of the panel
 _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
-"""Least height of a panel: what hardly moves must not look as if it did."""
+"""Least range of a panel's axis by unit, such that a nearly constant variable looks constant."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A variable, what was asked for, and its limits.
+    """A variable with its command and limits.
 
     Attributes
     ----------
     name
         Variable of the dataset.
-    wanted
-        Variable of what was planned or commanded; None for none.
+    reference
+        Variable with the planned or commanded value.
     low, high
-        Keys of its limits in `aircraft_limits`; of `low` a minus sign before it takes the opposite value.
-    stops_of
-        Name of a control surface whose stops are the limits.
-    words
-        Of the axis; None: those of the variable.
+        Keys of the limits in `aircraft_limits`; a minus sign in front of `low` takes the opposite value.
+    stop_surface
+        Control surface whose stops are the limits.
+    label
+        Axis label; by default the variable's long name.
     """
 
     name: str
@@ -63,189 +62,192 @@ class Curve:
     label: str | None = None
 
 
-def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, asked: str = "") -> "Figure":
-    """Panels under one another; a curve that no aircraft has is left out.
+def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
+    """Draw panels below one another; a curve without a finite value is left out.
 
     Parameters
     ----------
     sheet
-        To draw on.
+        Sheet to draw on.
     curves
-        One for each panel.
-    words
-        What is shown.
-    asked
-        What `wanted` is: "commanded".
+        Curve of each panel.
+    label
+        Title of the figure.
+    reference_name
+        Meaning of the reference variable, for example "commanded".
     """
-    there = [curve for curve in curves if np.isfinite(sheet.dataset[curve.name].values).any()]
-    figure, panels = sheet.panels(len(there))
-    told = [f"{sheet.reference_text}: {asked}"] if asked else []
-    for axes, curve in zip(panels, there, strict=True):
-        told += draw_curve(axes, sheet, curve)
-    return sheet.finish(figure, panels, label, "; ".join(told))
+    available = [curve for curve in curves if np.isfinite(sheet.dataset[curve.name].values).any()]
+    figure, panels = sheet.panels(len(available))
+    notes = [f"{sheet.reference_text}: {reference_name}"] if reference_name else []
+    for axes, curve in zip(panels, available, strict=True):
+        notes += draw_curve(axes, sheet, curve)
+    return sheet.finish(figure, panels, label, "; ".join(notes))
 
 
 def draw_curve(
     axes: "Axes", sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle] | None = None
 ) -> list[str]:
-    """Draw one variable of all aircraft, or of some; returns words about limits that are too far to be shown."""
+    """Draw one variable of the aircraft, by default of all; return a note on limits outside the panel."""
     values, time = sheet.dataset[curve.name], sheet.time
     line_styles = [
         line_style
         for line_style in line_styles or sheet.line_styles
         if np.isfinite(values.values[:, line_style.index]).any()
     ]
-    factor, unit = axis_scale(values, _up_to_arrival(sheet, curve.name, line_styles))
-    jump = 180.0 if values.attrs["units"] == "degree" else np.inf
-    drawn, asked, ends = [], [], []
+    factor, unit = axis_scale(values, _magnitude_until_arrival(sheet, curve.name, line_styles))
+    jump_max = 180.0 if values.attrs["units"] == "degree" else np.inf
+    response_lines, reference_lines, line_ends = [], [], []
     for line_style in line_styles:
-        until = slice(0, int(sheet.arrival_index[line_style.index]) + 1)
-        x, y = insert_gaps(time[until], factor * sheet.until_arrival(curve.name, line_style), jump)
-        every = marker_interval(x.size, line_style.index, sheet.count) if sheet.has_few_aircraft else None
-        axes.plot(x, y, markevery=every, label=sheet.name(line_style.index), **sheet.line_properties(line_style))
-        drawn.append(y)
-        ends.append(find_line_end(x, y, sheet.label(line_style), line_style))
+        samples = slice(0, int(sheet.arrival_index[line_style.index]) + 1)
+        x, y = insert_gaps(time[samples], factor * sheet.until_arrival(curve.name, line_style), jump_max)
+        marker_spacing = marker_interval(x.size, line_style.index, sheet.count) if sheet.has_few_aircraft else None
+        axes.plot(
+            x, y, markevery=marker_spacing, label=sheet.name(line_style.index), **sheet.line_properties(line_style)
+        )
+        response_lines.append(y)
+        line_ends.append(find_line_end(x, y, sheet.label(line_style), line_style))
         if curve.reference is not None:
-            x, y = insert_gaps(time[until], factor * sheet.until_arrival(curve.reference, line_style), jump)
+            x, y = insert_gaps(time[samples], factor * sheet.until_arrival(curve.reference, line_style), jump_max)
             axes.plot(x, y, **sheet.reference_properties())
-            asked.append(y)
-    shown = _shown(drawn, asked, factor * _SPAN_MIN[str(values.attrs["units"])])
-    room = _MARGIN * (shown[1] - shown[0])
-    axes.set_ylim(shown[0] - room, shown[1] + room)
-    far = draw_limits(axes, _limits(sheet, curve, line_styles, factor, unit), shown)
+            reference_lines.append(y)
+    visible = _visible_range(response_lines, reference_lines, factor * _SPAN_MIN[str(values.attrs["units"])])
+    margin = _MARGIN * (visible[1] - visible[0])
+    axes.set_ylim(visible[0] - margin, visible[1] + margin)
+    hidden_limits = draw_limits(axes, _limits(sheet, curve, line_styles, factor, unit), visible)
     axes.set_ylabel(axis_label(values, curve.label, unit, sheet.label_capacity(sheet.panel_height)))
     axes.set_xlim(float(time[0]), float(time[sheet.arrival_index.max()]))
     if sheet.has_line_names:
-        label_line_ends(axes, ends, sheet.panel_height)
-    beyond = ", ".join(limit.label for limit in sorted(far, key=lambda one: one.value))
-    return [f"not shown: {str(values.attrs['long_name']).lower()}, {beyond}"] if far else []
+        label_line_ends(axes, line_ends, sheet.panel_height)
+    hidden_text = ", ".join(limit.label for limit in sorted(hidden_limits, key=lambda hidden: hidden.value))
+    return [f"not shown: {str(values.attrs['long_name']).lower()}, {hidden_text}"] if hidden_limits else []
 
 
-def _shown(drawn: Sequence[np.ndarray], asked: Sequence[np.ndarray], least: float) -> tuple[float, float]:
-    """What a panel shows: all that was flown, and what was asked for where it does not lie far beyond."""
-    flown, wanted = np.concatenate(drawn), np.concatenate([*drawn, *asked])
-    low, high = float(np.nanmin(flown)), float(np.nanmax(flown))
-    size = max(high - low, least)
-    reach = _BEYOND * size
-    low, high = max(float(np.nanmin(wanted)), low - reach), min(float(np.nanmax(wanted)), high + reach)
-    missing = max(least - (high - low), 0.0)
+def _visible_range(
+    response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
+) -> tuple[float, float]:
+    """Range of a panel: the responses, and commands as far as they exceed the responses only moderately."""
+    responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
+    low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
+    size = max(high - low, span_min)
+    excess = _COMMAND_EXCESS_MAX * size
+    low, high = max(float(np.nanmin(values)), low - excess), min(float(np.nanmax(values)), high + excess)
+    missing = max(span_min - (high - low), 0.0)
     return low - missing / 2, high + missing / 2
 
 
-def _up_to_arrival(sheet: FlightSheet, name: str, line_styles: Sequence[LineStyle]) -> float:
-    """Greatest size of a variable up to the arrivals."""
+def _magnitude_until_arrival(sheet: FlightSheet, name: str, line_styles: Sequence[LineStyle]) -> float:
+    """Greatest magnitude of a variable up to the arrivals."""
     return max(float(np.nanmax(np.abs(sheet.until_arrival(name, line_style)))) for line_style in line_styles)
 
 
 def _limits(
     sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle], factor: float, unit: str
 ) -> list[Limit]:
-    """Each value of a limit once, with those whose it is."""
-    found: dict[tuple[float, bool], list[str]] = {}
+    """Distinct values of a limit, labelled with the aircraft concerned."""
+    owners: dict[tuple[float, bool], list[str]] = {}
     limits = aircraft_limits(sheet.dataset)
     for line_style in line_styles:
-        own = limits[line_style.index]
+        aircraft_table = limits[line_style.index]
         if curve.stop_surface is not None:
-            ends = own.get("surfaces_deg", {}).get(curve.stop_surface, [None, None])
+            bounds = aircraft_table.get("surfaces_deg", {}).get(curve.stop_surface, [None, None])
         else:
-            ends = [_limit(own, key) for key in (curve.low, curve.high)]
-        for value, is_upper in zip(ends, (False, True), strict=True):
+            bounds = [_limit(aircraft_table, key) for key in (curve.low, curve.high)]
+        for value, is_upper in zip(bounds, (False, True), strict=True):
             if value is not None:
-                found.setdefault((factor * float(value), is_upper), []).append(sheet.label(line_style))
-    what = "limit" if curve.stop_surface is None else "stop"
+                owners.setdefault((factor * float(value), is_upper), []).append(sheet.label(line_style))
+    noun = "limit" if curve.stop_surface is None else "stop"
     result = []
-    for (value, is_upper), names in found.items():
+    for (value, is_upper), names in owners.items():
         number = f"{float(f'{value:.4g}'):,g}".replace("-", "\u2212")
         number += unit if unit == "°" else f" {unit}".rstrip()
-        of = format_owners(names, len(line_styles))
-        result.append(Limit(value, is_upper, f"{what} {number}" + (f" ({of})" if of else "")))
+        owner_text = format_owners(names, len(line_styles))
+        result.append(Limit(value, is_upper, f"{noun} {number}" + (f" ({owner_text})" if owner_text else "")))
     return result
 
 
 def _limit(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Value of a limit by its key; a minus sign before it stands for the opposite value."""
+    """Value of a limit by key; a minus sign in front of the key gives the opposite value."""
     value = None if key is None else limits.get(key.removeprefix("-"))
     return None if key is None or value is None else -value if key.startswith("-") else value
 
 
 def marker_interval(samples: int, index: int, count: int) -> tuple[int, int]:
-    """Which samples of one line of some bear a mark: in turn, so that equal lines show all their marks."""
-    step = max(samples // _MARKS, 1)
+    """Offset and step of the marked samples of a line, staggered between lines to keep coincident lines visible."""
+    step = max(samples // _MARKERS_PER_LINE, 1)
     return index * step // count, step
 
 
 def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Put a gap wherever y jumps by more than `jump`, so that no line is drawn across a wrapped angle.
+    """Insert a gap at each jump of y by more than `jump`, so that no line is drawn across a wrapped angle.
 
     Parameters
     ----------
     x, y
         Samples, shape (samples,).
     jump
-        Greatest difference of neighbours that is still drawn, in the unit of y.
+        Greatest difference of neighbouring samples that is still drawn, in the unit of y.
     """
-    steps = np.abs(np.diff(y))
-    at = np.flatnonzero(np.where(np.isfinite(steps), steps, 0.0) > jump) + 1
-    return np.insert(x, at, x[at]), np.insert(y, at, np.nan)
+    differences = np.abs(np.diff(y))
+    indices = np.flatnonzero(np.where(np.isfinite(differences), differences, 0.0) > jump) + 1
+    return np.insert(x, indices, x[indices]), np.insert(y, indices, np.nan)
 
 
 _AXES = ("north", "east", "down")
 GOAL_VELOCITIES = tuple(Curve(f"goal_estimate_velocity_{axis}_m_s", f"goal_velocity_{axis}_m_s") for axis in _AXES)
-"""What the aircraft estimate, beside the truth."""
-_FLAT_M_S = 0.02  # what changes no more is no curve
-_STANDS_M_S = 0.05
+"""Estimated goal velocities, with the true ones as reference."""
+_CHANGE_MIN_M_S = 0.02  # smaller changes are not drawn
+_STANDSTILL_M_S = 0.05
 
 
 def has_changing_goals(dataset: xr.Dataset) -> bool:
-    """Whether the velocity of a goal, or what an aircraft takes it to be, changes before the arrival."""
-    return any(_changing(FlightSheet.with_default_format(dataset), curve) for curve in GOAL_VELOCITIES)
+    """Whether the true or the estimated velocity of a goal changes before the arrival."""
+    return any(_changing_goals(FlightSheet.with_default_format(dataset), curve) for curve in GOAL_VELOCITIES)
 
 
 def draw_goal_velocities(sheet: FlightSheet) -> "Figure":
-    """Draw the components that change, and say of the others what they are."""
-    shown = [(curve, line_styles) for curve in GOAL_VELOCITIES if (line_styles := _changing(sheet, curve))]
-    figure, panels = sheet.panels(len(shown))
-    told = [f"lines: recovered from the line of sight; {sheet.reference_text}: true"]
-    for axes, (curve, line_styles) in zip(panels, shown, strict=True):
+    """Draw the changing components of the goal velocities, and list the constant velocities in the note."""
+    panel_curves = [(curve, line_styles) for curve in GOAL_VELOCITIES if (line_styles := _changing_goals(sheet, curve))]
+    figure, panels = sheet.panels(len(panel_curves))
+    notes = [f"lines: recovered from the line of sight; {sheet.reference_text}: true"]
+    for axes, (curve, line_styles) in zip(panels, panel_curves, strict=True):
         draw_curve(axes, sheet, curve, line_styles)
-    drawn = {line_style.index for _, line_styles in shown for line_style in line_styles}
+    plotted = {line_style.index for _, line_styles in panel_curves for line_style in line_styles}
     steady = dict.fromkeys(
-        _words(sheet, line_style) for line_style in sheet.line_styles if line_style.index not in drawn
+        _steady_velocity_text(sheet, line_style) for line_style in sheet.line_styles if line_style.index not in plotted
     )
     return sheet.finish(
-        figure, panels, "velocities of the goals as the aircraft estimate them", "; ".join([*told, *steady])
+        figure, panels, "velocities of the goals as the aircraft estimate them", "; ".join([*notes, *steady])
     )
 
 
-def _changing(sheet: FlightSheet, curve: Curve) -> list[LineStyle]:
-    """Aircraft for whose goal a component changes."""
+def _changing_goals(sheet: FlightSheet, curve: Curve) -> list[LineStyle]:
+    """Aircraft for whose goal a velocity component changes."""
     names = [name for name in (curve.name, curve.reference) if name is not None]
     return [
         line_style
         for line_style in sheet.line_styles
-        if any(float(np.ptp(sheet.until_arrival(name, line_style))) > _FLAT_M_S for name in names)
+        if any(float(np.ptp(sheet.until_arrival(name, line_style))) > _CHANGE_MIN_M_S for name in names)
     ]
 
 
-def _words(sheet: FlightSheet, line_style: LineStyle) -> str:
+def _steady_velocity_text(sheet: FlightSheet, line_style: LineStyle) -> str:
     north, east, down = (float(sheet.until_arrival(f"goal_velocity_{axis}_m_s", line_style)[-1]) for axis in _AXES)
     speed, goal = np.hypot(north, east), sheet.goal_name(line_style)
-    if np.hypot(speed, down) < _STANDS_M_S:
+    if np.hypot(speed, down) < _STANDSTILL_M_S:
         return f"{goal} stands"
-    words = f"{goal} keeps {speed:.3g} m/s on course {np.degrees(np.arctan2(east, north)) % 360.0:.0f}°"
-    return words if abs(down) < _STANDS_M_S else f"{words}, {abs(down):.2g} m/s {'down' if down > 0.0 else 'up'}"
+    text = f"{goal} keeps {speed:.3g} m/s on course {np.degrees(np.arctan2(east, north)) % 360.0:.0f}°"
+    return text if abs(down) < _STANDSTILL_M_S else f"{text}, {abs(down):.2g} m/s {'down' if down > 0.0 else 'up'}"
 
 
 _RANGE = "range_to_rendezvous_m"
-_PLACE, _VELOCITY = ("north_m", "east_m", "altitude_m"), ("north_m_s", "east_m_s", "down_m_s")
-_LEAST_SHOWN_M = 1e-3  # less than any of these flights is known to
+_POSITION, _VELOCITY = ("north_m", "east_m", "altitude_m"), ("north_m_s", "east_m_s", "down_m_s")
+_DISTANCE_FLOOR_M = 1e-3  # below the accuracy of the simulation; keeps the logarithm finite
 
 
 def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
-    """Least distance to the rendezvous from each instant on, if aircraft and goal kept their velocities; m.
+    """Zero-effort miss: least distance to the rendezvous if aircraft and goal keep their present velocities, m.
 
-    This is the zero-effort miss with the time to go to the closest approach; where that is past, the present distance.
-    At the arrival it is the miss of the summary.
+    At a time after the closest approach, it is the present distance; at the arrival, the miss of the summary.
 
     Parameters
     ----------
@@ -257,20 +259,20 @@ def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
     np.ndarray
         Shape (time, aircraft).
     """
-    away = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _PLACE], axis=-1)
-    rates = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
-    rate = np.stack([*rates[:2], -rates[2]], axis=-1)
+    offset = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _POSITION], axis=-1)
+    rate_components = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
+    rate = np.stack([*rate_components[:2], -rate_components[2]], axis=-1)
     squared = np.sum(rate**2, axis=-1)
-    to_go = np.divide(-np.sum(away * rate, axis=-1), squared, out=np.zeros_like(squared), where=squared > 0.0)
-    return np.linalg.norm(away + np.maximum(to_go, 0.0)[..., np.newaxis] * rate, axis=-1)
+    time_to_go = np.divide(-np.sum(offset * rate, axis=-1), squared, out=np.zeros_like(squared), where=squared > 0.0)
+    return np.linalg.norm(offset + np.maximum(time_to_go, 0.0)[..., np.newaxis] * rate, axis=-1)
 
 
 def draw_miss(sheet: FlightSheet) -> "Figure":
-    """Draw the zero-effort miss up to the arrivals, logarithmic, with the greatest that the scenario allows."""
+    """Draw the zero-effort miss up to the arrivals, logarithmic, with the greatest miss allowed by the scenario."""
     figure, (axes,) = sheet.panels(1)
-    _lines(axes, sheet, np.maximum(zero_effort_miss_m(sheet.dataset), _LEAST_SHOWN_M), sheet.arrival_index)
+    _draw_lines(axes, sheet, np.maximum(zero_effort_miss_m(sheet.dataset), _DISTANCE_FLOOR_M), sheet.arrival_index)
     axes.set_ylabel("Zero-effort miss (m)")
-    _logarithmic(axes, sheet, _required(sheet, "miss_max_m", is_upper=True))
+    _make_logarithmic(axes, sheet, _requirement(sheet, "miss_max_m", is_upper=True))
     note = "least distance to the rendezvous if aircraft and goal kept their velocities from here on"
     return sheet.finish(figure, [axes], "predicted miss of the rendezvous", note)
 
@@ -280,38 +282,38 @@ def draw_ranges(sheet: FlightSheet) -> "Figure":
     figure, panels = sheet.panels(2)
     values = sheet.dataset[_RANGE]
     factor, unit = axis_scale(values, float(np.nanmax(values.values[: sheet.arrival_index.max() + 1])))
-    _lines(panels[0], sheet, factor * values.values, sheet.arrival_index)
+    _draw_lines(panels[0], sheet, factor * values.values, sheet.arrival_index)
     panels[0].set_ylim(bottom=0.0)
-    _lines(panels[1], sheet, np.maximum(values.values, _LEAST_SHOWN_M), sheet.arrival_index)
-    letters = sheet.label_capacity(sheet.panel_height)
-    panels[0].set_ylabel(axis_label(values, in_unit=unit, length=letters))
-    panels[1].set_ylabel(axis_label(values, length=letters))
-    _logarithmic(panels[1], sheet, None)
-    _named(panels[0], sheet)
+    _draw_lines(panels[1], sheet, np.maximum(values.values, _DISTANCE_FLOOR_M), sheet.arrival_index)
+    label_length = sheet.label_capacity(sheet.panel_height)
+    panels[0].set_ylabel(axis_label(values, unit=unit, length=label_length))
+    panels[1].set_ylabel(axis_label(values, length=label_length))
+    _make_logarithmic(panels[1], sheet, None)
+    _label_lines(panels[0], sheet)
     return sheet.finish(figure, panels, "ranges to the rendezvous", "above linear, below logarithmic")
 
 
 def draw_separation(sheet: FlightSheet) -> "Figure":
-    """Draw the least distance of each aircraft to any other until the flight ends, and its ratio to that asked for."""
-    asked = required_separation(sheet.scenario)
-    places = np.stack([sheet.dataset[name].values for name in _PLACE], axis=-1)
-    end = np.full(sheet.count, len(sheet.time) - 1)
-    figure, panels = sheet.panels(1 if asked is None else 2)
-    _lines(panels[0], sheet, nearest_aircraft_distance(places), end)
+    """Draw the distance of each aircraft to its nearest neighbour, and the ratio of separation to the required one."""
+    required = required_separation(sheet.scenario)
+    positions = np.stack([sheet.dataset[name].values for name in _POSITION], axis=-1)
+    end_index = np.full(sheet.count, len(sheet.time) - 1)
+    figure, panels = sheet.panels(1 if required is None else 2)
+    _draw_lines(panels[0], sheet, nearest_aircraft_distance(positions), end_index)
     panels[0].set_ylabel(_short(sheet, "Least distance to another (m)", "Distance (m)"))
-    _logarithmic(panels[0], sheet, _required(sheet, "separation_min_m", is_upper=False))
+    _make_logarithmic(panels[0], sheet, _requirement(sheet, "separation_min_m", is_upper=False))
     note = ""
-    if asked is not None:
-        _lines(panels[1], sheet, nearest_aircraft_distance(places, asked), end)
+    if required is not None:
+        _draw_lines(panels[1], sheet, nearest_aircraft_distance(positions, required), end_index)
         panels[1].set_ylabel(_short(sheet, "Distance over separation", "Distance over\nseparation"))
-        above = f", or {asked[1]:g} m in altitude" if asked[1] else " in the plane"
-        _logarithmic(panels[1], sheet, Limit(1.0, False, "asked for"))
-        note = f"separation asked for: {asked[0]:g} m{above}"
+        above = f", or {required[1]:g} m in altitude" if required[1] else " in the plane"
+        _make_logarithmic(panels[1], sheet, Limit(1.0, False, "asked for"))
+        note = f"separation asked for: {required[0]:g} m{above}"
     return sheet.finish(figure, panels, "distances between the aircraft", note)
 
 
-def _required(sheet: FlightSheet, key: str, *, is_upper: bool) -> Limit | None:
-    """What a scenario requires of a distance; None where it requires nothing."""
+def _requirement(sheet: FlightSheet, key: str, *, is_upper: bool) -> Limit | None:
+    """Limit line for a distance required by the scenario; None without a requirement."""
     value = sheet.scenario.get("requirements", {}).get(key)
     return None if value is None else Limit(float(value), is_upper, f"required: {value:g} m")
 
@@ -320,39 +322,39 @@ def _short(sheet: FlightSheet, label: str, short: str) -> str:
     return label if len(label) <= sheet.label_capacity(sheet.panel_height) else short
 
 
-def _lines(axes: "Axes", sheet: FlightSheet, values: np.ndarray, until: np.ndarray) -> None:
-    """One line for each aircraft up to an index of its own."""
+def _draw_lines(axes: "Axes", sheet: FlightSheet, values: np.ndarray, end_index: np.ndarray) -> None:
+    """Draw a line for each aircraft up to the given index."""
     for line_style in sheet.line_styles:
-        upto = slice(0, int(until[line_style.index]) + 1)
-        every = (
-            marker_interval(int(until[line_style.index]) + 1, line_style.index, sheet.count)
+        samples = slice(0, int(end_index[line_style.index]) + 1)
+        marker_spacing = (
+            marker_interval(int(end_index[line_style.index]) + 1, line_style.index, sheet.count)
             if sheet.has_few_aircraft
             else None
         )
         label = sheet.name(line_style.index)
         axes.plot(
-            sheet.time[upto],
-            values[upto, line_style.index],
+            sheet.time[samples],
+            values[samples, line_style.index],
             label=label,
-            markevery=every,
+            markevery=marker_spacing,
             **sheet.line_properties(line_style),
         )
-    axes.set_xlim(float(sheet.time[0]), float(sheet.time[until.max()]))
+    axes.set_xlim(float(sheet.time[0]), float(sheet.time[end_index.max()]))
 
 
-def _logarithmic(axes: "Axes", sheet: FlightSheet, limit: Limit | None) -> None:
-    """Make the scale of a panel logarithmic, draw a limit with its words, and name the lines."""
+def _make_logarithmic(axes: "Axes", sheet: FlightSheet, limit: Limit | None) -> None:
+    """Make the axis logarithmic, draw a limit with its label, and name the lines."""
     axes.set_yscale("log")
     if limit is not None:
         low, high = axes.get_ylim()
         axes.set_ylim(min(low, 0.6 * limit.value), max(high, 1.5 * limit.value))
         draw_labelled_limit(axes, limit)
-    _named(axes, sheet)
+    _label_lines(axes, sheet)
 
 
-def _named(axes: "Axes", sheet: FlightSheet) -> None:
+def _label_lines(axes: "Axes", sheet: FlightSheet) -> None:
     if sheet.has_line_names:
-        lines = zip(axes.lines, sheet.line_styles, strict=False)  # further lines are limits
-        drawn = [(line_style, *(np.asarray(values) for values in line.get_data())) for line, line_style in lines]
-        ends = [find_line_end(x, y, sheet.label(line_style), line_style) for line_style, x, y in drawn]
-        label_line_ends(axes, ends, sheet.panel_height)
+        lines = zip(axes.lines, sheet.line_styles, strict=False)  # the remaining lines are limits
+        line_data = [(line_style, *(np.asarray(values) for values in line.get_data())) for line, line_style in lines]
+        line_ends = [find_line_end(x, y, sheet.label(line_style), line_style) for line_style, x, y in line_data]
+        label_line_ends(axes, line_ends, sheet.panel_height)

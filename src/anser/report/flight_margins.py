@@ -1,4 +1,4 @@
-"""How much of every requirement and limit a flight used, the tightest first."""
+"""Margins of a flight: how far requirements and limits were used, the tightest first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,33 +9,33 @@ import xarray as xr
 
 from anser.report.derived_variables import aircraft_limits
 
-_Row = Mapping[str, Any]
+_Table = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
 class Margin:
-    """What was left to one requirement or limit.
+    """Margin to one requirement or limit.
 
     Attributes
     ----------
-    what
-        In words.
+    description
+        Description of the quantity.
     kind
-        "requirement": not meeting it fails the flight; "limit": of the plan and the autopilot.
+        "requirement" (the flight fails if it is not met) or "limit" (of the plan and the autopilot).
     unit
-        Of value and limit; empty where there is none.
+        Unit of value and limit; empty for a number without a unit.
     limit, value
-        What was allowed, and the worst of the flight; None where there is no value.
-    most
-        Whether the limit is an upper one.
-    met
-        Whether it was kept.
-    who
-        Whose value it is; empty where it is the fleet's.
-    when_s
-        When, s; None where it is of no instant or not known.
+        Allowed value, and the worst value of the flight; the value may be missing.
+    is_upper
+        Whether the limit is an upper limit.
+    is_met
+        Whether the value is within the limit.
+    aircraft
+        Name of the aircraft with the worst value; empty for a quantity of the fleet.
+    time_s
+        Time of the worst value, s; None if unknown.
     after_arrival
-        Whether the limit was kept up to the arrivals and passed only in the hold after them.
+        Whether the limit was exceeded only in the hold after the arrival.
     """
 
     description: str
@@ -51,9 +51,9 @@ class Margin:
 
     @property
     def utilization(self) -> float | None:
-        """Part of the way to the limit, 1 at the limit: value over limit, or limit over value for a lower one.
+        """Utilization of the limit, 1 at the limit: value over limit, or limit over value for a lower limit.
 
-        None where there is no value. A value on the other side of 0 than its limit has used nothing.
+        None without a value. If value and limit have opposite signs: 0 if the limit is met, otherwise infinite.
         """
         if self.value is None:
             return None
@@ -61,12 +61,12 @@ class Margin:
             return 0.0 if self.is_met else np.inf
         if self.value * self.limit <= 0.0:
             return 0.0 if self.is_met else np.inf
-        # a lower limit below 0 is met from above like an upper one above 0: the value grows towards it
+        # a negative lower limit is approached with growing magnitude, like a positive upper limit
         return self.value / self.limit if self.is_upper == (self.limit > 0.0) else self.limit / self.value
 
 
-# Requirement: words, unit, key of the row of an aircraft whose worst value it is, whether the limit is an upper one.
-_WORDS: dict[str, tuple[str, str, str | None, bool]] = {
+# Requirement: description, unit, key of the aircraft's summary with the value, whether the limit is an upper limit.
+_REQUIREMENTS: dict[str, tuple[str, str, str | None, bool]] = {
     "miss_max_m": ("Miss of the rendezvous", "m", "miss_m", True),
     "arrival_error_max_s": ("Arrival off its planned time", "s", None, True),
     "arrival_spread_max_s": ("Arrival spread, first to last", "s", None, True),
@@ -80,8 +80,8 @@ _WORDS: dict[str, tuple[str, str, str | None, bool]] = {
     "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),
     "clearance_airborne_min_m": ("Distance to an airborne goal", "m", "clearance_min_m", False),
 }
-_OF_SEVERAL = ("arrival_spread_max_s", "separation_ratio_min", "separation_min_m")
-# Variable, key of the limit, sign on it, words, unit.
+_FLEET_REQUIREMENTS = ("arrival_spread_max_s", "separation_ratio_min", "separation_min_m")
+# Variable, key of the limit, sign (see `_limit`), description, unit.
 _LIMITS = (
     ("bank_deg", "bank_max_deg", 1, "Bank angle to the right", "°"),
     ("bank_deg", "bank_max_deg", -1, "Bank angle to the left", "°"),
@@ -97,99 +97,116 @@ _LIMITS = (
 
 
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
-    """Margins of a flight, the one that used most of its limit first; what was not met in time stands before all.
+    """Margins of a flight, sorted by utilization; those not met before the arrival come first.
 
-    Requirements are those of the summary, as it judged them; the limits are those of each aircraft, over the whole
-    record, and of a limit that differs between them the margin that is tightest is told.
+    Requirements are taken from the summary with its judgement. Limits are those of each aircraft over the whole record;
+    of a limit that differs between aircraft, only the tightest margin is listed.
 
     Parameters
     ----------
     dataset
-        With the derived variables.
+        The flight with the derived variables.
     summary
-        As the run holds it.
+        Content of `summary.json`.
     """
-    alone = len(summary["aircraft"]) == 1  # nothing to arrive with, nothing to keep away from
-    found = [
+    is_single = len(summary["aircraft"]) == 1
+    flight_margins = [
         _requirement(entry, summary["aircraft"], dataset)
         for entry in summary["requirements"]
-        if not (alone and entry["name"] in _OF_SEVERAL)
+        if not (is_single and entry["name"] in _FLEET_REQUIREMENTS)
     ]
     limits = aircraft_limits(dataset)
-    arrivals = {row["name"]: row["arrival_s"] for row in summary["aircraft"]}
-    ends = [np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values]
-    flying = dataset["time"].values[:, np.newaxis] <= np.array(ends)
-    for name, key, sign, words, unit in _LIMITS:
-        own = np.array([np.nan if row.get(key) is None else row[key] for row in limits], dtype=float)
+    arrivals = {aircraft["name"]: aircraft["arrival_s"] for aircraft in summary["aircraft"]}
+    arrival_times = [
+        np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values
+    ]
+    is_before_arrival = dataset["time"].values[:, np.newaxis] <= np.array(arrival_times)
+    for name, key, sign, description, unit in _LIMITS:
+        limit_values = np.array(
+            [np.nan if aircraft.get(key) is None else aircraft[key] for aircraft in limits], dtype=float
+        )
         margins = [
             _limit(
-                dataset, flying, np.where(own == limit, dataset[name].values, np.nan), float(limit), sign, words, unit
+                dataset,
+                is_before_arrival,
+                np.where(limit_values == limit, dataset[name].values, np.nan),
+                float(limit),
+                sign,
+                description,
+                unit,
             )
-            for limit in dict.fromkeys(own[np.isfinite(own)].tolist())
+            for limit in dict.fromkeys(limit_values[np.isfinite(limit_values)].tolist())
         ]
-        found += sorted(margins, key=_place)[:1]
-    return sorted(found, key=_place)
+        flight_margins += sorted(margins, key=_sort_key)[:1]
+    return sorted(flight_margins, key=_sort_key)
 
 
-def _place(margin: Margin) -> tuple[bool, float]:
-    """Order of margins: what was not met in time, then by how much of the limit was used."""
+def _sort_key(margin: Margin) -> tuple[bool, float]:
+    """Sort key of a margin: not met before the arrival first, then by decreasing utilization."""
     return margin.is_met or margin.after_arrival, -np.inf if margin.utilization is None else -margin.utilization
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Least distance between two aircraft at an instant of the record, m; when, s; and which two. None without two."""
+    """Least recorded distance between two aircraft, m, its time, s, and both names; None for a single aircraft."""
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
     nearest = dataset["distance_min_m"].values
-    row, one = np.unravel_index(np.nanargmin(nearest), nearest.shape)
-    places = np.stack([dataset[name].values[row] for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    away = np.linalg.norm(places - places[one], axis=-1)
-    away[one] = np.inf
+    sample, index = np.unravel_index(np.nanargmin(nearest), nearest.shape)
+    positions = np.stack([dataset[name].values[sample] for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    distances = np.linalg.norm(positions - positions[index], axis=-1)
+    distances[index] = np.inf
     names = [str(name) for name in dataset["aircraft"].values]
-    other = int(np.nanargmin(away))
-    return float(nearest[row, one]), float(dataset["time"].values[row]), names[int(one)], names[other]
+    neighbour = int(np.nanargmin(distances))
+    return float(nearest[sample, index]), float(dataset["time"].values[sample]), names[int(index)], names[neighbour]
 
 
-def _requirement(entry: _Row, rows: Sequence[_Row], dataset: xr.Dataset) -> Margin:
+def _requirement(entry: _Table, fleet: Sequence[_Table], dataset: xr.Dataset) -> Margin:
     name = entry["name"]
-    words, unit, key, most = _WORDS.get(name, (name, "", None, "max" in name))
-    who, when = "", None
+    description, unit, key, is_upper = _REQUIREMENTS.get(name, (name, "", None, "max" in name))
+    aircraft, time_s = "", None
     if key is not None and entry["value"] is not None:
-        match = next((row for row in rows if row[key] == entry["value"]), None)
-        who = str(match["name"]) if match else ""
+        match = next((aircraft_row for aircraft_row in fleet if aircraft_row[key] == entry["value"]), None)
+        aircraft = str(match["name"]) if match else ""
     elif name == "arrival_error_max_s" and entry["value"] is not None:
-        pairs = [(r["arrival_s"], r["planned_arrival_s"], r["name"]) for r in rows]
-        off = [(abs(a - p), who) for a, p, who in pairs if a is not None and p is not None]
-        who = str(max(off)[1]) if off else ""
+        pairs = [(r["arrival_s"], r["planned_arrival_s"], r["name"]) for r in fleet]
+        errors = [(abs(a - p), aircraft) for a, p, aircraft in pairs if a is not None and p is not None]
+        aircraft = str(max(errors)[1]) if errors else ""
     elif name == "separation_ratio_min" and "separation_kept" in dataset:
-        _, who, when = _extreme(dataset, dataset["separation_kept"].values, False)
-    elif name == "separation_min_m" and (apart := closest_pair(dataset)) is not None:
-        who, when = f"{apart[2]} and {apart[3]}", apart[1]
-    return Margin(words, "requirement", unit, entry["limit"], entry["value"], most, bool(entry["met"]), who, when)
+        _, aircraft, time_s = _extreme_value(dataset, dataset["separation_kept"].values, False)
+    elif name == "separation_min_m" and (pair := closest_pair(dataset)) is not None:
+        aircraft, time_s = f"{pair[2]} and {pair[3]}", pair[1]
+    return Margin(
+        description, "requirement", unit, entry["limit"], entry["value"], is_upper, bool(entry["met"]), aircraft, time_s
+    )
 
 
-def _extreme(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
-    """Least or greatest of values over (time, aircraft), whose it is and when, s; None where there is none."""
+def _extreme_value(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
+    """Least or greatest value over (time, aircraft), with aircraft and time, s; (None, "", None) if none is finite."""
     if not np.isfinite(values).any():
         return None, "", None
-    row, column = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
-    return float(values[row, column]), str(dataset["aircraft"].values[column]), float(dataset["time"].values[row])
+    sample, index = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
+    return float(values[sample, index]), str(dataset["aircraft"].values[index]), float(dataset["time"].values[sample])
 
 
 def _limit(
-    dataset: xr.Dataset, flying: np.ndarray, values: np.ndarray, limit: float, sign: int, words: str, unit: str
+    dataset: xr.Dataset,
+    is_before_arrival: np.ndarray,
+    values: np.ndarray,
+    limit: float,
+    sign: int,
+    description: str,
+    unit: str,
 ) -> Margin:
-    """Margin to a limit: sign 1 upper, 0 lower, -1 lower at the limit with the opposite sign, told as an upper one.
+    """Margin to a limit. Sign 1: upper limit; 0: lower; -1: lower limit at minus the value, shown as an upper limit.
 
-    `flying` tells, of the shape (time, aircraft), what lies up to the aircraft's arrival; values that are not judged
-    are NaN.
+    `is_before_arrival` has the shape (time, aircraft); values outside the evaluation are NaN.
     """
     values = -values if sign == -1 else values
-    most = sign != 0
-    value, who, when = _extreme(dataset, values, most)
+    is_upper = sign != 0
+    value, aircraft, time_s = _extreme_value(dataset, values, is_upper)
     if value is None:
-        return Margin(words, "limit", unit, limit, None, most, False)
-    met = value <= limit if most else value >= limit
-    passed = values > limit if most else values < limit
-    later = not met and not bool(np.any(passed & flying))
-    return Margin(words, "limit", unit, limit, value, most, met, who, when, later)
+        return Margin(description, "limit", unit, limit, None, is_upper, False)
+    is_met = value <= limit if is_upper else value >= limit
+    exceeded = values > limit if is_upper else values < limit
+    after_arrival = not is_met and not bool(np.any(exceeded & is_before_arrival))
+    return Margin(description, "limit", unit, limit, value, is_upper, is_met, aircraft, time_s, after_arrival)

@@ -1,7 +1,6 @@
 """Labels of figures and pages.
 
-Words, symbols and units of variables, limit lines with their values, names beside positions on a map and at the ends
-of lines.
+Names, symbols and units of variables, limit lines with values, names at positions on a map and at the ends of lines.
 """
 
 import html
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-_PRINTED = {
+_PRINTED_UNITS = {
     "m s-1": "m/s",
     "m s-2": "m/s²",
     "m s-4": "m/s⁴",
@@ -28,18 +27,18 @@ _PRINTED = {
     "percent": "%",
     "1": "",
 }
-_LINE_LENGTH, _SIGN_LENGTH = 26, 8
+_LINE_LENGTH, _SYMBOL_LENGTH = 26, 8
 """Characters of a label before it goes on in another line; those that a symbol with its unit takes of them."""
-_FIVE_DIGITS = 10_000.0
+_KILOMETRES_FROM_M = 10_000.0
 
 
 def printed_unit(unit: str) -> str:
-    """Print a unit as people write it; empty where there is none."""
-    return _PRINTED.get(unit, unit)
+    """Unit as printed; empty for a number without a unit."""
+    return _PRINTED_UNITS.get(unit, unit)
 
 
 def html_label(values: xr.DataArray) -> dict[str, str]:
-    """Label of a variable: `words`, `unit` as text, and `symbol` as HTML with its subscript.
+    """Label of a variable: long name (`words`), `unit` as text, and `symbol` as HTML with a subscript.
 
     Parameters
     ----------
@@ -55,59 +54,59 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 
 
 def axis_label(
-    values: xr.DataArray, words: str | None = None, in_unit: str | None = None, length: int = _LINE_LENGTH
+    values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Words, symbol and unit of a variable, long ones in several lines; other words or another unit where given."""
-    lines = textwrap.wrap(str(values.attrs["long_name"]) if words is None else words, length)
-    printed = display_unit(values) if in_unit is None else in_unit
-    sign = math_symbol(values) + (f" ({printed})" if printed else "")
-    # The symbol goes on in the last line where there is room for it.
-    text, between = "\n".join(lines), " " if len(lines[-1]) <= length - _SIGN_LENGTH else "\n"
-    return f"{text}{between}{sign}"
+    """Axis label: name, symbol and unit of a variable, wrapped; by default the variable's long name and unit."""
+    lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
+    printed = display_unit(values) if unit is None else unit
+    symbol = math_symbol(values) + (f" ({printed})" if printed else "")
+    # the symbol continues the last line if it fits
+    label, separator = "\n".join(lines), " " if len(lines[-1]) <= length - _SYMBOL_LENGTH else "\n"
+    return f"{label}{separator}{symbol}"
 
 
-def axis_scale(values: xr.DataArray, greatest: float) -> tuple[float, str]:
-    """Factor and printed unit in which an axis up to `greatest` is drawn: kilometres where metres have five digits."""
-    if str(values.attrs["units"]) == "m" and greatest >= _FIVE_DIGITS:
+def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
+    """Scale factor and unit of an axis up to `magnitude`: kilometres instead of metres from five digits on."""
+    if str(values.attrs["units"]) == "m" and magnitude >= _KILOMETRES_FROM_M:
         return 1e-3, "km"
     return 1.0, display_unit(values)
 
 
 def math_symbol(values: xr.DataArray) -> str:
-    """Symbol of a variable as matplotlib sets it: `p_N` with a subscript."""
+    """Symbol of a variable in matplotlib's mathtext; the part after an underscore becomes a subscript."""
     base, _, subscript = str(values.attrs["symbol"]).partition("_")
     return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
 
 
 def display_unit(values: xr.DataArray) -> str:
-    """Unit of a variable as it is printed; empty where there is none."""
+    """Unit of a variable as printed; empty for a number without a unit."""
     return printed_unit(str(values.attrs["units"]))
 
 
 def escape_mathtext(text: object) -> str:
-    """Text from a file, of which matplotlib is to read nothing as mathematics."""
+    """Escape text from files, so that matplotlib does not read it as mathematics."""
     return str(text).replace("$", r"\$")
 
 
 LIMIT_COLOR = "#b3261e"
 """Colour of keep-outs and of limits."""
-_LEAST_PART = 0.2  # of a panel's height that the data keep when it reaches to a limit
-_ROOM = 0.13  # beyond a limit, for its words; part of the height
-_NAMES = 3  # of aircraft that are told one by one
+_DATA_HEIGHT_MIN = 0.2  # least share of the panel's height for the data when the axis extends to a limit
+_LIMIT_LABEL_HEIGHT = 0.13  # relative to the panel's height
+_OWNERS_MAX = 3  # greatest number of aircraft that are listed
 
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of some aircraft.
+    """A limit of one or more aircraft.
 
     Attributes
     ----------
     value
-        In the unit of the panel.
+        Limit, in the unit of the panel.
     is_upper
-        Whether what is drawn is to stay below it.
-    words
-        What is written at its line.
+        Whether the limit is an upper limit.
+    label
+        Text at the limit line.
     """
 
     value: float
@@ -116,21 +115,21 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """Words for some of the aircraft of a fleet; empty for all of them."""
+    """List the aircraft concerned; empty if the whole fleet is."""
     if len(names) == fleet_size:
         return ""
-    if len(names) <= _NAMES:
+    if len(names) <= _OWNERS_MAX:
         return ", ".join(names)
-    return f"{', '.join(names[: _NAMES - 1])} and {len(names) - _NAMES + 1} more"
+    return f"{', '.join(names[: _OWNERS_MAX - 1])} and {len(names) - _OWNERS_MAX + 1} more"
 
 
 def draw_limit_line(axes: "Axes", value: float) -> None:
-    """Draw the line of a limit."""
+    """Draw a limit line."""
     axes.axhline(value, color=LIMIT_COLOR, linestyle=DASHED, linewidth=1.0, zorder=2)
 
 
 def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> None:
-    """Draw the line of a limit, with its words at the left or the right, on the side where nothing is to be."""
+    """Draw a limit line with its label at the left or right, on the forbidden side of the line."""
     draw_limit_line(axes, limit.value)
     axes.annotate(
         limit.label,
@@ -147,51 +146,55 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
     )
 
 
-def draw_limits(axes: "Axes", limits: Sequence[Limit], shown: tuple[float, float]) -> list[Limit]:
-    """Draw limits and reach to them, the nearest first, as long as the data keep some height; returns the others.
+def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
+    """Draw limits, nearest first, and extend the axis while the data keep some height; return the limits left out.
 
     Parameters
     ----------
     axes
-        Of a linear scale, its limits as the data have them.
+        Axes with a linear scale, limited to the data.
     limits
-        All that there are.
-    shown
-        Least and greatest value of the data that the panel shows.
+        Limits of the variable.
+    data_range
+        Least and greatest value of the data in the panel.
     """
-    far: list[Limit] = []
-    told = {True: 0, False: 0}
+    hidden: list[Limit] = []
+    label_counts = {True: 0, False: 0}
     low, high = axes.get_ylim()
-    size = shown[1] - shown[0]
-    for limit in sorted(limits, key=lambda one: max(shown[0] - one.value, one.value - shown[1])):
-        reach = min(low, limit.value), max(high, limit.value)
-        if size < _LEAST_PART * (reach[1] - reach[0]):
-            far.append(limit)
+    size = data_range[1] - data_range[0]
+    for limit in sorted(
+        limits, key=lambda candidate: max(data_range[0] - candidate.value, candidate.value - data_range[1])
+    ):
+        extended = min(low, limit.value), max(high, limit.value)
+        if size < _DATA_HEIGHT_MIN * (extended[1] - extended[0]):
+            hidden.append(limit)
             continue
-        low, high = reach
-        draw_labelled_limit(axes, limit, right=told[limit.is_upper] % 2 == 1)  # in turn: neighbours may be close
-        told[limit.is_upper] += 1
-    room = _ROOM * (high - low)
-    near = [limit for limit in limits if limit not in far]
+        low, high = extended
+        draw_labelled_limit(
+            axes, limit, right=label_counts[limit.is_upper] % 2 == 1
+        )  # alternate sides: neighbouring limits may be close
+        label_counts[limit.is_upper] += 1
+    label_height = _LIMIT_LABEL_HEIGHT * (high - low)
+    visible_limits = [limit for limit in limits if limit not in hidden]
     axes.set_ylim(
-        min([low, *(limit.value - room for limit in near if not limit.is_upper)]),
-        max([high, *(limit.value + room for limit in near if limit.is_upper)]),
+        min([low, *(limit.value - label_height for limit in visible_limits if not limit.is_upper)]),
+        max([high, *(limit.value + label_height for limit in visible_limits if limit.is_upper)]),
     )
-    return far
+    return hidden
 
 
 NAMES_MAX = 40
-"""Of more, none is written."""
+"""Greatest number of names in a figure; with more aircraft, no names are written."""
 MARKER_SIZE = 0.6
-"""What a mark takes of a label's room."""
-_OFFSET, _SLANT = 9.0, 0.3  # points, sines
-_LABEL = (0.16, 0.045)  # width and height of a label, as parts of the map
+"""Size of a marker, relative to a label."""
+_OFFSET, _SLANT = 9.0, 0.3  # points; least sine for an alignment to a side
+_LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 
 
 def annotate_position(
     axes: "Axes", label: str, position: tuple[float, float], towards: tuple[float, float], color: str, points: float
 ) -> None:
-    """Words in letters of some points beside a place, on the side that a unit vector points to."""
+    """Write a label of the given font size beside a position, on the side of the unit vector `towards`."""
     side, up = towards
     axes.annotate(
         label,
@@ -202,7 +205,7 @@ def annotate_position(
         fontsize=points,
         ha="left" if side > _SLANT else "right" if side < -_SLANT else "center",
         va="bottom" if up > _SLANT else "top" if up < -_SLANT else "center",
-        bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.4},  # a halo would make paths of text
+        bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.4},  # a halo would turn text into paths
         zorder=8,
     )
 
@@ -210,39 +213,45 @@ def annotate_position(
 def clear_direction(
     position: np.ndarray, towards: tuple[float, float], extent: float, occupied: list[tuple[np.ndarray, float]]
 ) -> tuple[float, float]:
-    """The wanted side, or the one next to it where a label meets nothing: middles, and what they keep off in labels."""
-    wanted = np.arctan2(towards[1], towards[0])
+    """Direction for a label: `towards`, or the nearest direction in which the label overlaps no occupied area.
+
+    Occupied areas are centres with their sizes relative to a label; the chosen label is added to the list.
+    """
+    azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
-    sides = [(float(np.cos(wanted + turn)), float(np.sin(wanted + turn))) for turn in turns]
-    box = extent * np.array(_LABEL)
-    middles = [position + box * np.array([0.75 * side, 0.9 * up]) for side, up in sides]
-    clear = [all(np.any(np.abs(middle - other) > size * box) for other, size in occupied) for middle in middles]
-    k = clear.index(True) if True in clear else 0
-    occupied.append((middles[k], 1.0))
+    sides = [(float(np.cos(azimuth + turn)), float(np.sin(azimuth + turn))) for turn in turns]
+    box = extent * np.array(_LABEL_SIZE)
+    centres = [position + box * np.array([0.75 * side, 0.9 * up]) for side, up in sides]
+    is_clear = [
+        all(np.any(np.abs(centre - occupied_centre) > size * box) for occupied_centre, size in occupied)
+        for centre in centres
+    ]
+    k = is_clear.index(True) if True in is_clear else 0
+    occupied.append((centres[k], 1.0))
     return sides[k]
 
 
 END_FONT_SIZE = 6.0
-"""Size of the letters, points."""
-_PITCH = 1.15  # from one line of letters to the next, in their size
-_AWAY = 1.07  # where names begin, in the width of the panel
-_WAY = 4  # part of a line that is its way to the end: one in so many
+"""Font size of the names at line ends, points."""
+_LINE_PITCH = 1.15  # distance of text lines relative to the font size
+_NAME_POSITION = 1.07  # left edge of the names relative to the panel's width
+_APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 
 
 @dataclass(frozen=True)
 class LineEnd:
-    """Where a line ends, and what is to be written there.
+    """End of a line, and the name written at the end.
 
     Attributes
     ----------
     x, y
-        In the units of the axes.
-    before
-        The line's height on its way there: of lines that end at one height, the higher is named above.
-    words
-        Its name.
-    pen
-        How it is drawn: the name is joined to it by a line of the same look.
+        End of the line, in data coordinates.
+    approach_y
+        Mean height of the last part of the line; of lines with equal ends, the higher one is named above.
+    label
+        Name of the line.
+    line_style
+        Style of the line and of the connection to the name.
     """
 
     x: float
@@ -253,48 +262,52 @@ class LineEnd:
 
 
 def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyle) -> LineEnd:
-    """End of a line of samples, which may have gaps."""
-    there = np.flatnonzero(np.isfinite(y))
-    if there.size == 0:
+    """End of a line of samples, possibly with gaps."""
+    finite = np.flatnonzero(np.isfinite(y))
+    if finite.size == 0:
         return LineEnd(float(x[-1]), np.nan, np.nan, label, line_style)
     return LineEnd(
-        float(x[there[-1]]), float(y[there[-1]]), float(np.nanmean(y[-(y.size // _WAY) - 1 :])), label, line_style
+        float(x[finite[-1]]),
+        float(y[finite[-1]]),
+        float(np.nanmean(y[-(y.size // _APPROACH_DIVISOR) - 1 :])),
+        label,
+        line_style,
     )
 
 
 def minimum_panel_height(count: int) -> float:
-    """Least height of a panel, inches, beside which so many names stand."""
-    return count * END_FONT_SIZE * _PITCH / 72.0
+    """Least height of a panel, inches, with room for the given number of names."""
+    return count * END_FONT_SIZE * _LINE_PITCH / 72.0
 
 
 def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -> None:
-    """Write names right of a panel, each as near to its line's end as the others let it, and joined to it.
+    """Write names at the right of a panel, each close to the end of the line and connected to it, without overlap.
 
     Parameters
     ----------
     axes
-        Its limits are final.
-    ends
-        One for each line.
+        Axes with final limits.
+    line_ends
+        Ends of the lines.
     height
-        Of the panel, inches, as nearly as it is known.
+        Approximate height of the panel, inches.
     """
     inside = [end for end in line_ends if np.isfinite(end.y)]
     if not inside:
         return
-    # from the data to the part of the axes' height, whatever the scale
-    to_part = axes.transScale + axes.transLimits
-    wanted = np.array([to_part.transform((end.x, end.y))[1] for end in inside])
-    gap = END_FONT_SIZE * _PITCH / 72.0 / height
-    before = np.array([end.approach_y for end in inside])
-    order = np.lexsort((before, np.round(wanted / gap)))  # by the last key first
-    places = spread_positions(np.maximum.accumulate(wanted[order]), gap)
-    for k, place in zip(order, places, strict=True):
+    # valid for linear and logarithmic axes
+    to_axes_fraction = axes.transScale + axes.transLimits
+    end_heights = np.array([to_axes_fraction.transform((end.x, end.y))[1] for end in inside])
+    gap = END_FONT_SIZE * _LINE_PITCH / 72.0 / height
+    approach_heights = np.array([end.approach_y for end in inside])
+    order = np.lexsort((approach_heights, np.round(end_heights / gap)))  # the last key has priority
+    name_heights = spread_positions(np.maximum.accumulate(end_heights[order]), gap)
+    for k, name_height in zip(order, name_heights, strict=True):
         end = inside[k]
         axes.annotate(
             end.label,
             (end.x, end.y),
-            xytext=(_AWAY, place),
+            xytext=(_NAME_POSITION, name_height),
             textcoords="axes fraction",
             color=end.line_style.color,
             fontsize=END_FONT_SIZE,
@@ -313,22 +326,30 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Places from 0 to 1 nearest to those wanted (least squares) that keep a gap between neighbours.
+    """Positions from 0 to 1 with a least gap, nearest to the target positions in the least-squares sense.
 
     Parameters
     ----------
-    wanted
-        Increasing, shape (n,).
+    target_positions
+        Target positions, increasing, shape (n,).
     gap
-        Least difference of neighbours. Where not all find room, they reach beyond 0 and 1 alike.
+        Least difference of neighbouring positions. If the range is too small, the positions exceed it evenly on both
+        sides.
     """
-    # without its gaps a place must not be less than the one before: groups of equal values, each the mean of its own
+    # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []
     for k, value in enumerate(target_positions):
         groups.append([float(value) - k * gap, 1.0])
         while len(groups) > 1 and groups[-2][0] >= groups[-1][0]:
-            (one, n), (other, m) = groups[-2:]
-            groups[-2:] = [[(one * n + other * m) / (n + m), n + m]]
-    even = np.concatenate([np.full(int(n), value) for value, n in groups])
-    room = 1.0 - gap * (len(target_positions) - 1)
-    return np.clip(even, min(0.0, room / 2.0), max(room, room / 2.0)) + gap * np.arange(len(target_positions))
+            (mean_below, count_below), (mean_above, count_above) = groups[-2:]
+            groups[-2:] = [
+                [
+                    (mean_below * count_below + mean_above * count_above) / (count_below + count_above),
+                    count_below + count_above,
+                ]
+            ]
+    ordered = np.concatenate([np.full(int(count_below), value) for value, count_below in groups])
+    highest = 1.0 - gap * (len(target_positions) - 1)
+    return np.clip(ordered, min(0.0, highest / 2.0), max(highest, highest / 2.0)) + gap * np.arange(
+        len(target_positions)
+    )

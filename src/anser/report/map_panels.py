@@ -1,4 +1,4 @@
-"""Panels over Mach number and altitude, one row for each steady flight of a survey."""
+"""Panels over Mach number and altitude, a row for each steady flight condition of a survey."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -12,78 +12,78 @@ if TYPE_CHECKING:
 
 
 EMPTY_COLOR = "#e6e6e6"
-"""Colour of what is not there."""
+"""Colour of grid cells without a value."""
 
 
 def map_panels(
     dataset: xr.Dataset, columns: int, width: float, title: str, notes: Sequence[str]
 ) -> tuple["Figure", np.ndarray, np.ndarray]:
-    """Panels with a row for each condition, labelled at the edges; below each column a place for its colours.
+    """New figure with a row of panels for each condition, and axes for a colour bar below each column.
 
     Parameters
     ----------
     dataset
-        Over condition, altitude and mach, with `condition_meaning` and the attributes of a survey.
+        Survey over condition, altitude and mach, with `condition_meaning` and the survey's attributes.
     columns
         Number of panels in a row.
     width
-        Of the figure, inches.
+        Width of the figure, inches.
     title, notes
-        First line, to which aircraft and inversion are added, and what stands below it.
+        First line of the heading, extended by aircraft and inversion, and the lines below.
 
     Returns
     -------
-    figure, panels of shape (conditions, columns), places of shape (columns,)
+    figure, panels of shape (conditions, columns), colour bar axes of shape (columns,)
     """
     from matplotlib.figure import Figure
 
     conditions = dataset["condition_meaning"].values
-    rows = len(conditions)
-    figure = Figure(figsize=(width, 1.6 + 2.0 * rows), layout="constrained")
-    grid = figure.add_gridspec(rows + 1, columns, height_ratios=[1.0] * rows + [0.07])
-    axes = np.empty((rows, columns), dtype=object)
-    for c, k in np.ndindex(rows, columns):
-        axes[c, k] = one = figure.add_subplot(grid[c, k])
-        one.set_facecolor(EMPTY_COLOR)
-        one.tick_params(labelbottom=c == rows - 1, labelleft=k == 0)
+    row_count = len(conditions)
+    figure = Figure(figsize=(width, 1.6 + 2.0 * row_count), layout="constrained")
+    grid = figure.add_gridspec(row_count + 1, columns, height_ratios=[1.0] * row_count + [0.07])
+    axes = np.empty((row_count, columns), dtype=object)
+    for c, k in np.ndindex(row_count, columns):
+        axes[c, k] = panel = figure.add_subplot(grid[c, k])
+        panel.set_facecolor(EMPTY_COLOR)
+        panel.tick_params(labelbottom=c == row_count - 1, labelleft=k == 0)
         if k == 0:
-            one.set_ylabel(f"{conditions[c]}\naltitude (km)")
-        if c == rows - 1:
-            one.set_xlabel("Mach number")
-    below = np.array([figure.add_subplot(grid[rows, k]) for k in range(columns)])
-    of = dataset.attrs
-    name = " ".join(str(of[key]) for key in ("aircraft", "variant") if key in of)
-    figure.suptitle("\n".join([f"{title}: {name}, {of['inversion']} inversion", *notes]), fontsize=10)
-    return figure, axes, below
+            panel.set_ylabel(f"{conditions[c]}\naltitude (km)")
+        if c == row_count - 1:
+            panel.set_xlabel("Mach number")
+    colorbar_axes = np.array([figure.add_subplot(grid[row_count, k]) for k in range(columns)])
+    attributes = dataset.attrs
+    name = " ".join(str(attributes[key]) for key in ("aircraft", "variant") if key in attributes)
+    figure.suptitle("\n".join([f"{title}: {name}, {attributes['inversion']} inversion", *notes]), fontsize=10)
+    return figure, axes, colorbar_axes
 
 
 def draw_column(
     figure: "Figure",
     panels: np.ndarray,
-    below: "Axes",
+    colorbar_axes: "Axes",
     dataset: xr.Dataset,
     values: np.ndarray,
     label: str,
     extend: str | None = None,
     **style: Any,
 ) -> None:
-    """One figure (condition, altitude, mach) over all conditions, with its colours below; `extend` of the colours."""
+    """Draw a quantity (condition, altitude, mach) for every condition, with a colour bar below."""
     for axes, cells in zip(panels, values, strict=True):
         draw_cells(axes, dataset, cells, **style)
-    figure.colorbar(panels[0].collections[0], cax=below, orientation="horizontal", label=label, extend=extend)
+    figure.colorbar(panels[0].collections[0], cax=colorbar_axes, orientation="horizontal", label=label, extend=extend)
 
 
 def draw_cells(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: Any) -> None:
-    """Cells about the points of the grid; nothing where the value is no number."""
-    shown = np.ma.masked_invalid(values)
+    """Draw coloured cells around the grid points; a cell without a finite value stays empty."""
+    finite_values = np.ma.masked_invalid(values)
     mach, altitude = _edges(dataset["mach"].values), _edges(dataset["altitude"].values / 1000.0)
-    axes.pcolormesh(mach, altitude, shown, linewidth=0.2, edgecolors="white", **style)
+    axes.pcolormesh(mach, altitude, finite_values, linewidth=0.2, edgecolors="white", **style)
     axes.set_xlim(mach[0], mach[-1])
     axes.set_ylim(altitude[0], altitude[-1])
 
 
 def draw_marks(axes: "Axes", dataset: xr.Dataset, mask: np.ndarray, **style: Any) -> None:
-    """A mark at each point of the grid that is chosen."""
+    """Mark the selected grid points."""
     altitude, mach = np.nonzero(mask)
     axes.scatter(dataset["mach"].values[mach], dataset["altitude"].values[altitude] / 1000.0, **style)
 

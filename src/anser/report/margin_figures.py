@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 BODE_SUFFIXES = FIGURE_SUFFIXES
-"""Kinds of files that a Bode diagram can be."""
-_OUTER = {"Body rates": ("P", "Q", "R"), "Attitude": ("mu", "alpha")}
-"""Loops of the autopilot by group; all others run through an actuator or the engine."""
+"""File formats of a Bode diagram."""
+_AUTOPILOT_LOOPS = {"Body rates": ("P", "Q", "R"), "Attitude": ("mu", "alpha")}
+"""Loops of the autopilot by group; the remaining loops run through an actuator or the engine."""
 _ENGINE = "throttle"
 _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alpha$"}
-_SHOWN_DB, _SHOWN_DEG = (-50.0, 50.0), (-360.0, 0.0)
-_LINE, _CLOSE, _BAD, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
+_GAIN_RANGE_DB, _PHASE_RANGE_DEG = (-50.0, 50.0), (-360.0, 0.0)
+_LINE, _SHORT_MARGIN, _UNSTABLE, _HELD_BACK = "#57606a", "#d55e00", "#000000", "#b8b8b8"
 _STYLE = {
     **MAP_STYLE,
     "svg.hashsalt": "anser-margins",
@@ -39,16 +39,16 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
     Parameters
     ----------
     dataset
-        As `anser.analysis.margins` makes it, of a stable closed loop.
+        Result of `anser.analysis.margins`, with a stable closed loop.
     paths
-        New files, with one of `BODE_SUFFIXES`.
+        New files, with suffixes of `BODE_SUFFIXES`.
     """
     mpl, figure = new_figure((11.0, 9.0))
     with mpl.rc_context(_STYLE):
-        groups = {"Actuators and engine": (*_of_actuators(dataset), _ENGINE), **_OUTER}
+        groups = {"Actuators and engine": (*_actuator_breakpoints(dataset), _ENGINE), **_AUTOPILOT_LOOPS}
         grid = figure.add_gridspec(3, len(groups), height_ratios=[1.0, 1.0, 1.5])
         for k, (title, names) in enumerate(groups.items()):
-            gain, phase, nyquist = (figure.add_subplot(grid[row, k]) for row in range(3))
+            gain, phase, nyquist = (figure.add_subplot(grid[grid_row, k]) for grid_row in range(3))
             gain.set_title(title)
             _bode(gain, phase, dataset, names)
             _nyquist(nyquist, dataset, names)
@@ -56,13 +56,13 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
                 gain.set_ylabel("gain of the loop (dB)")
                 phase.set_ylabel("phase of the loop (°)")
                 nyquist.set_ylabel("imaginary part")
-        of = dataset.attrs
-        name = " ".join(str(of[key]) for key in ("aircraft", "variant") if key in of)
+        attributes = dataset.attrs
+        name = " ".join(str(attributes[key]) for key in ("aircraft", "variant") if key in attributes)
         figure.suptitle(
-            f"Loops broken one at a time: {name} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m, "
-            f"{of['inversion']} inversion, sampled every {1000 * of['step_s']:g} ms\n"
-            f"Triangles: gain margins. Dots: phase margins. Shaded: closer to -1 than {of['gain_min_db']:g} dB, "
-            f"or {of['phase_min_deg']:g}° at the unit circle",
+            f"Loops broken one at a time: {name} at {attributes['speed_m_s']:g} m/s, {attributes['altitude_m']:g} m, "
+            f"{attributes['inversion']} inversion, sampled every {1000 * attributes['step_s']:g} ms\n"
+            f"Triangles: gain margins. Dots: phase margins. Shaded: closer to -1 than "
+            f"{attributes['gain_min_db']:g} dB, or {attributes['phase_min_deg']:g}° at the unit circle",
             fontsize=10,
         )
         save_figure(figure, paths)
@@ -74,9 +74,14 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        As `anser.results.margin_map_dataset` makes it.
+        Result of `anser.results.margin_map_dataset`.
     folder
-        To write into; returns the paths of its new files.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)
@@ -86,33 +91,33 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
     omega = dataset["frequency"].values
     gain_min, phase_min = dataset.attrs["gain_min_db"], dataset.attrs["phase_min_deg"]
     for k, name in enumerate(names):
-        of = dataset.sel(breakpoint=name)
+        loop = dataset.sel(breakpoint=name)
         colour = color_of(k)
-        label = _said(name)
-        gain.semilogx(omega, of["loop_gain_db"].values, color=colour, lw=1.2, label=label)
-        degrees = of["loop_phase_deg"].values
-        shown = np.mod(degrees, 360.0) - 360.0
-        # no line from one edge of the panel to the other
-        shown[1:][np.abs(np.diff(shown)) > 180.0] = np.nan
-        phase.semilogx(omega, shown, color=colour, lw=1.2, label=label)
-        for at, size, marker in (
-            (of["gain_up_at_rad_s"].item(), -of["gain_up_db"].item(), "^"),
-            (of["gain_down_at_rad_s"].item(), of["gain_down_db"].item(), "v"),
+        label = _loop_symbol(name)
+        gain.semilogx(omega, loop["loop_gain_db"].values, color=colour, lw=1.2, label=label)
+        degrees = loop["loop_phase_deg"].values
+        wrapped = np.mod(degrees, 360.0) - 360.0
+        # no line across the panel at a wrap
+        wrapped[1:][np.abs(np.diff(wrapped)) > 180.0] = np.nan
+        phase.semilogx(omega, wrapped, color=colour, lw=1.2, label=label)
+        for frequency, size, marker in (
+            (loop["gain_up_at_rad_s"].item(), -loop["gain_up_db"].item(), "^"),
+            (loop["gain_down_at_rad_s"].item(), loop["gain_down_db"].item(), "v"),
         ):
-            if np.isfinite(at) and np.isfinite(size):
-                gain.plot([at, at], [0.0, size], color=colour, lw=0.8)
-                gain.plot([at], [size], marker, color=colour, ms=5)
-        at = of["crossover_rad_s"].item()
-        if np.isfinite(at):
-            reached = float(np.interp(np.log(at), np.log(omega), degrees)) % 360 - 360
-            phase.plot([at, at], [-180, reached], color=colour, lw=0.8)
-            phase.plot([at], [reached], "o", color=colour, ms=4)
+            if np.isfinite(frequency) and np.isfinite(size):
+                gain.plot([frequency, frequency], [0.0, size], color=colour, lw=0.8)
+                gain.plot([frequency], [size], marker, color=colour, ms=5)
+        frequency = loop["crossover_rad_s"].item()
+        if np.isfinite(frequency):
+            phase_at_crossover = float(np.interp(np.log(frequency), np.log(omega), degrees)) % 360 - 360
+            phase.plot([frequency, frequency], [-180, phase_at_crossover], color=colour, lw=0.8)
+            phase.plot([frequency], [phase_at_crossover], "o", color=colour, ms=4)
     gain.axhline(0.0, color=_LINE, lw=0.8)
-    gain.axhspan(-gain_min, gain_min, color=_CLOSE, alpha=0.15, lw=0)
-    gain.set_ylim(*_SHOWN_DB)
+    gain.axhspan(-gain_min, gain_min, color=_SHORT_MARGIN, alpha=0.15, lw=0)
+    gain.set_ylim(*_GAIN_RANGE_DB)
     phase.axhline(-180.0, color=_LINE, lw=0.8)
-    phase.axhspan(-180 - phase_min, -180 + phase_min, color=_CLOSE, alpha=0.15, lw=0)
-    phase.set_ylim(*_SHOWN_DEG)
+    phase.axhspan(-180 - phase_min, -180 + phase_min, color=_SHORT_MARGIN, alpha=0.15, lw=0)
+    phase.set_ylim(*_PHASE_RANGE_DEG)
     phase.set_yticks(np.arange(-360, 1, 90))
     phase.set_xlabel("frequency (rad/s)")
     gain.tick_params(labelbottom=False)
@@ -123,19 +128,25 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
 
 
 def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Response near -1, and the region whose corners are the margins that are wanted."""
-    turn = np.linspace(0, 2 * np.pi, 181)
-    axes.plot(np.cos(turn), np.sin(turn), color=_LINE, lw=0.6)
+    """Draw the frequency response near -1, and the region whose corners are the required margins."""
+    angles = np.linspace(0, 2 * np.pi, 181)
+    axes.plot(np.cos(angles), np.sin(angles), color=_LINE, lw=0.6)
     factor, angle = 10 ** (dataset.attrs["gain_min_db"] / 20), np.radians(dataset.attrs["phase_min_deg"])
     corner = (-np.cos(angle), np.sin(angle))
     axes.fill(
-        [-factor, corner[0], -1 / factor, corner[0]], [0.0, corner[1], 0.0, -corner[1]], color=_CLOSE, alpha=0.15, lw=0
+        [-factor, corner[0], -1 / factor, corner[0]],
+        [0.0, corner[1], 0.0, -corner[1]],
+        color=_SHORT_MARGIN,
+        alpha=0.15,
+        lw=0,
     )
     for k, name in enumerate(names):
-        of = dataset.sel(breakpoint=name)
-        loop = 10 ** (of["loop_gain_db"].values / 20) * np.exp(1j * np.radians(of["loop_phase_deg"].values))
+        breakpoint_data = dataset.sel(breakpoint=name)
+        loop = 10 ** (breakpoint_data["loop_gain_db"].values / 20) * np.exp(
+            1j * np.radians(breakpoint_data["loop_phase_deg"].values)
+        )
         axes.plot(loop.real, loop.imag, color=color_of(k), lw=1.2)
-    axes.plot([-1.0], [0.0], "+", color=_BAD, ms=9, mew=1.5)
+    axes.plot([-1.0], [0.0], "+", color=_UNSTABLE, ms=9, mew=1.5)
     axes.set_xlim(-2.5, 1.5)
     axes.set_ylim(-2.5, 1.5)
     axes.set_aspect("equal")
@@ -143,72 +154,82 @@ def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
     axes.grid(color=EMPTY_COLOR, lw=0.5)
 
 
-def _said(breakpoint: str) -> str:
+def _loop_symbol(breakpoint: str) -> str:
     return _SYMBOLS.get(breakpoint, surface_label(breakpoint))
 
 
-def _of_actuators(dataset: xr.Dataset) -> list[str]:
-    inner = {_ENGINE, *(name for group in _OUTER.values() for name in group)}
+def _actuator_breakpoints(dataset: xr.Dataset) -> list[str]:
+    inner = {_ENGINE, *(name for group in _AUTOPILOT_LOOPS.values() for name in group)}
     return [name for name in dataset["breakpoint"].values.tolist() if name not in inner]
 
 
 def _actuators(dataset: xr.Dataset) -> "Figure":
-    names = _of_actuators(dataset)
-    notes = _notes(dataset, "Least of " + ", ".join(map(_said, names)) + ", one loop broken at a time.")
-    figure, axes, below = map_panels(dataset, 4, 12.0, "Margins at the actuators", notes)
-    of = dataset.sel(breakpoint=names)
+    names = _actuator_breakpoints(dataset)
+    notes = _notes(dataset, "Least of " + ", ".join(map(_loop_symbol, names)) + ", one loop broken at a time.")
+    figure, axes, colorbar_axes = map_panels(dataset, 4, 12.0, "Margins at the actuators", notes)
+    actuator_data = dataset.sel(breakpoint=names)
     columns = (
         ("gain margin (dB)", "gain_margin_db", (0.0, 12.0)),
         ("phase margin (°)", "phase_margin_deg", (0.0, 90.0)),
         ("delay margin (ms)", "delay_margin_ms", (0.0, 40.0)),
         ("disk margin, all at once", "actuators_disk_margin", (0.0, 2.0)),
     )
-    short = np.any(of["short"].values, axis=-1)
-    for k, (label, name, ends) in enumerate(columns):
-        values = of[name].values
-        least = values.min(axis=-1) if values.ndim == 4 else values
-        draw_column(figure, axes[:, k], below[k], dataset, np.minimum(least, ends[1]), label, **_scale(*ends))
+    is_short = np.any(actuator_data["short"].values, axis=-1)
+    for k, (label, name, color_range) in enumerate(columns):
+        values = actuator_data[name].values
+        least_margin = values.min(axis=-1) if values.ndim == 4 else values
+        draw_column(
+            figure,
+            axes[:, k],
+            colorbar_axes[k],
+            dataset,
+            np.minimum(least_margin, color_range[1]),
+            label,
+            **_scale(*color_range),
+        )
         for c in range(len(axes)):
-            _mark(axes[c, k], dataset, c, short[c])
+            _mark(axes[c, k], dataset, c, is_short[c])
     return figure
 
 
 def _loops(dataset: xr.Dataset) -> "Figure":
-    actuators = _of_actuators(dataset)
+    actuators = _actuator_breakpoints(dataset)
     names = [name for name in dataset["breakpoint"].values.tolist() if name not in actuators]
     notes = _notes(dataset, "Disk margin of each loop: gain and phase change at the same time.")
-    figure, axes, below = map_panels(dataset, len(names), 1.2 + 2.2 * len(names), "Loops inside the autopilot", notes)
+    figure, axes, colorbar_axes = map_panels(
+        dataset, len(names), 1.2 + 2.2 * len(names), "Loops inside the autopilot", notes
+    )
     for k, name in enumerate(names):
-        of = dataset.sel(breakpoint=name)
-        axes[0, k].set_title(_said(name))
-        disk = np.minimum(of["disk_margin"].values, 2.0)
-        draw_column(figure, axes[:, k], below[k], dataset, disk, "disk margin", **_scale(0.0, 2.0))
+        loop = dataset.sel(breakpoint=name)
+        axes[0, k].set_title(_loop_symbol(name))
+        disk = np.minimum(loop["disk_margin"].values, 2.0)
+        draw_column(figure, axes[:, k], colorbar_axes[k], dataset, disk, "disk margin", **_scale(0.0, 2.0))
         for c in range(len(axes)):
-            _mark(axes[c, k], dataset, c, of["short"].values[c])
+            _mark(axes[c, k], dataset, c, loop["short"].values[c])
     return figure
 
 
-def _notes(dataset: xr.Dataset, words: str) -> tuple[str, str]:
-    of = dataset.attrs
+def _notes(dataset: xr.Dataset, first_line: str) -> tuple[str, str]:
+    attributes = dataset.attrs
     return (
-        words,
-        f"Cross: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g}°. Black: unstable. "
+        first_line,
+        f"Cross: less than {attributes['gain_min_db']:g} dB or {attributes['phase_min_deg']:g}°. Black: unstable. "
         "Dark grey: held back by a limit of the autopilot. Light grey: no steady flight.",
     )
 
 
 def _scale(low: float, high: float) -> dict[str, Any]:
-    """Colours of a margin; what is beyond the end of the scale, or infinite, has the colour of the end."""
+    """Colour scale of a margin; values beyond the scale, infinity included, take the colour at the end."""
     return {"extend": "max", "cmap": "viridis", "vmin": low, "vmax": high}
 
 
-def _mark(axes: "Axes", dataset: xr.Dataset, condition: int, short: np.ndarray) -> None:
+def _mark(axes: "Axes", dataset: xr.Dataset, condition: int, is_short: np.ndarray) -> None:
     from matplotlib.colors import ListedColormap
 
     meanings = dataset["closed_loop"].attrs["flag_meanings"].split()
     state = dataset["closed_loop"].values[condition]
-    for what, colour in (("held_back", _HELD_BACK), ("unstable", _BAD)):
-        cells = np.where(state == meanings.index(what), 1.0, np.nan)
+    for state_name, colour in (("held_back", _HELD_BACK), ("unstable", _UNSTABLE)):
+        cells = np.where(state == meanings.index(state_name), 1.0, np.nan)
         if np.isfinite(cells).any():
             draw_cells(axes, dataset, cells, cmap=ListedColormap([colour]))
-    draw_marks(axes, dataset, short, marker="x", color=_CLOSE, s=18, linewidths=1.4)
+    draw_marks(axes, dataset, is_short, marker="x", color=_SHORT_MARGIN, s=18, linewidths=1.4)

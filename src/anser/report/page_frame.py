@@ -1,6 +1,6 @@
 """Frame of a report page.
 
-One self-contained file with its styles and scripts, and the controls and legends that are the same for every flight.
+One self-contained file with its styles and scripts, and the controls and legends common to every flight.
 """
 
 import base64
@@ -18,20 +18,20 @@ from anser.report.style import page_colors
 def assemble_page(
     title: str, *, body_class: str, styles: Sequence[str], scripts: Sequence[str], contents: str, data: tuple[str, Any]
 ) -> str:
-    """Put a page together.
+    """Assemble a page.
 
     Parameters
     ----------
     title
-        Of the window; HTML.
-    look
-        Class of the body.
+        Title of the window; HTML.
+    body_class
+        CSS class of the body.
     styles, scripts
-        Names of assets, in their order.
+        File names of assets, in order.
     contents
         HTML of the body.
     data
-        Identifier of what the scripts read, and what they read.
+        Identifier of the script element with the data, and the data.
     """
     programs = [read_asset(name) for name in scripts]
     return f"""<!DOCTYPE html>
@@ -41,7 +41,7 @@ def assemble_page(
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark">
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; \
-script-src {" ".join(map(_hash_of, programs))}; img-src data: blob:; connect-src 'none'">
+script-src {" ".join(map(_script_hash, programs))}; img-src data: blob:; connect-src 'none'">
 <title>{title}</title>
 <link rel="icon" href="data:,">
 <style>{page_colors()}{"".join(map(read_asset, styles))}</style>
@@ -56,12 +56,12 @@ script-src {" ".join(map(_hash_of, programs))}; img-src data: blob:; connect-src
 
 
 def write_page(text: str, path: Path, *, overwrite: bool) -> None:
-    """Write a page whole or not at all: one that stood there stays until the new one is complete.
+    """Write a page atomically: an earlier page remains until the new one is complete.
 
     Raises
     ------
     FileExistsError
-        `path` exists and may not be replaced.
+        If `path` exists and `overwrite` is false.
     """
     write_file(path, text, overwrite=overwrite)
 
@@ -71,21 +71,21 @@ def read_asset(name: str) -> str:
     return files("anser.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
-def _hash_of(script: str) -> str:
-    """Name a script to the browser, which runs no other: not even one that some name would smuggle in."""
+def _script_hash(script: str) -> str:
+    """Hash of a script for the content security policy; the browser runs no script without a listed hash."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
-def _entries(marks: Sequence[tuple[str, str]]) -> str:
-    return "".join(f'<span><i style="{style}"></i>{words}</span>' for style, words in marks)
+def _legend_entries(marks: Sequence[tuple[str, str]]) -> str:
+    return "".join(f'<span><i style="{style}"></i>{text}</span>' for style, text in marks)
 
 
 def toolbar() -> str:
-    """Buttons of the views, the scale of heights, the switch of the plan."""
+    """Controls of the scene: view, vertical scale, display of the plan."""
     views = (("overview", "Overview"), ("above", "From above"), ("follow", "Follow"), ("behind", "From behind"))
     buttons = "".join(
-        f'<button type="button" data-view="{key}" aria-pressed="{str(key == "overview").lower()}">{words}</button>'
-        for key, words in views
+        f'<button type="button" data-view="{key}" aria-pressed="{str(key == "overview").lower()}">{label}</button>'
+        for key, label in views
     )
     lifts = "".join(f'<option value="{k}">×{k}</option>' for k in (1, 2, 3, 5))
     return (
@@ -96,7 +96,7 @@ def toolbar() -> str:
 
 
 def scene_key(forms: Collection[str], keep_outs: bool) -> str:
-    """What the lines and marks of the scene are: only those goals that it has, and keep-outs where there are any."""
+    """Legend of the scene; forms of goals and keep-outs are listed if present."""
     entries = [
         ("width:18px;border-top:3px solid var(--c0)", "flown so far"),
         ("width:18px;border-top:1px dashed var(--ink)", "planned"),
@@ -111,12 +111,12 @@ def scene_key(forms: Collection[str], keep_outs: bool) -> str:
         entries.append(("width:16px;height:7px;border:1px solid var(--limit);border-radius:50%", "where none may be"))
     return (
         '<p class="key"><span class="of-screen">drag: turn (from above: shift); wheel: zoom; right drag: shift; '
-        f"click an aircraft: focus</span>{_entries(entries)}{goal_form_legend(forms)}</p>"
+        f"click an aircraft: focus</span>{_legend_entries(entries)}{goal_form_legend(forms)}</p>"
     )
 
 
 EVENTS_KEY = f"""<p class="key">{
-    _entries(
+    _legend_entries(
         [
             ("width:18px;height:10px;background:var(--approach)", "approach"),
             ("width:18px;height:10px;background:var(--frozen)", "plan frozen"),

@@ -1,4 +1,4 @@
-"""Figures of families of paths: what the shape parameters do to path, speed, turn and length."""
+"""Figures of path families: effect of the shape parameters on path, speed, course or path angle, and length."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,58 +23,66 @@ if TYPE_CHECKING:
 
 
 _FAMILIES = {
-    # parameter, its axis, what it changes most besides
+    # parameter, ordinate of the path, angle with the greatest change, heading
     "b4": ("lateral_shape_m_s4", "east_m", "course_command_deg", "Paths bent sideways"),
     "c4": ("vertical_shape_m_s4", "altitude_m", "path_angle_command_deg", "Paths bent vertically"),
 }
 
 
 def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
-    """Draw a family of paths into `shape-FAMILY` of a folder, in each of `FIGURE_SUFFIXES`; returns the new paths.
+    """Draw a family of paths into files `shape-FAMILY`, in each format of `FIGURE_SUFFIXES`.
 
     Parameters
     ----------
     dataset
-        As `anser.verification.polynomial_paths` makes it.
+        Result of `anser.verification.polynomial_paths`.
     family
         `b4` or `c4`.
     folder
-        To write into; returns the paths of its new files.
+        Output folder.
+
+    Returns
+    -------
+    tuple of Path
+        The files written.
     """
-    parameter, across, angle, words = _FAMILIES[family]
+    parameter, ordinate, angle, heading = _FAMILIES[family]
 
     def draw(dataset: xr.Dataset) -> "Figure":
         _, figure = new_figure((6.5, 5.2))
         grid = figure.subplots(2, 2)
         time = dataset["time"].values
         for k in range(dataset.sizes["path"]):
-            one = dataset.isel(path=k)
-            look = {"markevery": (4 * k, 24), **marker_style(k)}
-            label = f"{math_symbol(one[parameter])} = {_signed(one[parameter])} {display_unit(one[parameter])}"
-            grid[0, 0].plot(one["north_m"].values, one[across].values, label=label, **look)
+            path = dataset.isel(path=k)
+            style = {"markevery": (4 * k, 24), **marker_style(k)}
+            label = f"{math_symbol(path[parameter])} = {_signed(path[parameter])} {display_unit(path[parameter])}"
+            grid[0, 0].plot(path["north_m"].values, path[ordinate].values, label=label, **style)
             for axes, name in ((grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
-                axes.plot(time, one[name].values, **look)
-        for axes, name in ((grid[0, 0], across), (grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
+                axes.plot(time, path[name].values, **style)
+        for axes, name in ((grid[0, 0], ordinate), (grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
             axes.set_ylabel(axis_label(dataset[name]))
         grid[0, 0].set_xlabel(axis_label(dataset["north_m"]))
         for axes in (grid[0, 1], grid[1, 0]):
             axes.set_xlabel("Time $t$ (s)")
         lengths, values = grid[1, 1], dataset[parameter].values
-        for name, look in (
+        for name, style in (
             ("length_m", {"color": INK, "linestyle": "solid"}),
             ("length_estimate_m", {"color": MUTED, "linestyle": DASHED}),
         ):
-            members = (dataset[f"member_{of}"].values for of in (parameter, name))
-            lengths.plot(*members, label=dataset[name].attrs["long_name"], **look)
+            members = (dataset[f"member_{variable}"].values for variable in (parameter, name))
+            lengths.plot(*members, label=dataset[name].attrs["long_name"], **style)
         published = dataset["length_published_m"]
-        look = {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": INK}
-        lengths.plot(values, published.values, label=published.attrs["long_name"], **look)
+        style = {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": INK}
+        lengths.plot(values, published.values, label=published.attrs["long_name"], **style)
         lengths.set_xlabel(axis_label(dataset[parameter]))
         lengths.set_ylabel(axis_label(dataset["length_m"]))
         lengths.legend(loc="best")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
-        end = dataset["final_path_angle_deg"]
-        figure.suptitle(f"{words}: {time[-1]:g} s, {math_symbol(end)} = {_signed(end[0])}°", fontsize=LARGE)
+        final_path_angle = dataset["final_path_angle_deg"]
+        figure.suptitle(
+            f"{heading}: {time[-1]:g} s, {math_symbol(final_path_angle)} = {_signed(final_path_angle[0])}°",
+            fontsize=LARGE,
+        )
         return figure
 
     return save_drawings({f"shape-{family}": draw}, dataset, PRINT_STYLE, folder, FIGURE_SUFFIXES)

@@ -1,7 +1,6 @@
 """Style of figures and pages.
 
-Colours that the colour-blind can tell apart, line styles of aircraft, and figures for print that are written
-reproducibly.
+Colours distinguishable with colour-blindness, line styles of aircraft, and reproducible figure files.
 """
 
 import functools
@@ -21,39 +20,47 @@ if TYPE_CHECKING:
 
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#595959")
-"""Okabe and Ito (2008), without the yellow, which white paper swallows, and with a dark grey for the black of text."""
+"""Colours of Okabe and Ito (2008), without yellow, too faint on white, and with dark grey in place of black."""
 
 DARK_COLORS = ("#3D97E0", "#F0772B", "#1FBF90", "#DE93BC", "#EFB530", "#9AD6F7", "#AEB6BF")
-"""The same hues on a dark ground: each at least 3 to 1 against it, as WCAG 2.2 (1.4.11) asks of graphics."""
+"""The same hues for a dark background, each with a contrast of at least 3 to 1 (WCAG 2.2, 1.4.11)."""
 
 
 def color_of(index: int) -> str:
-    """Colour of an aircraft, by its place in the fleet; a large fleet uses each again."""
+    """Colour of an aircraft by its index in the fleet; a large fleet repeats the colours."""
     return COLORS[index % len(COLORS)]
 
 
 def page_color_of(index: int) -> str:
-    """Colour of an aircraft on a page, for CSS and SVG: the page has it in light and in dark."""
+    """Colour of an aircraft on a page as a CSS variable, defined for a light and a dark background."""
     return f"var(--c{index % len(COLORS)})"
 
 
 def page_colors() -> str:
-    """Rule of the style sheet that defines what `page_color_of` names."""
+    """Style rule with the CSS variables of `page_color_of`."""
     pairs = zip(COLORS, DARK_COLORS, strict=True)
-    return ":root { " + " ".join(f"--c{k}: light-dark({one}, {dark});" for k, (one, dark) in enumerate(pairs)) + " }"
+    return (
+        ":root { " + " ".join(f"--c{k}: light-dark({light}, {dark});" for k, (light, dark) in enumerate(pairs)) + " }"
+    )
 
 
 FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
-"""Kinds of files that a figure can be."""
+"""File formats of a figure."""
 
 INK, MUTED = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
 DASHED = (0, (4, 2))
-"""What was asked for, beside what was done."""
-_LINES: tuple[Any, ...] = ("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1)), (0, (6, 1, 1, 1, 1, 1)))
+"""Dashes of planned and commanded values."""
+_LINE_DASHES: tuple[Any, ...] = (
+    "solid",
+    (0, (6, 1.2, 1.2, 1.2)),
+    (0, (1.3, 1.0)),
+    (0, (3.2, 1.1)),
+    (0, (6, 1, 1, 1, 1, 1)),
+)
 _MARKERS, _FILLS = "os^DvPX", ("full", "none", "left")
 PRINT_STYLE: dict[str, Any] = {
-    # Text stays text and the identifiers are fixed: the same numbers make the same file.
+    # text stays text, and fixed identifiers make the files reproducible
     "svg.fonttype": "none",
     "svg.hashsalt": "anser",
     "pdf.fonttype": 42,
@@ -78,7 +85,7 @@ PRINT_STYLE: dict[str, Any] = {
     "legend.handlelength": 2.2,
 }
 MAP_STYLE: dict[str, Any] = {"svg.fonttype": "none", "pdf.fonttype": 42, "font.size": 8, "axes.titlesize": 9}
-"""Of maps over the envelope and of studies."""
+"""Style of maps over the envelope and of studies."""
 _METADATA: dict[str, dict[str, None]] = {
     ".svg": {"Date": None},
     ".png": {"Software": None},
@@ -96,13 +103,13 @@ def _matplotlib() -> Any:
 
 
 def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Matplotlib, and an empty figure of a size in inches."""
-    return _matplotlib(), _drawing_class()(figsize=size, layout="constrained")
+    """Matplotlib, and an empty figure of the given size in inches."""
+    return _matplotlib(), _figure_class()(figsize=size, layout="constrained")
 
 
 @functools.cache
-def _drawing_class() -> Any:
-    """Make the class of figures that a notebook shows, pyplot or not."""
+def _figure_class() -> Any:
+    """Figure class that a notebook displays without pyplot."""
 
     class Drawing(_matplotlib().figure.Figure):
         """A figure without a window."""
@@ -116,18 +123,18 @@ def _drawing_class() -> Any:
 
 
 def draw_for_print(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) -> "Figure":
-    """Draw a figure of a dataset in the style for print."""
+    """Draw a figure of a dataset in the print style."""
     with _matplotlib().rc_context(PRINT_STYLE):
         return draw(dataset)
 
 
 def series_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of the lines that share a panel: to be told apart in grey as well."""
-    return {"color": color_of(index), "linestyle": _LINES[index % len(_LINES)]}
+    """Colour and dashes of a line among several in a panel, distinguishable in greyscale."""
+    return {"color": color_of(index), "linestyle": _LINE_DASHES[index % len(_LINE_DASHES)]}
 
 
 def marker_style(index: int) -> dict[str, Any]:
-    """Colour and marker of an aircraft, by its place in the fleet: shape and filling alone tell 21 apart."""
+    """Colour and marker of an aircraft by its index; shape and filling alone distinguish 21 aircraft."""
     return {
         "color": color_of(index),
         "marker": _MARKERS[index % len(_MARKERS)],
@@ -138,12 +145,12 @@ def marker_style(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
-    """Write a figure to files, each of one of `FIGURE_SUFFIXES`; FileExistsError if one may not be replaced."""
+    """Write a figure to files with suffixes of `FIGURE_SUFFIXES`. Raises FileExistsError without `overwrite`."""
     for path in paths:
-        content = io.BytesIO()  # a full disk would leave matplotlib with faults of its own
+        content = io.BytesIO()  # in memory: on a full disk, matplotlib would raise misleading errors
         figure.savefig(content, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
         write_file(path, content.getvalue(), overwrite=overwrite)
-        figure.set_layout_engine("none")  # laid out once is enough
+        figure.set_layout_engine("none")  # the layout is computed only once
 
 
 def save_drawings(
@@ -155,7 +162,7 @@ def save_drawings(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style, each drawing into `NAME` and each suffix in a folder; returns the paths."""
+    """Draw a dataset in a style; write each drawing to a file `NAME` with each suffix and return the paths."""
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
@@ -165,15 +172,15 @@ def save_drawings(
     return tuple(written)
 
 
-_COLORS = 7  # then the colours begin again, with other dashes
-_DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1, 1.5)))
-_FEW = 7
+_COLOR_COUNT = 7  # a larger fleet repeats the colours with other dashes
+_FLEET_DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1, 1.5)))
+_SMALL_FLEET_MAX = 7
 _PREFIX_MIN = 3
 
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Place in the dataset, label, colour and dashes of an aircraft."""
+    """Index in the dataset, label, colour, dashes and width of an aircraft's line."""
 
     index: int
     label: str
@@ -183,28 +190,30 @@ class LineStyle:
 
 
 def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
-    """One pen for each aircraft whose path is finite at its start."""
+    """Line styles of the aircraft with a finite initial position."""
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
-    width = 1.5 if len(names) <= _FEW else 1.0 if len(names) <= 3 * _FEW else 0.6
+    width = 1.5 if len(names) <= _SMALL_FLEET_MAX else 1.0 if len(names) <= 3 * _SMALL_FLEET_MAX else 0.6
     return [
-        LineStyle(k, name[len(prefix) :], color_of(k), _DASHES[k // _COLORS % len(_DASHES)], width)
+        LineStyle(k, name[len(prefix) :], color_of(k), _FLEET_DASHES[k // _COLOR_COUNT % len(_FLEET_DASHES)], width)
         for k, name in enumerate(names)
         if np.isfinite(dataset["north_m"].values[0, k])
     ]
 
 
 def shared_prefix(dataset: xr.Dataset) -> str:
-    """What the names of a large fleet begin with alike and labels leave out; empty for a small one."""
+    """Common start of the names in a large fleet, left out of labels; empty for a small fleet."""
     names = [str(name) for name in dataset["aircraft"].values]
-    if len(names) <= _FEW:
+    if len(names) <= _SMALL_FLEET_MAX:
         return ""
-    prefix = _shared(names).rstrip("0123456789")
-    whole = all(len(name) > len(prefix) for name in names)
-    return prefix if whole and len(prefix) >= _PREFIX_MIN else ""
+    prefix = _common_start(names).rstrip("0123456789")
+    is_proper = all(len(name) > len(prefix) for name in names)
+    return prefix if is_proper and len(prefix) >= _PREFIX_MIN else ""
 
 
-def _shared(names: list[str]) -> str:
-    """Letters that all names begin with: those that the first and the last in order share."""
-    first, last = min(names), max(names)
-    differ = (k for k, (one, other) in enumerate(zip(first, last, strict=False)) if one != other)
-    return first[: next(differ, min(len(first), len(last)))]
+def _common_start(names: list[str]) -> str:
+    """Common start of the names: that of the alphabetically first and last name."""
+    lowest, highest = min(names), max(names)
+    differ = (
+        k for k, (low_letter, high_letter) in enumerate(zip(lowest, highest, strict=False)) if low_letter != high_letter
+    )
+    return lowest[: next(differ, min(len(lowest), len(highest)))]

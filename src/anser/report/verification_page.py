@@ -1,8 +1,7 @@
-"""The verification page.
+"""Verification page: Markdown with plots of the errors, from the document that `anser verify --json` prints.
 
-From the document that `anser verify --json` prints to Markdown with plots of the errors. Run as `python -m
-anser.report.verification_page DOCUMENT.json FOLDER`: writes FOLDER/verification.md and one plot per check with a
-time history into FOLDER/verification/, in place of what an earlier run wrote there.
+`python -m anser.report.verification_page DOCUMENT.json FOLDER` writes FOLDER/verification.md and a plot of each check
+with a time history into FOLDER/verification/, replacing earlier files.
 """
 
 import io
@@ -22,25 +21,26 @@ _PANELS = (
     ("Forces and moments", ("aero_",)),
     ("Air and gravity", ("",)),
 )
-"""Panel and the beginnings of the names of its quantities; the last takes the rest."""
+"""Panels and the prefixes of their quantities; the last panel takes the remaining quantities."""
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#7f7f7f")
-"""Okabe and Ito's, which colour-blind readers can tell apart."""
+"""Colours of Okabe and Ito, distinguishable with colour-blindness."""
 
 
 def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
-    """Draw the errors of every quantity of a check over time, divided by their tolerances.
+    """Draw the errors of every quantity of a check over time, divided by the tolerances.
 
     Parameters
     ----------
     check
-        One check of the document that `anser verify --json` prints.
+        A check of the document that `anser verify --json` prints.
     path
         SVG file to write.
 
     Returns
     -------
-    Whether there was something to draw: a published figure at two times or more.
+    bool
+        Whether a plot was written; a plot needs published figures at two times or more.
     """
     timed = [c for c in check["comparisons"] if c["time_s"] is not None and c["tolerance"] and c["error"] is not None]
     if len({c["time_s"] for c in timed}) < 2:
@@ -48,15 +48,17 @@ def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    # No date and fixed identifiers: the same numbers make the same file.
+    # no date and fixed identifiers make the files reproducible
     with mpl.rc_context(
         {"svg.hashsalt": check["key"], "svg.fonttype": "none", "font.size": 8, "axes.grid": True, "grid.alpha": 0.3}
     ):
         figure = Figure(figsize=(13, 7), layout="constrained")
-        for axes, (name, groups) in zip(figure.subplots(2, 3, sharex=True).flat, _sorted_panels(timed), strict=True):
+        for axes, (name, quantities) in zip(
+            figure.subplots(2, 3, sharex=True).flat, _sorted_panels(timed), strict=True
+        ):
             axes.axhspan(-1, 1, color="#0072b2", alpha=0.08, linewidth=0)
             axes.set_title(name)
-            for k, (group, members) in enumerate(groups.items()):
+            for k, (group, members) in enumerate(quantities.items()):
                 for reference in sorted({c["reference"] for c in members}):
                     line = sorted((c for c in members if c["reference"] == reference), key=lambda c: c["time_s"])
                     axes.plot(
@@ -69,7 +71,7 @@ def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
                         linewidth=1,
                     )
             axes.set_ylabel("error / tolerance")
-            if groups:
+            if quantities:
                 axes.legend(fontsize=6, ncols=2, loc="best")
         for axes in figure.axes[3:]:
             axes.set_xlabel("time (s)")
@@ -83,20 +85,20 @@ def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
 def _sorted_panels(
     comparisons: Sequence[Mapping[str, Any]],
 ) -> list[tuple[str, dict[str, list[Mapping[str, Any]]]]]:
-    """Quantities by panel: name of the panel, quantity -> its comparisons."""
+    """Comparisons by quantity for each panel, with the panel's name."""
     panels: list[tuple[str, dict[str, list[Mapping[str, Any]]]]] = [(name, {}) for name, _ in _PANELS]
     for comparison in comparisons:
         group = comparison["group"]
-        place = next(k for k, (_, starts) in enumerate(_PANELS) if group.startswith(starts))
-        panels[place][1].setdefault(group, []).append(comparison)
+        panel_index = next(k for k, (_, prefixes) in enumerate(_PANELS) if group.startswith(prefixes))
+        panels[panel_index][1].setdefault(group, []).append(comparison)
     return panels
 
 
-_ALL_ROWS = 24
-"""Checks with at most so many comparisons show all of them, others the worst of each quantity."""
+_ROWS_MAX = 24
+"""Greatest number of comparisons shown in full; of more, the worst of each quantity is shown."""
 _LISTED_TIMES = 4
 _NOT_JUDGED = "flown, not judged"
-"""Of a comparison without a published figure, as the document says of a check."""
+"""Verdict of a comparison without a published figure, as in the document."""
 _VERDICTS = {
     True: "All checks with published figures pass",
     False: "**Not all checks pass**",
@@ -113,32 +115,33 @@ what was obtained is listed.
 
 
 def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
-    """Write the page and its plots.
+    """Write the page and its plots, replacing earlier ones.
 
     Parameters
     ----------
     document
-        What `anser verify --json` prints.
+        Document that `anser verify --json` prints.
     folder
-        Of the page; the plots go into `verification` inside it. Both are written anew.
+        Folder of the page; the plots go into the subfolder `verification`.
 
     Returns
     -------
-    Path of the page.
+    Path
+        Path of the page.
     """
     folder.mkdir(parents=True, exist_ok=True)
     parts = [_HEAD, _provenance(document), _summary(document["checks"])]
-    with staged_folder(folder) as beside:
-        plots = beside / "verification"
+    with staged_folder(folder) as staging:
+        plots = staging / "verification"
         plots.mkdir()
         for check in document["checks"]:
-            drawn = plot_errors(check, plots / f"{check['key']}.svg")
-            parts.append(_section(check, f"verification/{check['key']}.svg" if drawn else None))
-        write_file(beside / "verification.md", "\n".join(parts))
+            has_plot = plot_errors(check, plots / f"{check['key']}.svg")
+            parts.append(_section(check, f"verification/{check['key']}.svg" if has_plot else None))
+        write_file(staging / "verification.md", "\n".join(parts))
         names = {path.name for path in plots.iterdir()}
-    for old in (folder / "verification").glob("*.svg"):
-        if old.name not in names:
-            old.unlink()
+    for stale in (folder / "verification").glob("*.svg"):
+        if stale.name not in names:
+            stale.unlink()
     return folder / "verification.md"
 
 
@@ -149,7 +152,7 @@ def _provenance(document: Mapping[str, Any]) -> str:
 
 
 def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
-    rows = []
+    table_rows = []
     for check in checks:
         compared = [c for c in check["comparisons"] if c["expected"] is not None]
         passed = sum(c["passed"] for c in compared)
@@ -159,8 +162,8 @@ def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
             figures += f", {without} more not judged"
         worst = f"{max(map(_severity, compared)):.2g}" if compared else ""
         result = f"**{check['verdict']}**" if check["passed"] is False else check["verdict"]
-        rows.append((f"[{check['title']}](#{_anchor(check['title'])})", figures, worst, result, check["source"]))
-    return _table(("check", "figures within tolerance", "worst error, in tolerances", "result", "source"), rows)
+        table_rows.append((f"[{check['title']}](#{_anchor(check['title'])})", figures, worst, result, check["source"]))
+    return _table(("check", "figures within tolerance", "worst error, in tolerances", "result", "source"), table_rows)
 
 
 def _section(check: Mapping[str, Any], plot: str | None) -> str:
@@ -175,10 +178,10 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
     with_figure = {c["group"] for c in comparisons if c["expected"] is not None}
     over_time = [c for c in comparisons if c["time_s"] is not None and c["group"] not in with_figure]
     if over_time:
-        lines += [f"{_NOT_JUDGED.capitalize()}:", "", _listed(over_time)]
+        lines += [f"{_NOT_JUDGED.capitalize()}:", "", _table_over_times(over_time)]
         comparisons = [c for c in comparisons if c["group"] in with_figure]
     if comparisons:
-        shown = comparisons if len(comparisons) <= _ALL_ROWS else list(_worst(comparisons))
+        shown = comparisons if len(comparisons) <= _ROWS_MAX else list(_worst_of_each_quantity(comparisons))
         head = "where" if shown is comparisons else "worst where"
         lines.append(
             _table(
@@ -201,14 +204,14 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
 
 
 def _tolerance(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
-    """Tolerance, with its reason where that differs from the check's."""
+    """Tolerance, with the reason if it differs from the check's."""
     if comparison["expected"] is None:
         return _NOT_JUDGED
-    why = comparison["why"]
-    return _figure(comparison["tolerance"], 2) + (f" ({why})" if why and why != check["why"] else "")
+    reason = comparison["why"]
+    return _figure(comparison["tolerance"], 2) + (f" ({reason})" if reason and reason != check["why"] else "")
 
 
-def _worst(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
+def _worst_of_each_quantity(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
     """Worst comparison of each quantity, in the order of the quantities."""
     by_group: dict[str, list[Mapping[str, Any]]] = {}
     for comparison in comparisons:
@@ -224,19 +227,21 @@ def _severity(comparison: Mapping[str, Any]) -> float:
     return abs(comparison["error"]) / comparison["tolerance"]
 
 
-def _listed(comparisons: Sequence[Mapping[str, Any]]) -> str:
-    """Table of quantities over some of the times."""
+def _table_over_times(comparisons: Sequence[Mapping[str, Any]]) -> str:
+    """Table of quantities at selected times."""
     times = sorted({c["time_s"] for c in comparisons})
     step = max(1, (len(times) - 1) // (_LISTED_TIMES - 1))
-    shown = [*times[:-1:step][: _LISTED_TIMES - 1], times[-1]]
+    shown_times = [*times[:-1:step][: _LISTED_TIMES - 1], times[-1]]
     values = {(c["group"], c["time_s"]): c["obtained"] for c in comparisons}
     units = {c["group"]: c["unit"] for c in comparisons}
-    rows = [(group, *(_figure(values.get((group, t))) for t in shown), unit) for group, unit in units.items()]
-    return _table(("quantity", *(f"t = {t:g} s" for t in shown), "unit"), rows)
+    table_rows = [
+        (group, *(_figure(values.get((group, t))) for t in shown_times), unit) for group, unit in units.items()
+    ]
+    return _table(("quantity", *(f"t = {t:g} s" for t in shown_times), "unit"), table_rows)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
+def _table(head: Sequence[str], body: Iterable[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *body]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines) + "\n"
 
 
@@ -245,16 +250,16 @@ def _figure(value: float | None, digits: int = 10) -> str:
 
 
 def _anchor(title: str) -> str:
-    """Anchor that Markdown renderers give a heading."""
-    kept = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -_")
-    return kept.replace(" ", "-")
+    """Anchor of a heading in rendered Markdown."""
+    letters = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -_")
+    return letters.replace(" ", "-")
 
 
-def _main(words: Sequence[str]) -> int:
-    if len(words) != 2:
+def _main(arguments: Sequence[str]) -> int:
+    if len(arguments) != 2:
         sys.stderr.write("expected two arguments: the document that `anser verify --json` printed, and a folder\n")
         return 2
-    source, folder = Path(words[0]), Path(words[1])
+    source, folder = Path(arguments[0]), Path(arguments[1])
     try:
         document = json.loads(read_file(source, 64 * MIB).decode())
     except (OSError, ValueError, RecursionError) as error:

@@ -162,7 +162,7 @@ def test_tables_of_a_campaign_by_pandas(tmp_path):
     answers = {"probability": 0.5, "low": 0.0, "high": 1.0, "flights": 2, "flown": 2, "met": 1, "independent": 2}
     answers |= {"confidence": 0.95, "causes": {}, "quantiles": [quantile | {"value": 0.0, "low": None, "high": None}]}
     index = {"output": "met", "path": "a", "measure": "first", "value": 0.0, "low": None, "high": 1.0}
-    write_campaign_tables(dataset, answers, {"found": [index], "without": {}}, tmp_path)
+    write_campaign_tables(dataset, answers, {"entries": [index], "not_computed": {}}, tmp_path)
     flights = pd.read_parquet(tmp_path / "flights.parquet")
     assert flights["met"].tolist() == [True, False]
     assert flights["reason"].tolist() == ["", "made up"]

@@ -1,4 +1,4 @@
-"""Exports of a flight to other programs' formats."""
+"""Exports of a flight to the file formats of other programs."""
 
 import lazy_loader
 

@@ -19,40 +19,40 @@ from anser.report.exports.geography import (
 )
 from anser.report.style import color_of
 
-# Decimals: 1e-9 deg of arc and 1e-4 m are a tenth of a millimetre, 1e-8 of a quaternion a hundredth of a second of arc.
+# decimals: 1e-9 deg of arc and 1e-4 m are 0.1 mm, 1e-8 of a quaternion is 0.01 seconds of arc
 _DEGREES, _METRES, _QUATERNION, _SECONDS = 9, 4, 8, 6
-# Forward, across, up, m: larger than life, to be seen from a few kilometres.
+# forward, across, up, m; enlarged to be visible from a few kilometres
 _SLAB_M = (60.0, 40.0, 4.0)
 _INK, _PAPER = (27, 31, 36, 255), (255, 255, 255, 255)
-_RATE = 4.0  # seconds of flight in a second of looking
+_RATE = 4.0  # seconds of flight in a second of playback
 
 
 def to_czml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
     """Write a flight as CZML 1.0.
 
-    Each aircraft is a point with a label, the trail behind it and a slab that shows its attitude; each goal and each
-    rendezvous is a point, joined to its goal by a line. No model and no picture is referred to.
+    An aircraft is a point with a label, a trail and a flat box that shows the attitude. A goal is a point with a label;
+    a rendezvous is a point, joined to the goal by a line. The file refers to no external model or image.
 
     Parameters
     ----------
     dataset, summary
-        A flight, as `flight.nc` and `summary.json` hold it.
+        A flight: the contents of `flight.nc` and `summary.json`.
     start
-        Date and time at which the flight's time is 0.
+        Date and time of the flight's time 0.
     """
     packets = list(_packets(dataset, summary, start))
     return json.dumps(packets, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
 
 
 def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> Iterator[dict[str, Any]]:
-    first, last = (float(dataset["time"].values[k]) for k in (0, -1))
+    start_s, end_s = (float(dataset["time"].values[k]) for k in (0, -1))
     yield {
         "id": "document",
         "name": str(summary["scenario"]["name"]),
         "version": "1.0",
         "clock": {
-            "interval": _interval(start, first, last),
-            "currentTime": iso_timestamp(start, first),
+            "interval": _interval(start, start_s, end_s),
+            "currentTime": iso_timestamp(start, start_s),
             "multiplier": _RATE,
             "range": "LOOP_STOP",
             "step": "SYSTEM_CLOCK_MULTIPLIER",
@@ -62,14 +62,14 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
     for track in goal_tracks(dataset, summary):
         if track.sample_index.size:
             yield _point(track, goals[track.name], start, _INK, _PAPER) | {"label": _label(track.name, _INK)}
-    for index, row in enumerate(summary["aircraft"]):
-        yield from _aircraft(dataset, row, index, start)
-        met = rendezvous_track(dataset, summary, index)
-        if met.sample_index.size:
-            yield _point(met, f"rendezvous-{index}", start, _PAPER, _rgba(index)) | {
+    for index, aircraft in enumerate(summary["aircraft"]):
+        yield from _aircraft(dataset, aircraft, index, start)
+        rendezvous = rendezvous_track(dataset, summary, index)
+        if rendezvous.sample_index.size:
+            yield _point(rendezvous, f"rendezvous-{index}", start, _PAPER, _rgba(index)) | {
                 "polyline": {
                     "positions": {
-                        "references": [f"{goals[str(row['goal'])]}#position", f"rendezvous-{index}#position"]
+                        "references": [f"{goals[str(aircraft['goal'])]}#position", f"rendezvous-{index}#position"]
                     },
                     "width": 1.0,
                     "material": _solid(_rgba(index)),
@@ -78,13 +78,15 @@ def _packets(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -
             }
 
 
-def _aircraft(dataset: xr.Dataset, row: Mapping[str, Any], index: int, start: datetime) -> Iterator[dict[str, Any]]:
+def _aircraft(
+    dataset: xr.Dataset, aircraft: Mapping[str, Any], index: int, start: datetime
+) -> Iterator[dict[str, Any]]:
     track, color = aircraft_track(dataset, index), _rgba(index)
     if not track.sample_index.size:
         return
     quaternions = earth_fixed_attitude(dataset, index, track).round(_QUATERNION)
     yield _point(track, f"aircraft-{index}", start, color, _PAPER) | {
-        "description": _description(row),
+        "description": _description(aircraft),
         "orientation": {
             "epoch": iso_timestamp(start, 0.0),
             "unitQuaternion": _flat(track.time_s.round(_SECONDS), *quaternions.T),
@@ -128,9 +130,9 @@ def _point(track: Track, key: str, start: datetime, color: tuple[int, ...], edge
     }
 
 
-def _label(words: str, color: tuple[int, ...]) -> dict[str, Any]:
+def _label(text: str, color: tuple[int, ...]) -> dict[str, Any]:
     return {
-        "text": words,
+        "text": text,
         "font": "13px sans-serif",
         "style": "FILL_AND_OUTLINE",
         "fillColor": {"rgba": list(color)},
@@ -142,16 +144,16 @@ def _label(words: str, color: tuple[int, ...]) -> dict[str, Any]:
     }
 
 
-def _description(row: Mapping[str, Any]) -> str:
-    """Cesium shows a description as HTML: what comes from files is escaped."""
-    parts = [f"goal: {row['goal']}", f"status: {row['status']}"]
-    for key, words, unit in (
+def _description(aircraft: Mapping[str, Any]) -> str:
+    """Text of the aircraft's info box. Cesium renders it as HTML, so text from files is escaped."""
+    parts = [f"goal: {aircraft['goal']}", f"status: {aircraft['status']}"]
+    for key, label, unit in (
         ("planned_arrival_s", "planned arrival", "s"),
         ("arrival_s", "arrival", "s"),
         ("miss_m", "miss", "m"),
     ):
-        if row[key] is not None:
-            parts.append(f"{words}: {row[key]:.2f} {unit}")
+        if aircraft[key] is not None:
+            parts.append(f"{label}: {aircraft[key]:.2f} {unit}")
     return "<br>".join(html.escape(part) for part in parts)
 
 

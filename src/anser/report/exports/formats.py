@@ -1,4 +1,4 @@
-"""Formats of other programs by name, and the selection of recorded times for them."""
+"""Export formats by name, and the selection of recorded times."""
 
 from collections.abc import Callable, Mapping
 from datetime import datetime
@@ -18,9 +18,9 @@ FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] =
     "parquet": lambda dataset, summary, start: to_parquet(dataset),
     "mat": lambda dataset, summary, start: to_mat(dataset),
 }
-"""Writer of each format, by name, which is also the suffix of its files.
+"""Function that writes each format, by name; the name is also the suffix of the files.
 
-A writer takes a flight's dataset, its summary and its start (date and time), and returns the content of the file."""
+The arguments are a flight's dataset, its summary and its start (date and time); the result is the file's content."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:

@@ -1,4 +1,4 @@
-"""KML with Google's tracks: what moves, with its time and attitude, for Google Earth."""
+"""KML with Google's tracks: positions and attitudes over time, for Google Earth."""
 
 import html
 import re
@@ -15,49 +15,51 @@ from anser.report.labels import printed_unit
 from anser.report.style import color_of
 
 _KML, _GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
-_ARRAYS = ("airspeed_m_s", "roll_deg", "pitch_deg", "yaw_deg")
-"""Variables that every track carries beside its place: Google Earth draws them with its profile."""
+_TRACK_VARIABLES = ("airspeed_m_s", "roll_deg", "pitch_deg", "yaw_deg")
+"""Variables attached to each aircraft track; Google Earth plots them with the elevation profile."""
 _SCHEMA = "state"
-_UNPRINTABLE = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
-"""What XML 1.0 cannot hold, however it is written."""
+_NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
+"""Characters that XML 1.0 cannot contain, not even escaped."""
 
 
 def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Write a flight as KML 2.2 with `gx:Track`: folders of aircraft, of their rendezvous, of goals.
+    """Write a flight as KML 2.2 with `gx:Track`: folders of aircraft, rendezvous and goals.
 
-    Heights are written as absolute. `gx:angles` are heading, tilt and roll as KML counts them, each clockwise about its
-    axis seen from the axis' tip: tilt and roll are minus pitch and minus roll of the flight. No model and no picture is
-    referred to. Arguments as of `to_czml`.
+    Heights are absolute. `gx:angles` are heading, tilt and roll as KML defines them, each clockwise about its axis seen
+    from the tip of the axis: tilt and roll are minus the flight's pitch and roll. The file refers to no external model
+    or image. Parameters as for `to_czml`.
     """
     root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
     document = _child(root, "Document")
     _child(document, "name", str(summary["scenario"]["name"]))
-    # Google Earth shows a description as HTML, out of which XML's own escaping has been taken by then.
+    # Google Earth renders the description as HTML after the XML escaping is decoded: it needs HTML escaping too
     _child(document, "description", html.escape(str(dataset.attrs.get("description", ""))))
-    rows = summary["aircraft"]
-    for index in range(len(rows)):
+    fleet = summary["aircraft"]
+    for index in range(len(fleet)):
         _style(document, f"aircraft-{index}", color_of(index), 1.0, 3.0)
         _style(document, f"rendezvous-{index}", color_of(index), 0.6, 1.0)
     _style(document, "goal", "#1b1f24", 0.8, 1.0)
     schema = _child(document, "Schema", id=_SCHEMA)
-    for name in _ARRAYS:
+    for name in _TRACK_VARIABLES:
         field = _child(schema, "gx:SimpleArrayField", name=name, type="float")
         unit = printed_unit(str(dataset[name].attrs["units"]))
         _child(field, "displayName", f"{dataset[name].attrs['long_name']} ({unit})")
 
     folder = _folder(document, "Aircraft")
-    for index, row in enumerate(rows):
+    for index, aircraft in enumerate(fleet):
         track = aircraft_track(dataset, index)
-        place = _placemark(folder, track, f"aircraft-{index}", start, f"goal {row['goal']}; {row['status']}")
-        if place is not None:
+        placemark = _placemark(
+            folder, track, f"aircraft-{index}", start, f"goal {aircraft['goal']}; {aircraft['status']}"
+        )
+        if placemark is not None:
             yaw, pitch, roll = (
                 dataset[name].values[track.sample_index, index] for name in ("yaw_deg", "pitch_deg", "roll_deg")
             )
             for heading, tilt, turn in zip(np.mod(yaw, 360.0), -pitch, -roll, strict=True):
-                _child(place, "gx:angles", f"{heading:.5f} {tilt:.5f} {turn:.5f}")
-            _arrays(place, dataset, index, track)
+                _child(placemark, "gx:angles", f"{heading:.5f} {tilt:.5f} {turn:.5f}")
+            _arrays(placemark, dataset, index, track)
     folder = _folder(document, "Rendezvous")
-    for index in range(len(rows)):
+    for index in range(len(fleet)):
         _placemark(folder, rendezvous_track(dataset, summary, index), f"rendezvous-{index}", start, "")
     folder = _folder(document, "Goals")
     for track in goal_tracks(dataset, summary):
@@ -66,14 +68,14 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, words: str) -> ET.Element | None:
-    """Add a placemark with a track of times and places; returns the track's element, None where nothing is finite."""
+def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, description: str) -> ET.Element | None:
+    """Add a placemark with a track; return the track's element, or None if no position is finite."""
     if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")
     _child(mark, "name", track.name)
-    if words:
-        _child(mark, "description", html.escape(words))
+    if description:
+        _child(mark, "description", html.escape(description))
     _child(mark, "styleUrl", f"#{style}")
     element = _child(mark, "gx:Track")
     _child(element, "altitudeMode", "absolute")
@@ -86,19 +88,19 @@ def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, wo
 
 def _arrays(element: ET.Element, dataset: xr.Dataset, index: int, track: Track) -> None:
     data = _child(_child(element, "ExtendedData"), "SchemaData", schemaUrl=f"#{_SCHEMA}")
-    for name in _ARRAYS:
+    for name in _TRACK_VARIABLES:
         array = _child(data, "gx:SimpleArrayData", name=name)
         for value in dataset[name].values[track.sample_index, index]:
             _child(array, "gx:value", f"{value:.5f}")
 
 
-def _style(parent: ET.Element, key: str, color: str, scale: float, width: float) -> None:
+def _style(parent: ET.Element, style_id: str, color: str, scale: float, width: float) -> None:
     red, green, blue = (color[k : k + 2] for k in (1, 3, 5))
-    turned = f"ff{blue}{green}{red}".lower()  # KML's colours are alpha, blue, green, red
-    style = _child(parent, "Style", id=key)
-    for of, field, size in (("Icon", "scale", scale), ("Label", "scale", 0.8), ("Line", "width", width)):
-        part = _child(style, f"{of}Style")
-        _child(part, "color", turned)
+    kml_color = f"ff{blue}{green}{red}".lower()  # alpha, blue, green, red
+    style = _child(parent, "Style", id=style_id)
+    for element, field, size in (("Icon", "scale", scale), ("Label", "scale", 0.8), ("Line", "width", width)):
+        part = _child(style, f"{element}Style")
+        _child(part, "color", kml_color)
         _child(part, field, f"{size:g}")
 
 
@@ -110,5 +112,5 @@ def _folder(parent: ET.Element, name: str) -> ET.Element:
 
 def _child(parent: ET.Element, tag: str, text: str | None = None, **attributes: str) -> ET.Element:
     child = ET.SubElement(parent, tag, attributes)
-    child.text = text if text is None else _UNPRINTABLE.sub("\N{REPLACEMENT CHARACTER}", text)
+    child.text = text if text is None else _NOT_IN_XML.sub("\N{REPLACEMENT CHARACTER}", text)
     return child

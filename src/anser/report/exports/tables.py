@@ -21,29 +21,29 @@ _PARQUET_LABELS = ("units", "long_name", "frame", "symbol", "flag_meanings")
 
 
 def has_parquet() -> bool:
-    """Whether the library that writes Parquet is installed."""
+    """Whether pyarrow, which writes Parquet, is installed."""
     return importlib.util.find_spec("pyarrow") is not None
 
 
 def to_csv(dataset: xr.Dataset) -> bytes:
-    """Write a flight as CSV: `time_s`, `aircraft`, then every variable; numbers in full precision, truth as 0 or 1.
+    """Write a flight as CSV: `time_s`, `aircraft`, then every variable. Numbers have full precision, flags are 0 or 1.
 
-    Texts that a spreadsheet would take for formulas get an apostrophe in front.
+    Text that a spreadsheet would read as a formula gets an apostrophe in front.
     """
     columns = {escape_spreadsheet_text(name): _csv_column(values) for name, values in _columns(dataset)}
     return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n").encode()
 
 
 def to_parquet(dataset: xr.Dataset) -> bytes:
-    """Write a flight as Parquet: the columns of the CSV, each with its unit and words, the flight's attributes.
+    """Write a flight as Parquet: the columns of the CSV with units and long names, and the flight's attributes.
 
     Raises
     ------
     ImportError
-        Pyarrow is not installed.
+        If pyarrow is not installed.
     """
     labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
-        str(name): of.attrs for name, of in dataset.items()
+        str(name): variable.attrs for name, variable in dataset.items()
     }
     return encode_parquet(dict(_columns(dataset)), labels, dataset.attrs)
 
@@ -56,16 +56,16 @@ def encode_parquet(
     Parameters
     ----------
     columns
-        By name; that of the aircraft is kept as a dictionary.
+        Columns by name; the column `aircraft` is dictionary-encoded.
     labels
-        Attributes of columns by name, of which unit and words are kept.
-    about
+        Attributes of the columns by name; unit, long name, frame, symbol and flag meanings are stored.
+    metadata
         Attributes of the table.
 
     Raises
     ------
     ImportError
-        Pyarrow is not installed.
+        If pyarrow is not installed.
     """
     try:
         import pyarrow as pa
@@ -76,12 +76,12 @@ def encode_parquet(
         name: pa.array(values).dictionary_encode() if name == "aircraft" else pa.array(values)
         for name, values in columns.items()
     }
-    kept = {
-        name: {key: str(of[key]) for key in _PARQUET_LABELS if key in of}
+    column_metadata = {
+        name: {key: str(attributes[key]) for key in _PARQUET_LABELS if key in attributes}
         for name in columns
-        for of in (labels.get(name, {}),)
+        for attributes in (labels.get(name, {}),)
     }
-    fields = [pa.field(name, array.type, metadata=kept[name]) for name, array in arrays.items()]
+    fields = [pa.field(name, array.type, metadata=column_metadata[name]) for name, array in arrays.items()]
     schema = pa.schema(fields, metadata={key: str(value) for key, value in metadata.items()})
     buffer = io.BytesIO()
     pq.write_table(pa.Table.from_arrays(list(arrays.values()), schema=schema), buffer, compression="zstd")
@@ -99,7 +99,7 @@ def _csv_column(values: np.ndarray) -> np.ndarray:
 
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
-    """Columns of equal length, aircraft by aircraft, each in the order of time."""
+    """Columns of equal length, sorted by aircraft, then by time."""
     times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
     names = dataset["aircraft"].values.astype(object)
     return [
@@ -115,32 +115,35 @@ _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival 
 def write_campaign_tables(
     dataset: xr.Dataset, estimates: Mapping[str, Any], influences: Mapping[str, Any], folder: Path
 ) -> tuple[Path, ...]:
-    """Write the tables of a campaign, in place of former ones.
+    """Write the tables of a campaign, replacing earlier ones.
 
-    `flights.parquet` has a row for each flight: the values applied, what came of it, the worst of its aircraft
-    (infinite where one has none). `aircraft.parquet` has a row for each aircraft of each flight. `answers.parquet`
-    holds the quantiles and the probability with their intervals, `indices.parquet` what the outputs depend on.
+    `flights.parquet` has a row for each flight: sampled inputs, results, and the worst value over the aircraft
+    (infinite if missing for an aircraft). `aircraft.parquet` has a row for each aircraft of each flight.
+    `answers.parquet` contains the quantiles and the success probability with confidence intervals, `indices.parquet`
+    the sensitivity indices.
 
     Parameters
     ----------
     dataset
-        From `anser.campaigns.CampaignStore.dataset`.
-    answers, influences
-        `as_dict` of them.
+        Result of `anser.campaigns.CampaignStore.dataset`.
+    estimates, influences
+        Results of their methods `as_dict`.
     folder
-        To write into.
+        Output folder.
 
     Raises
     ------
     ImportError
-        Pyarrow is not installed.
+        If pyarrow is not installed.
     """
-    about = {key: str(value) for key, value in dataset.attrs.items()}
+    attributes = {key: str(value) for key, value in dataset.attrs.items()}
     contents = {
-        "flights": encode_parquet(_flights(dataset), _labels(dataset) | _worst_labels(dataset), about),
-        "aircraft": encode_parquet(_aircraft(dataset), _labels(dataset), about),
-        "answers": encode_parquet(_answers(estimates), {}, about | _counts(estimates)),
-        "indices": encode_parquet(_indices(influences), {}, about | {"without": json.dumps(influences["without"])}),
+        "flights": encode_parquet(_flights_table(dataset), _labels(dataset) | _worst_labels(dataset), attributes),
+        "aircraft": encode_parquet(_aircraft_table(dataset), _labels(dataset), attributes),
+        "answers": encode_parquet(_estimates_table(estimates), {}, attributes | _counts(estimates)),
+        "indices": encode_parquet(
+            _indices_table(influences), {}, attributes | {"without": json.dumps(influences["not_computed"])}
+        ),
     }
     paths = {folder / f"{name}.parquet": content for name, content in contents.items()}
     for path, content in paths.items():
@@ -149,40 +152,44 @@ def write_campaign_tables(
 
 
 def _labels(dataset: xr.Dataset) -> dict[str, Mapping[str, Any]]:
-    return {str(name): of.attrs for name, of in dataset.variables.items()}
+    return {str(name): variable.attrs for name, variable in dataset.variables.items()}
 
 
 def _worst_labels(dataset: xr.Dataset) -> dict[str, Mapping[str, Any]]:
     return {
-        f"worst_{name}": {"units": dataset[name].attrs.get("units", ""), "long_name": words}
-        for name, words in _WORST.items()
+        f"worst_{name}": {"units": dataset[name].attrs.get("units", ""), "long_name": long_name}
+        for name, long_name in _WORST.items()
     }
 
 
-def _flights(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    found = {str(name): of.values for name, of in dataset.variables.items() if of.dims == ("flight",)}
-    return found | {f"worst_{name}": worst_of_fleet(dataset, name) for name in _WORST}
+def _flights_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    columns = {
+        str(name): variable.values for name, variable in dataset.variables.items() if variable.dims == ("flight",)
+    }
+    return columns | {f"worst_{name}": worst_of_fleet(dataset, name) for name in _WORST}
 
 
-def _aircraft(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+def _aircraft_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     flights, aircraft = dataset.sizes["flight"], dataset.sizes["aircraft"]
-    found = {
+    columns = {
         "flight": np.repeat(dataset["flight"].values, aircraft),
         "aircraft": np.tile(dataset["aircraft"].values.astype(object), flights),
     }
-    return found | {
-        str(name): of.values.reshape(-1) for name, of in dataset.variables.items() if of.dims == ("flight", "aircraft")
+    return columns | {
+        str(name): variable.values.reshape(-1)
+        for name, variable in dataset.variables.items()
+        if variable.dims == ("flight", "aircraft")
     }
 
 
-def _answers(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """A row for each quantile, and one for the probability (name "met", no share)."""
-    first = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
-    rows = [
-        first | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
+def _estimates_table(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
+    """A row for each quantile and a row for the success probability (name "met", no share)."""
+    success = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
+    records = [
+        success | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
         *estimates["quantiles"],
     ]
-    return {key: _column([row[key] for row in rows]) for key in (*first, "value", "low", "high")}
+    return {key: _column([record[key] for record in records]) for key in (*success, "value", "low", "high")}
 
 
 def _counts(estimates: Mapping[str, Any]) -> dict[str, str]:
@@ -190,33 +197,33 @@ def _counts(estimates: Mapping[str, Any]) -> dict[str, str]:
     return {key: str(estimates[key]) for key in keys} | {"causes": json.dumps(estimates["causes"])}
 
 
-def _indices(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
+def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
     keys = ("output", "path", "measure", "value", "low", "high")
-    return {key: _column([row[key] for row in influences["found"]], texts=key in keys[:3]) for key in keys}
+    return {key: _column([record[key] for record in influences["entries"]], texts=key in keys[:3]) for key in keys}
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Numbers, with NaN for none; texts and truth values as they are, with None for none."""
+    """Column of numbers with NaN for None; a column with text or flags keeps None."""
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
-_LONGEST = 63  # characters of a name in MATLAB
-_LABELS = ("units", "long_name", "frame")
+_MATLAB_NAME_MAX = 63
+_MATLAB_LABELS = ("units", "long_name", "frame")
 
 
 def to_mat(dataset: xr.Dataset) -> bytes:
-    """Write a flight as a MATLAB 5 file, which MATLAB and Octave load.
+    """Write a flight as a MATLAB 5 file, readable by MATLAB and Octave.
 
-    It holds `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
-    time and a column for each aircraft, and the structures `units`, `long_name`, `frame` (a field for each variable)
-    and `attributes`.
+    Contents: `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
+    time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each variable,
+    and the structure `attributes`.
 
     Raises
     ------
     ValueError
-        A name is none that MATLAB can hold.
+        If a name is not valid in MATLAB.
     """
     matrices = {"time_s": dataset["time"].values[:, None]} | {
         str(name): values.transpose("time", "aircraft").values for name, values in dataset.items()
@@ -226,10 +233,10 @@ def to_mat(dataset: xr.Dataset) -> bytes:
     structures = {
         label: {"time_s": str(dataset["time"].attrs.get(label, ""))}
         | {str(name): str(values.attrs.get(label, "")) for name, values in dataset.items()}
-        for label in _LABELS
+        for label in _MATLAB_LABELS
     } | {"attributes": {str(key): value for key, value in dataset.attrs.items()}}
     for name in (*matrices, *structures, *structures["attributes"]):
-        if not (name.isascii() and name.isidentifier() and name[0].isalpha() and len(name) <= _LONGEST):
+        if not (name.isascii() and name.isidentifier() and name[0].isalpha() and len(name) <= _MATLAB_NAME_MAX):
             raise ValueError(f"MATLAB cannot hold the name {name!r}: letters, digits and underscores, 63 at most")
     buffer = io.BytesIO()
     savemat(buffer, matrices | {"aircraft": names} | structures, long_field_names=True, do_compression=True)
