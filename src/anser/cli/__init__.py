@@ -1,6 +1,6 @@
-"""The command line.
+"""Command line.
 
-Exit codes: 0 done; 1 flown but a requirement not met; 2 bad input; 3 internal fault; 130 stopped by Ctrl-C.
+Exit codes: 0 success; 1 a requirement is not met; 2 invalid input; 3 internal fault; 130 stopped by Ctrl-C.
 """
 
 import atexit
@@ -13,7 +13,7 @@ from anser.cli.process import INTERRUPTED, guarded_streams, interrupts
 def main() -> None:
     """Run the command line and exit with its code.
 
-    The commands and the libraries that they need are imported within, so that Ctrl-C is answered meanwhile as well.
+    The commands and their libraries are imported inside, so that Ctrl-C also works during the imports.
     """
     with guarded_streams() as unwritten, interrupts.watched():
         try:
@@ -31,7 +31,7 @@ def main() -> None:
                 f"standard output: arrived a stream that cannot be written ({reason}); expected one that can\n"
             )
             code = 2
-    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is done: an interrupt now would only be a noise
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # the work is done: ignore later interrupts
     sys.exit(code)
 
 

@@ -43,24 +43,24 @@ _PICTURES = (".png", ".svg", ".pdf")
 
 @help_epilog("anser aircraft list", "anser aircraft list --json")
 def list_() -> None:
-    """List the airframes of the library and of entry points: mass, span, airspeeds of their data, surfaces."""
+    """List the airframes of the library and of entry points: mass, span, airspeed range, surfaces."""
     from anser.analysis.airframes import list_airframes
 
-    found = list_airframes()
+    listed = list_airframes()
     print_document(
         lambda: {
             "format_version": 1,
             "aircraft": [
                 {
-                    "name": one.name,
-                    "origin": one.origin,
-                    "mass_kg": one.mass_kg,
-                    "span_m": one.span_m,
-                    "airspeed_m_s": one.airspeed_m_s and list(one.airspeed_m_s),
-                    "surfaces": list(one.surfaces),
-                    "problem": one.problem,
+                    "name": airframe.name,
+                    "origin": airframe.origin,
+                    "mass_kg": airframe.mass_kg,
+                    "span_m": airframe.span_m,
+                    "airspeed_m_s": airframe.airspeed_m_s and list(airframe.airspeed_m_s),
+                    "surfaces": list(airframe.surfaces),
+                    "problem": airframe.problem,
                 }
-                for one in found
+                for airframe in listed
             ],
         }
     )
@@ -70,10 +70,12 @@ def list_() -> None:
         *columns("mass kg", "span m", "airspeed m/s", justify="right"),
         *columns("surfaces", "from", overflow="fold"),
     )
-    for one in found:
-        speeds = "-" if one.airspeed_m_s is None else "{:g} to {:g}".format(*one.airspeed_m_s)
-        surfaces = one.problem or ", ".join(one.surfaces)
-        table.add_row(one.name, number(one.mass_kg, 1), number(one.span_m, 2), speeds, surfaces, one.origin)
+    for airframe in listed:
+        speeds = "-" if airframe.airspeed_m_s is None else "{:g} to {:g}".format(*airframe.airspeed_m_s)
+        surfaces = airframe.problem or ", ".join(airframe.surfaces)
+        table.add_row(
+            airframe.name, number(airframe.mass_kg, 1), number(airframe.span_m, 2), speeds, surfaces, airframe.origin
+        )
     print_table(table)
 
 
@@ -87,20 +89,24 @@ def show(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Show an airframe: mass, geometry, surfaces, engine, where its data hold, and where it flies level."""
+    """Show an airframe: mass, geometry, surfaces, engine, range of validity, and airspeeds of level flight."""
     must_be_known_aircraft(aircraft, variant)
     if out is not None:
         must_be_new_file("--out", out, _PICTURES, force)
     from anser.analysis.airframes import describe_airframe, find_aircraft_file, survey_airframe, trim_speed_range
     from anser.analysis.trim_points import airframe_label, resolve_airframe
 
-    airframe, of = resolve_airframe(aircraft, variant)
-    rows, file = describe_airframe(airframe), find_aircraft_file(aircraft)
+    airframe, identity = resolve_airframe(aircraft, variant)
+    quantities, file = describe_airframe(airframe), find_aircraft_file(aircraft)
     with activity("trimming"):
         dataset = survey_airframe(aircraft, variant, altitude_m=altitude_m)
-    speeds = trim_speed_range(dataset)
-    flown = "at no airspeed looked at" if speeds is None else f"{speeds[0]:.3g} to {speeds[1]:.3g}"
-    rows.append((f"level flight at {altitude_m:g} m", flown, "" if speeds is None else "m/s, within all limits"))
+    speed_range = trim_speed_range(dataset)
+    level_speeds = (
+        "at no airspeed looked at" if speed_range is None else f"{speed_range[0]:.3g} to {speed_range[1]:.3g}"
+    )
+    quantities.append(
+        (f"level flight at {altitude_m:g} m", level_speeds, "" if speed_range is None else "m/s, within all limits")
+    )
     if out is not None:
         from anser.report.airframe_figures import draw_airframe
 
@@ -109,16 +115,16 @@ def show(
     print_document(
         lambda: {
             "format_version": 1,
-            **of,
+            **identity,
             "source": None if file is None else file.source,
             "assumed": None if file is None else file.assumed,
-            "quantities": [{"name": name, "value": value, "unit": unit} for name, value, unit in rows],
-            "level_flight_m_s": None if speeds is None else list(speeds),
+            "quantities": [{"name": name, "value": value, "unit": unit} for name, value, unit in quantities],
+            "level_flight_m_s": None if speed_range is None else list(speed_range),
         }
     )
-    table = plain_table(airframe_label(of), "quantity", *columns("value", justify="right"), "unit")
-    for row in rows:
-        table.add_row(*row)
+    table = plain_table(airframe_label(identity), "quantity", *columns("value", justify="right"), "unit")
+    for quantity in quantities:
+        table.add_row(*quantity)
     print_table(table)
     if file is not None:
         print_line(f"source: {file.source}")
@@ -136,10 +142,10 @@ def show(
     unmet="check data disagree, or something is probably not meant so",
 )
 def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
-    """Compute an aircraft file's own check data, and look for what is probably wrong in it: signs, units, tables.
+    """Compare an aircraft file's check data with computed values, and look for probable errors: signs, units, tables.
 
-    Of an aircraft by DAVE-ML the check data of its files come first; of the F-16 there are tables alone. A DAVE-ML file
-    (.dml) is checked by itself; where it has no check data, its inputs and outputs are listed.
+    For an aircraft by DAVE-ML, the check shots of its files come first; the F-16 has tables only. For a DAVE-ML file
+    (.dml) alone, the inputs and outputs are listed if the file has no check data.
     """
     must_be_known_aircraft(aircraft, variant)
     from anser.analysis.airframes import check_airframe, check_dave_ml, find_aircraft_file
@@ -152,12 +158,12 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
         return
 
     if find_aircraft_file(aircraft) is None and aircraft not in VARIANTS:
-        words = "an aircraft file, or the name of one of the library or of the F-16"
-        raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {words}")
+        expected = "an aircraft file, or the name of one of the library or of the F-16"
+        raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {expected}")
     with activity("computing"):
-        compared, findings = check_airframe(aircraft, variant)
+        checked_values, findings = check_airframe(aircraft, variant)
     name = Path(aircraft).stem if aircraft not in VARIANTS else f"{aircraft} ({variant})"
-    _report(name, aircraft, compared, findings, {})
+    _report(name, aircraft, checked_values, findings, {})
 
 
 def _report(
@@ -167,57 +173,59 @@ def _report(
     findings: "tuple[Finding, ...]",
     signals: "Mapping[str, tuple[Variable, ...]]",
 ) -> None:
-    """Answer with check data and findings; `signals` are the inputs and outputs of a DAVE-ML file by itself."""
-    wrong = [one for one in checked_values if not one.passed]
+    """Print check data and findings; `signals` are the inputs and outputs of a DAVE-ML file."""
+    failed = [item for item in checked_values if not item.passed]
     print_document(
         lambda: {
             "format_version": 1,
             "aircraft": name,
             "checks": [
                 {
-                    "place": one.location,
-                    "name": one.name,
-                    "unit": one.unit,
-                    "expected": one.expected,
-                    "obtained": one.obtained,
-                    "tolerance": one.tolerance,
-                    "agrees": one.passed,
+                    "place": item.location,
+                    "name": item.name,
+                    "unit": item.unit,
+                    "expected": item.expected,
+                    "obtained": item.obtained,
+                    "tolerance": item.tolerance,
+                    "agrees": item.passed,
                 }
-                for one in checked_values
+                for item in checked_values
             ],
-            "findings": [{"place": one.location, "text": one.text} for one in findings],
+            "findings": [{"place": item.location, "text": item.text} for item in findings],
             **{
-                key: [{"name": one.name, "id": one.id, "units": one.units, "usual": one.initial} for one in variables]
+                key: [
+                    {"name": item.name, "id": item.id, "units": item.units, "usual": item.initial} for item in variables
+                ]
                 for key, variables in signals.items()
             },
         }
     )
-    print_line(_count(name, checked_values, wrong))
+    print_line(_count(name, checked_values, failed))
     if not checked_values:
         for key, variables in signals.items():
-            listed = [f"{one.name} ({', '.join(filter(None, (one.id, one.units)))})" for one in variables]
+            listed = [f"{item.name} ({', '.join(filter(None, (item.id, item.units)))})" for item in variables]
             print_line(f"{key}: {', '.join(listed) or 'none'}")
-    for one in wrong:
-        print_problem(_disagreement_text(one))
-    if wrong and Path(aircraft).suffix in (*SUFFIXES, DAVE_ML_SUFFIX):
+    for item in failed:
+        print_problem(_disagreement_text(item))
+    if failed and Path(aircraft).suffix in (*SUFFIXES, DAVE_ML_SUFFIX):
         print_problem("check data belong to the data of the file: change or delete them with these")
-    for one in findings:
-        print_problem(str(one))
-    if wrong or findings:
+    for item in findings:
+        print_problem(str(item))
+    if failed or findings:
         raise typer.Exit(1)
     print_line("nothing found that looks wrong")
 
 
-def _count(name: str, checked_values: "tuple[CheckedValue, ...]", wrong: "list[CheckedValue]") -> str:
+def _count(name: str, checked_values: "tuple[CheckedValue, ...]", failed: "list[CheckedValue]") -> str:
     if not checked_values:
         return f"{name}: there are no check data"
-    return f"{name}: {len(checked_values) - len(wrong)} of {len(checked_values)} numbers of its check data agree"
+    return f"{name}: {len(checked_values) - len(failed)} of {len(checked_values)} numbers of its check data agree"
 
 
-def _disagreement_text(one: "CheckedValue") -> str:
+def _disagreement_text(checked_value: "CheckedValue") -> str:
     return (
-        f"{one.location} ({one.name}): expected {one.expected:.10g} {one.unit}, obtained {one.obtained:.10g}, "
-        f"tolerance {one.tolerance:.2g}"
+        f"{checked_value.location} ({checked_value.name}): expected {checked_value.expected:.10g} "
+        f"{checked_value.unit}, obtained {checked_value.obtained:.10g}, tolerance {checked_value.tolerance:.2g}"
     )
 
 
@@ -225,5 +233,5 @@ def _disagreement_text(one: "CheckedValue") -> str:
 def new(
     path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
 ) -> None:
-    """Write an aircraft file to start from, with comments: a valid one, that of a small aircraft."""
+    """Write a commented, valid aircraft file of a small aircraft as a starting point."""
     write_starter_file(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")

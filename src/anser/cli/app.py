@@ -1,7 +1,7 @@
 """Registration of commands in the typer app.
 
---json and --quiet for every command, examples and exit codes in its help, and refusals of option values in anser's
-own form.
+Adds --json and --quiet to every command, examples and exit codes to the help, and anser's messages for invalid option
+values.
 """
 
 import functools
@@ -20,21 +20,21 @@ from anser.config.validation_messages import conversion_hint
 
 _KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false"}
 _UNITS = {"_deg_s": "deg/s", "_m_s": "m/s", "_deg": "deg", "_s": "s", "_m": "m"}
-"""Units by the ends of the names that parameters have, the longest first."""
+"""Units by suffix of parameter names, longest first."""
 COMMAND_IMPLIED = "anser.implied"
-"""Among what a context knows: the command was not named, but meant."""
+"""Context key: the command name was omitted on the command line."""
 
 
 class PlainCommand(TyperCommand):
-    """A command whose options answer a value that they cannot read in the words of anser."""
+    """Command with anser's messages for invalid option values."""
 
     def get_usage(self, ctx: Any) -> str:
-        """Usage without the command's name where nobody wrote it."""
+        """Usage text, without the command name if it was omitted."""
         usage = super().get_usage(ctx)
         return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(COMMAND_IMPLIED) else usage
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options; raises RefusedError with the option, what arrived and what would be right."""
+        """Parse the options; raises RefusedError with option, value and expected value."""
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
@@ -48,17 +48,17 @@ def _refusal_message(parameter: Any, error: ValidationError) -> str:
     detail = error.errors(include_url=False)[0]
     kind, context, value = detail["type"], detail.get("ctx", {}), detail["input"]
     if kind == "value_error":
-        words = str(context["error"]).removeprefix(f"{value!r} is not ").rstrip(".")
+        expected = str(context["error"]).removeprefix(f"{value!r} is not ").rstrip(".")
     else:
-        words = _KINDS.get(kind.split("_")[0], detail["msg"])
+        expected = _KINDS.get(kind.split("_")[0], detail["msg"])
     bounds = {"ge": "{} or more", "gt": "more than {}", "le": "{} or less", "lt": "less than {}"}
-    found = [phrase.format(f"{context[key]:g}") for key, phrase in bounds.items() if key in context]
-    words = found[0] if found else words
+    bound_texts = [phrase.format(f"{context[key]:g}") for key, phrase in bounds.items() if key in context]
+    expected = bound_texts[0] if bound_texts else expected
     unit = next((unit for end, unit in _UNITS.items() if parameter.name.endswith(end)), None)
     if kind == "float_parsing" and unit is not None:
-        words = f"{words}, in {unit}{conversion_hint(str(value), unit)}"
+        expected = f"{expected}, in {unit}{conversion_hint(str(value), unit)}"
     option = parameter.opts[-1] if parameter.param_type_name == "option" else parameter.name.upper()
-    return f"{option}: arrived {value!r}; expected {words}"
+    return f"{option}: arrived {value!r}; expected {expected}"
 
 
 _Function = TypeVar("_Function", bound=Callable[..., None])
@@ -73,14 +73,14 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Give a command what `offer` shows under the options of its help.
+    """Attach examples and exit codes to a command, for the end of its help.
 
     Parameters
     ----------
     *examples
-        Command lines as a user types them, the plainest first.
+        Command lines, simplest first.
     unmet
-        What exit code 1 means here; None where the command never ends with it.
+        Meaning of exit code 1; None if unused.
     """
     codes = [
         "0  done",
@@ -100,19 +100,19 @@ def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function
 
 
 def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
-    """Register a function marked by `about` as a command that takes --json and --quiet, too.
+    """Register a function decorated with `help_epilog` as a command with the options --json and --quiet.
 
-    The function prints its results on `screen`, its messages by `say`, what is wrong by `problem`, and calls `answer`
-    once with its document; it need not know which of the options were given.
+    The function prints results with `print_line` and `print_table`, messages with `print_note`, errors with
+    `print_problem`, and passes its JSON document to `print_document` once. --json and --quiet are handled there.
     """
 
     @functools.wraps(command)
-    def answering(*, anser_json: bool, anser_quiet: bool, **given: Any) -> None:
+    def run_command(*, anser_json: bool, anser_quiet: bool, **options: Any) -> None:
         try:
             with output(anser_json, anser_quiet):
-                command(**given)
+                command(**options)
         except KeyboardInterrupt:
-            if interrupts.arrived:  # told where the process ends
+            if interrupts.arrived:  # reported at the end of the process
                 raise
             print_problem("stopped")
             raise typer.Exit(INTERRUPTED) from None
@@ -121,10 +121,10 @@ def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=annotation)
         for name, annotation in (("anser_json", _Json), ("anser_quiet", _Quiet))
     ]
-    own = inspect.signature(command, eval_str=True).parameters.values()
-    parameters = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in own] + common
-    # What typer reads of a function: its signature and its annotations.
-    answering.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
-    answering.__annotations__ = {one.name: one.annotation for one in parameters}
+    command_parameters = inspect.signature(command, eval_str=True).parameters.values()
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in command_parameters] + common
+    # typer reads the signature and the annotations
+    run_command.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportAttributeAccessIssue]
+    run_command.__annotations__ = {p.name: p.annotation for p in parameters}
     name = command.__name__.strip("_").replace("_", "-")
-    app.command(name, cls=PlainCommand, epilog=getattr(command, _EPILOG))(answering)
+    app.command(name, cls=PlainCommand, epilog=getattr(command, _EPILOG))(run_command)

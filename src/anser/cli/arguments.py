@@ -1,4 +1,4 @@
-"""Arguments that several commands take, and what the shell offers for them."""
+"""Arguments common to several commands, and their shell completion."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -12,31 +12,31 @@ from anser.files import read_file
 from anser.missions.saved_flights import RUN_FILES
 
 _ENTRIES_MAX = 500
-"""Entries that a completion looks at: it must not take long in a large folder."""
+"""Greatest number of folder entries examined by a completion, for speed."""
 _DEPTH = 2
-"""Folders below the one named so far that a completion looks into."""
+"""Depth of folders searched by a completion."""
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Scenario files that begin so, in this folder and two below; nothing where there is none: the shell's own turn."""
+    """Complete the path of a scenario file in this folder or two levels below; without a match the shell completes."""
     return _matching_paths(incomplete, _is_scenario)
 
 
 def complete_run(incomplete: str) -> list[str]:
-    """Folders of runs that begin so, in this folder and two below."""
+    """Complete the path of a run folder in this folder or two levels below."""
     return _matching_paths(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
-    """Airframes that begin so, and aircraft files in this folder and two below."""
+    """Complete the name of an airframe or the path of an aircraft file in this folder or two levels below."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
     return names + _matching_paths(incomplete, _is_airframe)
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Variants, that begin so, of the aircraft given before; of all aircraft where none is."""
-    known = VARIANTS.get(context.params.get("aircraft") or "")
-    names = known if known is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
+    """Complete a variant of the aircraft on the command line, or of any aircraft without one."""
+    variants = VARIANTS.get(context.params.get("aircraft") or "")
+    names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]
 
 
@@ -48,33 +48,33 @@ def _is_scenario(path: Path) -> bool:
     return path.suffix == ".toml" and path.is_file() and b"[[aircraft]]" in read_file(path)
 
 
-def _matching_paths(incomplete: str, wanted: Callable[[Path], bool]) -> list[str]:
-    """Paths that begin with what was typed, written as it was typed."""
+def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[str]:
+    """Paths that start with the typed text, in the typed notation."""
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
-    begun = incomplete[: len(incomplete) - len(name)]
-    found = []
+    typed_prefix = incomplete[: len(incomplete) - len(name)]
+    matches = []
     for path in itertools.islice(_below(folder, name, _DEPTH), _ENTRIES_MAX):
         try:
-            if wanted(path):
-                found.append(begun + path.relative_to(folder).as_posix())
+            if accepts(path):
+                matches.append(typed_prefix + path.relative_to(folder).as_posix())
         except OSError:
             continue
-    return sorted(found)
+    return sorted(matches)
 
 
-def _below(folder: Path, begun: str, deep: int) -> Iterator[Path]:
-    """Entries of a folder that begin so, and below them; hidden ones only where asked for."""
+def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
+    """Entries with a name prefix, and their contents down to a depth; hidden entries only for a non-empty prefix."""
     try:
         entries = sorted(folder.iterdir())
     except OSError:
         return
     for entry in entries:
-        if not entry.name.startswith(begun) or (entry.name.startswith(".") and not begun):
+        if not entry.name.startswith(prefix) or (entry.name.startswith(".") and not prefix):
             continue
         yield entry
-        if deep and entry.is_dir():
-            yield from _below(entry, "", deep - 1)
+        if depth and entry.is_dir():
+            yield from _below(entry, "", depth - 1)
 
 
 ScenarioPath = Annotated[

@@ -1,4 +1,4 @@
-"""The command cache."""
+"""Command cache."""
 
 import contextlib
 from pathlib import Path
@@ -29,7 +29,7 @@ def cache(
         typer.Option(help="Scenario whose programs are wanted; several times for several; left out: the starter's."),
     ] = None,
 ) -> None:
-    """Show, fill or clear the compiled programs that anser keeps, so that nothing is compiled twice."""
+    """Show, fill or clear the store of compiled programs, which saves repeated compilation."""
     if scenario and what != "warm":
         raise RefusedError(f"--scenario: arrived with {what}; expected only with warm")
     from anser.compiling.options import program_store
@@ -42,14 +42,14 @@ def cache(
     if what == "clear":
         print_note(f"{store.clear()} programs deleted")
     if what == "warm":
-        wanted = [load(path) for path in scenario] if scenario else [loads(starter_scenario())]
+        scenarios = [load(path) for path in scenario] if scenario else [loads(starter_scenario())]
         from anser.analysis.precompilation import warm_cache
 
         with progress_bar() as tell:
-            warm_cache(wanted, tell)
+            warm_cache(scenarios, tell)
     sizes = []
     for path in store.files():
-        with contextlib.suppress(OSError):  # another process may give it up now
+        with contextlib.suppress(OSError):  # another process may delete the file
             sizes.append(path.stat().st_size)
     document = {
         "format_version": 1,

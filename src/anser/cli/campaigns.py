@@ -1,4 +1,4 @@
-"""Commands about studies: campaign fly, campaign report, campaign compare, rare."""
+"""Commands for studies: campaign fly, campaign report, campaign compare, rare."""
 
 import contextlib
 from collections.abc import Iterator
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 _KEYS = 12
-"""Keys of the scenario that are printed at most."""
+"""Greatest number of differing scenario keys printed."""
 _CampaignFolder = Annotated[
     Path, typer.Argument(help="Folder of a campaign: flights.zarr.", show_default=False, metavar="FOLDER")
 ]
@@ -54,9 +54,9 @@ def report(
         int, typer.Option(min=0, max=1000, help="How many evenly spaced flights the worst are drawn over.")
     ] = 20,
 ) -> None:
-    """Write the report of a campaign, whole or partial: answers, what they depend on, the worst flights; and tables.
+    """Write the report of a complete or partial campaign: estimates, influences, worst flights; and tables.
 
-    The page report.html works offline. The tables, as Parquet, take pyarrow.
+    The page report.html works offline. Tables in Parquet format need pyarrow.
     """
     store = read_campaign_store(folder, "FOLDER")
     if not store.flown.size:
@@ -91,70 +91,74 @@ def compare(
     out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
     force: Force = False,
 ) -> None:
-    """Compare two campaigns with paired seeds, flight by flight: which is better, how often and by how much."""
+    """Compare two campaigns with paired seeds flight by flight: which is better, how often and by how much."""
     read_campaign_store(folder, "FOLDER")
     read_campaign_store(other, "OTHER")
     from anser.campaigns.comparison import compare_campaigns
     from anser.report.campaign_figures import draw_paired
 
     try:
-        found = compare_campaigns(folder, other)
+        comparison = compare_campaigns(folder, other)
     except ValueError as error:
         raise RefusedError(f"{folder}, {other}: {error}") from None
     if out is not None:
         with open_output_folder(out, force) as into:
-            written = draw_paired(found.dataset, into)
+            written = draw_paired(comparison.dataset, into)
             print_note(f"{out}: {', '.join(path.name for path in written) or 'nothing'} written")
-    print_document(lambda: {"format_version": 1, **found.as_dict()})
-    _print_comparison(found)
+    print_document(lambda: {"format_version": 1, **comparison.as_dict()})
+    _print_comparison(comparison)
 
 
-def _print_comparison(found: "CampaignComparison") -> None:
-    sure = f"{100 * found.confidence:g} %"
-    print_line(f"{found.flights} pairs; first: {found.first}; second: {found.second}")
+def _print_comparison(comparison: "CampaignComparison") -> None:
+    confidence = f"{100 * comparison.confidence:g} %"
+    print_line(f"{comparison.flights} pairs; first: {comparison.first}; second: {comparison.second}")
     print_line(
-        f"every requirement met in both {found.both}, in the first alone {found.first_only}, in the second alone "
-        f"{found.second_only}, in neither {found.neither}; McNemar, exact: p = {found.p_value:.3g}"
+        f"every requirement met in both {comparison.both}, in the first alone {comparison.first_only}, "
+        f"in the second alone {comparison.second_only}, in neither {comparison.neither}; "
+        f"McNemar, exact: p = {comparison.p_value:.3g}"
     )
-    for one in found.differences:
+    for difference in comparison.differences:
         print_line(
-            f"{one.words}: less in the second in {one.second_better} flights, alike in {one.alike}, less in the first "
-            f"in {one.first_better}; {100 * one.share:.2f} % ({100 * one.low:.2f} to {100 * one.high:.2f} % at {sure} "
-            "confidence) better in the second"
+            f"{difference.words}: less in the second in {difference.second_better} flights, alike in "
+            f"{difference.alike}, less in the first in {difference.first_better}; {100 * difference.share:.2f} % "
+            f"({100 * difference.low:.2f} to {100 * difference.high:.2f} % at {confidence} confidence) "
+            "better in the second"
         )
     table = plain_table(
-        f"second less first, bounds that part of the pairs stay below; interval at {sure} confidence",
+        f"second less first, bounds that part of the pairs stay below; interval at {confidence} confidence",
         *columns("", overflow="fold"),
         *columns("of pairs", "below", "from", "to", justify="right"),
         *columns("unit"),
     )
-    for one in found.differences:
-        for share, *values in one.quantiles:
-            table.add_row(one.words, f"{100 * share:g} %", *(number(value, 4) for value in values), one.unit)
+    for difference in comparison.differences:
+        for share, *values in difference.quantiles:
+            table.add_row(
+                difference.words, f"{100 * share:g} %", *(number(value, 4) for value in values), difference.unit
+            )
     print_table(table)
-    if found.precision[0] != found.precision[1]:
-        print_line(f"flown in {found.precision[0]} in the first, in {found.precision[1]} in the second")
-    for path, count in found.applied.items():
-        print_line(f"applied otherwise in {count} of {found.flights} pairs: {path}")
-    for path, one, other in found.scenario[:_KEYS]:
-        print_line(f"scenario, {path}: {one} in the first, {other} in the second")
-    if len(found.scenario) > _KEYS:
-        print_line(f"and {len(found.scenario) - _KEYS} more keys of the scenario")
+    if comparison.precision[0] != comparison.precision[1]:
+        print_line(f"flown in {comparison.precision[0]} in the first, in {comparison.precision[1]} in the second")
+    for path, count in comparison.applied.items():
+        print_line(f"applied otherwise in {count} of {comparison.flights} pairs: {path}")
+    for path, first_value, second_value in comparison.scenario[:_KEYS]:
+        print_line(f"scenario, {path}: {first_value} in the first, {second_value} in the second")
+    if len(comparison.scenario) > _KEYS:
+        print_line(f"and {len(comparison.scenario) - _KEYS} more keys of the scenario")
 
 
-def read_campaign_store(folder: Path, place: str) -> "CampaignStore":
-    """The store of a folder; refuses one that has none."""
+def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
+    """Open the store of a campaign folder; raises RefusedError without one."""
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
     try:
         return CampaignStore.open(folder)
     except StoreError as error:
-        raise RefusedError(f"{place}: {error}") from None
+        raise RefusedError(f"{argument}: {error}") from None
 
 
 _CAUSES = 8
-"""Causes of failure that are printed at most."""
+"""Greatest number of failure causes printed."""
 _MILLISECONDS_BELOW_S = 0.01
 
 
@@ -184,9 +188,9 @@ def fly(
         ),
     ] = None,
 ) -> None:
-    """Fly a study: a scenario many times, its numbers dispersed, and say how surely it keeps its requirements.
+    """Fly a study: one scenario many times with dispersed values, to estimate how reliably the requirements are met.
 
-    The word fly may be left out: anser campaign STUDY --out FOLDER.
+    The word fly may be omitted: anser campaign STUDY --out FOLDER.
     """
     from anser.campaigns.campaign_folder import open_campaign_store
     from anser.campaigns.store_integrity import StoreError
@@ -203,7 +207,7 @@ def fly(
 
 @contextlib.contextmanager
 def _locked(store: "CampaignStore") -> Iterator[None]:
-    """Let no other process fly a campaign meanwhile; says which chunks are damaged and flown again."""
+    """Lock a campaign against other processes; report damaged chunks, which are flown again."""
     from anser.campaigns.store_integrity import StoreError
 
     with contextlib.ExitStack() as lock:
@@ -217,7 +221,7 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 
 
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
-    """Fly what is missing, answer, and write the report."""
+    """Fly the missing flights, print the estimates and write the report."""
     from anser.campaigns.campaign_folder import Campaign
     from anser.campaigns.flights import campaign_process_limit, fly_campaign
     from anser.campaigns.replay import archive_worst
@@ -225,36 +229,37 @@ def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str 
 
     for caution in find_cautions(store.scenario):
         print_note(f"caution: {caution}")
-    flown, before = Campaign(store), store.flown.size
+    flown, flown_before = Campaign(store), store.flown.size
     if processes is None and cluster is None:
-        room = campaign_process_limit(store)
-        processes = room.processes
-        if room.message:
-            print_note(room.message)
+        limit = campaign_process_limit(store)
+        processes = limit.processes
+        if limit.message:
+            print_note(limit.message)
     try:
         with progress_bar() as tell:
             fly_campaign(store, processes or 1, tell, cluster)
             archive_worst(store, tell)
     except KeyboardInterrupt:
         _print_estimates(flown.estimates(), flown)
-        _write(store, before)
+        _write(store, flown_before)
         print_note(_resume_note(store))
         raise
     except StoreError as error:
-        _write(store, before)
+        _write(store, flown_before)
         print_note(_resume_note(store))
         raise RefusedError(str(error)) from None
     except OSError:
         print_note(_resume_note(store))
         raise
-    found = flown.estimates()
-    print_document(lambda: {"format_version": 1, "study": store.study.name, **found.as_dict()})
-    _print_estimates(found, flown)
-    written = ["flights.zarr", *_write(store, before)]
+    estimates = flown.estimates()
+    print_document(lambda: {"format_version": 1, "study": store.study.name, **estimates.as_dict()})
+    _print_estimates(estimates, flown)
+    written = ["flights.zarr", *_write(store, flown_before)]
     print_note(f"{out}: {', '.join(written)} written; anser campaign report {out} draws the worst flights, too")
-    if found.met < found.flown:
+    if estimates.met < estimates.flown:
         print_problem(
-            f"{found.flown - found.met} of {found.flown} flights did not meet every requirement, or could not begin"
+            f"{estimates.flown - estimates.met} of {estimates.flown} flights did not meet every requirement, "
+            "or could not begin"
         )
         raise typer.Exit(1)
 
@@ -263,20 +268,20 @@ def _resume_note(store: "CampaignStore") -> str:
     return f"{store.folder}: {store.flown.size} of {store.flights} flights; --resume flies the others"
 
 
-def _write(store: "CampaignStore", before: int) -> list[str]:
-    """Report of what was flown, without flying any again; what was written.
+def _write(store: "CampaignStore", flown_before: int) -> list[str]:
+    """Write the report without replaying flights; return the names of the written files.
 
-    A report that is there stays where no flight has come to those before: it may show flights that were flown again.
+    An existing report stays if no flight was added: it may show the worst flights, which need replays.
     """
     from anser.campaigns.campaign_report import REPORT, write_campaign
 
-    if not store.flown.size or (store.flown.size == before and (store.folder / REPORT).exists()):
+    if not store.flown.size or (store.flown.size == flown_before and (store.folder / REPORT).exists()):
         return []
     return [path.name for path in write_campaign(store, worst=0)]
 
 
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    """The store of a folder and the scenario of one of its flights; refuses what is neither."""
+    """Store of a campaign folder and scenario of one flight; raises RefusedError for an invalid folder or number."""
     from anser.campaigns.flights import flight_scenario
 
     store = read_campaign_store(folder, "--campaign")
@@ -289,60 +294,65 @@ def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario
 
 
 def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:
-    """Whether a flight of a campaign came out as its row says."""
+    """Report whether a replayed flight reproduces its result in the campaign."""
     from anser.campaigns.replay import replay_differences
 
     if number not in store.flown:
         print_note(f"flight {number} has not been flown in the campaign yet")
         return
-    found = replay_differences(store, number, flown.summary, met=flown.met)
-    if not found:
+    differences = replay_differences(store, number, flown.summary, met=flown.met)
+    if not differences:
         print_note(f"flight {number}: as in the campaign")
-    for name, off in found.items():
-        words = f"differs by {off:.2g} of its scale" if isinstance(off, float) else f"is {off} in the campaign"
-        print_problem(f"flight {number}: {name} {words}: another version, or rounding that led to another decision")
+    for name, deviation in differences.items():
+        text = (
+            f"differs by {deviation:.2g} of its scale"
+            if isinstance(deviation, float)
+            else f"is {deviation} in the campaign"
+        )
+        print_problem(f"flight {number}: {name} {text}: another version, or rounding that led to another decision")
 
 
-def _bound_cells(one: "QuantileEstimate") -> list[str]:
-    """Bound, ends of its interval and unit; a time in milliseconds where seconds would show nothing but zeros."""
-    values = one.value, one.low, one.high
-    known = [abs(value) for value in values if value is not None]
-    if one.unit == "s" and max(known, default=1.0) < _MILLISECONDS_BELOW_S:
+def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
+    """Bound, its interval and unit; short times in milliseconds."""
+    values = quantile.value, quantile.low, quantile.high
+    magnitudes = [abs(value) for value in values if value is not None]
+    if quantile.unit == "s" and max(magnitudes, default=1.0) < _MILLISECONDS_BELOW_S:
         return [*(number(None if value is None else 1000.0 * value, 3) for value in values), "ms"]
-    return [*(number(value, 3) for value in values), "" if one.unit == "1" else one.unit]
+    return [*(number(value, 3) for value in values), "" if quantile.unit == "1" else quantile.unit]
 
 
-def _print_estimates(found: "CampaignEstimates", flown: "Campaign") -> None:
-    """Probability, quantiles and causes."""
+def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
+    """Print probability, quantiles and failure causes."""
     from anser.results.separation import NO_SEPARATION, proximity_warning
 
     name, data = flown.store.study.name, flown.dataset
-    if not found.flown:
+    if not estimates.flown:
         print_line(f"{name}: no flight so far")
         return
-    sure, share = f"{100 * found.confidence:g} %", 100 * (found.probability or 0.0)
-    interval = f"{100 * found.low:.2f} to {100 * found.high:.2f} % at {sure} confidence"
-    if found.independent < found.flown:
-        interval += f", from {found.independent} that are independent of each other"
-    without = f"; {NO_SEPARATION}" if data.attrs.get("separation_required") == 0 else ""
+    confidence, share = f"{100 * estimates.confidence:g} %", 100 * (estimates.probability or 0.0)
+    interval = f"{100 * estimates.low:.2f} to {100 * estimates.high:.2f} % at {confidence} confidence"
+    if estimates.independent < estimates.flown:
+        interval += f", from {estimates.independent} that are independent of each other"
+    separation_note = f"; {NO_SEPARATION}" if data.attrs.get("separation_required") == 0 else ""
     print_line(
-        f"{name}: {found.met} of {found.flown} flights meet every requirement, {share:.2f} % ({interval}){without}"
+        f"{name}: {estimates.met} of {estimates.flown} flights meet every requirement, {share:.2f} % "
+        f"({interval}){separation_note}"
     )
     warning = proximity_warning(data["separation_min_m"].values, data.attrs)
     if warning:
         print_note(f"warning: {warning}")
     table = plain_table(
-        f"bounds that part of the flights keep; interval at {sure} confidence",
+        f"bounds that part of the flights keep; interval at {confidence} confidence",
         *columns("", overflow="fold"),
         *columns("of flights", "bound", "from", "to", justify="right"),
         *columns("unit"),
     )
-    for one in found.quantiles:
-        table.add_row(one.words, f"{100 * one.share:g} %", *_bound_cells(one))
+    for quantile in estimates.quantiles:
+        table.add_row(quantile.words, f"{100 * quantile.share:g} %", *_bound_cells(quantile))
     print_table(table)
-    for words, count in list(found.causes.items())[:_CAUSES]:
-        print_line(f"{count} flights: {words}")
-    print_line(f"worst flights: {', '.join(map(str, found.worst))}")
+    for cause, count in list(estimates.causes.items())[:_CAUSES]:
+        print_line(f"{count} flights: {cause}")
+    print_line(f"worst flights: {', '.join(map(str, estimates.worst))}")
 
 
 @help_epilog(
@@ -359,7 +369,7 @@ def rare(
         typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
     ] = None,
 ) -> None:
-    """Find how probable a rare breach of a study is, by flying towards it level by level."""
+    """Estimate the probability of a rare event of a study by subset simulation (level by level)."""
     from anser.campaigns.rare_events import rare as flown_event
     from anser.campaigns.rare_store import RareStore
     from anser.campaigns.store_integrity import StoreError
@@ -367,12 +377,12 @@ def rare(
     try:
         with progress_bar() as tell:
 
-            def told(what: str, part: float | None) -> None:
-                tell(what, part)
-                if part is None:
-                    print_note(what)
+            def told(activity: str, fraction: float | None) -> None:
+                tell(activity, fraction)
+                if fraction is None:
+                    print_note(activity)
 
-            found = flown_event(study, out, resume=resume, processes=processes, progress=told)
+            event = flown_event(study, out, resume=resume, processes=processes, progress=told)
     except FileExistsError:
         raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
     except StoreError as error:
@@ -381,24 +391,24 @@ def rare(
         if out.exists():
             print_note(f"{out}: {RareStore.open(out).flown} flights; --resume goes on")
         raise
-    print_document(lambda: found.document)
-    _print_rare_event(found)
+    print_document(lambda: event.document)
+    _print_rare_event(event)
     print_note(f"{out}: rare.json and figure written")
-    if found.estimate.probability is None:
-        words = f"more levels than {found.flights.config.levels_max}, or a threshold that is nearer"
-        print_problem(f"the levels end short of the threshold; expected {words}")
+    if event.estimate.probability is None:
+        expected = f"more levels than {event.flights.config.levels_max}, or a threshold that is nearer"
+        print_problem(f"the levels end short of the threshold; expected {expected}")
         raise typer.Exit(1)
 
 
-def _print_rare_event(found: "RareEvent") -> None:
-    """Probability and levels."""
-    document, estimate = found.document, found.estimate
-    sure = f"at {100 * document['confidence']:g} % confidence"
+def _print_rare_event(rare_event: "RareEvent") -> None:
+    """Print probability and levels."""
+    document, estimate = rare_event.document, rare_event.estimate
+    confidence = f"at {100 * document['confidence']:g} % confidence"
     event = f"{document['statistic']} {document['breached']} {document['threshold']:g}"
     if estimate.probability is None:
-        print_line(f"{document['study']}: {event}: probability below {estimate.high:.2g} {sure}")
+        print_line(f"{document['study']}: {event}: probability below {estimate.high:.2g} {confidence}")
     else:
-        interval = f"{estimate.low:.2g} to {estimate.high:.2g} {sure}"
+        interval = f"{estimate.low:.2g} to {estimate.high:.2g} {confidence}"
         print_line(f"{document['study']}: {event}: probability {estimate.probability:.2g} ({interval})")
     table = plain_table(
         f"levels of {document['repetitions']} repetitions, {document['flights']} flights; medians",
@@ -411,5 +421,5 @@ def _print_rare_event(found: "RareEvent") -> None:
 
 
 def _median(values: list[float | None]) -> float | None:
-    known = sorted(value for value in values if value is not None)
-    return known[len(known) // 2] if known else None
+    numbers = sorted(value for value in values if value is not None)
+    return numbers[len(numbers) // 2] if numbers else None

@@ -1,6 +1,6 @@
-"""All commands and command groups of `anser`, and the exit code of the command that was called.
+"""All commands and command groups of `anser`, and the exit code.
 
-In a group the first command is implied where none is named: `anser campaign STUDY`.
+A group runs its first command if no command is named: `anser campaign STUDY`.
 """
 
 import difflib
@@ -36,13 +36,13 @@ from anser.config.errors import ScenarioError
 
 
 class DefaultCommandGroup(TyperGroup):
-    """Commands of which the first is meant where the first word names none.
+    """Command group with its first command as the default.
 
-    A word that names no file either and is nearly a command's stays as it is, and is answered by what was meant.
+    A first word that resembles a command, and is not an existing file, is treated as a misspelt command.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put the first command's name before words that name none."""
+        """Insert the default command's name if the first word is not a command."""
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)
             if not close or Path(args[0]).exists():
@@ -51,32 +51,36 @@ class DefaultCommandGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
-        """Commands, and what the first one takes."""
-        first = next(iter(self.commands.values()))
-        found = super().shell_complete(ctx, incomplete)
-        place = next((one for one in first.params if one.param_type_name == "argument"), None)
-        return found if place is None or incomplete.startswith("-") else found + place.shell_complete(ctx, incomplete)
+        """Complete commands and arguments of the default command."""
+        default_command = next(iter(self.commands.values()))
+        completions = super().shell_complete(ctx, incomplete)
+        argument = next((p for p in default_command.params if p.param_type_name == "argument"), None)
+        return (
+            completions
+            if argument is None or incomplete.startswith("-")
+            else completions + argument.shell_complete(ctx, incomplete)
+        )
 
 
 def register_group(
-    app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], words: str, examples: Sequence[str]
+    app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], summary: str, examples: Sequence[str]
 ) -> None:
-    """Register commands marked by `about` under one name; the first is meant where none is named.
+    """Register commands decorated with `help_epilog` under a common name; the first is the default.
 
     Parameters
     ----------
     app
-        To register them in.
+        Typer app of the group.
     name
-        What they have in common.
+        Name of the group.
     commands
-        The first one first.
-    words, examples
-        Help of all of them.
+        Commands, default first.
+    summary, examples
+        Help of the group.
     """
-    more = f"anser {name} COMMAND --help shows the options and exit codes of one."
-    lines = "\n".join(["Examples:", *(f"  {one}" for one in examples), "", more])
-    group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=words, epilog=escape(lines))
+    hint = f"anser {name} COMMAND --help shows the options and exit codes of one."
+    lines = "\n".join(["Examples:", *(f"  {example}" for example in examples), "", hint])
+    group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=summary, epilog=escape(lines))
     for command in commands:
         register_command(group, command)
     app.add_typer(group, name=name)
@@ -149,17 +153,17 @@ register_group(
 
 
 def exit_code() -> int:
-    """Run the command of the command line; return its exit code.
+    """Run the command of the command line and return its exit code.
 
-    A file or folder that the system does not read or write is told in one message, as bad input is.
+    Errors of the operating system for files and folders are reported in one message, as invalid input.
     """
-    gc.set_threshold(200_000)  # tracing makes many small objects that live: collecting them again and again takes 10 %
+    gc.set_threshold(200_000)  # tracing creates many long-lived objects; frequent garbage collection costs 10 %
     try:
         app()
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     except Exception as error:
-        if interrupts.arrived:  # what a library made of Ctrl-C
+        if interrupts.arrived:  # exception of a library after Ctrl-C
             raise
         if isinstance(error, ScenarioError | RefusedError):
             print_problem(str(error))
@@ -174,7 +178,7 @@ def exit_code() -> int:
 
 
 def _system_refusal(error: OSError) -> str:
-    """Message for a file, folder or connection that the system refused."""
+    """Message for an operating-system error."""
     if error.filename is None:
         return f"arrived a refusal of the system ({error}); expected files and folders that can be read and written"
     name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes | os.PathLike) else error.filename

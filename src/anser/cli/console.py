@@ -1,9 +1,9 @@
-"""What all commands share: where everything that they say goes, tables, refusals of bad input.
+"""Output common to all commands: destinations, tables, and errors for invalid input.
 
-Three consoles. `screen` holds the results, on standard output; `note` holds messages (cautions, where files went) and
-progress, on standard error; `err` holds what is wrong, on standard error, and is never silenced. With ``--json`` the
-screen is dark and `answer` writes the document there instead; with ``--quiet`` screen and notes are dark. All of them
-leave colours away where NO_COLOR is set or nobody looks.
+Three consoles: `screen` prints results on standard output; `note` prints messages (cautions, written files) and
+progress on standard error; `err` prints errors on standard error and is never silent. With ``--json``, `screen` is
+silent and `print_document` writes the document to standard output; with ``--quiet``, `screen` and `note` are silent.
+Consoles use no colour if NO_COLOR is set or the output is not a terminal.
 """
 
 import contextlib
@@ -38,7 +38,7 @@ from anser.cli.process import interrupts
 
 
 def _console(**look: Any) -> Console:
-    """Console to which text is text: square brackets are no markup, words between colons no pictures."""
+    """Console without markup (square brackets) and emoji codes (words between colons)."""
     return Console(markup=False, emoji=False, **look)
 
 
@@ -46,7 +46,7 @@ screen = _console()
 note = _console(stderr=True, highlight=False)
 err = _console(stderr=True, highlight=False)
 
-_WIDTH_MIN = 120  # columns of a table that nobody looks at on a screen: a pipe has none of its own
+_WIDTH_MIN = 120  # width of tables without a terminal
 _RANGES = {
     "speed_m_s": (1, 1000),
     "altitude_m": (-500, 30000),
@@ -57,17 +57,17 @@ _RANGES = {
     "path_rate_deg_s": (-60, 60),
     "pitch_rate_deg_s": (-60, 60),
 }
-"""What the options of a flight condition may be, in the order in which they are looked at."""
-_BAR_WIDTH = 16  # with the longest text, and the times, within 80 columns
+"""Permitted ranges of flight-condition options, in the order of checking."""
+_BAR_WIDTH = 16  # fits 80 columns with the longest description
 _SPEED_PERIOD_S = 3600.0
-"""The time left follows from the mean speed so far: steps of a campaign are minutes apart."""
+"""Averaging period for the estimate of the remaining time: steps of a campaign are minutes apart."""
 _LOG_PERIOD_S = 60.0
-"""Between two lines of progress where there is no screen."""
+"""Time between progress lines without a terminal."""
 
 
 @dataclass
 class _Request:
-    """What the command under way was asked for, and whether it has answered."""
+    """Output options of the current command, and whether its document was printed."""
 
     as_json: bool = False
     answered: bool = False
@@ -78,12 +78,13 @@ _request = _Request()
 
 @contextlib.contextmanager
 def output(as_json: bool, quiet: bool) -> Iterator[None]:
-    """Direct what one command says.
+    """Direct the output of a command.
 
     Raises
     ------
     RuntimeError
-        The command ended with exit code 0 or 1 without the document that was asked for: a fault of the command.
+        If the command ends with exit code 0 or 1 without the JSON document requested by --json (an error of the
+        command).
     """
     _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
@@ -105,43 +106,43 @@ def _must_have_answered() -> None:
 
 
 def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
-    """With ``--json``, print the document, all that stands on standard output; without, do nothing.
+    """With ``--json``, print the document as the only content of standard output; otherwise do nothing.
 
     Parameters
     ----------
     document
-        Makes the document, without NaN and infinity, which JSON has not.
+        Function that makes the document, without NaN and infinity (undefined in JSON).
     """
     if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
         _request.answered = True
 
 
-def end_without_result(what: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Say why there is no result, and end with exit code 1; the JSON document then holds the reasons.
+def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
+    """Report why there is no result and exit with code 1; the JSON document contains the reasons.
 
     Parameters
     ----------
-    what
-        What came instead, such as "no plan": the status of the document.
+    status
+        Status in the document, such as "no plan".
     reasons
-        A message each.
+        Messages.
     prefix
-        Stands before each reason on standard error.
+        Text before each reason on standard error.
     """
-    print_document(lambda: {"format_version": 1, "status": what, "reasons": list(reasons)})
+    print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
     for reason in reasons:
         print_problem(prefix + reason)
     raise typer.Exit(1)
 
 
 def print_note(text: str) -> None:
-    """Give a message that ``--quiet`` leaves away."""
+    """Print a message, except with ``--quiet``."""
     note.print(text, soft_wrap=True)
 
 
 def print_problem(text: str) -> None:
-    """Tell what is wrong."""
+    """Print an error message."""
     err.print(text, soft_wrap=True)
 
 
@@ -151,35 +152,35 @@ def print_line(text: str) -> None:
 
 
 class _Times(ProgressColumn):
-    """Time gone, and the time left as soon as it can be told."""
+    """Elapsed time, and remaining time once it can be estimated."""
 
     def render(self, task: Task) -> Text:
-        """Text of both."""
-        gone, left = task.elapsed or 0.0, task.time_remaining
-        more = "" if left is None or task.finished else f", {_clock(left)} left"
-        return Text(_clock(gone) + more, style="progress.elapsed")
+        """Text of the column."""
+        elapsed, remaining = task.elapsed or 0.0, task.time_remaining
+        remaining_text = "" if remaining is None or task.finished else f", {_clock(remaining)} left"
+        return Text(_clock(elapsed) + remaining_text, style="progress.elapsed")
 
 
 def _clock(seconds: float) -> str:
-    """Minutes and seconds, and hours where there are any."""
-    minutes, rest = divmod(round(seconds), 60)
+    """Format a duration as minutes and seconds, or hours, minutes and seconds."""
+    minutes, remaining_seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+    return f"{hours}:{minutes:02d}:{remaining_seconds:02d}" if hours else f"{minutes}:{remaining_seconds:02d}"
 
 
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
-    """Bar with the time gone and left, gone at the end; without a screen a line each minute.
+    """Progress bar with elapsed and remaining time, removed at the end; without a terminal, a line each minute.
 
-    It is told what is being done and how much of it is done, 0 to 1; None: nobody knows, the bar only moves.
+    The yielded function takes a description and the completed fraction, or None for an unknown fraction.
     """
     return _progress_display(
         "starting", 1.0, _description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times()
     )
 
 
-def activity(what: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
-    """Sign of life with the time gone, where nobody knows how long it takes; told what is being done."""
-    return _progress_display(what, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
+def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
+    """Spinner with elapsed time, for work of unknown duration; the yielded function takes a new description."""
+    return _progress_display(description, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 
 
 def _description_column() -> TextColumn:
@@ -187,26 +188,28 @@ def _description_column() -> TextColumn:
 
 
 @contextlib.contextmanager
-def _progress_display(what: str, total: float | None, *columns: ProgressColumn) -> Iterator[Callable[..., None]]:
-    """Line on the screen, told what is being done and how much of it is; it says so while anser compiles."""
-    from anser.compiling.program import watch_compilation  # here: help needs no JAX
+def _progress_display(
+    first_description: str, total: float | None, *columns: ProgressColumn
+) -> Iterator[Callable[..., None]]:
+    """Progress line; the yielded function takes a description and a fraction. Compilation is shown as such."""
+    from anser.compiling.program import watch_compilation  # late import: help needs no JAX
 
     disable = not note.is_terminal or note.quiet
     with Progress(
         *columns, console=note, transient=True, disable=disable, speed_estimate_period=_SPEED_PERIOD_S
     ) as bar:
         task = bar.add_task("", total=None)
-        now, part = what, None
+        description, fraction = first_description, None
 
         def show(compiling: bool) -> None:
-            # How long the compiler takes nobody knows either.
-            bar.tasks[0].total = None if compiling or part is None else total
-            bar.update(task, description=f"{now}: compiling" if compiling else now, completed=part)
+            # the duration of compilation is unknown
+            bar.tasks[0].total = None if compiling or fraction is None else total
+            bar.update(task, description=f"{description}: compiling" if compiling else description, completed=fraction)
 
-        def tell(doing: str, done: float | None = None) -> None:
-            nonlocal now, part
+        def tell(new_description: str, new_fraction: float | None = None) -> None:
+            nonlocal description, fraction
             interrupts.check()
-            now, part = doing, done
+            description, fraction = new_description, new_fraction
             show(compiling=False)
 
         show(compiling=False)
@@ -216,7 +219,7 @@ def _progress_display(what: str, total: float | None, *columns: ProgressColumn) 
 
 @contextlib.contextmanager
 def _log_progress(bar: Progress) -> Iterator[None]:
-    """A line each minute where there is no screen, so that a log shows that the work goes on."""
+    """Without a terminal, print a progress line each minute."""
     if note.is_terminal or note.quiet:
         yield
         return
@@ -225,45 +228,45 @@ def _log_progress(bar: Progress) -> Iterator[None]:
     def tell() -> None:
         while not ended.wait(_LOG_PERIOD_S):
             task = bar.tasks[0]
-            done = "" if task.total is None else f", {task.percentage:.0f} %"
-            print_note(f"{task.description}{done}, {_clock(time.monotonic() - began)} gone")
+            percentage = "" if task.total is None else f", {task.percentage:.0f} %"
+            print_note(f"{task.description}{percentage}, {_clock(time.monotonic() - began)} gone")
 
-    telling = threading.Thread(target=tell, daemon=True)
-    telling.start()
+    logger = threading.Thread(target=tell, daemon=True)
+    logger.start()
     try:
         yield
     finally:
         ended.set()
-        telling.join()
+        logger.join()
 
 
 class RefusedError(Exception):
-    """Bad input found by the command line itself; the text is the finished message."""
+    """Invalid input detected by the command line; the text is the complete message."""
 
 
 def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
-    """Refuse a number outside a range."""
+    """Raise RefusedError if a number is outside a range."""
     if not (math.isfinite(value) and low <= value <= high):
         raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
 
 
 def plain_table(title: str, *columns: Column | str) -> Table:
-    """Table without lines between its rows."""
+    """Table without lines between rows."""
     return Table(*columns, title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
 
 
 def columns(*headings: str, **look: Any) -> list[Column]:
-    """Columns of one look for `plain_table`: `justify`, `overflow`, `no_wrap`."""
+    """Columns of equal style for `plain_table`: `justify`, `overflow`, `no_wrap`."""
     return [Column(heading, **look) for heading in headings]
 
 
 def number(value: float | None, digits: int) -> str:
-    """Number with so many decimals; a dash for none."""
+    """Format a number with fixed decimals; a dash for None."""
     return "-" if value is None else f"{value:.{digits}f}"
 
 
 def print_table(table: Table) -> None:
-    """Print on the screen, or without cutting or folding anything where it is no screen."""
+    """Print a table; without a terminal, unfolded and uncut."""
     if screen.is_terminal or screen.quiet:
         screen.print(table)
         return
@@ -283,24 +286,24 @@ def flight_point(at: str) -> tuple[float, float]:
 
 
 @contextlib.contextmanager
-def trim_progress(what: str) -> Iterator[Callable[[str], None]]:
-    """As `working`; ends the command with exit code 1 where there is no steady flight at the condition."""
+def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
+    """`activity` that ends the command with exit code 1 on ConditionError (no steady flight)."""
     from anser.analysis.trim_points import ConditionError
 
     try:
-        with activity(what) as tell:
+        with activity(description) as tell:
             yield tell
     except ConditionError as error:
         end_without_result("no steady flight", [str(error)])
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Refuse numbers outside the range of their options, and a pitch rate beside another rate.
+    """Raise RefusedError for values outside their range, or a pitch rate together with another rate.
 
     Parameters
     ----------
     condition
-        Parameters of the command by name: speed, altitude, centre of gravity, path angle, rates; None: not given.
+        Speed, altitude, centre of gravity, path angle and rates by parameter name; None if not specified.
     """
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
@@ -310,8 +313,8 @@ def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
     for name in ("turn_rate_deg_s", "path_rate_deg_s"):
         rate = condition.get(name)
         if rate and pitch_rate:
-            option, other = _option("pitch_rate_deg_s"), _option(name)
-            raise RefusedError(f"{option}: arrived {pitch_rate:g} with {other} {rate:g}; expected one of them 0")
+            option, rate_option = _option("pitch_rate_deg_s"), _option(name)
+            raise RefusedError(f"{option}: arrived {pitch_rate:g} with {rate_option} {rate:g}; expected one of them 0")
 
 
 def _option(parameter: str) -> str:
@@ -322,21 +325,21 @@ F16_SURVEYS_ONLY = (
     "grid, limits and gains of this survey are the F-16's; of another aircraft anser aircraft show has the trim map, "
     "anser margins --at and anser gallery --aircraft the autopilot"
 )
-"""What to do where a survey is of the F-16 alone."""
+"""Hint for surveys limited to the F-16."""
 
 
 def must_be_f16(aircraft: str, instead: str) -> None:
-    """Refuse another airframe than the F-16 for a survey that is made for it; `instead` says what works."""
+    """Raise RefusedError for airframes other than the F-16; `instead` describes an alternative."""
     if aircraft not in VARIANTS:
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
 def must_be_known_aircraft(aircraft: str, variant: str) -> None:
-    """Refuse an airframe that nobody offers, or a variant that it does not have; files are read later."""
+    """Raise RefusedError for an unknown airframe or variant; aircraft files are read later."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
-        words = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
-        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {words}")
-    known = VARIANTS.get(aircraft, ("textbook",))
-    if variant not in known:
-        words = f"one of {', '.join(known)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"
-        raise RefusedError(f"--variant: arrived {variant!r}; expected {words}")
+        expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
+        raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {expected}")
+    variants = VARIANTS.get(aircraft, ("textbook",))
+    if variant not in variants:
+        expected = f"one of {', '.join(variants)}" if aircraft in VARIANTS else f"none: {aircraft} has no variants"
+        raise RefusedError(f"--variant: arrived {variant!r}; expected {expected}")

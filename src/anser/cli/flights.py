@@ -75,30 +75,30 @@ def run(
     force: Force = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")] = False,
 ) -> None:
-    """Fly a scenario, write its results into a new folder and print a table."""
+    """Fly a scenario, write the results into a new folder and print a table."""
     store = None
     if campaign is not None or flight is not None:
         if campaign is None or flight is None or scenario is not None:
             raise RefusedError("run: expected either a scenario file, or both --campaign FOLDER and --flight NUMBER")
         if set_ or planner is not None:
             raise RefusedError("run: arrived --set or --planner with --campaign, whose flight is flown as it was")
-        store, wanted = campaign_flight(campaign, flight)
+        store, scenario_to_fly = campaign_flight(campaign, flight)
     elif scenario is None:
         raise RefusedError("run: arrived no scenario; expected a scenario file, or --campaign and --flight")
     else:
-        wanted = load_with_overrides(scenario, set_ or (), planner)
+        scenario_to_fly = load_with_overrides(scenario, set_ or (), planner)
     if plan is not None and not (plan / PLAN).is_file():
-        words = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
-        raise RefusedError(f"--plan: arrived {plan}, {words}; expected a folder that anser plan --out wrote")
-    beside = Path("runs") / wanted.name
+        description = f"a folder without {PLAN}" if plan.is_dir() else "no folder"
+        raise RefusedError(f"--plan: arrived {plan}, {description}; expected a folder that anser plan --out wrote")
+    default_folder = Path("runs") / scenario_to_fly.name
     from anser.missions.first_plan import NoPlanError, PlanFileError
-    from anser.missions.runs import run as fly  # here: a misspelt key must not wait for plotting libraries
+    from anser.missions.runs import run as fly  # late import: errors in the file come first
 
-    target = out if out is not None else beside if force else make_next_folder(beside)
+    target = out if out is not None else default_folder if force else make_next_folder(default_folder)
     try:
         with open_output_folder(target, force or out is None) as into, progress_bar() as tell:
-            planned = None if plan is None else _finished_plan(plan, wanted)
-            flown = fly(wanted, tell, planned, "float64" if store is None else store.study.precision)
+            planned = None if plan is None else _finished_plan(plan, scenario_to_fly)
+            flown = fly(scenario_to_fly, tell, planned, "float64" if store is None else store.study.precision)
             tell("writing", None)
             flown.write_into(into)
     except NoPlanError as error:
@@ -116,45 +116,44 @@ def run(
     if store is not None and flight is not None:
         report_replay(store, flight, flown)
     if not flown.met:
-        for beyond in flown.planned.problems():
-            print_problem(f"planned beyond the limits: {beyond}")
+        for problem in flown.planned.problems():
+            print_problem(f"planned beyond the limits: {problem}")
         _fail_unmet(flown.summary, stopped_s)
 
 
 def _open_in_browser(page: Path) -> None:
-    """Open a file in the browser."""
     if not webbrowser.open(page.resolve().as_uri()):
         print_note(f"no browser could be opened: open {page}")
 
 
-def _finished_plan(folder: Path, wanted: Scenario) -> "FirstPlan":
+def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
     from anser.missions.plans import read_plan
 
-    return read_plan(folder / PLAN, wanted)
+    return read_plan(folder / PLAN, scenario)
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Since when the record has a status other than that of flying, s, of each aircraft that got one on the way."""
-    found = {}
+    """Start time, s, of the first status other than flying, for each aircraft that started flying."""
+    stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
-        rows = codes.nonzero()[0]
-        if rows.size and rows[0] > 0:
-            found[str(name)] = float(dataset["time"].values[rows[0]])
-    return found
+        stopped_rows = codes.nonzero()[0]
+        if stopped_rows.size and stopped_rows[0] > 0:
+            stop_times[str(name)] = float(dataset["time"].values[stopped_rows[0]])
+    return stop_times
 
 
-def _status_text(row: dict, stopped_s: dict[str, float]) -> str:
-    """Status of an aircraft, and since when where it got it on the way."""
-    since = stopped_s.get(row["name"])
-    return row["status"] if since is None else f"at {since:.1f} s: {row['status']}"
+def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
+    """Status of an aircraft, with its start time for a change in flight."""
+    stop_time = stopped_s.get(aircraft["name"])
+    return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
 
 def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mapping[Any, Any]) -> None:
-    # here: a misspelt key must not wait for what reads results
+    # late import: errors in the file come first
     from anser.results.separation import NO_SEPARATION, is_judged_by_separation, proximity_warning
     from anser.results.summary_format import format_fleet
 
-    has_paths = any(row["path"] not in (None, "nominal") for row in summary["aircraft"])
+    has_paths = any(aircraft["path"] not in (None, "nominal") for aircraft in summary["aircraft"])
     figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
     table = plain_table(
         f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown",
@@ -163,18 +162,18 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
         *columns(*figures, justify="right", no_wrap=True),
         *columns("status", overflow="fold", min_width=7),
     )
-    for row in summary["aircraft"]:
-        speeds = "/".join(number(row[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
-        left = f" (left the tables for {row['tables_left_s']:.1f} s)" if row["tables_left"] else ""
+    for aircraft in summary["aircraft"]:
+        speeds = "/".join(number(aircraft[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
+        tables_note = f" (left the tables for {aircraft['tables_left_s']:.1f} s)" if aircraft["tables_left"] else ""
         table.add_row(
-            row["name"],
-            *([row["path"]] if has_paths else []),
-            number(row["planned_arrival_s"], 2),
-            number(row["arrival_s"], 2),
-            number(row["miss_m"], 2),
+            aircraft["name"],
+            *([aircraft["path"]] if has_paths else []),
+            number(aircraft["planned_arrival_s"], 2),
+            number(aircraft["arrival_s"], 2),
+            number(aircraft["miss_m"], 2),
             speeds,
-            number(row["clearance_min_m"], 0),
-            _status_text(row, stopped_s) + left,
+            number(aircraft["clearance_min_m"], 0),
+            _status_text(aircraft, stopped_s) + tables_note,
         )
     print_table(table)
     fleet = summary["fleet"]
@@ -191,18 +190,18 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
 
 
 def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
-    """Say which requirements were not met, and stop with exit code 1."""
-    for row in summary["requirements"]:
-        if not row["met"]:
-            print_problem(f"not met: {row['name']}: limit {row['limit']:g}, flown {number(row['value'], 4)}")
-    for row in summary["aircraft"]:
-        if row["status"] != "arrived":
-            print_problem(f'aircraft "{row["name"]}": {_status_text(row, stopped_s)}')
+    """Print the requirements that are not met and exit with code 1."""
+    for item in summary["requirements"]:
+        if not item["met"]:
+            print_problem(f"not met: {item['name']}: limit {item['limit']:g}, flown {number(item['value'], 4)}")
+    for item in summary["aircraft"]:
+        if item["status"] != "arrived":
+            print_problem(f'aircraft "{item["name"]}": {_status_text(item, stopped_s)}')
     raise typer.Exit(1)
 
 
 _UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": ("deg", 1), "1": ("", 2)}
-"""How a unit is printed, and with how many decimals."""
+"""Printed unit and number of decimals, by unit."""
 _SAME_TIME_S = 5e-3
 
 
@@ -225,17 +224,17 @@ def plan(
     force: Force = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the picture in the browser at the end.")] = False,
 ) -> None:
-    """Plan a scenario without flying it: arrival times, each aircraft's path, what it leaves to the limits."""
-    wanted = load_with_overrides(scenario, set_ or (), planner)
+    """Plan a scenario without flying it: arrival times, paths, and margins to the limits."""
+    scenario_to_plan = load_with_overrides(scenario, set_ or (), planner)
     with (
         contextlib.nullcontext() if out is None else open_output_folder(out, force) as into,
         activity("planning") as tell,
     ):
         from anser.missions.plan_output import record_plan
-        from anser.missions.plans import plan as make  # here: a misspelt key must not wait for plotting libraries
+        from anser.missions.plans import plan as make_plan  # late import: errors in the file come first
         from anser.missions.plans import write_plan
 
-        planned = make(wanted, tell)
+        planned = make_plan(scenario_to_plan, tell)
         if planned.refusals:
             end_without_result("no plan", planned.refusals, "no plan: ")
         recorded = record_plan(planned)
@@ -253,14 +252,14 @@ def plan(
         _open_in_browser(_picture_folder(recorded, out) / "plan.svg")
     for note in recorded.summary["notes"]:
         print_note(f"note: {note}")
-    for found in recorded.summary["problems"]:
-        print_problem(f"not flyable: {found}")
+    for problem in recorded.summary["problems"]:
+        print_problem(f"not flyable: {problem}")
     if recorded.summary["problems"]:
         raise typer.Exit(1)
 
 
 def _picture_folder(recorded: "RecordedPlan", out: Path | None) -> Path:
-    """Folder with the picture of a plan: the output folder, or a temporary one."""
+    """Folder with the picture of a plan: the output folder, or a temporary folder."""
     if out is not None:
         return out
     folder = Path(tempfile.mkdtemp(prefix="anser-"))
@@ -273,79 +272,83 @@ def _print_paths(summary: dict[str, Any]) -> None:
 
     arrival = summary["arrival"]
     common = arrival["last_s"] - arrival["first_s"] < _SAME_TIME_S
-    when = format_planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
-    rows = [_path_row(row, common) for row in summary["aircraft"]]
+    arrival_text = format_planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
+    path_cells = [_path_row(aircraft, common) for aircraft in summary["aircraft"]]
     table = plain_table(
-        f"{summary['scenario']['name']}: {when}",
+        f"{summary['scenario']['name']}: {arrival_text}",
         *columns("aircraft", "path", no_wrap=True),
-        *columns(*rows[0], justify="right", no_wrap=True),
+        *columns(*path_cells[0], justify="right", no_wrap=True),
     )
-    for row, cells in zip(summary["aircraft"], rows, strict=True):
-        table.add_row(row["name"], row["path"], *cells.values())
+    for aircraft, cells in zip(summary["aircraft"], path_cells, strict=True):
+        table.add_row(aircraft["name"], aircraft["path"], *cells.values())
     print_table(table)
 
 
-def _path_row(row: dict[str, Any], arrive_together: bool) -> dict[str, str]:
-    """Cells of an aircraft by their headings; the same headings for all of a fleet."""
-    found = {one["name"]: one["planned"] for one in row["limits"]}
-    cells = {} if arrive_together else {"arrival\ns": number(row["arrival_s"], 2)}
-    if "nominal_length_m" in row:
-        cells["nominal\nm"] = number(row["nominal_length_m"], 1)
-    cells["planned\nm"] = number(row["length_m"], 1)
-    cells["mean\nm/s"] = number(row["speed_mean_m_s"], 1)
-    cells["airspeed\nm/s"] = f"{number(row['speed_min_m_s'], 0)} to {number(row['speed_max_m_s'], 0)}"
-    if "turn_use" in row:
-        cells["turn, of\nlimit"] = f"{number(100.0 * row['turn_use'], 0)} %"
-    cells["bank\ndeg"] = number(found.get("bank_max_deg"), 0)
-    cells["climb\nm/s"] = number(found.get("climb_rate_max_m_s"), 1)
-    cells["lowest\nm"] = number(found.get("altitude_min_m"), 0)
+def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
+    """Cells of an aircraft by heading; the headings are equal for the whole fleet."""
+    planned = {limit["name"]: limit["planned"] for limit in aircraft["limits"]}
+    cells = {} if arrive_together else {"arrival\ns": number(aircraft["arrival_s"], 2)}
+    if "nominal_length_m" in aircraft:
+        cells["nominal\nm"] = number(aircraft["nominal_length_m"], 1)
+    cells["planned\nm"] = number(aircraft["length_m"], 1)
+    cells["mean\nm/s"] = number(aircraft["speed_mean_m_s"], 1)
+    cells["airspeed\nm/s"] = f"{number(aircraft['speed_min_m_s'], 0)} to {number(aircraft['speed_max_m_s'], 0)}"
+    if "turn_use" in aircraft:
+        cells["turn, of\nlimit"] = f"{number(100.0 * aircraft['turn_use'], 0)} %"
+    cells["bank\ndeg"] = number(planned.get("bank_max_deg"), 0)
+    cells["climb\nm/s"] = number(planned.get("climb_rate_max_m_s"), 1)
+    cells["lowest\nm"] = number(planned.get("altitude_min_m"), 0)
     return cells
 
 
 def _print_margins(summary: dict[str, Any]) -> None:
-    """What each path leaves to each limit; what is left of none is marked."""
+    """Print the margin of each path to each limit; negative margins in red."""
     from anser.planning.limits import LIMITS
 
-    how = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
-    table = plain_table(f"left to the limits, {how} (negative: passed)", *columns("aircraft", no_wrap=True))
-    given = {one["name"] for row in summary["aircraft"] for one in row["limits"]}
-    shown = [limit for limit in LIMITS if limit.name in given]
+    method = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
+    table = plain_table(f"left to the limits, {method} (negative: passed)", *columns("aircraft", no_wrap=True))
+    limit_names = {entry["name"] for aircraft in summary["aircraft"] for entry in aircraft["limits"]}
+    shown = [limit for limit in LIMITS if limit.name in limit_names]
     for limit in shown:
-        first, _, rest = (limit.heading or limit.description).partition(" ")
-        table.add_column(f"{first}\n{rest}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
-    for row in summary["aircraft"]:
-        margins = {one["name"]: one["margin"] for one in row["limits"]}
+        first_word, _, other_words = (limit.heading or limit.description).partition(" ")
+        table.add_column(f"{first_word}\n{other_words}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
+    for aircraft in summary["aircraft"]:
+        margins = {entry["name"]: entry["margin"] for entry in aircraft["limits"]}
         cells: list[Text | str] = []
         for limit in shown:
             margin = margins.get(limit.name)
             text = number(margin, _UNITS[limit.unit][1])
             cells.append(Text(text, "bold red") if margin is not None and margin < 0.0 else text)
-        table.add_row(row["name"], *cells)
+        table.add_row(aircraft["name"], *cells)
     print_table(table)
 
 
 def _separation_lines(summary: dict[str, Any]) -> list[str]:
     """Lines about the closest pairs and the keep-outs."""
     lines = []
-    asked, least = summary["separation"], summary["least_distance"]
-    if asked is not None and asked["pair"] is not None:
-        words = f"{asked['horizontal_asked_m']:g} m"
-        if asked["vertical_asked_m"]:
-            words += f", or {asked['vertical_asked_m']:g} m in altitude"
+    separation, closest = summary["separation"], summary["least_distance"]
+    if separation is not None and separation["pair"] is not None:
+        required_text = f"{separation['horizontal_asked_m']:g} m"
+        if separation["vertical_asked_m"]:
+            required_text += f", or {separation['vertical_asked_m']:g} m in altitude"
         lines.append(
-            f"closest by the separation ({words}): {' and '.join(asked['pair'])} at {asked['time_s']:.2f} s, "
-            f"{asked['horizontal_m']:.0f} m in the plane and {asked['vertical_m']:.0f} m in altitude"
+            f"closest by the separation ({required_text}): {' and '.join(separation['pair'])} "
+            f"at {separation['time_s']:.2f} s, {separation['horizontal_m']:.0f} m in the plane and "
+            f"{separation['vertical_m']:.0f} m in altitude"
         )
-    if asked is not None and asked.get("hold_bound_ratio") is not None:
-        lines.append(f"holds: at least {asked['hold_bound_ratio']:.2f} times the separation, until the flight ends")
-    if least["pair"] is not None:
-        required = "" if least["required_m"] is None else f" ({least['required_m']:g} m required)"
+    if separation is not None and separation.get("hold_bound_ratio") is not None:
         lines.append(
-            f"least separation {least['value_m']:.0f} m in space{required}: {' and '.join(least['pair'])} "
-            f"at {least['time_s']:.2f} s"
+            f"holds: at least {separation['hold_bound_ratio']:.2f} times the separation, until the flight ends"
+        )
+    if closest["pair"] is not None:
+        required = "" if closest["required_m"] is None else f" ({closest['required_m']:g} m required)"
+        lines.append(
+            f"least separation {closest['value_m']:.0f} m in space{required}: {' and '.join(closest['pair'])} "
+            f"at {closest['time_s']:.2f} s"
         )
     lines += [
-        f"keep-out {one['name']}: nearest is {one['aircraft']}, {one['room_m']:.0f} m outside at {one['time_s']:.2f} s"
-        for one in summary["keep_outs"]
+        f"keep-out {keep_out['name']}: nearest is {keep_out['aircraft']}, {keep_out['room_m']:.0f} m outside "
+        f"at {keep_out['time_s']:.2f} s"
+        for keep_out in summary["keep_outs"]
     ]
     return lines

@@ -1,7 +1,4 @@
-"""Folders and files of commands.
-
-New output folders and files (or, with --force, replaced ones), and the folder of a finished run.
-"""
+"""Output folders and files of commands (new, or replaced with --force), and folders of finished runs."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -31,40 +28,40 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Make the output folder and give one to write into, before anything is flown; refuse one that exists.
+    """Create the output folder and yield a folder to write into; raises RefusedError if it exists.
 
-    What is written gets its place in the folder when all of it is complete. A new folder into which nothing is written
-    does not stay. With `force` the folder may exist, and files of the same names are replaced.
+    Files move to their final place when all are complete; a new folder is removed if it stays empty. With `force` the
+    folder may exist, and files of the same names are replaced.
     """
     is_old = force and _is_folder(folder)
-    place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
+    expected_place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
     with contextlib.ExitStack() as writing:
         if is_old:
             writing.callback(remove_empty_folders, [folder])
-        with _refusing("--out", folder, place):
+        with _refusing("--out", folder, expected_place):
             try:
                 into = writing.enter_context(staged_folder(folder) if is_old else new_folder(folder))
             except FileExistsError:
-                words = "a new folder, or --force (nothing is overwritten without it)"
+                remedy = "a new folder, or --force (nothing is overwritten without it)"
                 raise RefusedError(
-                    f"--out: arrived {folder}, which exists; expected {words if folder.is_dir() else 'a folder'}"
+                    f"--out: arrived {folder}, which exists; expected {remedy if folder.is_dir() else 'a folder'}"
                 ) from None
         yield into
-        with _refusing("--out", folder, place):
+        with _refusing("--out", folder, expected_place):
             writing.close()
 
 
 def make_next_folder(folder: Path) -> Path:
-    """Make the output folder that nobody named: this one, or the first that is free with -2, -3, ... behind it."""
-    place, count = folder, 1
+    """Create the default output folder; if it exists, the first free name with suffix -2, -3, ..."""
+    candidate, count = folder, 1
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         while True:
             with contextlib.suppress(FileExistsError):
-                place.mkdir()
-                return place
+                candidate.mkdir()
+                return candidate
             count += 1
-            place = folder.with_name(f"{folder.name}-{count}")
+            candidate = folder.with_name(f"{folder.name}-{count}")
     except OSError as error:
         raise RefusedError(
             f"--out: arrived nothing, and {folder} cannot be made ({os_error_reason(error)}); "
@@ -73,19 +70,19 @@ def make_next_folder(folder: Path) -> Path:
 
 
 def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bool = False) -> None:
-    """Refuse a file that cannot be written, before anything is computed; with `force` it may exist."""
+    """Raise RefusedError if a file cannot be written, before any computation; with `force` the file may exist."""
     if path.suffix not in suffixes:
-        words = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
-        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {words}")
+        endings = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
+        raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {endings}")
     must_be_writable(option, path, force)
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Refuse a file that exists, unless `force` may replace it, and one for which there is no place."""
+    """Raise RefusedError if a file exists (unless `force`) or its folder does not exist."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
-            words = "a new file, or --force (nothing is overwritten without it)"
-            raise RefusedError(f"{option}: arrived {path}, which exists; expected {words}")
+            remedy = "a new file, or --force (nothing is overwritten without it)"
+            raise RefusedError(f"{option}: arrived {path}, which exists; expected {remedy}")
         if path.exists() and not path.is_file():
             kind = "a folder" if path.is_dir() else "a device"
             raise RefusedError(f"{option}: arrived {path}, which is {kind}; expected a file")
@@ -95,7 +92,7 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Give a path to write to, whose file takes its place when it is complete; refuse one that cannot be written."""
+    """Yield a temporary path for an output file, moved to its place when complete; raises RefusedError on failure."""
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
 
@@ -107,7 +104,7 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Refuse a path of an option that the system does not take."""
+    """Convert operating-system errors for an option's path to RefusedError."""
     try:
         yield
     except OSError as error:
@@ -117,26 +114,26 @@ def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
 __all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "check_run_folder", "read_flight", "read_run"]
 
 
-def check_run_folder(folder: Path, place: str = "RUN") -> None:
-    """Refuse a folder that holds no run; `place` is the argument that names it."""
+def check_run_folder(folder: Path, argument: str = "RUN") -> None:
+    """Raise RefusedError if a folder is not a run; `argument` names the folder on the command line."""
     try:
         saved_flights.check_run_folder(folder)
     except RunFolderError as error:
-        raise RefusedError(f"{place}: {error}") from None
+        raise RefusedError(f"{argument}: {error}") from None
 
 
-def read_run(folder: Path, place: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Read a flight and its summary; refuse a folder that does not hold both."""
-    check_run_folder(folder, place)
+def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
+    """Read the dataset and summary of a run folder; raises RefusedError if incomplete."""
+    check_run_folder(folder, argument)
     try:
-        found = load_flight(folder)
+        flight = load_flight(folder)
     except RunFolderError as error:
-        raise RefusedError(f"{place}, {error}") from None
-    return found.dataset, found.summary
+        raise RefusedError(f"{argument}, {error}") from None
+    return flight.dataset, flight.summary
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """As `read_run`; refuse a flight that lacks variables."""
+    """As `read_run`; also raises RefusedError if the dataset lacks variables."""
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:

@@ -1,4 +1,4 @@
-"""The command margins."""
+"""Command margins."""
 
 import math
 from pathlib import Path
@@ -66,7 +66,7 @@ def margins(
     out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
     force: Force = False,
 ) -> None:
-    """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, broken one at a time."""
+    """Gain, phase, delay and disk margins at every actuator and loop of the autopilot, with one loop open at a time."""
     must_be_known_aircraft(aircraft, variant)
     must_be_in_range("--step-s", step_s, 0.001, 0.05)
     if envelope:
@@ -89,16 +89,16 @@ def margins(
     from anser.analysis.margins import margin_document, margins_at
 
     with trim_progress("trimming and breaking the loops"):
-        found = margins_at(
+        dataset = margins_at(
             aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
         )
     if bode is not None:
         from anser.report.margin_figures import draw_bode
 
         with open_output_file("--bode", bode, force) as file:
-            draw_bode(found, [file])
-    print_document(lambda: margin_document(found))
-    _print(found)
+            draw_bode(dataset, [file])
+    print_document(lambda: margin_document(dataset))
+    _print(dataset)
     if bode is not None:
         print_note(f"{bode}: written")
 
@@ -122,82 +122,92 @@ def _survey(
     print_note(f"{out}: margins.nc, margins.json and maps written")
 
 
-def _name(of: dict[str, Any]) -> str:
+def _name(condition: dict[str, Any]) -> str:
     from anser.analysis.trim_points import airframe_label
 
-    return airframe_label(of)
+    return airframe_label(condition)
 
 
-def _print(found: "xr.Dataset") -> None:
-    of = found.attrs
+def _print(dataset: "xr.Dataset") -> None:
+    condition = dataset.attrs
     figures = ("gain up, dB", "down, dB", "phase, deg", "crossover, rad/s", "delay, ms", "disk", "is dB", "or deg")
     table = plain_table(
-        f"{_name(of)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion, "
-        f"sampled every {1000 * of['step_s']:g} ms",
+        f"{_name(condition)} at {condition['speed_m_s']:g} m/s, {condition['altitude_m']:g} m: "
+        f"{condition['inversion']} inversion, sampled every {1000 * condition['step_s']:g} ms",
         *columns("loop broken at", no_wrap=True),
         *columns(*figures, justify="right"),
         "short",
     )
-    for name in found["breakpoint"].values.tolist():
-        row = {key: values.item() for key, values in found.sel(breakpoint=name).data_vars.items() if not values.dims}
-        gain, phase = _disk(row["disk_margin"])
+    for name in dataset["breakpoint"].values.tolist():
+        margins_here = {
+            key: values.item() for key, values in dataset.sel(breakpoint=name).data_vars.items() if not values.dims
+        }
+        gain, phase = _disk(margins_here["disk_margin"])
         table.add_row(
             name,
-            _gain(row["gain_up_db"], row["gain_up_searched_db"], 1.0),
-            _gain(row["gain_down_db"], row["gain_down_searched_db"], -1.0),
-            _figure(row["phase_margin_deg"], 1),
-            _figure(row["crossover_rad_s"], 2),
-            _figure(row["delay_margin_ms"], 1),
-            _figure(row["disk_margin"], 2),
+            _gain(margins_here["gain_up_db"], margins_here["gain_up_searched_db"], 1.0),
+            _gain(margins_here["gain_down_db"], margins_here["gain_down_searched_db"], -1.0),
+            _figure(margins_here["phase_margin_deg"], 1),
+            _figure(margins_here["crossover_rad_s"], 2),
+            _figure(margins_here["delay_margin_ms"], 1),
+            _figure(margins_here["disk_margin"], 2),
             _figure(gain, 1),
             _figure(phase, 1),
-            "short" if row["short"] else "",
+            "short" if margins_here["short"] else "",
         )
     print_table(table)
-    together = found["actuators_disk_margin"].item()
-    gain, phase = _disk(together)
+    simultaneous = dataset["actuators_disk_margin"].item()
+    gain, phase = _disk(simultaneous)
     print_line(
-        f"All actuators at once: disk {together:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
-        f"Short: less than {of['gain_min_db']:g} dB or {of['phase_min_deg']:g} deg. Boundaries of stability are "
-        f"searched from {of['frequency_min_rad_s']:g} to {of['frequency_max_rad_s']:.5g} rad/s; a dash: none found. "
-        "None to: none found up to this change of gain; beyond it one could lie below these frequencies. "
+        f"All actuators at once: disk {simultaneous:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
+        f"Short: less than {condition['gain_min_db']:g} dB or {condition['phase_min_deg']:g} deg. Boundaries of "
+        f"stability are searched from {condition['frequency_min_rad_s']:g} to {condition['frequency_max_rad_s']:.5g} rad/s; "
+        "a dash: none found. "
+        "None to: none found up to this change of gain; beyond it one could lie below these "
+        "frequencies. "
         "All loops but the one broken are closed."
     )
 
 
 def _print_survey(surveyed: "MarginSurvey") -> None:
     document = surveyed.document()
-    of = surveyed.dataset.attrs
+    condition = surveyed.dataset.attrs
     figures = (*(heading for _, heading, _ in _FIGURES), "short", "of points", "short of all points")
     table = plain_table(
-        f"{_name(of)}, {of['inversion']} inversion: least / 5th percentile / median where a tenth of power and "
-        "surfaces is left",
+        f"{_name(condition)}, {condition['inversion']} inversion: least / 5th percentile / median where a tenth of "
+        "power and surfaces is left",
         *columns("loop broken at", no_wrap=True),
         *columns(*figures, justify="right"),
     )
-    for row, of_all in zip(document["breakpoints_with_reserve"], document["breakpoints_all"], strict=True):
+    for with_reserve, all_points in zip(document["breakpoints_with_reserve"], document["breakpoints_all"], strict=True):
         cells = [
-            " / ".join(number(row[f"{key}_{what}"], digits) for what in ("min", "p5", "median"))
+            " / ".join(number(with_reserve[f"{key}_{statistic}"], digits) for statistic in ("min", "p5", "median"))
             for key, _, digits in _FIGURES
         ]
-        table.add_row(row["breakpoint"], *cells, str(row["short"]), str(row["points"]), str(of_all["short"]))
+        table.add_row(
+            with_reserve["breakpoint"],
+            *cells,
+            str(with_reserve["short"]),
+            str(with_reserve["points"]),
+            str(all_points["short"]),
+        )
     print_table(table)
     points = document["points"]
     print_line(
         f"{points['stable']} points are stable, {points['unstable']} unstable; {points['held_back']} stand at a limit "
-        f"of the autopilot, {points['no_trim']} cannot be flown. Short: less than {of['gain_min_db']:g} dB or "
-        f"{of['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)"
+        f"of the autopilot, {points['no_trim']} cannot be flown. Short: less than {condition['gain_min_db']:g} dB or "
+        f"{condition['phase_min_deg']:g} deg. {surveyed.run_s:.1f} s (and {surveyed.compile_s:.1f} s compiling)"
     )
 
 
 def _disk(radius: float) -> tuple[float, float]:
-    """Gain (dB) and phase (deg) that a disk margin allows, each by itself."""
+    """Gain (dB) and phase (deg) variations within a disk margin, each alone."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
 
 
 def _gain(margin_db: float, searched_db: float, sign: float) -> str:
-    """Gain margin of one direction, or how far there is none."""
+    """Gain margin in one direction, or the searched range without a stability boundary."""
     if math.isfinite(margin_db) or not math.isfinite(searched_db):
         return _figure(sign * margin_db, 1)
     return f"none to {sign * searched_db:.1f}"

@@ -1,4 +1,4 @@
-"""Options that change a scenario on the way: --set and --planner; values by path, as the file would hold them."""
+"""Options that change scenario values by key path: --set and --planner."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -34,24 +34,24 @@ PlannerName = Annotated[
 def load_with_overrides(
     path: Path, settings: Sequence[str] = (), planner: str | None = None, *, with_trim_maps: bool = True
 ) -> Scenario:
-    """Load a scenario, put other values in their places, and print its cautions; `built` as of `cautions`."""
+    """Load a scenario, apply overrides and print the cautions; `with_trim_maps` as in `find_cautions`."""
     scenario = load(path)
-    given = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
-    if given:
-        (first, value), *more = given.items()
+    overrides = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
+    if overrides:
+        (first_path, value), *other_overrides = overrides.items()
         try:
-            scenario = scenario.replace(first, value, *itertools.chain(*more))
-            _refuse_idle(scenario, given)
+            scenario = scenario.replace(first_path, value, *itertools.chain(*other_overrides))
+            _refuse_idle(scenario, overrides)
         except ScenarioError as error:
-            words = ", ".join(f"{one} = {value}" for one, value in given.items())
-            raise ScenarioError(f"{path} with {words}", error.problems) from None
+            assignments = ", ".join(f"{key_path} = {value}" for key_path, value in overrides.items())
+            raise ScenarioError(f"{path} with {assignments}", error.problems) from None
     for caution in find_cautions(scenario, with_trim_maps=with_trim_maps):
         print_note(f"caution: {caution}")
     return scenario
 
 
 def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
-    """Refuse options --set that change nothing (ScenarioError)."""
+    """Raise ScenarioError for overrides without effect."""
     numbers = {indexed_path(scenario, path) for path in paths}
     idle = [problem for problem in unused_key_problems(scenario) if problem.path in numbers]
     if idle:
@@ -59,18 +59,18 @@ def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
 
 
 def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
-    """By path, the values of options --set of the form PATH=VALUE."""
-    found: dict[str, object] = {}
+    """Values of options --set (PATH=VALUE), by path."""
+    overrides: dict[str, object] = {}
     for text in texts:
         path, value = split_assignment(text, "PATH=VALUE, such as wind.speed_m_s=8")
-        if path in found:
+        if path in overrides:
             raise RefusedError(f"--set: arrived {path} twice; expected it once")
-        found[path] = parse_value(value)
-    return found
+        overrides[path] = parse_value(value)
+    return overrides
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """What stands before and behind the equals sign of an option --set."""
+    """Parts before and after the equals sign of an option --set."""
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
         raise RefusedError(f"--set: arrived {text!r}; expected {expected}")
@@ -78,13 +78,13 @@ def split_assignment(text: str, expected: str) -> tuple[str, str]:
 
 
 def parse_value(text: str) -> object:
-    """A number, a truth value, a list or a table of TOML where it reads as one, else the text itself."""
+    """Parse a number, truth value, list or table in TOML notation; other text stays as text."""
     word = text.strip()
     if word in ("true", "false"):
         return word == "true"
-    for kind in (int, float):
+    for number_type in (int, float):
         try:
-            return kind(word)
+            return number_type(word)
         except ValueError:
             continue
     if word.startswith(("[", "{", '"', "'")):

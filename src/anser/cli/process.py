@@ -1,7 +1,6 @@
-"""The process of the command line.
+"""Process of the command line: Ctrl-C with one message and exit code 130; closed or full standard streams.
 
-Ctrl-C with one message and exit code 130, and standard streams that may be closed or full. Standard library only,
-because it is imported before everything else.
+Standard library only, because this module is imported first.
 """
 
 import contextlib
@@ -16,12 +15,12 @@ INTERRUPTED = 130
 
 
 class Interrupts:
-    """Interrupts of this process.
+    """Interrupts (Ctrl-C) of this process.
 
     Attributes
     ----------
     arrived
-        Whether there was one. A library may have caught the exception, or made another of it.
+        Whether an interrupt arrived, even if a library caught or replaced the exception.
     """
 
     def __init__(self) -> None:
@@ -29,7 +28,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
-        """Note an interrupt in the block, besides raising KeyboardInterrupt; not if the process ignores them."""
+        """Record interrupts in the block, besides raising KeyboardInterrupt; inactive if the process ignores them."""
         self.arrived = False
         handler = signal.getsignal(signal.SIGINT)
         if handler is not signal.default_int_handler:
@@ -42,12 +41,12 @@ class Interrupts:
             signal.signal(signal.SIGINT, handler)
 
     def check(self) -> None:
-        """Raise KeyboardInterrupt if one arrived: a library may have swallowed it."""
+        """Raise KeyboardInterrupt if an interrupt arrived (a library may have caught the exception)."""
         if self.arrived:
             raise KeyboardInterrupt
 
     def end_process(self) -> None:
-        """End at once, with the message: the threads of compilers and other libraries are not waited for."""
+        """Print the message and end at once, without waiting for threads of compilers and libraries."""
         from anser.files import remove_temporary_outputs
 
         remove_temporary_outputs()
@@ -59,7 +58,7 @@ class Interrupts:
 
     def _note(self, _number: int, _frame: FrameType | None) -> None:
         self.arrived = True
-        sys.unraisablehook = lambda _: None  # an interrupt within a finaliser is no fault to be told
+        sys.unraisablehook = lambda _: None  # no message for an interrupt inside a finaliser
         raise KeyboardInterrupt
 
 
@@ -67,12 +66,12 @@ interrupts = Interrupts()
 
 
 class GuardedStream:
-    """A text stream that goes silent at the first text that cannot be written.
+    """Text stream that becomes silent after the first failed write.
 
     Attributes
     ----------
     failure
-        Why it went silent; None as long as it is written.
+        Error of the failed write; None before a failure.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -80,12 +79,12 @@ class GuardedStream:
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write a text, or nothing if the stream is silent."""
+        """Write text, unless the stream is silent."""
         self._guard(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream, unless it is silent."""
+        """Flush the stream, unless the stream is silent."""
         self._guard(self._stream.flush)
 
     def __getattr__(self, name: str) -> Any:
@@ -105,16 +104,15 @@ class GuardedStream:
 def guarded_streams() -> Iterator[Callable[[], str | None]]:
     """Guard standard output and standard error in the block.
 
-    A reader that has read enough, as ``head`` does, is no failure, and of standard error nobody could be told.
+    A reader that closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
 
     Returns
     -------
-    Function that flushes standard output and returns why it could not be written; None if all of it was, or if its
-    reader closed it.
+    Function that flushes standard output and returns the reason of a failed write, or None.
     """
     _open_closed_descriptors()
-    before = sys.stdout, sys.stderr
-    out, err = (GuardedStream(_tolerant(stream)) for stream in before)
+    original_streams = sys.stdout, sys.stderr
+    out, err = (GuardedStream(_tolerant(stream)) for stream in original_streams)
     sys.stdout, sys.stderr = out, err  # pyright: ignore[reportAttributeAccessIssue]
 
     def unwritten() -> str | None:
@@ -126,11 +124,11 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
     try:
         yield unwritten
     finally:
-        sys.stdout, sys.stderr = before
+        sys.stdout, sys.stderr = original_streams
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:
-    """Make a stream write characters that its encoding lacks as escapes; one that is closed gets nothing."""
+    """Write characters outside a stream's encoding as escapes; a closed stream becomes the null device."""
     if stream is None:
         return open(os.devnull, "w", encoding="utf-8")
     reconfigure = getattr(stream, "reconfigure", None)
@@ -140,7 +138,7 @@ def _tolerant(stream: TextIO | None) -> TextIO:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device where a standard stream is closed: the next file would get its number, and its messages."""
+    """Open the null device for closed standard streams; otherwise a later file would get their descriptor."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -149,7 +147,7 @@ def _open_closed_descriptors() -> None:
 
 
 def _discard(stream: TextIO) -> None:
-    """Send what the stream still holds to the null device, or it fails again when the process ends."""
+    """Send the buffered text to the null device; otherwise the write fails again at exit."""
     with contextlib.suppress(OSError, ValueError):
         target = os.open(os.devnull, os.O_WRONLY)
         os.dup2(target, stream.fileno())

@@ -1,4 +1,4 @@
-"""Commands about finished runs: report, export, figures."""
+"""Commands for finished runs: report, export, figures."""
 
 import math
 from collections.abc import Iterator
@@ -41,24 +41,24 @@ def report(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Write the report of a run anew, or of two runs side by side, as one page that works offline."""
+    """Write the report of a run again, or of two runs side by side, as one page that works offline."""
     if other is not None and out is None:
         raise RefusedError("--out: arrived nothing; expected a file for the report of two runs, such as beside.html")
     target = out if out is not None else run / "report.html"
-    folders = {place: folder for place, folder in (("RUN", run), ("OTHER", other)) if folder is not None}
-    for place, folder in folders.items():
-        check_run_folder(folder, place)
+    folders = {argument: folder for argument, folder in (("RUN", run), ("OTHER", other)) if folder is not None}
+    for argument, folder in folders.items():
+        check_run_folder(folder, argument)
     if out is None and target.exists() and not force:
         raise RefusedError(f"--out: arrived nothing, and {target} exists; give --force to write it anew, or --out FILE")
     must_be_writable("--out", target, force)
     if target.name in RUN_FILES:
         raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
-    from anser.report.flight_page import (  # here: a misspelt folder must not wait for libraries
+    from anser.report.flight_page import (  # late import: errors in the arguments come first
         write_comparison,
         write_report,
     )
 
-    runs = [(str(folder), *read_run(folder, place)) for place, folder in folders.items()]
+    runs = [(str(folder), *read_run(folder, argument)) for argument, folder in folders.items()]
     try:
         with open_output_file("--out", target, force) as file:
             if other is None:
@@ -66,8 +66,8 @@ def report(
             else:
                 write_comparison(runs, file)
     except ValueError as error:
-        words = f"{error}; expected what one flight of `anser run` wrote"
-        raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {words}") from None
+        message = f"{error}; expected what one flight of `anser run` wrote"
+        raise RefusedError(f"{' and '.join(map(str, folders.values()))}: {message}") from None
     print_document(lambda: {"format_version": 1, "file": str(target)})
     print_line(f"{target}: written")
 
@@ -98,22 +98,22 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a flight for Cesium (czml), Google Earth (kml), tables (csv, parquet), MATLAB and Octave (mat)."""
-    began = _started(start)
+    start_time = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
         raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
     from anser.report.exports.formats import FORMATS, thin_record
     from anser.report.exports.geography import NEEDED_VARIABLES
     from anser.report.exports.tables import PARQUET_MISSING, has_parquet
 
-    wanted = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
-    for name in wanted:
+    format_names = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
+    for name in format_names:
         if name not in FORMATS:
             raise RefusedError(f"--format: arrived {name!r}; expected one of {', '.join(FORMATS)}")
-    lacking = [] if has_parquet() else [name for name in wanted if name == "parquet"]
-    if wanted == lacking:
+    unavailable = [] if has_parquet() else [name for name in format_names if name == "parquet"]
+    if format_names == unavailable:
         raise RefusedError(f"--format: {PARQUET_MISSING}; all other formats are written without it")
     folder = run if out is None else out
-    files = {name: folder / f"flight.{name}" for name in wanted if name not in lacking}
+    files = {name: folder / f"flight.{name}" for name in format_names if name not in unavailable}
     for path in files.values():
         if out is None and path.exists() and not force:
             raise RefusedError(
@@ -121,29 +121,29 @@ def export(
                 "folder with --out, or --force (nothing is overwritten without it)"
             )
     dataset, summary = read_flight(run, NEEDED_VARIABLES)
-    shown = dataset if period_s is None else thin_record(dataset, period_s)
+    exported = dataset if period_s is None else thin_record(dataset, period_s)
     with open_output_folder(folder, force or out is None) as into:
         for name, path in files.items():
-            content = FORMATS[name](shown, summary, began)
+            content = FORMATS[name](exported, summary, start_time)
             write_file(into / path.name, content)
             print_line(f"{path}: {len(content) / 1e6:.1f} MB")
-    left_out = dict.fromkeys(lacking, PARQUET_MISSING)
+    left_out = dict.fromkeys(unavailable, PARQUET_MISSING)
     document = {"format_version": 1, "files": {name: str(path) for name, path in files.items()}}
     print_document(lambda: document | ({"left_out": left_out} if left_out else {}))
-    for name, why in left_out.items():
-        print_problem(f"{folder / f'flight.{name}'}: not written: {why}")
+    for name, reason in left_out.items():
+        print_problem(f"{folder / f'flight.{name}'}: not written: {reason}")
     if left_out:
         raise typer.Exit(1)
 
 
 def _started(start: str) -> datetime:
     try:
-        began = datetime.fromisoformat(start)
+        start_time = datetime.fromisoformat(start)
     except ValueError:
         raise RefusedError(f"--start: arrived {start!r}; expected a date and time such as {_START}") from None
-    if not 1900 <= began.year <= 2200:
+    if not 1900 <= start_time.year <= 2200:
         raise RefusedError(f"--start: arrived {start!r}; expected a year from 1900 to 2200")
-    return began if began.tzinfo is not None else began.replace(tzinfo=UTC)
+    return start_time if start_time.tzinfo is not None else start_time.replace(tzinfo=UTC)
 
 
 _AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
@@ -177,10 +177,10 @@ def figures(
     no_title: Annotated[bool, typer.Option("--no-title", help="Leave the title above each figure out.")] = False,
     force: Force = False,
 ) -> None:
-    """Draw figures for a paper, each as PDF, SVG and PNG: of a flight, or every one of the published cases.
+    """Draw figures for a paper as PDF, SVG and PNG: of a flight, or of all published cases.
 
-    The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, the flights of one and
-    of three aircraft; they are computed on the way, in a few minutes the first time.
+    The published cases are the step responses, the climb-and-turn, the paths bent by b4 and c4, and the flights of one
+    and three aircraft; computing them takes a few minutes the first time.
     """
     if run is not None:
         check_run_folder(run)
@@ -188,18 +188,19 @@ def figures(
         from anser.report.flight_sheet import FigureFormat
 
         try:
-            paper = FigureFormat(title=not no_title) if width is None else FigureFormat(width, not no_title)
+            figure_format = FigureFormat(title=not no_title) if width is None else FigureFormat(width, not no_title)
         except ValueError as error:
             raise RefusedError(f"--width: {error}") from None
         dataset, _ = read_flight(run, NEEDED_VARIABLES)
         try:
             names = available_figures(dataset) if only is None else [name.strip() for name in only.split(",")]
-            chosen = select_figures(dataset, names)
+            selection = select_figures(dataset, names)
         except ValueError as error:
             raise RefusedError(f"--only: {error}") from None
         with open_output_folder(out, force) as into, activity("drawing"):
             written = [
-                path.name for path in draw_flight(dataset, "flight", into, selection=chosen, figure_format=paper)
+                path.name
+                for path in draw_flight(dataset, "flight", into, selection=selection, figure_format=figure_format)
             ]
     else:
         if only is not None or width is not None or no_title:
@@ -210,13 +211,13 @@ def figures(
             written = [path.name for path in _published(into)]
     kinds = sorted({Path(name).suffix for name in written})
     count = len(written) // len(kinds)
-    made = "1 figure" if count == 1 else f"{count} figures, each"
+    count_text = "1 figure" if count == 1 else f"{count} figures, each"
     print_document(lambda: {"format_version": 1, "files": [str(out / name) for name in written]})
-    print_line(f"{out}: {made} as {', '.join(kinds)}")
+    print_line(f"{out}: {count_text} as {', '.join(kinds)}")
 
 
 def _published(out: Path) -> Iterator[Path]:
-    """Compute and draw the published cases, one after the other."""
+    """Compute and draw the published cases in sequence."""
     from anser.analysis.step_flights import fly_steps
     from anser.analysis.step_tests import PUBLISHED_STEPS
     from anser.analysis.tracking_case import fly_climb_and_turn

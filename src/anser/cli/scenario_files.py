@@ -1,4 +1,4 @@
-"""Commands about the files of scenarios: check, new, convert, schema."""
+"""Commands for scenario files: check, new, convert, schema."""
 
 import dataclasses
 import json
@@ -29,31 +29,31 @@ from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
 def check(scenario: ScenarioPath) -> None:
     """Check a scenario file without planning or flying it.
 
-    Good: it is well-formed and consistent. Whether a plan exists anser plan finds out; the flight may still fail.
+    Good means well-formed and consistent. Use anser plan to test whether a plan exists; the flight may still fail.
     """
     try:
-        wanted = load_with_overrides(scenario, with_trim_maps=False)
+        loaded = load_with_overrides(scenario, with_trim_maps=False)
     except ScenarioError as error:
-        found = [dataclasses.asdict(one) for one in error.problems]
-        print_document(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": found})
+        problems = [dataclasses.asdict(problem) for problem in error.problems]
+        print_document(lambda: {"format_version": 1, "file": str(scenario), "good": False, "problems": problems})
         raise
-    count = len(wanted.aircraft)
+    count = len(loaded.aircraft)
     fleet = "1 aircraft" if count == 1 else f"{count} aircraft"
-    goals = "1 goal" if len(wanted.goal) == 1 else f"{len(wanted.goal)} goals"
+    goals = "1 goal" if len(loaded.goal) == 1 else f"{len(loaded.goal)} goals"
     print_document(
         lambda: {
             "format_version": 1,
             "file": str(scenario),
             "good": True,
-            "name": wanted.name,
-            "hash": wanted.hash,
+            "name": loaded.name,
+            "hash": loaded.hash,
             "aircraft": count,
-            "goals": len(wanted.goal),
-            "duration_s": wanted.timing.duration_s,
-            "cautions": list(find_cautions(wanted, with_trim_maps=False)),
+            "goals": len(loaded.goal),
+            "duration_s": loaded.timing.duration_s,
+            "cautions": list(find_cautions(loaded, with_trim_maps=False)),
         }
     )
-    print_line(f"{scenario}: good. {wanted.name}: {fleet}, {goals}, {wanted.timing.duration_s:g} s.")
+    print_line(f"{scenario}: good. {loaded.name}: {fleet}, {goals}, {loaded.timing.duration_s:g} s.")
     print_line(f"Next: anser plan {scenario}")
 
 
@@ -63,7 +63,7 @@ def convert(
     path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)],
     format_: Annotated[int, typer.Option("--format", help="Format to write: 1 or 2.")] = FORMAT,
 ) -> None:
-    """Write a scenario file in another format: it flies as it did, and its comments stay."""
+    """Write a scenario file in another format, with the same flight and comments."""
     if format_ not in DEFAULT_PLANNERS:
         raise RefusedError(f"--format: arrived {format_}; expected {' or '.join(map(str, DEFAULT_PLANNERS))}")
     text = as_format(read_text(scenario), str(scenario), format_)
@@ -80,7 +80,7 @@ def schema(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Write the JSON Schema of a kind of file: with it an editor completes and checks keys while you type."""
+    """Write the JSON Schema of a kind of file, for completion and checking of keys in editors."""
     if out is not None:
         must_be_new_file("--out", out, (".json",), force)
     document = json_schema(_model_of(kind), f"anser {kind}")
@@ -96,7 +96,7 @@ def schema(
 
 def _model_of(kind: str) -> type[Table]:
     if kind == "study":
-        from anser.campaigns.study import Study  # here: the others need no libraries of statistics
+        from anser.campaigns.study import Study  # late import: only studies need statistics libraries
 
         return Study
     return {"scenario": Scenario, "aircraft": AirframeFile}[kind]
@@ -104,15 +104,15 @@ def _model_of(kind: str) -> type[Table]:
 
 @help_epilog("anser new mine.toml")
 def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
-    """Write a commented scenario to start from, and beside it the schema with which an editor checks it."""
+    """Write a commented starter scenario, and the schema for editors beside the file."""
     write_starter_file(path, write_starter, SCENARIO_SCHEMA, "anser check")
 
 
-def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_by: str) -> None:
-    """Write a file to start from, with its schema beside it, and say so."""
-    beside = path.with_name(schema_name)
-    known = beside.exists()
+def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_command: str) -> None:
+    """Write a starter file with its schema, and print the next command."""
+    schema_path = path.with_name(schema_name)
+    schema_exists = schema_path.exists()
     write(path)
-    print_document(lambda: {"format_version": 1, "file": str(path), "schema": str(beside)})
-    print_line(f"{path}: written. Next: {check_by} {path}")
-    print_note(f"{beside}: {'there already, left alone' if known else 'written: its schema, for editors'}")
+    print_document(lambda: {"format_version": 1, "file": str(path), "schema": str(schema_path)})
+    print_line(f"{path}: written. Next: {check_command} {path}")
+    print_note(f"{schema_path}: {'there already, left alone' if schema_exists else 'written: its schema, for editors'}")

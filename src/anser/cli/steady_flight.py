@@ -1,4 +1,4 @@
-"""Commands about steady flight: trim, linearize, deep-stall."""
+"""Commands for steady flight: trim, linearize, deep-stall."""
 
 import math
 from collections.abc import Iterable
@@ -50,7 +50,7 @@ def trim(
         float, typer.Option(help="Pitch rate of a pull-up: wings level, no roll and yaw rate; not in a turn.")
     ] = 0.0,
 ) -> None:
-    """Find the steady flight at a condition, or say what stops it and where the nearest one is."""
+    """Find the steady flight at a condition, or report the limiting quantity and the nearest steady flight."""
     must_be_known_aircraft(aircraft, variant)
     condition: dict[str, Any] = {
         "speed_m_s": speed_m_s,
@@ -62,36 +62,36 @@ def trim(
     must_be_flight_condition(condition | {"cg": cg})
     from anser.aircraft.f16 import F16
     from anser.analysis.trim_points import airframe_label, resolve_airframe
-    from anser.analysis.trim_points import trim as find
+    from anser.analysis.trim_points import trim as solve
 
-    airframe, of = resolve_airframe(aircraft, variant, cg)
-    centre = {"x_cg_over_c": float(airframe.x_cg)} if isinstance(airframe, F16) else {}
+    airframe, identity = resolve_airframe(aircraft, variant, cg)
+    x_cg = {"x_cg_over_c": float(airframe.x_cg)} if isinstance(airframe, F16) else {}
     with activity("solving"):
-        found = find(airframe, **condition)
-    if found.diagnosis is not None:
-        end_without_result("no steady flight", [found.diagnosis])
+        point = solve(airframe, **condition)
+    if point.diagnosis is not None:
+        end_without_result("no steady flight", [point.diagnosis])
     print_document(
         lambda: {
             "format_version": 1,
-            **of,
-            **centre,
+            **identity,
+            **x_cg,
             **condition,
             "quantities": [
-                {"name": name, "value": value, "unit": unit or "1"} for name, value, unit in found.quantities
+                {"name": name, "value": value, "unit": unit or "1"} for name, value, unit in point.quantities
             ],
         }
     )
-    title = f"{airframe_label(of)} at {speed_m_s:g} m/s, {altitude_m:g} m"
+    title = f"{airframe_label(identity)} at {speed_m_s:g} m/s, {altitude_m:g} m"
     table = plain_table(title, "quantity", *columns("value", justify="right"), "unit")
-    placed = [("centre of gravity", value, "of chord") for value in centre.values()]
-    for name, value, unit in (*placed, *found.quantities):
+    cg_rows = [("centre of gravity", value, "of chord") for value in x_cg.values()]
+    for name, value, unit in (*cg_rows, *point.quantities):
         table.add_row(name, f"{value:.4f}", unit)
     print_table(table)
 
 
 _SUFFIXES = (".nc", ".json")
 _ROUNDING = 1e-12
-"""Entries of the tables below this are rounding noise of terms that cancel, and shown as 0."""
+"""Table entries below this are rounding errors of cancelling terms, printed as 0."""
 
 
 @help_epilog(
@@ -124,7 +124,7 @@ def linearize(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Trim an aircraft and linearize it there: A, B, C, D and the modes with their names, in SI units and radians."""
+    """Trim an aircraft and linearize it: A, B, C, D and the named modes, in SI units and radians."""
     must_be_known_aircraft(aircraft, variant)
     condition: dict[str, Any] = {
         "speed_m_s": speed_m_s,
@@ -140,33 +140,35 @@ def linearize(
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
     if out is not None:
         must_be_new_file("--out", out, _SUFFIXES, force)
-    from anser.analysis.linear_models import linearize as find
+    from anser.analysis.linear_models import linearize as compute
 
     with trim_progress("trimming and differentiating"):
-        found = find(aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition)
+        linearization = compute(
+            aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition
+        )
     if out is not None:
         with open_output_file("--out", out, force) as file:
-            found.write(file)
-    print_document(found.document)
-    _print_model(found)
+            linearization.write(file)
+    print_document(linearization.document)
+    _print_model(linearization)
     if out is not None:
         print_note(f"{out}: written")
 
 
-def _print_model(found: "LinearizationResult") -> None:
+def _print_model(linearization: "LinearizationResult") -> None:
     from anser.analysis.trim_points import airframe_label
 
-    model, of = found.model, found.condition
-    named = airframe_label(of)
-    if "x_cg_over_c" in of:
-        named = f"{named.removesuffix(')')}, centre of mass {of['x_cg_over_c']:.3g})"
-    sampled = float(model.step) > 0
-    kind = f"{of['loop']} loop, sampled every {float(model.step):g} s" if sampled else "open loop"
+    model, condition = linearization.model, linearization.condition
+    label = airframe_label(condition)
+    if "x_cg_over_c" in condition:
+        label = f"{label.removesuffix(')')}, centre of mass {condition['x_cg_over_c']:.3g})"
+    is_sampled = float(model.step) > 0
+    kind = f"{condition['loop']} loop, sampled every {float(model.step):g} s" if is_sampled else "open loop"
     lines = [
-        f"{named} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {kind}",
+        f"{label} at {condition['speed_m_s']:g} m/s, {condition['altitude_m']:g} m: {kind}",
         "SI units and radians; power in percent",
         "",
-        *_mode_lines(found.modes),
+        *_mode_lines(linearization.modes),
         "",
         *_block("condition", ("value",), model.states + model.inputs, [[v] for v in [*model.x, *model.u]]),
         "",
@@ -181,12 +183,12 @@ def _print_model(found: "LinearizationResult") -> None:
 def _mode_lines(modes: tuple["Mode", ...]) -> list[str]:
     width = max(len(mode.name) for mode in modes)
     head = f"{'mode':<{width}}  {'eigenvalue, 1/s':>22}  {'rad/s':>9}  {'damping':>8}  {'period, s':>9}  {'half, s':>9}"
-    rows = [
+    mode_rows = [
         f"{mode.name:<{width}}  {_eigenvalue(mode):>22}  {mode.natural_frequency:>9.4g}  {mode.damping_ratio:>8.4f}  "
         f"{_time(mode.period):>9}  {_time(mode.time_to_half):>9}"
         for mode in modes
     ]
-    return [head, *rows, "half: time to half the amplitude; negative: minus the time to double"]
+    return [head, *mode_rows, "half: time to half the amplitude; negative: minus the time to double"]
 
 
 def _eigenvalue(mode: "Mode") -> str:
@@ -205,20 +207,20 @@ def _entry(value: float) -> str:
 def _block(
     name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
 ) -> list[str]:
-    """Fixed-width text, in as many pieces as the screen is wide."""
-    cells = [[_entry(float(value)) for value in row] for row in values]
-    first = max(len(name), *(len(row) for row in quantities))
-    widths = [max(len(column), *(len(row[k]) for row in cells)) for k, column in enumerate(columns)]
-    lines, begin = [], 0
-    while begin < len(columns):
-        end, taken = begin, first
-        while end < len(columns) and (end == begin or taken + 2 + widths[end] <= screen.width):
-            taken += 2 + widths[end]
+    """Fixed-width text of a matrix, in pieces that fit the screen width."""
+    cells = [[_entry(float(value)) for value in entries] for entries in values]
+    label_width = max(len(name), *(len(entries) for entries in quantities))
+    widths = [max(len(column), *(len(entries[k]) for entries in cells)) for k, column in enumerate(columns)]
+    lines, start = [], 0
+    while start < len(columns):
+        end, line_width = start, label_width
+        while end < len(columns) and (end == start or line_width + 2 + widths[end] <= screen.width):
+            line_width += 2 + widths[end]
             end += 1
-        lines += [""] if begin else []
-        for label, row in [(name, list(columns)), *zip(quantities, cells, strict=True)]:
-            lines.append(f"{label:<{first}}" + "".join(f"  {row[k]:>{widths[k]}}" for k in range(begin, end)))
-        begin = end
+        lines += [""] if start else []
+        for label, entries in [(name, list(columns)), *zip(quantities, cells, strict=True)]:
+            lines.append(f"{label:<{label_width}}" + "".join(f"  {entries[k]:>{widths[k]}}" for k in range(start, end)))
+        start = end
     return lines
 
 
@@ -246,7 +248,7 @@ def deep_stall(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Angles of attack that the elevator cannot leave: pitch trims beyond the stall, followed as the c.g. moves."""
+    """Angles of attack beyond the stall at which full elevator cannot lower the nose, over the centre of gravity."""
     must_be_known_aircraft(_AIRCRAFT, variant)
     for x_cg in cg or ():
         must_be_in_range("--cg", x_cg, 0.1, 0.5)
@@ -257,11 +259,11 @@ def deep_stall(
 
         must_be_new_file("--picture", picture, BODE_SUFFIXES, force)
     from anser.analysis.deep_stalls import CENTRES_OF_GRAVITY, deep_stall_document
-    from anser.analysis.deep_stalls import deep_stall as find
+    from anser.analysis.deep_stalls import deep_stall as compute
 
     with activity("following the trims"):
         try:
-            found = find(
+            dataset = compute(
                 variant,
                 x_cg_over_c=cg or CENTRES_OF_GRAVITY,
                 elevator_deg=elevator_deg,
@@ -274,33 +276,35 @@ def deep_stall(
         from anser.report.airframe_figures import draw_deep_stall
 
         with open_output_file("--picture", picture, force) as file:
-            draw_deep_stall(found, [file])
-    document = deep_stall_document(found)
+            draw_deep_stall(dataset, [file])
+    document = deep_stall_document(dataset)
     print_document(lambda: document)
     table = plain_table(
-        f"{_AIRCRAFT} ({variant}), elevator {found.attrs['elevator_deg']:g} deg: pitch trims beyond "
+        f"{_AIRCRAFT} ({variant}), elevator {dataset.attrs['elevator_deg']:g} deg: pitch trims beyond "
         f"{alpha_from_deg:g} deg; descents at {altitude_m:g} m, idle",
         *columns("c.g., of chord", "alpha, deg", justify="right"),
         "in pitch",
         *columns("airspeed, m/s", "path angle, deg", "pitch angle, deg", justify="right"),
     )
-    for one in document["trims"]:
+    for entry in document["trims"]:
         table.add_row(
-            f"{one['x_cg_over_c']:.4g}",
-            f"{one['alpha_deg']:.2f}",
-            "stable" if one["stable"] else "unstable",
-            f"{one['speed_m_s']:.1f}",
-            f"{one['path_angle_deg']:.1f}",
-            f"{one['pitch_deg']:.1f}",
+            f"{entry['x_cg_over_c']:.4g}",
+            f"{entry['alpha_deg']:.2f}",
+            "stable" if entry["stable"] else "unstable",
+            f"{entry['speed_m_s']:.1f}",
+            f"{entry['path_angle_deg']:.1f}",
+            f"{entry['pitch_deg']:.1f}",
         )
     print_table(table)
-    for one in document["greatest_pitching_moment"]:
+    for entry in document["greatest_pitching_moment"]:
         print_line(
-            f"c.g. at {one['x_cg_over_c']:.4g}: Cm is {one['pitching_moment']:+.4f} at most, "
-            f"at alpha {one['alpha_deg']:.4g} deg"
+            f"c.g. at {entry['x_cg_over_c']:.4g}: Cm is {entry['pitching_moment']:+.4f} at most, "
+            f"at alpha {entry['alpha_deg']:.4g} deg"
         )
     if document["appears"] is not None:
-        at = document["appears"]
-        print_line(f"A trim appears with the c.g. at {at['x_cg_over_c']:.4f}, at alpha {at['alpha_deg']:.1f} deg.")
+        onset = document["appears"]
+        print_line(
+            f"A trim appears with the c.g. at {onset['x_cg_over_c']:.4f}, at alpha {onset['alpha_deg']:.1f} deg."
+        )
     if picture is not None:
         print_note(f"{picture}: written")

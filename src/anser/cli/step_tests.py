@@ -1,4 +1,4 @@
-"""The commands step and gallery."""
+"""Commands step and gallery."""
 
 import textwrap
 from collections.abc import Sequence
@@ -58,9 +58,9 @@ def step(
     out: Annotated[Path | None, typer.Option(help="New picture of the response: NAME.svg, .png or .pdf.")] = None,
     force: Force = False,
 ) -> None:
-    """Step one loop's command and measure: rise, settling, overshoot, error at the end, coupling, surface use.
+    """Command a step to one loop and measure rise, settling, overshoot, final error, coupling and surface use.
 
-    With the published gains of the F-16, or the gains and limits that follow from another aircraft itself.
+    Uses the published gains for the F-16, and derived gains and limits for other aircraft.
     """
     must_be_known_aircraft(aircraft, variant)
     speed_m_s, altitude_m = flight_point(at)
@@ -117,12 +117,12 @@ def gallery(
         ),
     ] = None,
 ) -> None:
-    """Fly every published test of the autopilot: a figure of each, an overview, a table of their figures.
+    """Fly every published autopilot test: a figure for each, an overview, and a table of metrics.
 
-    Another aircraft than the F-16 flies them with gains and limits of its own, in steps that it has room for.
+    Aircraft other than the F-16 use derived gains and limits, and step sizes within their capability.
     """
     must_be_known_aircraft(aircraft, variant)
-    place = None if at is None else flight_point(at)
+    trim_point = None if at is None else flight_point(at)
     with open_output_folder(out, force) as into:
         from anser.analysis.step_flights import gallery_steps
         from anser.analysis.step_tests import step_document
@@ -132,7 +132,7 @@ def gallery(
         from anser.results.documents import write_json
 
         with trim_progress("trimming"):
-            tests, (speed_m_s, altitude_m) = gallery_steps(aircraft, variant, place)
+            tests, (speed_m_s, altitude_m) = gallery_steps(aircraft, variant, trim_point)
         flown = _fly(tests, aircraft, variant, speed_m_s, altitude_m, inversion)
         with trim_progress("flying the climb-and-turn"):
             tracked = run(climb_and_turn(variant, inversion, aircraft, (speed_m_s, altitude_m)))
@@ -152,24 +152,24 @@ def gallery(
     print_document(lambda: document)
     print_table(_table(flown, _title(flown)))
     limits = document["limits"]
-    short = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
+    shortfalls = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
     print_line(
-        f"{len(flown) - len({key for key, _ in short})} of {len(flown)} within overshoot "
+        f"{len(flown) - len({key for key, _ in shortfalls})} of {len(flown)} within overshoot "
         f"{limits['overshoot_percent']:g} %, final error {limits['final_error_percent']:g} %, sideslip "
         f"{limits['sideslip_in_velocity_steps_deg']:g} deg in velocity steps; figures in {out}"
     )
-    of = {requirement["name"]: requirement for requirement in requirements}
-    error, miss = of["position_error_max_m"], of["miss_max_m"]
+    by_name = {requirement["name"]: requirement for requirement in requirements}
+    error, miss = by_name["position_error_max_m"], by_name["miss_max_m"]
     print_line(
         f"climb and turn: position error {number(error['value'], 2)} m at most, {number(miss['value'], 2)} m at the "
         f"end; {error['limit']:g} m are allowed"
     )
-    short += [
+    shortfalls += [
         ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
     ]
-    for key, why in short:
-        print_problem(f"falls short: {key}: {why}")
-    if short:
+    for key, reason in shortfalls:
+        print_problem(f"falls short: {key}: {reason}")
+    if shortfalls:
         raise typer.Exit(1)
 
 
@@ -197,12 +197,13 @@ def _name(flights: Sequence["StepTestResult"]) -> str:
 
 
 def _title(flights: Sequence["StepTestResult"]) -> str:
-    of = flights[0].dataset.attrs
-    return f"{_name(flights)} at {of['speed_m_s']:g} m/s, {of['altitude_m']:g} m: {of['inversion']} inversion"
+    condition = flights[0].dataset.attrs
+    point = f"{condition['speed_m_s']:g} m/s, {condition['altitude_m']:g} m"
+    return f"{_name(flights)} at {point}: {condition['inversion']} inversion"
 
 
 def _table(flights: Sequence["StepTestResult"], title: str) -> Table:
-    """One row per commanded channel."""
+    """Table with a row for each commanded channel."""
     table = plain_table(
         title,
         *columns("step\n", "channel\n", no_wrap=True),
@@ -212,27 +213,27 @@ def _table(flights: Sequence["StepTestResult"], title: str) -> Table:
     )
     for flight in flights:
         document = flight.document()
-        others = ", ".join(
-            f"{channel} {_short(of['greatest'])} {of['unit']}" for channel, of in document["coupling"].items()
+        coupling = ", ".join(
+            f"{channel} {_short(entry['greatest'])} {entry['unit']}" for channel, entry in document["coupling"].items()
         )
         surfaces = ", ".join(number(value, 0) for value in document["surface_use_percent"].values())
-        # What holds for the whole response stands in the first of its rows.
-        once = [document["key"], others, number(document["sideslip_max_deg"], 2), surfaces]
-        for channel, of in document["channels"].items():
-            key, *rest = once
+        # values of the whole response appear in its first row only
+        shared_cells = [document["key"], coupling, number(document["sideslip_max_deg"], 2), surfaces]
+        for channel, entry in document["channels"].items():
+            key, *other_cells = shared_cells
             names = ("rise_time_s", "settling_time_s", "overshoot_percent", "final_error_percent")
-            cells = (f"{of['size']:+g} {of['unit']}", *(number(of[name], 2) for name in names))
-            table.add_row(key, channel, *cells, *rest, style="red" if document["shortfalls"] else None)
-            once = [""] * 4
+            cells = (f"{entry['size']:+g} {entry['unit']}", *(number(entry[name], 2) for name in names))
+            table.add_row(key, channel, *cells, *other_cells, style="red" if document["shortfalls"] else None)
+            shared_cells = [""] * 4
     return table
 
 
 def _surfaces_used(flight: "StepTestResult") -> str:
-    """Heading of the column of all control surfaces, in narrow lines."""
+    """Column heading for the use of all control surfaces, in narrow lines."""
     names = [name.replace("_", " ") for name in flight.document()["surface_use_percent"]]
     return textwrap.fill(f"{', '.join(names)} used, %", 20)
 
 
 def _short(value: float | None) -> str:
-    """Two decimals; a dash for none."""
+    """Format with two decimals; a dash for None."""
     return "<0.01" if value is not None and value < 0.01 else number(value, 2)

@@ -1,4 +1,4 @@
-"""Commands about many flights: envelope, robustness."""
+"""Commands for surveys of many flights: envelope, robustness."""
 
 import dataclasses
 import math
@@ -49,7 +49,7 @@ def envelope(
     coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
     force: Force = False,
 ) -> None:
-    """Survey the envelope: trim map, and standard commands flown from every point of it."""
+    """Survey the flight envelope: trim map, and standard commands flown from every point."""
     must_be_known_aircraft(aircraft, variant)
     must_be_f16(aircraft, F16_SURVEYS_ONLY)
     with open_output_folder(out, force) as into, progress_bar() as tell:
@@ -96,23 +96,23 @@ def _envelope_document(surveyed: "EnvelopeSurvey") -> dict[str, Any]:
 
 
 def _print_envelope(surveyed: "EnvelopeSurvey") -> None:
-    names, words = (surveyed.dataset[key].values.tolist() for key in ("condition", "condition_meaning"))
+    names, headings = (surveyed.dataset[key].values.tolist() for key in ("condition", "condition_meaning"))
     table = plain_table(
         "what became of the flights",
         *columns("outcome", no_wrap=True),
-        *columns(*words, "all", "with reserve", justify="right"),
+        *columns(*headings, "all", "with reserve", justify="right"),
     )
     with_reserve = surveyed.counts(with_reserve=True)
-    for what, numbers in surveyed.counts().items():
-        reserve = sum(with_reserve.get(what, {}).values())
+    for outcome, counts in surveyed.counts().items():
+        reserve = sum(with_reserve.get(outcome, {}).values())
         table.add_row(
-            what.replace("_", " "), *(str(numbers[name]) for name in names), str(sum(numbers.values())), str(reserve)
+            outcome.replace("_", " "), *(str(counts[name]) for name in names), str(sum(counts.values())), str(reserve)
         )
     print_table(table)
-    of = _totals(surveyed)
+    totals = _totals(surveyed)
     print_line(
-        f"{of['trimmable']} of {of['points']} points can be flown steadily, {of['with_reserve']} of them with a tenth "
-        f"of power and surfaces left; {of['flights']} flights, {surveyed.run_s:.1f} s "
+        f"{totals['trimmable']} of {totals['points']} points can be flown steadily, {totals['with_reserve']} of them "
+        f"with a tenth of power and surfaces left; {totals['flights']} flights, {surveyed.run_s:.1f} s "
         f"(and {surveyed.compile_s:.1f} s compiling)"
     )
 
@@ -123,7 +123,7 @@ _F16_STUDY_ONLY = (
     "factors and conditions of this study are the F-16's; of another aircraft anser campaign varies "
     "aircraft[0].deviation of a scenario"
 )
-"""What to do for a study of another aircraft."""
+"""Hint for studies of other aircraft."""
 
 
 @help_epilog(
@@ -145,7 +145,7 @@ def robustness(
     variant: VariantName = "textbook",
     force: Force = False,
 ) -> None:
-    """Fly F-16s that differ from what their autopilot believes, with both inversions: who succeeds, what breaks."""
+    """Fly F-16s that differ from their autopilot's model, with both inversions: success rates and failure causes."""
     must_be_in_range("--flights", flights, 1, 1_000_000)
     must_be_in_range("--spread", spread, 0, 90)
     must_be_in_range("--seed", seed, 0, 2**63 - 1)
@@ -179,24 +179,33 @@ def robustness(
 
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
-    """SuccessRate by what was flown and by inversion."""
+    """Success rates by part of the study and by inversion."""
     from anser.results.robustness_statistics import flights_in_part, success
 
     spread, condition = (data[name].values for name in ("spread_percent", "condition"))
-    main, swept = flights_in_part(data, "dispersed"), flights_in_part(data, "spread")
-    chosen = {"all": main}
-    chosen |= {str(place): main & (condition == k) for k, place in enumerate(data["condition_meaning"].values)}
-    chosen |= {f"spread {level:.0f} %": swept & (spread == level) for level in np.unique(spread[swept])}
+    dispersed, spread_flights = flights_in_part(data, "dispersed"), flights_in_part(data, "spread")
+    masks = {"all": dispersed}
+    masks |= {str(meaning): dispersed & (condition == k) for k, meaning in enumerate(data["condition_meaning"].values)}
+    masks |= {
+        f"spread {level:.0f} %": spread_flights & (spread == level) for level in np.unique(spread[spread_flights])
+    }
     inversions = [str(name) for name in data["inversion"].values]
-    return {name: {of: success(data, of, mask) for of in inversions} for name, mask in chosen.items() if mask.any()}
+    return {
+        name: {inversion: success(data, inversion, mask) for inversion in inversions}
+        for name, mask in masks.items()
+        if mask.any()
+    }
 
 
 def _failure_factors(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
-    """Factors that failures go with most, by inversion."""
+    """Factors with the strongest correlation with failures, by inversion."""
     from anser.results.robustness_statistics import failure_correlations, flights_in_part
 
-    main = flights_in_part(data, "dispersed")
-    return {str(of): failure_correlations(data, str(of), main)[:_STRONGEST] for of in data["inversion"].values}
+    dispersed = flights_in_part(data, "dispersed")
+    return {
+        str(inversion): failure_correlations(data, str(inversion), dispersed)[:_STRONGEST]
+        for inversion in data["inversion"].values
+    }
 
 
 def _study_document(study: "RobustnessStudy") -> dict[str, Any]:
@@ -213,17 +222,17 @@ def _study_document(study: "RobustnessStudy") -> dict[str, Any]:
         "study": plain_attributes(data.attrs),
         "success": rates,
         "correlation_with_failure": {
-            inversion: [dataclasses.asdict(one) for one in strongest]
+            inversion: [dataclasses.asdict(item) for item in strongest]
             for inversion, strongest in _failure_factors(data).items()
         },
-        "first_breaks": [dataclasses.asdict(one) for one in first_breaks(data)],
+        "first_breaks": [dataclasses.asdict(item) for item in first_breaks(data)],
         "compile_s": round(study.compile_s, 3),
         "run_s": round(study.run_s, 3),
     }
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """The same with None for a number that is none."""
+    """Replace NaN by None."""
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in values.items()}
 
 
@@ -249,26 +258,28 @@ def _print_study(study: "RobustnessStudy") -> None:
     print_table(table)
     for inversion, strongest in _failure_factors(data).items():
         if strongest:
-            words = ", ".join(f"{one.measure} of {one.factor} {one.correlation:+.2f}" for one in strongest)
-            print_line(f"failures, {inversion}, correlate with: {words}")
+            factors = ", ".join(
+                f"{factor.measure} of {factor.factor} {factor.correlation:+.2f}" for factor in strongest
+            )
+            print_line(f"failures, {inversion}, correlate with: {factors}")
     _print_breaks(data)
     flown = int((data["outcome"].values > 0).sum())
     print_line(f"{flown} flights, {study.run_s:.1f} s (and {study.compile_s:.1f} s compiling)")
 
 
 def _shortened(reasons: dict[str, int]) -> str:
-    """The most frequent reasons with their numbers, and how many flights have another."""
-    named = [f"{why.replace('_', ' ')} {count}" for why, count in list(reasons.items())[:_REASONS]]
-    rest = sum(list(reasons.values())[_REASONS:])
-    return ", ".join([*named, f"others {rest}"] if rest else named)
+    """Most frequent reasons with their numbers, and the number of other failures."""
+    shown = [f"{reason.replace('_', ' ')} {count}" for reason, count in list(reasons.items())[:_REASONS]]
+    other_count = sum(list(reasons.values())[_REASONS:])
+    return ", ".join([*shown, f"others {other_count}"] if other_count else shown)
 
 
 def _print_breaks(data: "xr.Dataset") -> None:
-    """What breaks first of the factors alone: the smallest change, in the order of size."""
+    """Print the smallest change of each single factor that causes a failure, sorted by size."""
     from anser.results.robustness_statistics import first_breaks
 
-    found = sorted((b for b in first_breaks(data) if b.reason), key=lambda b: abs(b.change))
-    if not found:
+    breaks = sorted((b for b in first_breaks(data) if b.reason), key=lambda b: abs(b.change))
+    if not breaks:
         return
     table = plain_table(
         "one factor alone: smallest change flown that breaks a flight",
@@ -276,7 +287,9 @@ def _print_breaks(data: "xr.Dataset") -> None:
         *columns("change", "value", justify="right", no_wrap=True),
         *columns("why", "where", no_wrap=True),
     )
-    for b in found:
-        why, where = (b.reason or "").replace("_", " "), b.condition or ""
-        table.add_row(b.factor.replace("_", " "), b.inversion, f"{100 * b.change:+.0f} %", f"{b.value:.3g}", why, where)
+    for b in breaks:
+        reason, condition = (b.reason or "").replace("_", " "), b.condition or ""
+        table.add_row(
+            b.factor.replace("_", " "), b.inversion, f"{100 * b.change:+.0f} %", f"{b.value:.3g}", reason, condition
+        )
     print_table(table)

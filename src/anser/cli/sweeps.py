@@ -1,4 +1,4 @@
-"""Command sweep: a scenario flown with every combination of some of its numbers."""
+"""Command sweep: a scenario flown with every combination of some values."""
 
 import itertools
 import re
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _RANGE = re.compile(r"[^:]+:[^:]+:[^:]+")
 _VALUES_MAX = 10_000
 _PRINTED_ROWS = 60
-"""Flights that are printed at most."""
+"""Greatest number of flights printed."""
 _EXPECTED = "PATH=VALUES, such as wind.speed_m_s=0,5,10 or wind.speed_m_s=0:20:5 (first, last, step)"
 
 
@@ -56,20 +56,20 @@ def sweep(
     ],
     force: Force = False,
 ) -> None:
-    """Fly a scenario with every combination of some of its numbers."""
-    wanted, swept = load(scenario), parse_sweep_values(set_)
+    """Fly a scenario with every combination of some values."""
+    base, sweep_values = load(scenario), parse_sweep_values(set_)
     with open_output_folder(out, force) as into, progress_bar() as tell:
         from anser.missions.sweeps import sweep as fly
         from anser.report.campaign_figures import draw_sweep
         from anser.results.netcdf import write_netcdf
 
-        data = fly(wanted, swept, tell)
+        data = fly(base, sweep_values, tell)
         tell("writing", None)
         write_netcdf(data, into / "sweep.nc")
-        drawn = draw_sweep(data, into)
-    print_document(lambda: _document(data, swept))
-    _print_sweep(data, swept)
-    print_note(f"{out}: sweep.nc{' and figure' if drawn else ''} written")
+        figures = draw_sweep(data, into)
+    print_document(lambda: _document(data, sweep_values))
+    _print_sweep(data, sweep_values)
+    print_note(f"{out}: sweep.nc{' and figure' if figures else ''} written")
     failed = int((~data["met"]).sum())
     if failed:
         print_problem(f"{failed} of {data['met'].size} flights did not meet every requirement, or could not begin")
@@ -77,73 +77,79 @@ def sweep(
 
 
 def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
-    """By path, the values of options --set."""
-    found: dict[str, list[object]] = {}
+    """Values of options --set, by path."""
+    sweep_values: dict[str, list[object]] = {}
     for text in texts:
         path, values = split_assignment(text, _EXPECTED)
-        if path in found:
+        if path in sweep_values:
             raise RefusedError(f"--set: arrived {path} twice; expected all of its values in one")
-        found[path] = (
-            _range(text, values) if _RANGE.fullmatch(values) else [parse_value(one) for one in values.split(",")]
+        sweep_values[path] = (
+            _range(text, values) if _RANGE.fullmatch(values) else [parse_value(value) for value in values.split(",")]
         )
-    return found
+    return sweep_values
 
 
 def _range(text: str, values: str) -> list[object]:
     try:
-        first, last, step = (Decimal(part.strip()) for part in values.split(":"))
+        start, stop, step = (Decimal(part.strip()) for part in values.split(":"))
     except InvalidOperation:
         raise RefusedError(f"--set: arrived {text!r}; expected three numbers, FIRST:LAST:STEP") from None
-    numbers = first, last, step
-    if not all(one.is_finite() for one in numbers) or step == 0 or (last - first) * step < 0:
+    numbers = start, stop, step
+    if not all(bound.is_finite() for bound in numbers) or step == 0 or (stop - start) * step < 0:
         raise RefusedError(f"--set: arrived {text!r}; expected a step that leads from the first to the last")
-    count = int((last - first) / step) + 1
+    count = int((stop - start) / step) + 1
     if count > _VALUES_MAX:
         raise RefusedError(f"--set: arrived {text!r}, {count} values; expected {_VALUES_MAX} at most")
-    # in decimals: 0.1 three times is 0.3
-    return [parse_value(str(first + k * step)) for k in range(count)]
+    # decimal arithmetic: 3 x 0.1 is 0.3
+    return [parse_value(str(start + k * step)) for k in range(count)]
 
 
-def _flights(data: "xr.Dataset", swept: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Numbers of each flight, the last path's values fastest."""
+def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
+    """Values and results of each flight; the last path varies fastest."""
 
-    def of(name: str, at: tuple[int, ...]) -> float | None:
-        values = data[name].values[at] if name in data else np.array(np.nan)
+    def number_at(name: str, index: tuple[int, ...]) -> float | None:
+        values = data[name].values[index] if name in data else np.array(np.nan)
         return None if np.isnan(values).any() else float(np.max(values))
 
-    rows = []
-    for at in itertools.product(*(range(len(values)) for values in swept.values())):
-        given = {path: values[k] for (path, values), k in zip(swept.items(), at, strict=True)}
+    flights = []
+    for index in itertools.product(*(range(len(values)) for values in sweep_values.values())):
+        overrides = {path: values[k] for (path, values), k in zip(sweep_values.items(), index, strict=True)}
         keys = {"arrival_last_s": "arrival_s", "arrival_spread_s": "arrival_spread_s", "miss_max_m": "miss_m"}
-        found = {key: of(name, at) for key, name in keys.items()}
-        words = {key: str(data[key].values[at]) for key in ("unmet", "reason")}
-        rows.append({**given, **found, "met": bool(data["met"].values[at]), **words})
-    return rows
+        numbers = {key: number_at(name, index) for key, name in keys.items()}
+        texts = {key: str(data[key].values[index]) for key in ("unmet", "reason")}
+        flights.append({**overrides, **numbers, "met": bool(data["met"].values[index]), **texts})
+    return flights
 
 
-def _document(data: "xr.Dataset", swept: dict[str, list[object]]) -> dict[str, Any]:
+def _document(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> dict[str, Any]:
     from anser.results.documents import plain_attributes
 
-    about_all = {key: value for key, value in plain_attributes(data.attrs).items() if key not in ("scenario", "swept")}
-    return {"format_version": 1, "sweep": about_all, "swept": swept, "flights": _flights(data, swept)}
+    attributes = {key: value for key, value in plain_attributes(data.attrs).items() if key not in ("scenario", "swept")}
+    return {"format_version": 1, "sweep": attributes, "swept": sweep_values, "flights": _flights(data, sweep_values)}
 
 
-def _print_sweep(data: "xr.Dataset", swept: dict[str, list[object]]) -> None:
+def _print_sweep(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> None:
     table = plain_table(
         f"sweep of {data.attrs['title']}",
-        *columns(*swept, justify="right"),
+        *columns(*sweep_values, justify="right"),
         *columns("last arrival s", "spread s", "greatest miss m", justify="right"),
         *columns("what failed", overflow="fold"),
     )
-    rows = _flights(data, swept)
-    for row in rows[:_PRINTED_ROWS]:
-        given = [f"{row[path]:g}" if isinstance(row[path], float) else str(row[path]) for path in swept]
-        numbers = [
-            number(row["arrival_last_s"], 2),
-            number(row["arrival_spread_s"], 3),
-            number(row["miss_max_m"], 2),
+    flights = _flights(data, sweep_values)
+    for flight in flights[:_PRINTED_ROWS]:
+        value_cells = [
+            f"{flight[path]:g}" if isinstance(flight[path], float) else str(flight[path]) for path in sweep_values
         ]
-        table.add_row(*given, *numbers, row["reason"] or row["unmet"] or ("" if row["met"] else "not all arrived"))
+        result_cells = [
+            number(flight["arrival_last_s"], 2),
+            number(flight["arrival_spread_s"], 3),
+            number(flight["miss_max_m"], 2),
+        ]
+        table.add_row(
+            *value_cells,
+            *result_cells,
+            flight["reason"] or flight["unmet"] or ("" if flight["met"] else "not all arrived"),
+        )
     print_table(table)
-    if len(rows) > _PRINTED_ROWS:
-        print_line(f"{len(rows) - _PRINTED_ROWS} more flights are in sweep.nc")
+    if len(flights) > _PRINTED_ROWS:
+        print_line(f"{len(flights) - _PRINTED_ROWS} more flights are in sweep.nc")

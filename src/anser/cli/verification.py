@@ -1,4 +1,4 @@
-"""The command verify."""
+"""Command verify."""
 
 import math
 import time
@@ -34,26 +34,26 @@ def verify(
     case: Annotated[list[str] | None, typer.Option(help="Run this check only; may be given several times.")] = None,
     only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
 ) -> None:
-    """Compute every published figure that anser knows, and compare: NASA's check-cases, the textbook, the standards."""
+    """Compute every published figure known to anser and compare: NASA's check-cases, the textbook, the standards."""
     from anser.compiling.options import enable_compilation_cache
     from anser.verification.checks import to_document
     from anser.verification.suite import select_checks
     from anser.verification.suite import verify as run
 
     try:
-        chosen = select_checks(case or None)
+        checks = select_checks(case or None)
     except ValueError as error:
         raise RefusedError(f"--case: {error}") from None
     if only_list:
-        listed = [{"key": check.key, "title": check.title, "source": check.source} for check in chosen]
+        listed = [{"key": check.key, "title": check.title, "source": check.source} for check in checks]
         print_document(lambda: {"format_version": 1, "checks": listed})
-        print_table(_list(chosen))
+        print_table(_list(checks))
         return
     enable_compilation_cache()
-    began = time.perf_counter()
+    start = time.perf_counter()
     with progress_bar() as tell:
         outcomes = run(case or None, tell)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     print_document(lambda: to_document(outcomes, seconds))
     print_table(_table(outcomes))
     _print_count(outcomes, seconds)
@@ -68,13 +68,13 @@ def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
     judged = sum(comparison.judged for comparison in comparisons)
     passed = sum(comparison.passes for comparison in comparisons)
     broken = sum(outcome.problem is not None for outcome in outcomes)
-    also = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
+    failure_note = f"; {broken} of {len(outcomes)} checks could not be computed" if broken else ""
     listed = len(comparisons) - judged
-    without = f"; {listed} more flown, not judged" if listed else ""
-    print_line(f"{passed} of {judged} comparisons passed{without}{also}, {seconds:.1f} s")
-    nothing = [outcome.check.key for outcome in outcomes if not outcome.judged and not outcome.fails]
-    if nothing:
-        print_line(f"Nothing is judged in {', '.join(nothing)}: no published figures come with this package.")
+    unjudged_note = f"; {listed} more flown, not judged" if listed else ""
+    print_line(f"{passed} of {judged} comparisons passed{unjudged_note}{failure_note}, {seconds:.1f} s")
+    unjudged = [outcome.check.key for outcome in outcomes if not outcome.judged and not outcome.fails]
+    if unjudged:
+        print_line(f"Nothing is judged in {', '.join(unjudged)}: no published figures come with this package.")
 
 
 def _list(checks: Sequence["Check"]) -> Table:
@@ -86,7 +86,7 @@ def _list(checks: Sequence["Check"]) -> Table:
 
 
 def _table(outcomes: Sequence["Outcome"]) -> Table:
-    """One row per check and quantity: its worst point."""
+    """Table of the worst point of each check and quantity."""
     from anser.verification.checks import NOT_JUDGED
 
     table = plain_table(
@@ -117,18 +117,22 @@ def _table(outcomes: Sequence["Outcome"]) -> Table:
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
-    """Worst comparison of each group, in the order of the groups; the last of those without a published figure."""
+    """Worst comparison of each group, in group order; without published figures, the last comparison."""
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
-        before = worst.get(comparison.group)
+        current = worst.get(comparison.group)
         tie = comparison.expected is None
-        if before is None or comparison.severity > before.severity or (tie and comparison.severity == before.severity):
+        if (
+            current is None
+            or comparison.severity > current.severity
+            or (tie and comparison.severity == current.severity)
+        ):
             worst[comparison.group] = comparison
     return list(worst.values())
 
 
 def _shortfalls(outcome: "Outcome") -> list[str]:
-    """What to say about a check that does not pass: a line per quantity."""
+    """Describe a failed check, with a line for each quantity."""
     key = outcome.check.key
     if outcome.problem is not None:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
@@ -147,7 +151,7 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
 
 
 def _quantity(comparison: "Comparison") -> str:
-    """Name, unit unless the name ends with it or carries it as published columns do, and place."""
+    """Quantity with its unit, unless the name contains the unit, and the point."""
     unit = comparison.unit
     in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
     shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
@@ -155,20 +159,20 @@ def _quantity(comparison: "Comparison") -> str:
 
 
 def _figures(comparison: "Comparison") -> tuple[str, str]:
-    """Expected and obtained with as many digits as it takes to see their difference beside the tolerance."""
+    """Expected and obtained value, with enough digits to show their difference relative to the tolerance."""
     expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
     if not math.isfinite(obtained):
         return ("-" if expected is None else f"{expected:.10g}"), str(obtained)
     if expected is None or tolerance is None:
         return "-", f"{obtained:.7g}"
-    # a bound is printed as a tolerance about 0
+    # bounds are printed as tolerances about 0
     resolution = 0.01 * tolerance if expected == 0.0 and tolerance else max(abs(obtained - expected), 0.01 * tolerance)
     largest = max(abs(expected), abs(obtained))
     if largest == 0.0 or resolution == 0.0:
         return f"{expected:.10g}", f"{obtained:.10g}"
     decimals = 1 - math.floor(math.log10(resolution))
     magnitude = math.floor(math.log10(largest))
-    digits = min(max(magnitude + decimals, 1), 15)  # after the first, of which a float has sixteen
+    digits = min(max(magnitude + decimals, 1), 15)  # after the first; a float has sixteen
     form = f".{max(digits - magnitude, 0)}f" if -4 <= magnitude <= 9 else f".{digits}e"
     return _number(expected, form), _number(obtained, form)
 
