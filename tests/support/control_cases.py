@@ -55,7 +55,7 @@ class Setting(eqx.Module):
     """An aircraft in a steady wind at one instant."""
 
     state: AircraftState
-    now: FlightCondition
+    condition: FlightCondition
     motion: PathMotion
 
 

@@ -12,10 +12,10 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class GoalMotion(eqx.Module):
-    """A goal that waits at its first waypoint, passes each at its time, and leaves the last at a steady velocity."""
+    """Motion of a goal: at rest, from the first waypoint time along the waypoints, then at constant velocity."""
 
     times: Float[Array, " waypoints"]
-    """When it is at each waypoint, s; not decreasing, equal only for padding."""
+    """Time at each waypoint, s; not decreasing, equal only for padding."""
     positions_n: Float[Array, "waypoints 3"]
     """Waypoints, NED, m."""
     velocity_after_n: Vector3
@@ -28,20 +28,20 @@ class GoalMotion(eqx.Module):
 
     def position_n(self, time: ScalarLike) -> Vector3:
         """Position at a time, NED, m."""
-        # A sum over all legs of what has been covered of each: no search, and padded legs add nothing.
+        # Sum of the travelled parts of the legs: no search, and padded legs contribute 0.
         covered = jnp.clip(time - self.times[:-1], 0.0, self.times[1:] - self.times[:-1])
         travelled = jnp.sum(covered[:, None] * self._leg_velocities(), axis=0)
         return self.positions_n[0] + travelled + jnp.maximum(time - self.times[-1], 0.0) * self.velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity at a time, NED, m/s; at a waypoint, that of the leg which begins there."""
+        """Velocity at a time, NED, m/s; at a waypoint, the velocity of the leg that begins."""
         on_leg = (time >= self.times[:-1]) & (time < self.times[1:])
         on_path = jnp.sum(jnp.where(on_leg[:, None], self._leg_velocities(), 0.0), axis=0)
         return jnp.where(time >= self.times[-1], self.velocity_after_n, on_path)
 
 
 def straight_goal(position_n: Vector3, velocity_n: Vector3, time: ScalarLike = 0.0) -> GoalMotion:
-    """Goal at a position (NED, m) at a time (s), moving on from there at a steady velocity (NED, m/s)."""
+    """Goal at a position (NED, m) at a time (s), with constant velocity (NED, m/s) from then on."""
     xp = namespace(position_n, time)
     return GoalMotion(as_array(xp.asarray(time)[None]), as_array(xp.asarray(position_n)[None]), velocity_n)
 
@@ -60,7 +60,7 @@ def waypoint_goal(
     positions_n
         Waypoints, NED, m.
     velocity_after_n
-        Velocity after the last waypoint, NED, m/s; without it the goal stops there.
+        Velocity after the last waypoint, NED, m/s; None: the goal stops.
 
     Raises
     ------
@@ -75,24 +75,24 @@ def waypoint_goal(
         )
     if not np.all(np.diff(stamps) > 0.0):
         raise ValueError(f"waypoint times {stamps.tolist()} do not strictly increase")
-    after = as_array([0.0] * 3) if velocity_after_n is None else velocity_after_n
-    return GoalMotion(as_array(stamps), positions_n, after)
+    final_velocity_n = as_array([0.0] * 3) if velocity_after_n is None else velocity_after_n
+    return GoalMotion(as_array(stamps), positions_n, final_velocity_n)
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Bring a goal to `count` waypoints by repeating the last: the same motion, in a shape that can be stacked.
+    """Repeat the last waypoint up to `count` waypoints: the same motion, in a shape for stacking.
 
     Raises
     ------
     ValueError
-        If the goal has more than `count` waypoints already.
+        If the goal has more than `count` waypoints.
     """
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")
     xp = namespace(goal)
     times, positions_n = (
-        as_array(xp.concatenate([known, xp.repeat(known[-1:], missing, axis=0)]))
-        for known in map(xp.asarray, (goal.times, goal.positions_n))
+        as_array(xp.concatenate([values, xp.repeat(values[-1:], missing, axis=0)]))
+        for values in map(xp.asarray, (goal.times, goal.positions_n))
     )
     return GoalMotion(times, positions_n, goal.velocity_after_n)

@@ -1,7 +1,4 @@
-"""The catalogue of limits of a path, the one source of checks, refusals, tables and labels.
-
-Their values; and the short description of a planned path.
-"""
+"""Limits of a path: values, the catalogue for checks, refusals, tables and labels, and descriptions of paths."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,12 +12,12 @@ from anser.parts.planners import IdleDeceleration
 from anser.shapes import Scalar, ScalarLike
 from anser.variables import UNITS
 
-_TILTED = 1.57  # rad: more bank than this has no tangent
-_LOOSENED_M = 1000.0  # by which an altitude moves where other limits double
+_BANK_LIMIT_RAD = 1.57  # just below pi/2: keeps the tangent finite
+_ALTITUDE_RELAXATION_M = 1000.0  # change of an altitude limit where other limits double
 
 
 class PathLimits(eqx.Module):
-    """What a trajectory may ask of an aircraft."""
+    """Limits of a trajectory."""
 
     speed_min: Scalar
     """Airspeed, m/s."""
@@ -37,16 +34,16 @@ class PathLimits(eqx.Module):
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """1."""
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Of V_dot + g sin(gamma), what the engine gives beyond drag, m/s^2; where `idle` is given, up to load factor 1."""
+    """Limit of V_dot + g sin(gamma), the engine force minus drag, m/s^2; with `idle`, the limit at load factor 1."""
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """The same with the engine idle, positive, m/s^2; where `idle` is given, level at the airspeed of the start."""
+    """Limit of the deceleration with idle engine, positive, m/s^2; with `idle`, level at the start airspeed."""
     idle: IdleDeceleration | None = None
-    """How the drag changes with airspeed and load factor, as a share of `deceleration_max`; None: not at all."""
+    """Change of the drag with airspeed and load factor, relative to `deceleration_max`; None: constant drag."""
     bank_rate_max: Scalar | None = None
-    """Of the bank angle, either way, rad/s; what a planner makes keeps to it, no certificate bounds it. None: any."""
+    """Limit of the bank rate, rad/s; planned paths respect the limit without certificate. None: no limit."""
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
-        """The acceleration and the deceleration that there are at an airspeed (m/s) and a load factor, m/s^2."""
+        """Greatest acceleration and deceleration at an airspeed (m/s) and a load factor, m/s^2."""
         if self.idle is None:
             return self.acceleration_max, self.deceleration_max
         rise, share = self.idle.rise(speed, load_factor), self.idle.share(speed, load_factor)
@@ -54,15 +51,15 @@ class PathLimits(eqx.Module):
 
 
 def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
-    """Both accelerations along the path, of which `eqx.tree_at` makes others."""
+    """Both limits along the path, as a selector for `eqx.tree_at`."""
     return limits.acceleration_max, limits.deceleration_max
 
 
-def _size(values: np.ndarray, axis: int) -> np.ndarray:
+def _largest_magnitude(values: np.ndarray, axis: int) -> np.ndarray:
     return np.max(np.abs(values), axis)
 
 
-def _loss(values: np.ndarray, axis: int) -> np.ndarray:
+def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
     return np.max(-values, axis)
 
 
@@ -73,23 +70,23 @@ class Limit:
     Attributes
     ----------
     key
-        Name of the extreme that it bounds: "airspeed_min".
+        Name of the bounded extreme: "airspeed_min".
     field
-        Name of its value in `PathLimits`: "speed_min".
+        Name of the value in `PathLimits`: "speed_min".
     suffix
-        Unit of a name in a dataset and in a scenario: "m_s"; empty for a pure number.
+        Unit suffix in datasets and scenarios: "m_s"; empty for a dimensionless number.
     variable
-        What it bounds, by key in `anser.variables`.
+        Bounded variable, by key in `anser.variables`.
     extreme
-        Which extreme of that along an axis.
-    words
-        What it is.
+        Function that computes the extreme along an axis.
+    description
+        Name in text.
     heading
-        The same above a column, two short words; empty where `words` are.
-    broken
-        What a trajectory of the published planner does that breaks it; empty where none is held to it.
-    proven
-        Whether the certified planner proves it.
+        Short column heading; empty: the description.
+    violation
+        Message for a trajectory of the published planner beyond the limit; empty if not checked.
+    is_certified
+        Whether the certified planner proves the limit.
     """
 
     key: str
@@ -109,12 +106,12 @@ class Limit:
 
     @property
     def scenario_key(self) -> str:
-        """Key of its value in the table `limits` of a scenario."""
+        """Key of the value in a scenario's table `limits`."""
         return f"{self.field}_{self.suffix}" if self.suffix else self.field
 
     @property
     def unit(self) -> str:
-        """Unit in a dataset, as CF writes it."""
+        """Unit in a dataset, in CF notation."""
         return UNITS[self.suffix][0]
 
     @property
@@ -124,32 +121,32 @@ class Limit:
 
     @property
     def is_lower_bound(self) -> bool:
-        """Whether it bounds from below."""
+        """Whether the limit is a lower bound."""
         return self.extreme is np.min
 
     def excess(self, value: Scalar, limit: Scalar) -> Scalar:
-        """By how much an extreme passes it, as a part of it (of its tangent); not positive where it is kept.
+        """Relative excess of an extreme over the limit (of tangents for angles); not positive within the limit.
 
         Parameters
         ----------
         value
             The extreme.
         limit
-            Infinite where none is asked.
+            The limit; infinite: no limit.
         """
         if self.suffix == "deg":
-            value, limit = jnp.tan(jnp.minimum(value, _TILTED)), jnp.tan(limit)
+            value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)
         if self.is_lower_bound:
             value, limit = -value, -limit
-        none = limit == jnp.inf  # one that is not a number is no such limit, and is not kept
-        finite = jnp.where(none, 0.0, limit)
-        return jnp.where(none, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
+        is_unlimited = limit == jnp.inf  # NaN is not unlimited, and never satisfied
+        finite = jnp.where(is_unlimited, 0.0, limit)
+        return jnp.where(is_unlimited, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
     def relaxed(self, limit: Scalar, factor: ScalarLike) -> Scalar:
-        """Its value loosened by a factor; 1 is as it is."""
+        """Limit relaxed by a factor; 1: unchanged."""
         if self.suffix == "m":
-            more = _LOOSENED_M * (factor - 1.0)
-            return limit - more if self.is_lower_bound else limit + more
+            change = _ALTITUDE_RELAXATION_M * (factor - 1.0)
+            return limit - change if self.is_lower_bound else limit + change
         if self.suffix == "deg":
             return jnp.arctan(jnp.tan(limit) * factor)
         return limit / factor if self.is_lower_bound else limit * factor
@@ -165,12 +162,12 @@ LIMITS = (
         violation="asks for more than the greatest airspeed",
     ),
     Limit(
-        *("bank_max", "bank_max", "deg", "bank", _size, "bank angle"),
+        *("bank_max", "bank_max", "deg", "bank", _largest_magnitude, "bank angle"),
         violation="turns faster than the greatest bank angle allows at its airspeed",
     ),
     Limit("load_factor_max", "load_factor_max", "", "load_factor", np.max, "load factor"),
     Limit(
-        *("climb_rate_max", "climb_rate_max", "m_s", "climb_rate", _size, "rate of climb or descent"),
+        *("climb_rate_max", "climb_rate_max", "m_s", "climb_rate", _largest_magnitude, "rate of climb or descent"),
         heading="climb rate",
         violation="climbs or descends faster than the limit",
     ),
@@ -191,24 +188,24 @@ LIMITS = (
         heading="acceler- ation",
     ),
     Limit(
-        *("thrust_deficit_max", "deceleration_max", "m_s2", "thrust_surplus", _loss, "deceleration"),
+        *("thrust_deficit_max", "deceleration_max", "m_s2", "thrust_surplus", _largest_decrease, "deceleration"),
         heading="deceler- ation",
     ),
 )
-"""Every limit, in the order in which it is shown."""
+"""Catalogue of limits, in display order."""
 
 CERTIFIED_LIMITS = tuple(limit for limit in LIMITS if limit.is_certified)
-"""Those that the certified planner proves, in the order of `anser.planning.certified.path_bounds.excess`."""
+"""Limits proven by the certified planner, in the order of `anser.planning.certified.path_bounds.excess`."""
 
 LIMIT_MESSAGES = (
     "within all limits",
     *(f"the trajectory {limit.violation} (limits.{limit.scenario_key})" for limit in LIMITS if limit.violation),
 )
-"""What `check_limits` finds of a trajectory of the published planner."""
+"""Messages of `check_limits` for a trajectory of the published planner."""
 
 RELAXED_TOGETHER = {
-    words: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
-    for words, fields in (
+    cause: tuple(limit for limit in CERTIFIED_LIMITS if limit.field in fields)
+    for cause, fields in (
         ("speed window", ("speed_min", "speed_max")),
         ("rate of climb or descent", ("climb_rate_max",)),
         ("acceleration along the path", ("acceleration_max", "deceleration_max")),
@@ -216,24 +213,23 @@ RELAXED_TOGETHER = {
         ("floor and ceiling", ("altitude_min", "altitude_max")),
     )
 }
-"""What can stand in the way of a plan, in words, and the limits that are loosened to find out."""
+"""Possible causes of an infeasible plan, with the limits that are relaxed to test the cause."""
 
 
 NOMINAL_BEND_M = 1.0
-"""Up to this lateral bend, m, a path of the published planner is nominal.
+"""Greatest lateral bend of a nominal path of the published planner, m.
 
 A bend of 1 m lengthens a path of 1 km by a few millimetres; solving for a length of 10 km to 1e-6 m leaves a bend of
-that size even where none is needed.
-"""
+this size even for a path that needs no bend."""
 
 
 def describe_bend(bend_m: float) -> str:
-    """A path of the published planner by its lateral bend, m, positive to the right."""
+    """Describe a path of the published planner by its lateral bend, m, positive to the right."""
     if abs(bend_m) <= NOMINAL_BEND_M:
         return "nominal"
     return "bent right" if bend_m > 0.0 else "bent left"
 
 
-def describe_turns(turned_deg: float) -> str:
-    """A path of the certified planner, which has no such bend, by the sum of the sizes of its turns, deg."""
-    return f"turns {turned_deg:.0f} deg"
+def describe_turns(turn_sum_deg: float) -> str:
+    """Describe a path of the certified planner by the sum of the magnitudes of its turns, deg."""
+    return f"turns {turn_sum_deg:.0f} deg"

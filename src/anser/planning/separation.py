@@ -1,4 +1,4 @@
-"""How far apart aircraft are, and how much of the separation that is."""
+"""Separation between aircraft, and the ratio of distance to separation."""
 
 from typing import Any
 
@@ -8,34 +8,34 @@ from anser.shapes import Scalar
 
 
 class Separation(eqx.Module):
-    """How far apart two aircraft stay: horizontally or else vertically, m; 0: not asked."""
+    """Required separation of two aircraft: horizontal or vertical, m; 0: no requirement."""
 
     horizontal: Scalar
     vertical: Scalar
 
 
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
-    """Distance over separation, the better of the two ratios; 1 is just enough, infinite where nothing is asked.
+    """Ratio of distance to separation, the larger of both directions; 1 is sufficient, infinite without requirement.
 
-    Horizontal and vertical distance, m, are arrays of NumPy or of JAX, or both; separations as in `Separation`.
+    Horizontal and vertical distance, m, are NumPy or JAX arrays; separations as in `Separation`.
     """
     xp = level.__array_namespace__()
-    asked, stacked = horizontal > 0.0, vertical > 0.0
-    flat = xp.where(asked, level / xp.where(asked, horizontal, 1.0), xp.inf)
-    tall = xp.where(stacked, height / xp.where(stacked, vertical, 1.0), -xp.inf)
-    return xp.maximum(flat, tall)
+    is_required, is_vertical = horizontal > 0.0, vertical > 0.0
+    horizontal_ratio = xp.where(is_required, level / xp.where(is_required, horizontal, 1.0), xp.inf)
+    vertical_ratio = xp.where(is_vertical, height / xp.where(is_vertical, vertical, 1.0), -xp.inf)
+    return xp.maximum(horizontal_ratio, vertical_ratio)
 
 
-def closest_fraction(begin: Any, along: Any, least_square: float = 1e-200) -> Any:
-    """Part, 0 to 1, of the way from one offset to another at which it is shortest; 0 where the offset stays.
+def closest_fraction(begin: Any, change: Any, square_min: float = 1e-200) -> Any:
+    """Fraction (0 to 1) of the way between two offsets with the shortest offset; 0 for a constant offset.
 
     Parameters
     ----------
-    begin, along
-        First offset and its change, (..., axis), m; arrays of NumPy or of JAX.
-    least_square
-        Squares of changes below this count as this, m^2; it keeps derivatives finite.
+    begin, change
+        First offset and its change, (..., axis), m; NumPy or JAX arrays.
+    square_min
+        Lower bound of the squared change, m^2; keeps derivatives finite.
     """
     xp = begin.__array_namespace__()
-    square = xp.sum(along * along, axis=-1)
-    return xp.clip(-xp.sum(begin * along, axis=-1) / xp.maximum(square, least_square), 0.0, 1.0)
+    square = xp.sum(change * change, axis=-1)
+    return xp.clip(-xp.sum(begin * change, axis=-1) / xp.maximum(square, square_min), 0.0, 1.0)

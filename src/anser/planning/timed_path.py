@@ -1,4 +1,4 @@
-"""A delivered 4-D trajectory: quintics in time through known positions, velocities and accelerations."""
+"""4-D trajectory of an aircraft: quintics in time through knots with position, velocity and acceleration."""
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +10,7 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
 Knots = Float[Array, "knots 3 3"]
-# In each cell, where the airspeed hardly changes.
-_LENGTH_RULE = gauss_legendre(4)
+_LENGTH_RULE = gauss_legendre(4)  # per cell, in which the airspeed hardly changes
 
 
 def hermite_quintic(
@@ -24,11 +23,11 @@ def hermite_quintic(
     begin, end
         Position, velocity and acceleration (order, axis) at both ends.
     span
-        Time between them, s, positive.
+        Time between the states, s, positive.
     u
-        Where, 0 to 1.
+        Fraction of the time, 0 to 1.
     """
-    # Seen from the parabola that leaves the beginning: small differences keep their digits.
+    # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
     p = end[0] - parabola
     v = span * (end[1] - begin[1] - span * begin[2])
@@ -42,20 +41,21 @@ def hermite_quintic(
 
 
 class TimedPath(AbstractReference):
-    """Where one aircraft is to be at which time: twice continuously differentiable over the ground, piecewise quintic.
+    """Planned position of one aircraft over time: piecewise quintic, twice continuously differentiable over the ground.
 
-    The path over the ground is the path through the air plus the drift of the air; each is the quintic in each cell
-    between two knots that has the given values, slopes and second derivatives at both. Where the wind's rate jumps,
-    two knots at one time may differ in the second derivatives of air and drift, not in their sum.
+    The path over the ground is the path through the air plus the drift of the air. Both are quintics in the cells
+    between knots, with the values, slopes and second derivatives of the knots. At a jump of the wind's rate, two knots
+    at one time may differ in the second derivatives of air path and drift, but not in the sum.
 
     Attributes
     ----------
     times
-        Knots, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the arrival.
+        Knot times, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the
+        arrival.
     air_n
         Path relative to the air: (knot, order of derivative, NED axis); m, m/s, m/s^2.
     drift_n
-        What the wind adds; 0 at the start.
+        Displacement by the wind, same shape; 0 at the start.
     """
 
     times: Float[Array, " knots"]
@@ -64,38 +64,39 @@ class TimedPath(AbstractReference):
 
     @property
     def start_time(self) -> Scalar:
-        """When the path begins, s."""
+        """Start of the path, s."""
         return self.times[0]
 
     @property
     def arrival_time(self) -> Scalar:
-        """When it ends, s."""
+        """End of the path, s."""
         return self.times[-1]
 
     @property
     def duration(self) -> Scalar:
-        """How long it lasts, s."""
+        """Duration of the path, s."""
         return self.times[-1] - self.times[0]
 
-    def _at(self, time: ScalarLike, knots: Knots, *more: Knots) -> Float[Array, "3 3"]:
-        """Value, slope and second derivative of a sum; on at the last velocity after the end, at the first before."""
-        # Not clip: its derivative at the ends themselves is one half.
-        held = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
-        # The last cells may be empty: the end is that of the last cell which is not. Compared with all knots: a search
-        # by halves takes ten times as long in a batch.
-        begun = (self.times <= held) & (self.times < self.times[-1])
-        k = jnp.clip(jnp.sum(begun, dtype=jnp.int32) - 1, 0, self.times.shape[0] - 2)
-        # Of two knots only: sums of all of them would be made at every step of a flight.
+    def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
+        """Value, slope and second derivative of a sum of knots; linear before the start and after the end."""
+        # Not jnp.clip, whose derivative at the bounds is one half.
+        clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
+        # The last cells may be empty: the end is that of the last non-empty cell. A comparison with all knots is ten
+        # times as fast in a batch as a binary search.
+        has_begun = (self.times <= clipped) & (self.times < self.times[-1])
+        k = jnp.clip(jnp.sum(has_begun, dtype=jnp.int32) - 1, 0, self.times.shape[0] - 2)
+        # Only two knots are added: sums of all knots would be computed at every step of a flight.
         begin, end = sum(
-            (jax.lax.dynamic_slice_in_dim(one, k, 2) for one in more), jax.lax.dynamic_slice_in_dim(knots, k, 2)
+            (jax.lax.dynamic_slice_in_dim(added, k, 2) for added in added_knots),
+            jax.lax.dynamic_slice_in_dim(knots, k, 2),
         )
         start, stop = jax.lax.dynamic_slice_in_dim(self.times, k, 2)
         span = stop - start
         safe = jnp.where(span > 0.0, span, 1.0)
-        inside = hermite_quintic(begin, end, safe, (held - start) / safe)
-        beyond = time - held
-        ahead = jnp.stack([inside[0] + beyond * inside[1], inside[1], jnp.zeros_like(inside[1])])
-        return jnp.where(jnp.abs(beyond) <= time_rounding(held), inside, ahead)
+        inside = hermite_quintic(begin, end, safe, (clipped - start) / safe)
+        outside = time - clipped
+        extrapolated = jnp.stack([inside[0] + outside * inside[1], inside[1], jnp.zeros_like(inside[1])])
+        return jnp.where(jnp.abs(outside) <= time_rounding(clipped), inside, extrapolated)
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
@@ -109,16 +110,16 @@ class TimedPath(AbstractReference):
         """Path through the air and drift, each as (order, axis), at a time."""
         return self._at(time, self.air_n), self._at(time, self.drift_n)
 
-    def air_length(self, since: ScalarLike = -jnp.inf) -> Scalar:
+    def air_length(self, from_time: ScalarLike = -jnp.inf) -> Scalar:
         """Length of the path through the air, in space, from a time (s) on, m."""
 
-        def of_cell(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
+        def cell_length(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
             span = stop - start
             safe = jnp.where(span > 0.0, span, 1.0)
-            first = jnp.clip((since - start) / safe, 0.0, 1.0)
-            u = first + (1.0 - first) * jnp.asarray(_LENGTH_RULE.nodes)
-            speeds = jax.vmap(lambda one: norm(hermite_quintic(begin, end, safe, one)[1]))(u)
+            start_fraction = jnp.clip((from_time - start) / safe, 0.0, 1.0)
+            u = start_fraction + (1.0 - start_fraction) * jnp.asarray(_LENGTH_RULE.nodes)
+            speeds = jax.vmap(lambda fraction: norm(hermite_quintic(begin, end, safe, fraction)[1]))(u)
             mean = jnp.sum(jnp.asarray(_LENGTH_RULE.weights) * speeds)
-            return jnp.where(span > 0.0, (1.0 - first) * span * mean, 0.0)
+            return jnp.where(span > 0.0, (1.0 - start_fraction) * span * mean, 0.0)
 
-        return jnp.sum(jax.vmap(of_cell)(self.air_n[:-1], self.air_n[1:], self.times[:-1], self.times[1:]))
+        return jnp.sum(jax.vmap(cell_length)(self.air_n[:-1], self.air_n[1:], self.times[:-1], self.times[1:]))

@@ -1,4 +1,4 @@
-"""Clocks along the paths of a fleet without a centre: paths followed by them, and how they go on."""
+"""Clocks along the paths of a decentralised fleet: paths followed by a clock, and the motion of the clocks."""
 
 import equinox as eqx
 import jax
@@ -14,18 +14,18 @@ from anser.spatial.rotations import safe_norm
 
 
 class ClockedPath(AbstractReference):
-    """A path followed by a clock of its own.
+    """A path followed by its own clock.
 
     Attributes
     ----------
-    path, following
-        By its clock.
-    follows
-        Whether the second takes the place of the first from its beginning on.
+    path, next_path
+        Present path and next path, by the clock.
+    has_next_path
+        Whether the next path replaces the present one from its start on.
     clock, rate, acceleration
-        The clock at a time, s, 1 and 1/s.
+        Clock (s) at `time`, rate (1) and acceleration (1/s).
     time
-        s.
+        Reference time, s.
     """
 
     path: TimedPath
@@ -39,14 +39,14 @@ class ClockedPath(AbstractReference):
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
         clock = self.clock + self.rate * (time - self.time)
-        second = self.has_next_path & (clock >= self.next_path.start_time)
-        point = jax.tree.map(lambda a, b: jnp.where(second, a, b), self.next_path.at(clock), self.path.at(clock))
+        on_next_path = self.has_next_path & (clock >= self.next_path.start_time)
+        point = jax.tree.map(lambda a, b: jnp.where(on_next_path, a, b), self.next_path.at(clock), self.path.at(clock))
         bend_n = self.rate**2 * point.acceleration_n + self.acceleration * point.velocity_n
         return PathPoint(point.position_n, self.rate * point.velocity_n, bend_n)
 
     @property
     def duration(self) -> Scalar:
-        """Of the path by its clock, s."""
+        """Duration of the path by its clock, s."""
         return self.path.duration
 
 
@@ -56,9 +56,9 @@ class Clocks(eqx.Module):
     Attributes
     ----------
     clock
-        How far along its path each is to be, s.
+        Commanded progress along the path, s.
     rate, acceleration
-        1 and 1/s.
+        Rate (1) and acceleration (1/s) of the clock.
     """
 
     clock: Float[Array, " aircraft"]
@@ -74,33 +74,33 @@ def clock_accelerations(
     coordinated: Bool[Array, " aircraft"],
     gains: CoordinationGains,
 ) -> Float[Array, " aircraft"]:
-    """Second derivatives of the clocks by the law, from what was heard, 1/s.
+    """Accelerations of the clocks by the coordination law, from received messages, 1/s.
 
     Parameters
     ----------
     paths
-        What each follows now.
+        Present paths.
     network
-        After the exchange.
+        State of the network after the exchange.
     positions_n
-        Where each is, NED, m.
+        Positions of the aircraft, NED, m.
     active, coordinated
-        Who flies, and whose clock is kept together with the others'; the rate of any other returns to 1.
+        Masks of the flying aircraft and of the coordinated clocks; the rate of an uncoordinated clock returns to 1.
     gains
-        Of the law.
+        Gains of the law.
     """
-    known = network.knowledge
-    heard = known.clocks + (paths.time[:, None] - known.times)
+    knowledge = network.knowledge
+    estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)
     count = jnp.sum(active)
 
-    def one(path: ClockedPath, others: Array, hears: Array, position_n: Array) -> Scalar:
-        wanted = path.at(path.time)
-        speed = jnp.maximum(safe_norm(wanted.velocity_n), 1.0)
-        lag = jnp.sum(wanted.velocity_n * (wanted.position_n - position_n)) / speed**2
-        return clock_acceleration(path.clock, path.rate, others, hears, lag, count, gains)
+    def aircraft_acceleration(path: ClockedPath, other_clocks: Array, hears: Array, position_n: Array) -> Scalar:
+        reference = path.at(path.time)
+        speed = jnp.maximum(safe_norm(reference.velocity_n), 1.0)
+        lag = jnp.sum(reference.velocity_n * (reference.position_n - position_n)) / speed**2
+        return clock_acceleration(path.clock, path.rate, other_clocks, hears, lag, count, gains)
 
-    found = jax.vmap(one)(paths, heard, network.hears, positions_n)
-    return jnp.where(coordinated, found, -gains.damping * (paths.rate - 1.0))
+    accelerations = jax.vmap(aircraft_acceleration)(paths, estimated_clocks, network.hears, positions_n)
+    return jnp.where(coordinated, accelerations, -gains.damping * (paths.rate - 1.0))
 
 
 def advance_clocks(
@@ -112,13 +112,15 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """The clocks a step (s) after a time (s); after its arrival each goes on at the rate 1."""
+    """Clocks one step (s) after a time (s); after the arrival a clock continues at rate 1."""
     count = clocks.clock.shape[0]
-    heard = knowledge.clocks + (time - knowledge.times)
-    doubt = gains.rate_range * (time - knowledge.times)
-    counted = active[None, :] & ~jnp.eye(count, dtype=bool)
-    wanted = clocks.rate + step * clocks.acceleration
-    rate = jax.vmap(bounded_rate, in_axes=(0, 0, 0, 0, 0, None))(wanted, clocks.clock, heard, doubt, counted, gains)
+    estimated_clocks = knowledge.clocks + (time - knowledge.times)
+    clock_uncertainty = gains.rate_range * (time - knowledge.times)
+    is_coordinated = active[None, :] & ~jnp.eye(count, dtype=bool)
+    unlimited_rate = clocks.rate + step * clocks.acceleration
+    rate = jax.vmap(bounded_rate, in_axes=(0, 0, 0, 0, 0, None))(
+        unlimited_rate, clocks.clock, estimated_clocks, clock_uncertainty, is_coordinated, gains
+    )
     rate = jnp.where(arrived | ~active, 1.0, rate)
     clock = clocks.clock + step * 0.5 * (clocks.rate + rate)
     return Clocks(clock, rate, jnp.where(arrived, 0.0, (rate - clocks.rate) / step))

@@ -1,4 +1,4 @@
-"""Who hears whom: links by distance, losses and outages, and messages that take their time and are passed on."""
+"""Communication network of a fleet: links by distance, losses and outages, and messages with delay and relaying."""
 
 import equinox as eqx
 import jax
@@ -11,24 +11,24 @@ from anser.sensing.vehicle_sensors import Dropouts
 from anser.shapes import Count, Scalar
 from anser.spatial.rotations import safe_norm
 
-Links = Bool[Array, "aircraft aircraft"]
+LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """What aircraft know of each other: (holder, about); of itself each knows what is.
+    """Knowledge of the aircraft about each other: (receiver, subject); the diagonal is each aircraft's current data.
 
     Attributes
     ----------
     clocks
-        S.
+        Clocks, s.
     times
-        Of when that is, s.
+        Times of the data, s.
     tokens
-        How far the path of each is, see `exchange`.
+        Progress of the path exchange, see `path_exchange`.
     acknowledged
-        (holder, about, whose): whose token it has acknowledged.
+        (receiver, subject, owner): last token of the owner that the subject has acknowledged.
     delays
-        By how much each wants all arrivals put off, s.
+        Requested delay of the fleet's arrivals, s.
     """
 
     clocks: Float[Array, "aircraft aircraft"]
@@ -39,7 +39,7 @@ class KnowledgeMatrix(eqx.Module):
 
 
 class Broadcast(eqx.Module):
-    """What aircraft say of themselves, now; leading axis aircraft. For the meaning see `KnowledgeMatrix`."""
+    """Current data that the aircraft send about themselves; leading axis aircraft. Fields as in `KnowledgeMatrix`."""
 
     clocks: Float[Array, " aircraft"]
     tokens: Int[Array, " aircraft"]
@@ -48,47 +48,47 @@ class Broadcast(eqx.Module):
 
 
 class NetworkState(eqx.Module):
-    """A network between two exchanges.
+    """State of a network between two exchanges.
 
     Attributes
     ----------
     outages
-        Which links are out.
+        Links in outage.
     hears
-        Who has heard whom at the last exchange: (receiver, sender).
-    sent, by
-        What is on its way, and by which links; leading axis exchanges, in a ring.
-    known
-        What each knows.
+        Links with a message in the last exchange: (receiver, sender).
+    messages, message_links
+        Messages under way, and the links they use; leading axis exchanges, a ring buffer.
+    knowledge
+        Knowledge of the aircraft.
     """
 
-    outages: Links
-    hears: Links
+    outages: LinkMatrix
+    hears: LinkMatrix
     messages: KnowledgeMatrix
     message_links: Bool[Array, "slots aircraft aircraft"]
     knowledge: KnowledgeMatrix
 
 
 class Network(eqx.Module):
-    """A broadcast network: at each exchange every aircraft sends all that it knows, itself or from others.
+    """Broadcast network: in each exchange, an aircraft sends its complete knowledge, original and relayed.
 
-    A link is up or down for both directions at once. It is down beyond the range, while it is out (Gilbert-Elliott,
-    each link by itself), and where the exchange is lost, each by itself. What is heard was sent a delay ago.
+    A link is up or down in both directions. It is down beyond the range, during an outage (Gilbert-Elliott model,
+    independent links), and for lost exchanges (independent). Messages arrive after a delay.
 
     Attributes
     ----------
     range
-        Of each link, m.
+        Range of a link, m.
     dropouts
-        Losses and outages of each link.
+        Losses and outages of a link.
     period
-        Between two exchanges, s.
-    every
-        The same in sampling periods.
+        Time between two exchanges, s.
+    period_samples
+        Time between two exchanges, sampling periods.
     delay
-        In exchanges.
+        Delay of messages, exchanges.
     slots
-        More than the delay.
+        Length of the ring buffer, more than the delay.
     """
 
     range: Scalar
@@ -99,20 +99,20 @@ class Network(eqx.Module):
     slots: int = eqx.field(static=True)
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
-        """Before the first exchange of a flight: all know each other's clocks and paths, on which they have agreed."""
+        """State before the first exchange: clocks and agreed paths are known to the whole fleet."""
         count = clocks.shape[0]
-        pairs, none = (count, count), jnp.zeros((count, count), dtype=jnp.int32)
-        known = KnowledgeMatrix(
+        pairs, zero = (count, count), jnp.zeros((count, count), dtype=jnp.int32)
+        knowledge = KnowledgeMatrix(
             clocks=jnp.broadcast_to(clocks, pairs),
             times=jnp.zeros(pairs),
-            tokens=none,
+            tokens=zero,
             acknowledged=jnp.zeros((count, count, count), dtype=jnp.int32),
             delays=jnp.zeros(pairs),
         )
-        sent = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), known)
+        messages = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), knowledge)
         links = jnp.zeros(pairs, dtype=bool)
         outages = self.dropouts.initial_outage(_link_uniforms(randomness, INITIAL_SAMPLE, count)[0])
-        return NetworkState(outages, links, sent, jnp.zeros((self.slots, count, count), dtype=bool), known)
+        return NetworkState(outages, links, messages, jnp.zeros((self.slots, count, count), dtype=bool), knowledge)
 
     def exchange(
         self,
@@ -124,72 +124,74 @@ class Network(eqx.Module):
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Send, and take in what arrives.
+        """Send messages, and process the arriving messages.
 
         Parameters
         ----------
-        own
-            What each says of itself.
+        state
+            State of the network.
+        broadcast
+            Current data of the aircraft.
         positions_n
-            Of the aircraft, NED, m.
+            Positions of the aircraft, NED, m.
         active
-            Who sends and hears.
+            Mask of the aircraft that send and receive.
         number, time
-            Of the sample, and s.
+            Number and time (s) of the sample.
         randomness
-            Of the flight.
+            Random numbers of the flight.
         """
-        known = _with_broadcasts(state.knowledge, broadcast, time)
+        knowledge = _with_broadcasts(state.knowledge, broadcast, time)
         outages, up = self.links(state.outages, positions_n, active, number, randomness)
         exchange = number // jnp.maximum(self.period_samples, 1)
-        here, there = exchange % self.slots, (exchange - self.delay) % self.slots
-        sent = jax.tree.map(lambda rows, row: rows.at[here].set(row), state.messages, known)
-        by = state.message_links.at[here].set(up)
-        hears = by[there] & (exchange >= self.delay)
-        arrived = jax.tree.map(lambda rows: rows[there], sent)
-        return NetworkState(outages, hears, sent, by, _merge_messages(known, arrived, hears))
+        send_slot, receive_slot = exchange % self.slots, (exchange - self.delay) % self.slots
+        messages = jax.tree.map(lambda buffer, entry: buffer.at[send_slot].set(entry), state.messages, knowledge)
+        message_links = state.message_links.at[send_slot].set(up)
+        hears = message_links[receive_slot] & (exchange >= self.delay)
+        arrived = jax.tree.map(lambda buffer: buffer[receive_slot], messages)
+        return NetworkState(outages, hears, messages, message_links, _merge_messages(knowledge, arrived, hears))
 
     def links(
         self,
-        outages: Links,
+        outages: LinkMatrix,
         positions_n: Float[Array, "aircraft 3"],
         active: Bool[Array, " aircraft"],
         number: Count | int,
         randomness: AbstractRandomness | None,
-    ) -> tuple[Links, Links]:
-        """Which links are out, and which are up, at an exchange."""
+    ) -> tuple[LinkMatrix, LinkMatrix]:
+        """Links in outage, and links that are up, in an exchange."""
         count = active.shape[0]
-        drawn = _link_uniforms(randomness, number, count)
-        outages = self.dropouts.next_outage(outages, self.period, drawn[0])
-        apart = jax.vmap(jax.vmap(safe_norm))(positions_n[:, None, :] - positions_n[None, :, :])
-        up = (apart <= self.range) & ~self.dropouts.is_lost(outages, drawn[1])
+        uniforms = _link_uniforms(randomness, number, count)
+        outages = self.dropouts.next_outage(outages, self.period, uniforms[0])
+        distances = jax.vmap(jax.vmap(safe_norm))(positions_n[:, None, :] - positions_n[None, :, :])
+        up = (distances <= self.range) & ~self.dropouts.is_lost(outages, uniforms[1])
         return outages, up & active[:, None] & active[None, :] & ~np.eye(count, dtype=bool)
 
 
 def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Scalar) -> KnowledgeMatrix:
-    """What all know, with what each knows of itself as it is now."""
-    itself = np.eye(broadcast.clocks.shape[0], dtype=bool)
+    """Write each aircraft's current data onto the diagonal of the knowledge matrix (receiver, subject)."""
+    is_diagonal = np.eye(broadcast.clocks.shape[0], dtype=bool)
     return KnowledgeMatrix(
-        clocks=jnp.where(itself, broadcast.clocks, knowledge.clocks),
-        times=jnp.where(itself, time, knowledge.times),
-        tokens=jnp.where(itself, broadcast.tokens, knowledge.tokens),
-        acknowledged=jnp.where(itself[:, :, None], broadcast.acknowledged, knowledge.acknowledged),
-        delays=jnp.where(itself, broadcast.delays, knowledge.delays),
+        clocks=jnp.where(is_diagonal, broadcast.clocks, knowledge.clocks),
+        times=jnp.where(is_diagonal, time, knowledge.times),
+        tokens=jnp.where(is_diagonal, broadcast.tokens, knowledge.tokens),
+        acknowledged=jnp.where(is_diagonal[:, :, None], broadcast.acknowledged, knowledge.acknowledged),
+        delays=jnp.where(is_diagonal, broadcast.delays, knowledge.delays),
     )
 
 
-def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: Links) -> KnowledgeMatrix:
-    """What each knows of each other after messages: the latest of what it knew and of what came in."""
+def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: LinkMatrix) -> KnowledgeMatrix:
+    """Knowledge after messages: the latest data of previous knowledge and received messages."""
     count = hears.shape[0]
-    # (receiver, sender, about)
+    # (receiver, sender, subject)
     times = jnp.where(hears[:, :, None], arrived.times[None], -jnp.inf)
-    best = jnp.argmax(times, axis=1)
-    newer = jnp.max(times, axis=1) > knowledge.times
-    about = np.arange(count)[None, :]
+    latest_sender = jnp.argmax(times, axis=1)
+    is_newer = jnp.max(times, axis=1) > knowledge.times
+    subjects = np.arange(count)[None, :]
 
     def merged(new: Array, old: Array) -> Array:
-        taken = new[best, about]
-        return jnp.where(newer.reshape(*newer.shape, *[1] * (old.ndim - 2)), taken, old)
+        received = new[latest_sender, subjects]
+        return jnp.where(is_newer.reshape(*is_newer.shape, *[1] * (old.ndim - 2)), received, old)
 
     return jax.tree.map(merged, arrived, knowledge)
 
@@ -197,11 +199,11 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 def _link_uniforms(
     randomness: AbstractRandomness | None, number: Count | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
-    """Two numbers between 0 and 1 for each link; those of a link are the same in a fleet of any size."""
+    """Two uniform random numbers per link, independent of the size of the fleet."""
     if randomness is None:
         raise ValueError("a network draws random numbers: the flight has no seed")
-    places = np.arange(count)
-    later, earlier = np.maximum.outer(places, places), np.minimum.outer(places, places)
+    indices = np.arange(count)
+    later, earlier = np.maximum.outer(indices, indices), np.minimum.outer(indices, indices)
     pair = np.where(later > earlier, later * (later - 1) // 2 + earlier, 0)
-    drawn = randomness.uniforms(NETWORK, number, max(count * (count - 1), 2))
-    return jnp.stack([drawn[2 * pair], drawn[2 * pair + 1]])
+    uniforms = randomness.uniforms(NETWORK, number, max(count * (count - 1), 2))
+    return jnp.stack([uniforms[2 * pair], uniforms[2 * pair + 1]])

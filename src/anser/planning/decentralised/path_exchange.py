@@ -1,12 +1,12 @@
-"""Ways agreed on without a centre: offered, acknowledged by all, then flown; so that the separation is never lost.
+"""Agreement on paths in a decentralised fleet with guaranteed separation: offer, acknowledgement, change.
 
-Each aircraft has a way, a path to its arrival and a hold after it, that all others have acknowledged, and flies within
-a tube about it. To fly another one it offers it; the others acknowledge it if it keeps the separation from all that
-they themselves may fly; with the word of all others it changes over, and tells so. Until all have acknowledged that
-too, they keep clear of both ways, and it makes no other offer. Whatever is lost or late on the way, no one ever flies
-a way that another has not agreed to.
+Each aircraft has an agreed path (an approach and a hold) that the fleet has acknowledged, and flies within a tube
+around it. For another path, the aircraft makes an offer. The other aircraft acknowledge an offer that keeps the
+separation from every path that they may fly. With every acknowledgement, the aircraft changes to the offered path and
+broadcasts the change. Until the fleet has acknowledged the change, the other aircraft avoid both paths, and the
+aircraft makes no new offer. Lost or late messages never lead to a path that another aircraft has not acknowledged.
 
-Each aircraft has a token that counts its steps: odd while an offer is open, even after it was taken up or withdrawn.
+Each aircraft has a token that counts its steps: odd while an offer is open, even after acceptance or withdrawal.
 """
 
 import equinox as eqx
@@ -21,26 +21,26 @@ from anser.planning.holds.hold_paths import ApproachAndHold
 from anser.planning.timed_path import TimedPath
 from anser.shapes import ScalarLike
 
-Pairs = Bool[Array, "aircraft aircraft"]
+PairMask = Bool[Array, "aircraft aircraft"]
 
 
 class Exchange(eqx.Module):
-    """Where the agreement on paths stands; leading axis aircraft.
+    """State of the agreement on paths; leading axis aircraft.
 
     Attributes
     ----------
-    agreed
-        Ways that all have acknowledged: each flies within a tube about its own.
-    other
-        The one that each offers, or has just left or withdrawn; the agreed one where that is settled.
+    agreed_paths
+        Paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path.
+    alternative
+        Paths that are offered, or were just left or withdrawn; the agreed path if settled.
     tokens
-        See above.
+        Step counters, see above.
     settled
-        Whether all know which one each flies.
+        Whether the fleet knows which path the aircraft flies.
     offered_at
-        When the last offer was made, on the path's clock, s.
+        Time of the last offer, on the path's clock, s.
     acknowledged
-        (aircraft, whose): the last token of each other that it has acknowledged.
+        (aircraft, owner): last token of the owner that the aircraft has acknowledged.
     """
 
     agreed_paths: ApproachAndHold
@@ -52,76 +52,76 @@ class Exchange(eqx.Module):
 
     @property
     def offer_open(self) -> Bool[Array, " aircraft"]:
-        """Who has an offer open."""
+        """Mask of the aircraft with an open offer."""
         return self.tokens % 2 == 1
 
 
 def initial_exchange(approaches: ApproachAndHold) -> Exchange:
-    """After the agreement before the flight."""
+    """State after the agreement before the flight."""
     count = approaches.path.times.shape[0]
-    none = jnp.zeros((count, count), dtype=jnp.int32)
-    return Exchange(approaches, approaches, none[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), none)
+    zero = jnp.zeros((count, count), dtype=jnp.int32)
+    return Exchange(approaches, approaches, zero[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), zero)
 
 
 def process_messages(
     state: Exchange,
     knowledge: KnowledgeMatrix,
-    clear_of_agreed: Pairs,
-    clear_of_other: Pairs,
+    clear_of_agreed: PairMask,
+    clear_of_other: PairMask,
     clocks: Float[Array, " aircraft"],
     participates: Bool[Array, " aircraft"],
     patience: ScalarLike,
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
-    """Acknowledge what was heard, and take up, withdraw or settle what was answered.
+    """Acknowledge the known offers, and accept, withdraw or settle the aircraft's own.
 
     Parameters
     ----------
-    state, known
-        The agreement, and what each knows of the others.
+    state, knowledge
+        State of the agreement, and knowledge of the aircraft about each other.
     clear_of_agreed, clear_of_other
-        Whether the other way of a row's aircraft keeps the separation from the agreed way, and from the other way,
-        of a column's.
+        Whether the alternative path of a row's aircraft keeps the separation from the agreed path, and from the
+        alternative path, of a column's aircraft.
     clocks
-        Of the aircraft, s.
-    taking_part
-        Who is in the air, and answers.
+        Clocks of the aircraft, s.
+    participates
+        Mask of the flying aircraft, which answer.
     patience
-        An offer is withdrawn after this long, s.
+        Time after which an offer is withdrawn, s.
 
     Returns
     -------
-    The agreement after it, and who takes up the way that it offered.
+    The new state, and the mask of accepted offers.
     """
     count = clocks.shape[0]
-    heard, current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
-    # (aircraft, whose): an offer that was heard of keeps clear of all that the aircraft itself may fly
-    fits = clear_of_agreed.T & (clear_of_other.T | state.settled[:, None])
-    answers = jnp.where(heard % 2 == 1, current & fits, True)
-    acknowledged = jnp.where(answers, heard, state.acknowledged)
+    known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
+    # (aircraft, owner): the owner's offer keeps clear of every path that the aircraft may fly
+    is_acceptable = clear_of_agreed.T & (clear_of_other.T | state.settled[:, None])
+    acknowledges = jnp.where(known_tokens % 2 == 1, is_current & is_acceptable, True)
+    acknowledged = jnp.where(acknowledges, known_tokens, state.acknowledged)
 
-    # (aircraft, by whom): its token of now has come back
-    itself = np.eye(count, dtype=bool)
-    back = jnp.swapaxes(knowledge.acknowledged, 1, 2)[np.arange(count), np.arange(count)]
-    answered = jnp.all((back == state.tokens[:, None]) | itself | ~participates[None, :], axis=1)
+    # (aircraft, sender): the sender has acknowledged the aircraft's present token
+    is_diagonal = np.eye(count, dtype=bool)
+    returned_tokens = jnp.swapaxes(knowledge.acknowledged, 1, 2)[np.arange(count), np.arange(count)]
+    is_answered = jnp.all((returned_tokens == state.tokens[:, None]) | is_diagonal | ~participates[None, :], axis=1)
     in_time = clocks - state.offered_at <= patience
-    taken = state.offer_open & answered & in_time
-    # of two offers in each other's way that of the aircraft further behind is withdrawn
+    accepted = state.offer_open & is_answered & in_time
+    # of two conflicting offers, the offer of the aircraft with the higher index is withdrawn
     earlier = np.tri(count, k=-1, dtype=bool)
-    yields = jnp.any((heard % 2 == 1) & current & ~clear_of_other.T & earlier & ~itself, axis=1)
-    withdrawn = state.offer_open & ~taken & (~in_time | yields)
-    settled = state.settled | (~state.offer_open & answered)
+    yields = jnp.any((known_tokens % 2 == 1) & is_current & ~clear_of_other.T & earlier & ~is_diagonal, axis=1)
+    withdrawn = state.offer_open & ~accepted & (~in_time | yields)
+    settled = state.settled | (~state.offer_open & is_answered)
 
-    agreed = select_rows(taken, state.alternative, state.agreed_paths)
-    other = select_rows(taken, state.agreed_paths, state.alternative)
-    other = select_rows(settled, agreed, other)
-    tokens = state.tokens + jnp.where(taken | withdrawn, 1, 0)
-    return Exchange(agreed, other, tokens, settled, state.offered_at, acknowledged), taken
+    agreed_paths = select_rows(accepted, state.alternative, state.agreed_paths)
+    alternative = select_rows(accepted, state.agreed_paths, state.alternative)
+    alternative = select_rows(settled, agreed_paths, alternative)
+    tokens = state.tokens + jnp.where(accepted | withdrawn, 1, 0)
+    return Exchange(agreed_paths, alternative, tokens, settled, state.offered_at, acknowledged), accepted
 
 
 def open_offers(
     state: Exchange, approaches: ApproachAndHold, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Open offers of ways by some; these must be settled."""
+    """Open offers of new paths for selected aircraft, which must be settled."""
     return Exchange(
         state.agreed_paths,
         select_rows(offers, approaches, state.alternative),
@@ -133,9 +133,9 @@ def open_offers(
 
 
 def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
-    """Bound of the distance between two paths of the same knots at any time, m.
+    """Upper bound of the distance between two paths with the same knots at any time, m.
 
-    In each cell the difference is a quintic: it lies within the convex hull of its Bernstein coefficients.
+    In each cell the difference is a quintic, within the convex hull of its Bernstein coefficients.
     """
     knots = (path.air_n + path.drift_n) - (alternative.air_n + alternative.drift_n)
     h = (path.times[1:] - path.times[:-1])[:, None]
@@ -154,5 +154,5 @@ def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
 
 
 def concatenate_fleets(*sets: ApproachAndHold) -> ApproachAndHold:
-    """Ways of one fleet several times over, one set after the other."""
+    """Concatenate sets of paths of one fleet."""
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *sets)

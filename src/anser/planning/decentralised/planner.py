@@ -1,9 +1,9 @@
-"""The planner without a centre: each aircraft plans with what it knows, and talks to the others over a network.
+"""Decentralised planner: each aircraft plans with its own knowledge and communicates over a network.
 
-Before the flight the aircraft have agreed on an arrival time, the latest that any of them asks for, and on paths
-(`anser.missions.consensus`). On the way each bends its own path to where it takes its goal to be; within a tube about
-the path that all know by itself, farther only with the word of all others (`path_exchange`). The clocks along the paths
-are kept together (`anser.planning.decentralised.time_coordination`): who is kept up is waited for.
+Before the flight the aircraft agree on an arrival time, the latest of the requested times, and on paths
+(`anser.missions.consensus`). En route each aircraft corrects its path to the estimated goal, within a tube around the
+path that the fleet knows; larger changes need the fleet's acknowledgement (`path_exchange`). The clocks along the paths
+are coordinated (`anser.planning.decentralised.time_coordination`), so that the fleet waits for a delayed aircraft.
 """
 
 import equinox as eqx
@@ -50,35 +50,42 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 LEAD_S = 6.0
-"""For this long after it was offered a path is still the one that is flown: so long the others have to answer."""
+"""Time between an offer and the start of the offered path, s: the fleet's time for acknowledgements."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
 _SAME_TIME_S = 1e-3
-_DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)  # of the time to go: no later than needed, the others follow
+_DELAY_FRACTIONS = (
+    0.0,
+    0.01,
+    0.02,
+    0.04,
+    0.08,
+    0.15,
+)  # of the time to go: small delays first, because the fleet follows
 
 
 class DecentralisedPlanState(eqx.Module):
-    """What the planner carries along: of each aircraft only what it would know itself.
+    """State of the planner; data of each aircraft that only this aircraft needs to know.
 
     Attributes
     ----------
     plan
-        The paths that are flown.
-    renewal
-        What became of the last renewal of each: index into `REPLANNING_MESSAGES`.
+        Present paths.
+    replanning
+        Result of the last replanning: index into `REPLANNING_MESSAGES`.
     limits
-        As of `CertifiedPlanState`.
+        As in `CertifiedPlanState`.
     exchange
-        What is agreed on.
+        State of the agreement on paths.
     clocks, network, time
-        Of now; s.
-    asked
-        Whether a path made anew was wanted that a planner which does not replan could not make.
+        Present state of clocks and network, and time, s.
+    replan_needed
+        Whether a new path was needed that a planner without replanning could not make.
     waits
-        Who flies its former path until the one that is agreed on begins.
+        Mask of the aircraft on the previous path until the agreed path begins.
     first_arrivals
-        Arrivals on which all agreed before the flight, by the clocks, s.
+        Arrival times agreed before the flight, by the clocks, s.
     delays
-        By how much each takes all arrivals to be put off, s: the greatest that it has asked for or heard of.
+        Delay of the fleet's arrivals known to each aircraft, s: the greatest requested or received.
     """
 
     plan: CertifiedPlan
@@ -95,20 +102,20 @@ class DecentralisedPlanState(eqx.Module):
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Each aircraft for itself.
+    """Planner in which each aircraft plans for itself.
 
     Attributes
     ----------
-    each
-        Limits, airspace and numbers of the paths; its separation includes twice the tube and the greatest skew.
+    aircraft_planner
+        Limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew.
     network
-        Who hears whom.
+        Communication network.
     gains
-        Of the clocks.
+        Gains of the clocks.
     tube
-        How far each may depart from the path that all know, m.
-    replans
-        Whether an aircraft whose path cannot be bent looks for another one on the way.
+        Greatest distance from the agreed path, m.
+    allow_replanning
+        Whether an aircraft may search for a new path en route if its path cannot be corrected.
     """
 
     aircraft_planner: CertifiedPlanner
@@ -118,13 +125,13 @@ class DecentralisedPlanner(AbstractPlanner):
     allow_replanning: bool = eqx.field(static=True, default=True)
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
-        """Not here: the aircraft agree before the flight, see `anser.missions.consensus`."""
+        """Raise ValueError: the aircraft agree before the flight, see `anser.missions.consensus`."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def initial_state(
         self, first_plan: CertifiedPlanState, randomness: AbstractRandomness | None
     ) -> DecentralisedPlanState:
-        """State at time 0 with paths and holds that all have agreed on."""
+        """State at time 0 with the agreed paths and holds."""
         assert first_plan.holds is not None, "without a centre a fleet agrees on its holds too"
         count, arrivals = first_plan.plan.arrival_times.shape[0], first_plan.plan.arrival_times
         clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
@@ -145,8 +152,8 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Answer what was heard, and bend each path to where its rendezvous is now expected."""
-        plan, state, clock, known = (
+        """Process messages, and correct each path to the presently predicted rendezvous."""
+        plan, state, clock, knowledge = (
             planner_state.plan,
             planner_state.exchange,
             planner_state.clocks.clock,
@@ -155,189 +162,231 @@ class DecentralisedPlanner(AbstractPlanner):
         tasks = self.aircraft_planner.aircraft_tasks(reports, planner_state.limits)
         to_go = plan.arrival_times - clock
         under_way = reports.active & (to_go > self.aircraft_planner.freeze)
-        # A path that all have agreed on is flown from its beginning on, and until then the one before.
-        begun = clock >= state.agreed_paths.path.times[:, 0]
-        paths = select_rows(planner_state.waits & begun, state.agreed_paths.path, plan.paths)
-        waits = planner_state.waits & ~begun
-        free = under_way & ~state.offer_open & ~waits
+        # The agreed path is flown from its start on; before, the previous path.
+        has_begun = clock >= state.agreed_paths.path.times[:, 0]
+        paths = select_rows(planner_state.waits & has_begun, state.agreed_paths.path, plan.paths)
+        waits = planner_state.waits & ~has_begun
+        may_change = under_way & ~state.offer_open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
         bent = jax.vmap(correct_path)(paths, tasks, clock, to_go / planner_state.clocks.rate, lead)
-        bent = select_rows(free, bent, paths)
-        # the latest arrival that anyone has asked for, as far as each has heard
-        delays = jnp.maximum(planner_state.delays, jnp.max(known.delays, axis=1))
-        behind = planner_state.first_arrivals + delays > state.agreed_paths.path.times[:, -1] + _SAME_TIME_S
+        bent = select_rows(may_change, bent, paths)
+        # latest requested arrival known to each aircraft
+        delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))
+        is_late = planner_state.first_arrivals + delays > state.agreed_paths.path.times[:, -1] + _SAME_TIME_S
 
-        since = jnp.min(clock)
-        held_to = self.aircraft_planner.aircraft_tasks(
+        from_time = jnp.min(clock)
+        correction_tasks = self.aircraft_planner.aircraft_tasks(
             reports, self.aircraft_planner.correction_limits(planner_state.limits)
         )
-        certificate = certify(bent, held_to, self.aircraft_planner.airspace, interval_count(bent), since)
-        near = jax.vmap(path_distance_max)(bent, state.agreed_paths.path) <= self.tube
-        wholly = free & certificate.satisfied_individually & near
+        certificate = certify(bent, correction_tasks, self.aircraft_planner.airspace, interval_count(bent), from_time)
+        in_tube = jax.vmap(path_distance_max)(bent, state.agreed_paths.path) <= self.tube
+        fully_corrected = may_change & certificate.satisfied_individually & in_tube
 
-        def with_part(part: Scalar) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
-            some = eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + part * (bent.air_n - paths.air_n))
-            its = certify(some, held_to, self.aircraft_planner.airspace, interval_count(some), since)
-            within = jax.vmap(path_distance_max)(some, state.agreed_paths.path) <= self.tube
-            return some, its, free & its.satisfied_individually & within
+        def try_fraction(fraction: Scalar) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            scaled = eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + fraction * (bent.air_n - paths.air_n))
+            scaled_certificate = certify(
+                scaled, correction_tasks, self.aircraft_planner.airspace, interval_count(scaled), from_time
+            )
+            in_tube = jax.vmap(path_distance_max)(scaled, state.agreed_paths.path) <= self.tube
+            return scaled, scaled_certificate, may_change & scaled_certificate.satisfied_individually & in_tube
 
-        def in_part() -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
-            made = jax.lax.map(with_part, jnp.asarray(CORRECTION_FRACTIONS[1:]))
-            most = jnp.argmax(made[2], axis=0), jnp.arange(clock.shape[0])
-            return jax.tree.map(lambda leaf: leaf[most], made)
+        def correct_partly() -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            candidates = jax.lax.map(try_fraction, jnp.asarray(CORRECTION_FRACTIONS[1:]))
+            largest = jnp.argmax(candidates[2], axis=0), jnp.arange(clock.shape[0])
+            return jax.tree.map(lambda leaf: leaf[largest], candidates)
 
-        partly = jax.lax.cond(
-            any_in_batch(jnp.any(free & ~wholly)), in_part, lambda: (bent, certificate, jnp.zeros_like(wholly))
+        partial = jax.lax.cond(
+            any_in_batch(jnp.any(may_change & ~fully_corrected)),
+            correct_partly,
+            lambda: (bent, certificate, jnp.zeros_like(fully_corrected)),
         )
-        bends = wholly | partly[2]
-        taken_up, kept = select_rows(wholly, (bent, certificate), partly[:2])
-        ways = ApproachAndHold(bent, move_with_goals(state.agreed_paths.hold, tasks, clock))
-        agreed, other, mine = _path_set_slices(clock.shape[0])
-        clear = jax.lax.cond(
-            any_in_batch(jnp.any(~state.settled | (free & ~wholly))),
-            lambda: self._clear(state, ways, tasks.active, since),
+        is_corrected = fully_corrected | partial[2]
+        corrected_paths, certificates = select_rows(fully_corrected, (bent, certificate), partial[:2])
+        proposals = ApproachAndHold(bent, move_with_goals(state.agreed_paths.hold, tasks, clock))
+        agreed_slice, alternative_slice, proposal_slice = _set_slices(clock.shape[0])
+        is_clear = jax.lax.cond(
+            any_in_batch(jnp.any(~state.settled | (may_change & ~fully_corrected))),
+            lambda: self._clearance(state, proposals, tasks.active, from_time),
             lambda: jnp.zeros((3 * clock.shape[0], 3 * clock.shape[0]), dtype=bool),
         )
-        # (aircraft, whose): another way than the agreed one that it must keep clear of as well
-        reckoned = ~state.settled[None, :] & (state.offer_open[None, :] == (known.tokens == state.tokens[None, :]))
-        state, taken = process_messages(
-            state, known, clear[other, agreed], clear[other, other], clock, reports.active, LEAD_S - 1.0
+        # (aircraft, owner): the owner may fly its alternative path as well
+        avoids_alternative = ~state.settled[None, :] & (
+            state.offer_open[None, :] == (knowledge.tokens == state.tokens[None, :])
         )
-        paths = select_rows(bends, taken_up, paths)
-        may_offer = free & state.settled & ~behind & ~wholly & (to_go > self.aircraft_planner.freeze + 2.0 * LEAD_S)
-        safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
-        offers = may_offer & certificate.satisfied_individually & safe
-        sure = under_way
+        state, accepted = process_messages(
+            state,
+            knowledge,
+            is_clear[alternative_slice, agreed_slice],
+            is_clear[alternative_slice, alternative_slice],
+            clock,
+            reports.active,
+            LEAD_S - 1.0,
+        )
+        paths = select_rows(is_corrected, corrected_paths, paths)
+        may_offer = (
+            may_change
+            & state.settled
+            & ~is_late
+            & ~fully_corrected
+            & (to_go > self.aircraft_planner.freeze + 2.0 * LEAD_S)
+        )
+        proposal_is_clear = jnp.all(
+            is_clear[proposal_slice, agreed_slice]
+            & (is_clear[proposal_slice, alternative_slice] | ~avoids_alternative),
+            axis=1,
+        )
+        offers = may_offer & certificate.satisfied_individually & proposal_is_clear
+        goal_has_moved = under_way
         if reports.goal_covariance is not None:
-            sure = jax.vmap(rendezvous_has_moved)(
+            goal_has_moved = jax.vmap(rendezvous_has_moved)(
                 paths, tasks, reports.goal_covariance, to_go / planner_state.clocks.rate
             )
-        due = behind | (~wholly & sure)
-        wanted = free & state.settled & due & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
-        asked = planner_state.replan_needed
+        needs_path = is_late | (~fully_corrected & goal_has_moved)
+        searches = may_change & state.settled & needs_path & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
+        replan_needed = planner_state.replan_needed
         if self.allow_replanning:
-            ways, found, delays = self._anew(planner_state, state, paths, ways, tasks, wanted, reckoned, delays, time)
-            offers = offers | found
+            proposals, has_proposal, delays = self._search_path(
+                planner_state, state, paths, proposals, tasks, searches, avoids_alternative, delays, time
+            )
+            offers = offers | has_proposal
         else:
-            asked = asked | jnp.any(wanted)
-        state = open_offers(state, ways, offers, clock)
+            replan_needed = replan_needed | jnp.any(searches)
+        state = open_offers(state, proposals, offers, clock)
 
-        ahead = jax.vmap(TimedPath.air_length)(paths, clock)
-        own = jax.tree.map(lambda new, old: select_rows(bends, new, old), kept, plan.certificate)
+        remaining_lengths = jax.vmap(TimedPath.air_length)(paths, clock)
+        new_certificate = jax.tree.map(
+            lambda new, old: select_rows(is_corrected, new, old), certificates, plan.certificate
+        )
         plan = eqx.tree_at(
             lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
             plan,
             (
                 paths,
-                own,
-                jnp.where(under_way, ahead, plan.lengths),
-                jnp.where(taken, state.agreed_paths.path.times[:, -1], plan.arrival_times),
+                new_certificate,
+                jnp.where(under_way, remaining_lengths, plan.lengths),
+                jnp.where(accepted, state.agreed_paths.path.times[:, -1], plan.arrival_times),
             ),
         )
-        stands = jnp.where(bends, PARTLY_CORRECTED, jnp.where(sure, UNCHANGED, AWAITING_GOAL))
-        how = jnp.where(taken, REPLANNED, jnp.where(under_way & ~wholly, stands, CORRECTED)).astype(
-            planner_state.replanning.dtype
+        uncorrected_status = jnp.where(
+            is_corrected, PARTLY_CORRECTED, jnp.where(goal_has_moved, UNCHANGED, AWAITING_GOAL)
         )
+        replanning_status = jnp.where(
+            accepted, REPLANNED, jnp.where(under_way & ~fully_corrected, uncorrected_status, CORRECTED)
+        ).astype(planner_state.replanning.dtype)
         return eqx.tree_at(
             lambda m: (m.plan, m.replanning, m.exchange, m.waits, m.replan_needed, m.delays),
             planner_state,
-            (plan, jnp.where(reports.active, how, planner_state.replanning), state, waits | taken, asked, delays),
+            (
+                plan,
+                jnp.where(reports.active, replanning_status, planner_state.replanning),
+                state,
+                waits | accepted,
+                replan_needed,
+                delays,
+            ),
         )
 
-    def _clear(
+    def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
-    ) -> Bool[Array, "ways ways"]:
-        """Which of agreed, other and new ways keep clear of which, one set after the other."""
-        three = concatenate_fleets(state.agreed_paths, state.alternative, approaches)
-        ratios = pairwise_clearance_ratios(three, jnp.tile(active, 3), self.aircraft_planner.airspace, from_time)
+    ) -> Bool[Array, "paths paths"]:
+        """Mask of separated pairs of agreed, alternative and proposed paths, concatenated in this order."""
+        path_sets = concatenate_fleets(state.agreed_paths, state.alternative, approaches)
+        ratios = pairwise_clearance_ratios(path_sets, jnp.tile(active, 3), self.aircraft_planner.airspace, from_time)
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 
-    def _anew(
+    def _search_path(
         self,
         planner_state: DecentralisedPlanState,
         state: Exchange,
         paths: TimedPath,
         approaches: ApproachAndHold,
         tasks: AircraftTask,
-        wanted: Bool[Array, " aircraft"],
-        reckoned: Bool[Array, "aircraft aircraft"],
+        searches: Bool[Array, " aircraft"],
+        avoids_alternative: Bool[Array, "aircraft aircraft"],
         delays: Float[Array, " aircraft"],
         time: ScalarLike,
     ) -> tuple[ApproachAndHold, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
-        """A way of another shape for one of those whose path can't be bent, if there is one; they take turns.
+        """New path for one of the aircraft with an uncorrectable path, if there is one; the aircraft take turns.
 
-        It arrives when the aircraft takes all to arrive; where there is no such way, later, which the others will hear.
-        In a second round of tries it may ask for what the first spares for bends.
+        The path arrives at the arrival time known to the aircraft, or later if there is none; the fleet receives the
+        delay. A second round of trials may use the margins that the first reserves for corrections.
         """
-        count, clock = wanted.shape[0], planner_state.clocks.clock
+        count, clock = searches.shape[0], planner_state.clocks.clock
         turn = jnp.round(time).astype(jnp.int32) % count
         order = (jnp.arange(count) - turn) % count
-        who = (jnp.arange(count) == jnp.argmin(jnp.where(wanted, order, count))) & wanted
+        selected = (jnp.arange(count) == jnp.argmin(jnp.where(searches, order, count))) & searches
         space, agreed_paths = self.aircraft_planner.airspace, state.agreed_paths.path
 
-        def of_it(values: Array) -> Array:
-            return jnp.sum(jnp.where(who, values, 0.0))
+        def selected_value(values: Array) -> Array:
+            return jnp.sum(jnp.where(selected, values, 0.0))
 
-        start, delay, active = of_it(clock) + LEAD_S, of_it(delays), tasks.active > 0.0
-        due = planner_state.first_arrivals + delay
-        ahead_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
-        ahead = eqx.tree_at(lambda t: t.goal_position_n, tasks, ahead_n)
-        here = jax.vmap(task_from_plan, in_axes=(0, 0, None))(paths, ahead, start)
-        here = eqx.tree_at(lambda t: t.active, here, jnp.where(who, tasks.active, 0.0))
-        standing = FixedPaths(active & ~who, agreed_paths, agreed_paths.times[:, -1])
-        put_off, tries = arrival_delays(
-            jnp.where(active, due, -jnp.inf),
+        start, delay, active = selected_value(clock) + LEAD_S, selected_value(delays), tasks.active > 0.0
+        arrivals = planner_state.first_arrivals + delay
+        future_goals_n = tasks.goal_position_n + LEAD_S * tasks.goal_velocity_n
+        future_tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, future_goals_n)
+        start_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(paths, future_tasks, start)
+        start_tasks = eqx.tree_at(lambda t: t.active, start_tasks, jnp.where(selected, tasks.active, 0.0))
+        fixed_paths = FixedPaths(active & ~selected, agreed_paths, agreed_paths.times[:, -1])
+        extra_delays, try_count = arrival_delays(
+            jnp.where(active, arrivals, -jnp.inf),
             start,
-            ~active | (due > start + COMMITTED_S + 3.0 * LEAD_S),
+            ~active | (arrivals > start + COMMITTED_S + 3.0 * LEAD_S),
             self.aircraft_planner.arrival_is_free,
             self.aircraft_planner.latest_arrival,
             _DELAY_FRACTIONS,
         )
-        bent_limits = self.aircraft_planner.correction_limits(tasks.limits)
-        until, cells = jnp.max(state.agreed_paths.hold.paths.times), state.agreed_paths.hold.paths.times.shape[1] - 1
-        _, _, mine = _path_set_slices(count)
+        correction_limits = self.aircraft_planner.correction_limits(tasks.limits)
+        end_time, cells = jnp.max(state.agreed_paths.hold.paths.times), state.agreed_paths.hold.paths.times.shape[1] - 1
+        _, _, proposal_slice = _set_slices(count)
 
-        def held(path: TimedPath) -> ApproachAndHold:
-            along = select_rows(who, path, agreed_paths)
+        def with_holds(path: TimedPath) -> ApproachAndHold:
+            fleet_paths = select_rows(selected, path, agreed_paths)
             holds = assign_holds(
-                along,
-                ahead,
+                fleet_paths,
+                future_tasks,
                 space,
                 self.aircraft_planner.guidance,
                 start,
-                until,
+                end_time,
                 cells,
                 state.agreed_paths.hold,
-                stays=~who,
+                stays=~selected,
             )
-            return select_rows(who, ApproachAndHold(path, broadcast_holds(holds)), approaches)
+            return select_rows(selected, ApproachAndHold(path, broadcast_holds(holds)), approaches)
 
-        def again(carry: tuple[Count, Flag, ApproachAndHold]) -> tuple[Count, Flag, ApproachAndHold]:
+        def try_arrival(carry: tuple[Count, Flag, ApproachAndHold]) -> tuple[Count, Flag, ApproachAndHold]:
             k, _, _ = carry
-            durations = jnp.full(count, jnp.maximum(of_it(due) + put_off[k % tries] - start, COMMITTED_S))
-            limits = jax.tree.map(lambda new, most: jnp.where(k < tries, new, most), tasks.limits, bent_limits)
-            asking = eqx.tree_at(lambda t: t.limits, here, limits)
-            plan = plan_fleet_at(start, asking, space, durations, interval_count(paths), MINIMAL, fixed_paths=standing)
-            good = jnp.any(who & plan.feasible)
-            made = jax.lax.cond(any_in_batch(good), lambda: held(plan.paths), lambda: approaches)
-            clear = self._clear(state, made, tasks.active, jnp.min(clock))
-            agreed, other, _ = _path_set_slices(count)
-            safe = jnp.all(clear[mine, agreed] & (clear[mine, other] | ~reckoned), axis=1)
-            return k + 1, good & jnp.any(who & made.hold.clear & safe), made
-
-        def made() -> tuple[ApproachAndHold, Flag, Scalar]:
-            k, found, new = jax.lax.while_loop(
-                lambda c: (c[0] < 2 * tries) & ~c[1], again, (jnp.asarray(0), jnp.asarray(False), approaches)
+            durations = jnp.full(
+                count, jnp.maximum(selected_value(arrivals) + extra_delays[k % try_count] - start, COMMITTED_S)
             )
-            return new, found, put_off[jnp.maximum(k - 1, 0) % tries]
+            limits = jax.tree.map(
+                lambda new, relaxed: jnp.where(k < try_count, new, relaxed), tasks.limits, correction_limits
+            )
+            trial_tasks = eqx.tree_at(lambda t: t.limits, start_tasks, limits)
+            plan = plan_fleet_at(
+                start, trial_tasks, space, durations, interval_count(paths), MINIMAL, fixed_paths=fixed_paths
+            )
+            is_feasible = jnp.any(selected & plan.feasible)
+            proposals = jax.lax.cond(any_in_batch(is_feasible), lambda: with_holds(plan.paths), lambda: approaches)
+            is_clear = self._clearance(state, proposals, tasks.active, jnp.min(clock))
+            agreed, alternative, _ = _set_slices(count)
+            proposal_is_clear = jnp.all(
+                is_clear[proposal_slice, agreed] & (is_clear[proposal_slice, alternative] | ~avoids_alternative), axis=1
+            )
+            return k + 1, is_feasible & jnp.any(selected & proposals.hold.clear & proposal_is_clear), proposals
 
-        def none() -> tuple[ApproachAndHold, Flag, Scalar]:
+        def search() -> tuple[ApproachAndHold, Flag, Scalar]:
+            k, has_path, proposals = jax.lax.while_loop(
+                lambda c: (c[0] < 2 * try_count) & ~c[1], try_arrival, (jnp.asarray(0), jnp.asarray(False), approaches)
+            )
+            return proposals, has_path, extra_delays[jnp.maximum(k - 1, 0) % try_count]
+
+        def keep_proposals() -> tuple[ApproachAndHold, Flag, Scalar]:
             return approaches, jnp.asarray(False), jnp.zeros(())
 
-        new, found, later = jax.lax.cond(any_in_batch(jnp.any(who)), made, none)
-        found = found & jnp.any(who)
-        chosen = select_rows(who & found, new, approaches)
-        return chosen, who & found, jnp.where(who & found, delay + later, delays)
+        proposals, has_path, extra_delay = jax.lax.cond(any_in_batch(jnp.any(selected)), search, keep_proposals)
+        offers = selected & (has_path & jnp.any(selected))
+        return select_rows(offers, proposals, approaches), offers, jnp.where(offers, delay + extra_delay, delays)
 
     def observe(
         self,
@@ -347,23 +396,25 @@ class DecentralisedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> DecentralisedPlanState:
-        """Talk to the others where that is due, and let the clocks go on."""
-        time, due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
+        """Exchange messages if due, and advance the clocks."""
+        time, is_due = planner_state.time, number % jnp.maximum(self.network.period_samples, 1) == 0
 
-        def talked() -> tuple[NetworkState, Array]:
+        def communicate() -> tuple[NetworkState, Array]:
             exchange = planner_state.exchange
-            own = Broadcast(planner_state.clocks.clock, exchange.tokens, exchange.acknowledged, planner_state.delays)
+            broadcast = Broadcast(
+                planner_state.clocks.clock, exchange.tokens, exchange.acknowledged, planner_state.delays
+            )
             network = self.network.exchange(
-                planner_state.network, own, reports.position_n, reports.active, number, time, randomness
+                planner_state.network, broadcast, reports.position_n, reports.active, number, time, randomness
             )
             coordinated = reports.active & (
                 planner_state.plan.arrival_times - planner_state.clocks.clock > self.aircraft_planner.freeze
             )
-            paths, places_n = self._followed(planner_state), reports.position_n
-            return network, clock_accelerations(paths, network, places_n, reports.active, coordinated, self.gains)
+            paths, positions_n = self._followed(planner_state), reports.position_n
+            return network, clock_accelerations(paths, network, positions_n, reports.active, coordinated, self.gains)
 
         network, acceleration = jax.lax.cond(
-            due, talked, lambda: (planner_state.network, planner_state.clocks.acceleration)
+            is_due, communicate, lambda: (planner_state.network, planner_state.clocks.acceleration)
         )
         clocks = eqx.tree_at(lambda c: c.acceleration, planner_state.clocks, acceleration)
         arrived = clocks.clock >= planner_state.plan.arrival_times
@@ -375,7 +426,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def _followed(self, planner_state: DecentralisedPlanState) -> ClockedPath:
-        """What each follows; leading axis aircraft."""
+        """Paths with clocks; leading axis aircraft."""
         clocks = planner_state.clocks
         return ClockedPath(
             path=planner_state.plan.paths,
@@ -388,12 +439,12 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
-        """The paths in force, each by its clock; arrivals and holds are as late as the clocks."""
+        """Present paths by the clocks; arrivals and holds are delayed with the clocks."""
         plan, clocks, time = planner_state.plan, planner_state.clocks, planner_state.time
-        late = time - clocks.clock
+        lag = time - clocks.clock
         to_go = plan.arrival_times - clocks.clock
-        arrival_times = jnp.where(to_go > 0.0, time + to_go / clocks.rate, plan.arrival_times + late)
-        count = late.shape[0]
+        arrival_times = jnp.where(to_go > 0.0, time + to_go / clocks.rate, plan.arrival_times + lag)
+        count = lag.shape[0]
         holds, shift = planner_state.exchange.agreed_paths.hold, arrival_times - plan.arrival_times
         holds = eqx.tree_at(
             lambda h: (h.paths.times, h.forecast_time),
@@ -410,7 +461,7 @@ class DecentralisedPlanner(AbstractPlanner):
             hold=holds,
             hold_reach=jnp.full(count, self.tube),
             network=NetworkView(
-                lag=late,
+                lag=lag,
                 rate=clocks.rate,
                 hears=planner_state.network.hears,
                 offers=planner_state.exchange.offer_open,
@@ -418,6 +469,6 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
 
-def _path_set_slices(count: int) -> tuple[slice, slice, slice]:
-    """Of three sets of so many paths, one after the other."""
+def _set_slices(count: int) -> tuple[slice, slice, slice]:
+    """Slices of three concatenated sets with `count` paths each."""
     return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)

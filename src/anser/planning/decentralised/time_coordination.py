@@ -1,15 +1,15 @@
-"""Time coordination: clocks along the paths of a fleet, kept together by what the aircraft tell each other.
+"""Time coordination: clocks along the paths of a fleet, coordinated by messages.
 
-Each aircraft flies its path by a clock of its own, gamma, whose rate is 1 as long as nothing keeps it up. The clocks
-are coordinated by
+Each aircraft flies its path by its own clock gamma, with rate 1 without disturbances. The coordination law is
 
     gamma_dot_dot_i = -b (gamma_dot_i - 1) - (b c / n) sum_j (gamma_i - gamma_j) - k lag_i,
 
-the sum over those that aircraft i hears from; lag_i is by how much it is behind its path, s. Sources: E. Xargay,
+with the sum over the aircraft j heard by aircraft i, and the delay lag_i behind the path, s. Sources: E. Xargay,
 I. Kaminer, A. Pascoal, N. Hovakimyan et al., *Time-Critical Cooperative Path Following of Multiple Unmanned Aerial
 Vehicles over Time-Varying Networks*, J. Guidance 36 (2013) 499-516, doi 10.2514/1.56538; H. Kang, I. Kaminer,
 V. Cichella, N. Hovakimyan, *Coordinated Path Following of UAVs over Time-Varying Digraphs Connected in an Integral
-Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft: c is how fast a complete network agrees.
+Sense*, arXiv 2307.06553. The gain is divided by the number of aircraft: c is the rate at which a complete network
+agrees.
 """
 
 import equinox as eqx
@@ -20,24 +20,24 @@ from jaxtyping import Array, Bool, Float
 from anser.shapes import Scalar, ScalarLike
 
 SETTLED_LAG_S = 0.03
-"""A lag behind the path up to this, s, is left to the autopilot: the clock does not wait for it."""
+"""Lag behind the path, s, up to which the clock does not wait: the autopilot corrects it."""
 
 
 class CoordinationGains(eqx.Module):
-    """Numbers of the law.
+    """Gains and limits of the coordination law.
 
     Attributes
     ----------
     coupling
-        c: how fast clocks agree in a complete network, 1/s.
+        c: rate at which clocks agree in a complete network, 1/s.
     damping
-        b: how fast a clock's rate returns to 1, 1/s.
+        b: rate at which a clock's rate returns to 1, 1/s.
     waiting
-        k: of the lag behind the path, 1/s^2.
+        k: gain on the lag behind the path, 1/s^2.
     rate_range
-        By how much the rate of a clock may differ from 1.
+        Greatest deviation of a clock's rate from 1.
     skew_max
-        By how much the clocks of two aircraft may differ, s.
+        Greatest difference between two clocks, s.
     """
 
     coupling: Scalar
@@ -50,7 +50,7 @@ class CoordinationGains(eqx.Module):
 def clock_acceleration(
     clock: ScalarLike,
     rate: ScalarLike,
-    heard: Float[Array, " others"],
+    other_clocks: Float[Array, " others"],
     hears: Bool[Array, " others"],
     lag: ScalarLike,
     count: ScalarLike,
@@ -61,72 +61,73 @@ def clock_acceleration(
     Parameters
     ----------
     clock, rate
-        Its own, s and 1.
-    heard, hears
-        Clocks of the others as it takes them to be now, s, and of which it has heard lately.
+        Clock (s) and rate (1) of the aircraft.
+    other_clocks, hears
+        Present estimates of the other clocks, s, and mask of the recently heard aircraft.
     lag
-        By how much it is behind its path, s; negative: ahead.
+        Delay behind the path, s; negative: ahead.
     count
-        Number of aircraft that coordinate.
+        Number of coordinated aircraft.
     gains
-        Of the law.
+        Gains of the law.
     """
-    apart = jnp.sum(jnp.where(hears, clock - heard, 0.0))
-    settled = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
+    clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
+    effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
     coupling = gains.damping * gains.coupling / count
-    return -gains.damping * (rate - 1.0) - coupling * apart - gains.waiting * settled
+    return -gains.damping * (rate - 1.0) - coupling * clock_difference - gains.waiting * effective_lag
 
 
 def bounded_rate(
     rate: ScalarLike,
     clock: ScalarLike,
-    heard: Float[Array, " others"],
-    doubt: Float[Array, " others"],
-    counted: Bool[Array, " others"],
+    other_clocks: Float[Array, " others"],
+    uncertainty: Float[Array, " others"],
+    is_coordinated: Bool[Array, " others"],
     gains: CoordinationGains,
 ) -> Scalar:
-    """The rate of a clock within its range, and such that no two clocks ever differ by more than the greatest skew.
+    """Rate of a clock within its range, limited so that no two clocks differ by more than the greatest skew.
 
-    A clock moves away from another one only as long as the other, wherever it may be by now, is nearer than that: the
-    other may have moved by `doubt` since it was heard of, and keeps the same rule. Without word for long the doubt
-    alone is as much as that, and the rate is 1.
+    A clock may move away from another clock only while the other clock is certainly closer than the greatest skew:
+    since the last message it may have moved by `uncertainty`, under the same rule. After a long time without messages
+    the uncertainty alone reaches the greatest skew, and the rate is 1.
 
     Parameters
     ----------
     rate, clock
-        As the law has it, and the clock, s.
-    heard, doubt
-        Clocks of the others carried on at the rate 1, s, and by how much they may be off, s.
-    counted
-        Which of the others coordinate at all.
+        Rate by the law, and the clock, s.
+    other_clocks, uncertainty
+        Other clocks extrapolated at rate 1, s, and bound of the extrapolation error, s.
+    is_coordinated
+        Mask of the coordinated aircraft.
     gains
-        `rate_range` and `skew_max` count.
+        Only `rate_range` and `skew_max` are used.
     """
     limited = jnp.clip(rate, 1.0 - gains.rate_range, 1.0 + gains.rate_range)
-    ahead = jnp.max(jnp.where(counted, clock - heard + doubt, -jnp.inf))
-    behind = jnp.max(jnp.where(counted, heard - clock + doubt, -jnp.inf))
-    limited = jnp.where((ahead >= gains.skew_max) & (limited > 1.0), 1.0, limited)
-    return jnp.where((behind >= gains.skew_max) & (limited < 1.0), 1.0, limited)
+    lead_max = jnp.max(jnp.where(is_coordinated, clock - other_clocks + uncertainty, -jnp.inf))
+    lag_max = jnp.max(jnp.where(is_coordinated, other_clocks - clock + uncertainty, -jnp.inf))
+    limited = jnp.where((lead_max >= gains.skew_max) & (limited > 1.0), 1.0, limited)
+    return jnp.where((lag_max >= gains.skew_max) & (limited < 1.0), 1.0, limited)
 
 
 def quality_of_service(links: np.ndarray, period_s: float, window_s: float) -> np.ndarray:
     """Quality of service of a network over time: mu of (1 / (n T)) integral of Q L Q^T dt >= mu I over a window T.
 
-    L is the Laplacian of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 where all
-    hear all at all times, and 0 where over the whole window the network falls into parts. Source: Xargay et al. (2013).
+    L is the Laplacian of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 for a
+    network that is always complete, and 0 for a network that is disconnected over the whole window. Source: Xargay et
+    al. (2013).
 
     Parameters
     ----------
     links
-        Which links are up, symmetric; shape (samples, n, n).
+        Links that are up, symmetric; shape (samples, n, n).
     period_s
-        Between two samples.
+        Time between two samples, s.
     window_s
-        T.
+        T, s.
 
     Returns
     -------
-    mu of the window that begins at each sample, shape (windows,): only whole windows, at least one.
+    mu of the window from each sample on, shape (windows,): only complete windows, at least one.
     """
     samples, count, _ = links.shape
     if count < 2:
@@ -136,20 +137,20 @@ def quality_of_service(links: np.ndarray, period_s: float, window_s: float) -> n
     length = min(max(round(window_s / period_s), 1), samples)
     sums = np.concatenate([np.zeros((1, count, count)), np.cumsum(laplacians, axis=0)])
     means = (sums[length:] - sums[:-length]) / length
-    # the least eigenvalue but that of (1, ..., 1), which is 0
+    # least eigenvalue apart from the 0 of (1, ..., 1)
     return np.maximum(np.linalg.eigvalsh(means)[:, 1], 0.0) / count
 
 
 def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
-    """Rate of convergence that is promised for clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
+    """Guaranteed rate of convergence of clocks without range and skew limits, 1/s: c mu / (1 + c T)^2.
 
     For gamma_dot = -(c / n) L gamma and the quality of service mu over windows T, |Q gamma| falls at least as
-    exp(-rate t), over whole windows. Source: Xargay et al. (2013), after A. Loria, E. Panteley, *Uniform exponential
+    exp(-rate t), over complete windows. Source: Xargay et al. (2013), after A. Loria, E. Panteley, *Uniform exponential
     stability of linear time-varying systems: revisited*, Systems & Control Letters 47 (2002) 13-24.
     """
     return coupling * mu / (1.0 + coupling * window_s) ** 2
 
 
 def coordination_error(clocks: np.ndarray) -> np.ndarray:
-    """Size of Q gamma, s: how far clocks (..., n) are from being the same."""
+    """Norm of Q gamma, s: deviation of clocks (..., n) from their mean."""
     return np.linalg.norm(clocks - clocks.mean(axis=-1, keepdims=True), axis=-1)

@@ -1,7 +1,7 @@
-"""Planned holds as paths with certificates, and the whole of an approach with its hold.
+"""Planned holds as paths, and combined paths of approach and hold.
 
-Each aircraft's hold is a path from the arrival into a circle about its goal, forecast at steady velocity. Sense,
-radius and height of the circle are chosen so that the path stays clear of all others until the flight ends.
+The hold of an aircraft is a path from the arrival into a circle around its goal, predicted at constant velocity. Turn
+direction, radius and height of the circle are chosen so that the path stays clear of the fleet until the flight ends.
 """
 
 import equinox as eqx
@@ -27,24 +27,24 @@ _ROLL_LAG_S = 1.5
 _COURSE_GAIN = 0.5  # 1/s
 _SPEED_GAIN, _SPEED_RATE = 0.2, 0.8  # 1/s, m/s^2
 _HEIGHT_GAIN, _CLIMB_LAG_S, _CLIMB_RATE = 0.2, 2.0, 4.0  # 1/s, s, m/s^2
-_LEVEL_OFF_S = 8.0  # in which a steep arrival is levelled off, with more than `_CLIMB_RATE` where it must
-_PULL_SHARE = 0.75  # of the load factor beyond 1 that is used for it
+_LEVEL_OFF_S = 8.0  # duration of the level-off of a steep arrival, if necessary with more than `_CLIMB_RATE`
+_PULL_SHARE = 0.75  # share of the load factor beyond 1 for the level-off
 _BANK_FRACTION = 0.95  # of the greatest bank angle
 GOAL_VELOCITY_TOLERANCE = 0.1
-"""Part of the airspeed by which a goal's velocity may differ from what was foreseen with the hold still being flown."""
+"""Deviation of a goal's velocity from the prediction, relative to the airspeed, up to which a planned hold is flown."""
 
 
 class HoldCircle(eqx.Module):
-    """The circle of a hold.
+    """Circle of a hold.
 
     Attributes
     ----------
     radius
-        m.
+        Radius, m.
     turn
-        +1: clockwise seen from above, -1: the other way.
+        +1: clockwise seen from above, -1: anticlockwise.
     height
-        Above the goal, m.
+        Height above the goal, m.
     """
 
     radius: Scalar
@@ -58,19 +58,18 @@ class PlannedHolds(eqx.Module):
     Attributes
     ----------
     paths
-        From the arrivals to the end of the flight.
+        Paths from the arrivals to the end of the flight.
     circles
-        What they join.
-    goal_positions_n, goal_velocities_n, foreseen_at
-        The goals as they were foreseen: places (m) and velocities (m/s) at a time, s.
+        Circles at the end of the paths.
+    goal_positions_n, goal_velocities_n, forecast_time
+        Predicted goals: positions (NED, m) and velocities (NED, m/s) at a time, s.
     clearance_ratio
-        Least ratio of distance to separation of each pair from the first arrival of the two until the flight ends;
-        infinite for an aircraft and itself.
+        Least ratio of distance to separation of each pair, from the first arrival of the pair to the end of the flight;
+        infinite on the diagonal.
     keep_out_clearance
-        How far each stays out of each keep-out at least after its arrival, m.
+        Least distance outside each keep-out after the arrival, m.
     clear
-        Whether each keeps the separation from all others, stays out of keep-outs and within the limits of
-        altitude, until the flight ends.
+        Whether the hold keeps separation, keep-outs and altitude limits until the end of the flight.
     """
 
     paths: TimedPath
@@ -84,50 +83,54 @@ class PlannedHolds(eqx.Module):
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Cells of a hold in a flight of so many seconds: a power of two, 2 s each or less where 4096 will do."""
+    """Number of cells of a hold for a flight of a duration (s): a power of two up to 4096, for cells of at most 2 s."""
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
 def move_with_goals(
-    holds: PlannedHolds, tasks: AircraftTask, now: ScalarLike | Float[Array, " aircraft"]
+    holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
-    """The same holds about goals that are foreseen otherwise at `now` (s), seen from which nothing jumps but the rates.
+    """Holds around goals with a new prediction at `time` (s); positions stay continuous at `time`, rates may jump.
 
-    A hold goes with its goal; its path through the air changes by as much as the goal's velocity does. Where `now` is a
-    time for each, so is `forecast_time` after it.
+    A hold moves with its goal; its path through the air changes with the change of the goal's velocity. `time` may be
+    one time per aircraft, as is then `forecast_time` of the result.
     """
-    now = jnp.asarray(now, dtype=float)
-    elapsed = jnp.broadcast_to(now - holds.forecast_time, holds.clear.shape)
-    off = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
-    faster = tasks.goal_velocity_n - holds.goal_velocities_n
+    time = jnp.asarray(time, dtype=float)
+    elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
+    goal_offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
+    velocity_changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
 
-    def one(path: TimedPath, goal_offset_n: Vector3, faster_n: Vector3, since: Scalar) -> TimedPath:
-        added = goal_offset_n[None, :] + (path.times - since)[:, None] * faster_n[None, :]
-        return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(added).at[:, 1].add(faster_n))
+    def moved_path(
+        path: TimedPath, goal_offset_n: Vector3, velocity_change_n: Vector3, start_time: Scalar
+    ) -> TimedPath:
+        offset_n = goal_offset_n[None, :] + (path.times - start_time)[:, None] * velocity_change_n[None, :]
+        return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(offset_n).at[:, 1].add(velocity_change_n))
 
     return eqx.tree_at(
         lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.forecast_time),
         holds,
         (
-            jax.vmap(one)(holds.paths, off, faster, jnp.broadcast_to(now, elapsed.shape)),
+            jax.vmap(moved_path)(
+                holds.paths, goal_offsets_n, velocity_changes_n, jnp.broadcast_to(time, elapsed.shape)
+            ),
             tasks.goal_position_n,
             tasks.goal_velocity_n,
-            now,
+            time,
         ),
     )
 
 
 class HoldReference(AbstractReference):
-    """The hold's path of one aircraft, carried along with its goal as it is sensed now.
+    """Hold path of one aircraft, moved with its sensed goal.
 
     Attributes
     ----------
     path
-        As planned.
-    off_n, off_rate_n
-        How far the goal is from where it was foreseen, m, and how fast that changes, m/s.
+        Planned path.
+    goal_offset_n, goal_offset_rate_n
+        Offset of the goal from the prediction, m, and its rate, m/s.
     now
-        When it is, s.
+        Time of the offset, s.
     """
 
     path: TimedPath
@@ -146,7 +149,7 @@ class HoldReference(AbstractReference):
 
 
 def broadcast_holds(holds: PlannedHolds) -> PlannedHolds:
-    """Holds every field of which has a leading axis aircraft, for `vmap`."""
+    """Holds with a leading aircraft axis in every field, for `vmap`."""
     count = holds.clear.shape[0]
     return eqx.tree_at(lambda h: h.forecast_time, holds, jnp.broadcast_to(holds.forecast_time, (count,)))
 
@@ -159,41 +162,41 @@ def hold_reference(
     speed: ScalarLike,
     reach: ScalarLike | None = None,
 ) -> tuple[HoldReference, Flag]:
-    """What one aircraft of some holds (no leading axis) is to fly about its goal as sensed, and whether it is to.
+    """Hold reference of one aircraft (no leading axis) around its sensed goal, and whether to fly it.
 
-    Not where the goal moves otherwise than foreseen by more than `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s), nor
-    beyond the end.
-    With a `reach` (m) it is flown however the goal moves, and goes with it no farther than that.
+    The reference is invalid after its end, or if the goal's velocity deviates from the prediction by more than
+    `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), the reference is valid for any motion of the
+    goal, and moves with the goal by at most the reach.
     """
-    off_rate_n = goal_velocity_n - holds.goal_velocities_n
-    off_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
-    as_foreseen = jnp.sum(off_rate_n**2) <= (GOAL_VELOCITY_TOLERANCE * speed) ** 2
+    offset_rate_n = goal_velocity_n - holds.goal_velocities_n
+    offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
+    as_predicted = jnp.sum(offset_rate_n**2) <= (GOAL_VELOCITY_TOLERANCE * speed) ** 2
     if reach is not None:
-        share = jnp.minimum(1.0, reach / jnp.maximum(safe_norm(off_n), reach))
-        off_n, off_rate_n = share * off_n, jnp.where(share < 1.0, 0.0, 1.0) * off_rate_n
-        as_foreseen = jnp.asarray(True)
-    flown = as_foreseen & (time <= holds.paths.times[-1])
-    return HoldReference(holds.paths, off_n, off_rate_n, jnp.asarray(time, off_n.dtype)), flown
+        share = jnp.minimum(1.0, reach / jnp.maximum(safe_norm(offset_n), reach))
+        offset_n, offset_rate_n = share * offset_n, jnp.where(share < 1.0, 0.0, 1.0) * offset_rate_n
+        as_predicted = jnp.asarray(True)
+    is_valid = as_predicted & (time <= holds.paths.times[-1])
+    return HoldReference(holds.paths, offset_n, offset_rate_n, jnp.asarray(time, offset_n.dtype)), is_valid
 
 
 class _PointMass(eqx.Module):
-    """A point mass in a hold; position over the ground and what of it is the air's drift, m."""
+    """Point mass in a hold; position over the ground and the part due to the air's drift, m."""
 
     position_n: Vector3
     drift_n: Vector3
     course: Scalar
-    """Through the air, rad."""
+    """Course through the air, rad."""
     speed: Scalar
     """Airspeed, m/s."""
     climb: Scalar
-    """Relative to the air, m/s."""
+    """Climb rate relative to the air, m/s."""
     turning: Scalar
     """Horizontal acceleration to the right, m/s^2."""
 
 
-def _air_velocity_n(now: _PointMass) -> Vector3:
-    level = jnp.sqrt(jnp.maximum(now.speed**2 - now.climb**2, 1.0))
-    return jnp.stack([level * jnp.cos(now.course), level * jnp.sin(now.course), -now.climb])
+def _air_velocity_n(state: _PointMass) -> Vector3:
+    level = jnp.sqrt(jnp.maximum(state.speed**2 - state.climb**2, 1.0))
+    return jnp.stack([level * jnp.cos(state.course), level * jnp.sin(state.course), -state.climb])
 
 
 def hold_path(
@@ -207,39 +210,42 @@ def hold_path(
     gravity: ScalarLike,
     cells: int,
 ) -> TimedPath:
-    """Path of one hold: the guidance's field, flown by a point mass that rolls, climbs and speeds up at finite rates.
+    """Path of one hold: the guidance's vector field, flown by a point mass with finite roll, climb and speed rates.
 
     Parameters
     ----------
     task
-        Its speed and limits count.
+        Planning task, for speed and limits.
     arrival
-        Position (m), velocity over the ground (m/s) and time (s) with which the hold begins.
+        Position (m), velocity over the ground (m/s) and time (s) at the start of the hold.
     goal
         Position and velocity of the goal at the arrival, m and m/s over the ground.
     circle
-        To be joined.
+        Circle of the hold.
     wind
-        As in the plan.
-    until
-        When the path ends, s.
+        Wind of the plan.
+    end_time
+        End of the path, s.
     settings
-        Of the guidance; radius and sense are the circle's.
+        Guidance settings; radius and turn direction are taken from the circle.
     gravity
-        m/s^2.
+        Acceleration of gravity, m/s^2.
     cells
-        Of the path.
+        Number of cells of the path.
     """
-    place_n, velocity_n, begin = arrival
+    position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal
     settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
     span = jnp.maximum(end_time - begin, 1.0) / cells
-    most, rate_most = gravity * jnp.tan(_BANK_FRACTION * task.limits.bank_max), task.limits.bank_rate_max
-    air_n = velocity_n - wind.at(place_n, begin)
-    steep = jnp.minimum(jnp.abs(air_n[2]) / _LEVEL_OFF_S, _PULL_SHARE * (task.limits.load_factor_max - 1.0) * gravity)
-    climb_rate = jnp.maximum(_CLIMB_RATE, steep)
+    bank_rate_max = task.limits.bank_rate_max
+    acceleration_max = gravity * jnp.tan(_BANK_FRACTION * task.limits.bank_max)
+    air_n = velocity_n - wind.at(position_n, begin)
+    level_off_rate = jnp.minimum(
+        jnp.abs(air_n[2]) / _LEVEL_OFF_S, _PULL_SHARE * (task.limits.load_factor_max - 1.0) * gravity
+    )
+    climb_rate = jnp.maximum(_CLIMB_RATE, level_off_rate)
     start = _PointMass(
-        position_n=place_n,
+        position_n=position_n,
         drift_n=jnp.zeros(3),
         course=jnp.arctan2(air_n[1], air_n[0]),
         speed=jnp.sqrt(jnp.sum(air_n**2)),
@@ -247,70 +253,71 @@ def hold_path(
         turning=jnp.zeros(()),
     )
 
-    def rates(elapsed: ScalarLike, now: _PointMass) -> _PointMass:
-        blowing_n = wind.at(now.position_n, begin)
-        ground_n = _air_velocity_n(now) + blowing_n
-        relative_n = now.position_n - goal_n - elapsed * goal_velocity_n
-        wanted = hold(
+    def rates(elapsed: ScalarLike, state: _PointMass) -> _PointMass:
+        wind_n = wind.at(state.position_n, begin)
+        ground_n = _air_velocity_n(state) + wind_n
+        relative_n = state.position_n - goal_n - elapsed * goal_velocity_n
+        command = hold(
             relative_n,
             ground_n,
             goal_velocity_n,
-            blowing_n,
+            wind_n,
             velocity_n - goal_velocity_n,
             circle.height,
             task.speed,
             settings,
         )
-        turn_rate = wanted.chi_dot + _COURSE_GAIN * wrap_angle(wanted.chi - now.course)
-        asked = jnp.clip(now.speed * turn_rate, -most, most)
-        rising = _HEIGHT_GAIN * (circle.height + relative_n[2])
-        rising = jnp.clip(rising, -settings.climb_rate_max, settings.climb_rate_max)
-        wanted_climb = rising - goal_velocity_n[2] + blowing_n[2]
-        level = safe_hypot(*_air_velocity_n(now)[:2])
-        rolling = (asked - now.turning) / _ROLL_LAG_S
-        if rate_most is not None:
-            rolling = jnp.clip(rolling, -gravity * rate_most, gravity * rate_most)  # more of it beyond wings level
+        turn_rate = command.chi_dot + _COURSE_GAIN * wrap_angle(command.chi - state.course)
+        lateral_command = jnp.clip(state.speed * turn_rate, -acceleration_max, acceleration_max)
+        climb_command = _HEIGHT_GAIN * (circle.height + relative_n[2])
+        climb_command = jnp.clip(climb_command, -settings.climb_rate_max, settings.climb_rate_max)
+        climb_demand = climb_command - goal_velocity_n[2] + wind_n[2]
+        level = safe_hypot(*_air_velocity_n(state)[:2])
+        lateral_rate = (lateral_command - state.turning) / _ROLL_LAG_S
+        if bank_rate_max is not None:
+            # the bound at wings level, which is conservative for banked flight
+            lateral_rate = jnp.clip(lateral_rate, -gravity * bank_rate_max, gravity * bank_rate_max)
         return _PointMass(
             position_n=ground_n,
-            drift_n=blowing_n,
-            course=now.turning / jnp.maximum(level, 1.0),
-            speed=jnp.clip(_SPEED_GAIN * (task.speed - now.speed), -_SPEED_RATE, _SPEED_RATE),
-            climb=jnp.clip((wanted_climb - now.climb) / _CLIMB_LAG_S, -climb_rate, climb_rate),
-            turning=rolling,
+            drift_n=wind_n,
+            course=state.turning / jnp.maximum(level, 1.0),
+            speed=jnp.clip(_SPEED_GAIN * (task.speed - state.speed), -_SPEED_RATE, _SPEED_RATE),
+            climb=jnp.clip((climb_demand - state.climb) / _CLIMB_LAG_S, -climb_rate, climb_rate),
+            turning=lateral_rate,
         )
 
-    def cell(now: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:
+    def cell(state: _PointMass, k: Count) -> tuple[_PointMass, tuple[Array, Array]]:
         step = span / _SUBSTEPS
 
-        def substep(j: Count, at: _PointMass) -> _PointMass:
-            return rk4_step(rates, k * span + j * step, at, step)
+        def substep(j: Count, substep_state: _PointMass) -> _PointMass:
+            return rk4_step(rates, k * span + j * step, substep_state, step)
 
-        # The velocity's rate by the chain rule, so that knots have the acceleration of the motion itself.
-        motion = rates(k * span, now)
-        air_n, air_dot_n = jax.jvp(_air_velocity_n, (now,), (motion,))
-        blowing_n, blowing_dot_n = jax.jvp(lambda p: wind.at(p, begin), (now.position_n,), (motion.position_n,))
-        knot = jnp.stack([now.position_n - now.drift_n, air_n, air_dot_n])
-        drift = jnp.stack([now.drift_n, blowing_n, blowing_dot_n])
-        return jax.lax.fori_loop(0, _SUBSTEPS, substep, now), (knot, drift)
+        # Velocity rate by the chain rule, so that the knots have the true acceleration of the motion.
+        motion = rates(k * span, state)
+        air_n, air_dot_n = jax.jvp(_air_velocity_n, (state,), (motion,))
+        wind_n, wind_dot_n = jax.jvp(lambda p: wind.at(p, begin), (state.position_n,), (motion.position_n,))
+        knot = jnp.stack([state.position_n - state.drift_n, air_n, air_dot_n])
+        drift = jnp.stack([state.drift_n, wind_n, wind_dot_n])
+        return jax.lax.fori_loop(0, _SUBSTEPS, substep, state), (knot, drift)
 
     _, (knots, drifts) = jax.lax.scan(cell, start, jnp.arange(cells + 1))
     return TimedPath(begin + span * jnp.arange(cells + 1), knots, drifts)
 
 
 SAMPLES_PER_CELL = 8
-"""Per cell of a hold's path, at which distances are looked at; bounds hold between them."""
+"""Number of distance samples per cell of a hold's path; bounds hold between the samples."""
 HOLD_INTERVALS_PER_CYLINDER = 4 * clearance.INTERVALS_PER_CYLINDER
 
 
 class ApproachAndHold(eqx.Module):
-    """Paths and holds; leading axis aircraft.
+    """Combined paths of approach and hold; leading axis aircraft.
 
     Attributes
     ----------
     path
-        To the arrivals.
+        Paths to the arrivals.
     hold
-        From there on, see `anser.planning.holds.hold_paths.broadcast_holds`.
+        Holds after the arrivals, see `broadcast_holds`.
     """
 
     path: TimedPath
@@ -318,48 +325,53 @@ class ApproachAndHold(eqx.Module):
 
 
 def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Array, " intervals"]:
-    """In which intervals between some instants an aircraft holds, at least at the end."""
+    """Mask of the intervals between instants in which an aircraft holds, at least at the end."""
     return times[1:] > arrival
 
 
 def join_tracks(
     approach_track: Track, hold_track: Track, times: Float[Array, " instants"], arrival: ScalarLike
 ) -> Track:
-    """One track of an approach and the hold after it, by the same instants (s); that of the arrival is of both."""
+    """Join the tracks of an approach and its hold, at the same instants (s); the arrival interval belongs to both."""
     holding, underway = is_holding(times, arrival), times[:-1] < arrival
     error_bound = jnp.maximum(
         jnp.where(holding, hold_track.error_bound, 0.0), jnp.where(underway, approach_track.error_bound, 0.0)
     )
-    places = jnp.where((times > arrival)[:, None], hold_track.positions_n, approach_track.positions_n)
-    return Track(places, error_bound, jnp.maximum(approach_track.included, hold_track.included))
+    positions_n = jnp.where((times > arrival)[:, None], hold_track.positions_n, approach_track.positions_n)
+    return Track(positions_n, error_bound, jnp.maximum(approach_track.included, hold_track.included))
 
 
 def pairwise_clearance_ratios(
-    approaches: ApproachAndHold, active: Float[Array, " ways"], airspace: Airspace, from_time: ScalarLike
-) -> Float[Array, "ways ways"]:
-    """Least ratio of distance to separation of each pair of ways from a time (s) to the end of their holds, or less.
+    approaches: ApproachAndHold, active: Float[Array, " paths"], airspace: Airspace, from_time: ScalarLike
+) -> Float[Array, "paths paths"]:
+    """Lower bound of the ratio of distance to separation of each pair of paths, from a time (s) to the holds' end.
 
-    Infinite for a way and itself. What is before a path begins does not count; nor do ways whose `active` is 0.
+    Infinite on the diagonal. The time before the start of a path does not count; nor do paths with `active` 0.
     """
     cells, count = approaches.hold.paths.times.shape[1] - 1, active.shape[0]
-    until = jnp.max(approaches.hold.paths.times)
-    times = from_time + (until - from_time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cells + 1)
+    end_time = jnp.max(approaches.hold.paths.times)
+    times = from_time + (end_time - from_time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cells + 1)
 
-    def tracked(path: TimedPath, counts: Scalar) -> Track:
+    def bounded_track(path: TimedPath, included: Scalar) -> Track:
         bounds = path_bounds(path, airspace.wind, airspace.gravity)
-        return path_track(path, bounds.cell_acceleration, counts, times)
+        return path_track(path, bounds.cell_acceleration, included, times)
 
-    def whole(path: TimedPath, hold: TimedPath, counts: Scalar) -> Track:
-        return join_tracks(tracked(path, counts), tracked(hold, counts), times, path.times[-1])
+    def joined_track(path: TimedPath, hold: TimedPath, included: Scalar) -> Track:
+        return join_tracks(bounded_track(path, included), bounded_track(hold, included), times, path.times[-1])
 
-    tracks = jax.vmap(whole)(approaches.path, approaches.hold.paths, active)
-    cylinders, everyone = fleet_cylinders(tracks, count, HOLD_INTERVALS_PER_CYLINDER), jnp.arange(count)
+    tracks = jax.vmap(joined_track)(approaches.path, approaches.hold.paths, active)
+    cylinders, aircraft_indices = fleet_cylinders(tracks, count, HOLD_INTERVALS_PER_CYLINDER), jnp.arange(count)
 
-    def ratios_of(who: Count) -> Float[Array, " ways"]:
-        one, own = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
-        others = everyone != who
+    def ratios_of(index: Count) -> Float[Array, " paths"]:
+        track, track_cylinders = jax.tree.map(lambda leaf: leaf[index], (tracks, cylinders))
+        is_other = aircraft_indices != index
         return fleet_clearance_ratio(
-            one, own, cylinders, lambda some: jax.tree.map(lambda leaf: leaf[some], tracks), others, airspace.separation
+            track,
+            track_cylinders,
+            cylinders,
+            lambda indices: jax.tree.map(lambda leaf: leaf[indices], tracks),
+            is_other,
+            airspace.separation,
         )
 
-    return jax.lax.map(ratios_of, everyone)
+    return jax.lax.map(ratios_of, aircraft_indices)

@@ -1,8 +1,4 @@
-"""Simultaneous arrival of a fleet.
-
-One arrival time, a trajectory for each aircraft that meets it, and replanning on the way with as little change of
-shape as possible.
-"""
+"""Simultaneous arrival of a fleet: a common arrival time, a trajectory per aircraft, and replanning en route."""
 
 from typing import NamedTuple
 
@@ -36,83 +32,79 @@ PLAN_MESSAGES = (
     "the aircraft does not fly (any more): the others are planned without it",
 )
 
-# Arrival times tried for a first change of sign, in units of the fleet's longest time to go. In a first plan that is a
-# lower bound: no path is shorter than the straight line. A fleet that has fallen behind may have to be faster: hence
-# the ratios below 1. Goals at rest need at most 2.1 (the slope terms of the cubic have length 0.505 T V at most); of
-# 20,000 random tasks with goals at up to 60 percent of the airspeed none needed more than 1.7.
+# Trial arrival times for a first change of sign, in units of the fleet's longest time to go. In a first plan, the time
+# to go is a lower bound, because no path is shorter than the straight line. A late fleet may have to be faster: hence
+# the ratios below 1. Goals at rest need at most 2.1 (the slope terms of the cubic have length 0.505 T V at most); none
+# of 20,000 random tasks with goals at up to 60 percent of the airspeed needed more than 1.7.
 _TIME_RATIOS = (0.0, 0.3, 0.7, 0.9, 0.97, 0.999, 1.001, 1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
-# The same tasks took 8 steps at most.
-ARRIVAL_STEPS = 12
-# The fixed point is met when the longest path takes the arrival time to within this, s.
-ARRIVAL_TOLERANCE_S = 1e-9
-# Least horizon, s: keeps a fleet that is already there from dividing by zero.
-DURATION_MIN_S = 1e-3
-# A path hardly changes with the speed: each round gains two digits.
-_SPEED_ROUNDS = 3
+ARRIVAL_STEPS = 12  # the same tasks needed at most 8
+ARRIVAL_TOLERANCE_S = 1e-9  # largest residual of the fixed point
+DURATION_MIN_S = 1e-3  # avoids division by zero at the rendezvous
+_SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the speed
 
 
 class FleetPlan(eqx.Module):
-    """One trajectory per aircraft, all of one arrival time but for those that no longer fly."""
+    """One trajectory per aircraft, with a common arrival time of the active aircraft."""
 
     trajectories: Trajectory
     """Stacked, leading axis aircraft."""
     arrival_time: Scalar
     """Common time of arrival, s."""
     arrival_times: Float[Array, " aircraft"]
-    """The same per aircraft, s; of one that stopped on the way, that of the last plan that was made with it."""
+    """Arrival time per aircraft, s; for an inactive aircraft, that of its last plan."""
     nominal_lengths: Float[Array, " aircraft"]
     """Lengths of the unbent air paths, m."""
     speed: Scalar
-    """Mean airspeed of the plan, m/s: the fleet's, or more where the farthest cannot come down so slowly."""
+    """Mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed."""
     reference_length: Scalar
-    """The longest of them among active aircraft that can reach their goal, m; all fly it (plus what each is due)."""
+    """Longest nominal length of active aircraft with reachable goals, m: the common length (plus deficits)."""
     lengths: Float[Array, " aircraft"]
-    """Lengths of the paths as planned, m."""
+    """Lengths of the planned paths, m."""
     lateral_bends: Float[Array, " aircraft"]
-    """m, positive to the right; exactly 0 for the farthest, and for one that never flew."""
+    """m, positive to the right; exactly 0 for the farthest aircraft and for aircraft that never flew."""
     farthest: Count
-    """Index of the aircraft that flies its nominal path."""
+    """Index of the aircraft on its nominal path."""
     converged: Bool[Array, " aircraft"]
-    """Whether this aircraft's trajectory has the reference length and arrival time."""
+    """Whether the aircraft's trajectory has the reference length and arrival time."""
     goal_reachable: Bool[Array, " aircraft"]
     status: Int[Array, " aircraft"]
     """Index into PLAN_MESSAGES."""
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
-        """Which aircraft are planned for, see `PlanningTask.active`."""
+        """Mask of the planned aircraft, see `PlanningTask.active`."""
         return self.status != INACTIVE
 
 
 class PlanningTask(eqx.Module):
-    """What one aircraft knows when it plans; stacked, what a fleet knows.
+    """Data of one aircraft for planning; stacked, data of a fleet.
 
     Attributes
     ----------
     position_n
-        Its own, NED, m.
+        Position of the aircraft, NED, m.
     air_velocity_n
-        Its own velocity relative to the air, NED, m/s.
+        Velocity of the aircraft relative to the air, NED, m/s.
     goal_position_n, goal_velocity_n
-        Its goal as sensed now, NED, m and m/s over the ground; predicted at steady velocity.
+        Sensed goal, NED, m and m/s over the ground; predicted at constant velocity.
     rendezvous
-        How it is to meet the goal.
+        Rendezvous with the goal.
     wind_n
-        As it measures it, NED, m/s.
+        Wind measured by the aircraft, NED, m/s.
     origin_n
-        Where it made its first plan, carried along with the air since, NED, m: its own position in a first plan. The
-        line from there to the rendezvous sets the free direction of arrival and the direction of the bend.
+        Position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line
+        from the origin to the rendezvous determines the free arrival direction and the direction of the bend.
     path_length_deficit
-        How much less than speed times time it has flown since its first plan, m: 0 in a first plan. It is added to what
-        it flies from here, so that the mean airspeed of the whole flight is the same for all, and a plan renewed on its
-        own path is the same plan. (The speed varies along a trajectory: without this, the rest of a path has another
-        mean speed than the whole, and the arrival time wanders from plan to plan.)
+        Planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is added
+        to the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and replanning on
+        the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean speed of the
+        remaining path would differ from that of the whole, and the arrival time would change from plan to plan.)
     deceleration
-        What it can hold with the engine idle in level flight, m/s^2.
+        Deceleration with the engine idle in level flight, m/s^2.
     active
-        Whether it flies. One that does not (it has stopped, or never started) is planned without: it counts neither for
-        the arrival time, the speed and the length that are common, nor for the farthest, nor for distances. Of a fleet
-        in which none flies the first plan is as if all did, with status INACTIVE for each.
+        Whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common
+        arrival time, speed and length, for the farthest aircraft, or for distances. Without any active aircraft, the
+        first plan treats every aircraft as active, with status INACTIVE.
     """
 
     position_n: Vector3
@@ -132,20 +124,20 @@ def nominal_trajectory(
     start_time: ScalarLike,
     duration: ScalarLike,
     speed: ScalarLike,
-    stretches: tuple[Scalar, Scalar] | None = None,
+    end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Unbent trajectory to where the rendezvous will be, and whether the prescribed arrival direction is flown.
+    """Trajectory without bend to the predicted rendezvous, and whether the prescribed arrival direction is flown.
 
-    `stretches` are |dr/ds| at both ends, m; airspeed times duration where none are given.
+    `end_slopes` are |dr/ds| at both ends, m; None: airspeed times duration.
     """
     drift = task.goal_velocity_n - task.wind_n
     end = task.goal_position_n + drift * duration + task.rendezvous.stand_off_n
     line = end - task.origin_n
     final, attainable = final_air_velocity(task.rendezvous, line, speed, task.wind_n)
     velocity_0 = task.air_velocity_n
-    if stretches is not None:
-        velocity_0 = velocity_0 * (stretches[0] / (duration * jnp.maximum(norm(velocity_0), 1.0)))
-        final = final * (stretches[1] / (duration * speed))
+    if end_slopes is not None:
+        velocity_0 = velocity_0 * (end_slopes[0] / (duration * jnp.maximum(norm(velocity_0), 1.0)))
+        final = final * (end_slopes[1] / (duration * speed))
     fit = fit_trajectory(
         start_time,
         duration,
@@ -160,92 +152,92 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Unbent lengths, less what each aircraft is behind (theory section 8's L_i where none is)."""
+    """Lengths without bend, minus the aircraft's deficits (L_i of theory section 8 without deficit)."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
-def _counted(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Those that fly; all where none does, so that there is something to plan and every number is finite."""
+def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
+    """Active aircraft; every aircraft if none is active, so that the numbers stay finite."""
     return tasks.active | ~jnp.any(tasks.active)
 
 
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
-    """Arrival time minus what the longest path takes at the airspeed, and its slope."""
-    tasks, speed, counted = data
+    """Arrival time minus the flight time of the longest path at the airspeed, and the slope."""
+    tasks, speed, included = data
 
     def value(duration: Scalar) -> Scalar:
-        return duration - jnp.max(jnp.where(counted, _lengths(tasks, duration, speed), 0.0)) / speed
+        return duration - jnp.max(jnp.where(included, _lengths(tasks, duration, speed), 0.0)) / speed
 
     return jax.jvp(value, (duration,), (jnp.ones_like(duration),))
 
 
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
-    """Least time that the longest path just takes; whether it was found; which of those counted reach their goals."""
+    """Least time equal to the flight time of the longest path, its existence, and the reachable goals."""
 
     def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
         line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
         return time_to_go(line, task.goal_velocity_n - task.wind_n, speed)
 
-    counted = _counted(tasks)
+    included = _planned_for(tasks)
     straight, exists = jax.vmap(to_go)(tasks)
-    exists, straight = exists & counted, jnp.where(counted, straight, 0.0)
-    # Only where the search begins: the result does not depend on it, and its gradient is the implicit one.
+    exists, straight = exists & included, jnp.where(included, straight, 0.0)
+    # The result does not depend on the start of the search; its gradient is the implicit one.
     straight = jax.lax.stop_gradient(straight)
-    least = jnp.where(jnp.any(exists), jnp.max(jnp.where(exists, straight, 0.0)), jnp.max(straight))
-    trials = jnp.maximum(least, DURATION_MIN_S) * jnp.array(_TIME_RATIOS)
-    taken = jax.vmap(lambda trial: _lengths(tasks, trial, speed))(trials) / speed
-    in_time = taken <= trials[:, None]
+    duration_min = jnp.where(jnp.any(exists), jnp.max(jnp.where(exists, straight, 0.0)), jnp.max(straight))
+    trials = jnp.maximum(duration_min, DURATION_MIN_S) * jnp.array(_TIME_RATIOS)
+    flight_times = jax.vmap(lambda trial: _lengths(tasks, trial, speed))(trials) / speed
+    in_time = flight_times <= trials[:, None]
     reachable = exists & jnp.any(in_time, axis=0)
     all_in_time = jnp.all(in_time | ~reachable[None, :], axis=1)
-    # The first trial in time; its predecessor is not. Only a fleet that is there, or behind by more than its whole way,
-    # is in time at once.
+    # The first trial with every aircraft in time; the previous trial has a late aircraft. A fleet at the rendezvous, or
+    # late by more than its whole path, is in time at the first trial.
     index = jnp.maximum(jnp.argmax(all_in_time), 1)
     low, high = trials[index - 1], trials[index]
     root = bracketed_newton(_shortfall, (tasks, speed, reachable), low, high, high, ARRIVAL_STEPS)
-    found = jnp.any(all_in_time) & jnp.any(reachable) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
-    # Without an answer the straight lines' time stands in.
-    return jnp.maximum(jnp.where(found, root.x, least), DURATION_MIN_S), found, reachable
+    is_solved = jnp.any(all_in_time) & jnp.any(reachable) & (jnp.abs(root.residual) <= ARRIVAL_TOLERANCE_S)
+    # Without a solution, the time along straight lines.
+    return jnp.maximum(jnp.where(is_solved, root.x, duration_min), DURATION_MIN_S), is_solved, reachable
 
 
-def _timed(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:
-    """Give a path its time law, from the aircraft's present airspeed."""
+def _with_time_law(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:
+    """Add the time law to a path, starting at the present airspeed."""
     return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
 
 
-class _Common(NamedTuple):
-    """Mean airspeed and arrival time of a fleet, and the nominal paths that take it."""
+class _CommonTime(NamedTuple):
+    """Mean airspeed and arrival time of a fleet, and the nominal paths for that time."""
 
     speed: Scalar
     duration: Scalar
-    found: Flag
+    is_solved: Flag
     reachable: Bool[Array, " aircraft"]
     nominal: Trajectory
     attainable: Bool[Array, " aircraft"]
     lengths: Float[Array, " aircraft"]
 
 
-def _common(tasks: PlanningTask, start: Scalar, speed: Scalar, raised: Flag) -> _Common:
-    """The fleet's mean airspeed, raised to the least with which the farthest that flies can come down its path."""
+def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
+    """Common time at the fleet's mean airspeed, raised to the least descent speed of the farthest active aircraft."""
     speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
 
-    @jax.jit  # traced once, though its shapes are asked for first
-    def at(speed: Scalar) -> _Common:
-        duration, found, reachable = _common_duration(tasks, speed)
+    @jax.jit  # one trace, also for the shapes
+    def solve_at(speed: Scalar) -> _CommonTime:
+        duration, is_solved, reachable = _common_duration(tasks, speed)
         paths, attainable = jax.vmap(lambda task: nominal_trajectory(task, start, duration, speed))(tasks)
-        return _Common(speed, duration, found, reachable, paths, attainable, jax.vmap(arc_length)(paths))
+        return _CommonTime(speed, duration, is_solved, reachable, paths, attainable, jax.vmap(arc_length)(paths))
 
-    def again(_: object, carry: tuple[Scalar, _Common]) -> tuple[Scalar, _Common]:
-        tried = at(carry[0])
-        flown = jnp.where(tried.reachable, tried.lengths - tasks.path_length_deficit, 0.0)
-        slowest = jax.vmap(slowest_mean_speed)(tried.nominal, speeds_0, tasks.deceleration)
-        return jnp.where(raised, jnp.maximum(speed, slowest[jnp.argmax(flown)]), speed), tried
+    def raise_speed(_: object, carry: tuple[Scalar, _CommonTime]) -> tuple[Scalar, _CommonTime]:
+        trial = solve_at(carry[0])
+        flight_lengths = jnp.where(trial.reachable, trial.lengths - tasks.path_length_deficit, 0.0)
+        slowest = jax.vmap(slowest_mean_speed)(trial.nominal, speeds_0, tasks.deceleration)
+        return jnp.where(may_raise, jnp.maximum(speed, slowest[jnp.argmax(flight_lengths)]), speed), trial
 
-    return jax.lax.fori_loop(0, _SPEED_ROUNDS + 1, again, (speed, zeros_like_result(at, speed)))[1]
+    return jax.lax.fori_loop(0, _SPEED_ROUNDS + 1, raise_speed, (speed, zeros_like_result(solve_at, speed)))[1]
 
 
-@jax.jit  # traced once, however often a program plans
+@jax.jit  # one trace per program
 def coordinate(
     time: ScalarLike,
     tasks: PlanningTask,
@@ -254,52 +246,54 @@ def coordinate(
     even_speed: Flag | bool = False,
     speed_is_fixed: Flag | bool = False,
 ) -> FleetPlan:
-    """Plan a fleet's simultaneous arrival from its present state.
+    """Plan a fleet's simultaneous arrival from the present state.
 
     Parameters
     ----------
     time
-        Now, s.
+        Present time, s.
     tasks
-        Stacked, one per aircraft.
+        Stacked tasks, one per aircraft.
     speed
-        Mean airspeed of all, m/s.
+        Mean airspeed of the fleet, m/s.
     sides
         Positive or zero: detour to the right; negative: to the left.
     even_speed
-        Whether paths are flown at an even speed; otherwise the parameter runs evenly with time, as published.
-    under_way
-        Whether the mean airspeed stands, as that of a first plan to which the tasks' `path_length_deficit` refers.
-        Otherwise it is raised where the farthest aircraft cannot come down so slowly. (Raised again on the way it would
-        run away: who is told to be faster has still more speed to lose on what is left of the way down.)
+        Whether paths are flown at an even speed; otherwise the path parameter is linear in time, as published.
+    speed_is_fixed
+        Whether the mean airspeed is fixed to that of the first plan, to which `path_length_deficit` refers. Otherwise
+        it is raised if the farthest aircraft cannot descend at that speed. (Raising it again en route would diverge: a
+        faster aircraft has more speed to lose on the remaining descent.)
 
     Returns
     -------
-    The plan. Failures stand in `status` per aircraft, see PLAN_MESSAGES; the numbers stay finite.
+    The plan. Failures are marked in `status` per aircraft, see PLAN_MESSAGES; the numbers stay finite.
 
     Notes
     -----
-    Theory section 8. The fixed point T = max_i L_i(T)/V is solved as a root, Newton in a bracket, because plain
-    iteration contracts slowly: to 1e-9 s it takes up to 40 rounds with goals at 20 percent of the airspeed and up to
-    160 at 60 percent. The longest time to go along straight lines is a lower bound of it.
+    Theory section 8. The fixed point T = max_i L_i(T)/V is solved as a root, by bracketed Newton steps, because
+    fixed-point iteration converges slowly: for 1e-9 s up to 40 iterations with goals at 20 percent of the airspeed and
+    up to 160 at 60 percent. The longest time to go along straight lines is a lower bound.
     """
     start, speed = jnp.asarray(time, dtype=float), jnp.asarray(speed, dtype=float)
     deficit = tasks.path_length_deficit
-    raised = jnp.asarray(even_speed) & ~jnp.asarray(speed_is_fixed)
-    speed, duration, found, reachable, nominal, attainable, lengths = _common(tasks, start, speed, raised)
-    counted = jnp.where(reachable | (_counted(tasks) & ~jnp.any(reachable)), lengths - deficit, 0.0)
-    farthest, reference = jnp.argmax(counted), jnp.max(counted)
+    may_raise = jnp.asarray(even_speed) & ~jnp.asarray(speed_is_fixed)
+    speed, duration, is_solved, reachable, nominal, attainable, lengths = _solve_common_time(
+        tasks, start, speed, may_raise
+    )
+    counted_lengths = jnp.where(reachable | (_planned_for(tasks) & ~jnp.any(reachable)), lengths - deficit, 0.0)
+    farthest, reference = jnp.argmax(counted_lengths), jnp.max(counted_lengths)
 
-    bends = jax.vmap(lambda path, side, behind: solve_lateral_bend(path, reference + behind, side))(
+    bends = jax.vmap(lambda path, side, path_deficit: solve_lateral_bend(path, reference + path_deficit, side))(
         nominal, sides, deficit
     )
-    bent_at_all = tasks.active & (jnp.arange(lengths.shape[0]) != farthest)
-    kappa = jnp.where(bent_at_all, bends.kappa, 0.0)
-    bent = jax.vmap(bend_trajectory)(nominal, kappa)
-    trajectories = jax.vmap(_timed, in_axes=(0, 0, None))(bent, tasks, even_speed)
+    has_bend = tasks.active & (jnp.arange(lengths.shape[0]) != farthest)
+    kappa = jnp.where(has_bend, bends.kappa, 0.0)
+    bent_paths = jax.vmap(bend_trajectory)(nominal, kappa)
+    trajectories = jax.vmap(_with_time_law, in_axes=(0, 0, None))(bent_paths, tasks, even_speed)
     status = jnp.where(attainable, jnp.asarray(PLANNED, dtype=int), DIRECTION_UNATTAINABLE)
     status = jnp.where(bends.converged, status, NO_BEND)
-    status = jnp.where(found, status, NO_COMMON_TIME)
+    status = jnp.where(is_solved, status, NO_COMMON_TIME)
     status = jnp.where(reachable, status, GOAL_OUTRUNS)
     status = jnp.where(tasks.active, status, INACTIVE)
     return FleetPlan(
@@ -312,52 +306,59 @@ def coordinate(
         lengths=jax.vmap(arc_length)(trajectories),
         lateral_bends=kappa,
         farthest=farthest,
-        converged=bends.converged & found & reachable & tasks.active,
+        converged=bends.converged & is_solved & reachable & tasks.active,
         goal_reachable=reachable,
         status=status,
     )
 
 
-# A path keeps its arrival time and shape while its mean airspeed stays within this part of the fleet's.
-SPEED_BAND = 0.01
-# With less time to go than this the arrival time and the shapes stand: see `replan`.
-COMMITTED_S = 15.0
+SPEED_BAND = 0.01  # relative change of the mean airspeed within which arrival time and shape are kept
+COMMITTED_S = 15.0  # time before the arrival without new coordination, see `replan`
 
 
-def _refit(
+def _continue_plan(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
-    """The same arrival time and the rest of the same paths, from the present state to where the rendezvous will be."""
+    """Plan with the same arrival time and the rest of the same paths, refitted to the predicted rendezvous."""
     duration = jnp.maximum(plan.arrival_time - time, DURATION_MIN_S)
 
-    def one(old: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
-        # The planned velocity goes on, not the flown one: a new path from the flown speed and course would forgive
-        # every lag of the aircraft, second after second, and leave it to the last seconds.
-        now = old.clock(time)
-        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old.path_derivative(now.s, 1) * now.s_dot)
-        # The rest of a path of this family, with s running from 0 to 1 on it, is a path of this family.
-        s = jnp.clip(now.s, 0.0, 1.0 - 1e-6)
-        rest = 1.0 - s
-        stretches = (rest * norm(old.path_derivative(s, 1)), rest * norm(old.path_derivative(1.0, 1)))
-        nominal, _ = nominal_trajectory(task, time, duration, speed, stretches)
-        kept = bend * rest**4
-        path = bend_trajectory(nominal, kept)
-        return with_even_speed(path, norm(task.air_velocity_n), exchange=old.law.exchange, even=even_speed), kept
+    def continue_path(old_path: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
+        # From the planned velocity, not the flown one: a path from the flown speed and course would ignore the lag of
+        # the aircraft at every replanning and shift it to the last seconds.
+        clock = old_path.clock(time)
+        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old_path.path_derivative(clock.s, 1) * clock.s_dot)
+        # The rest of a path, with s scaled to 0..1, is a path of the same family.
+        s = jnp.clip(clock.s, 0.0, 1.0 - 1e-6)
+        remaining = 1.0 - s
+        end_slopes = (
+            remaining * norm(old_path.path_derivative(s, 1)),
+            remaining * norm(old_path.path_derivative(1.0, 1)),
+        )
+        nominal, _ = nominal_trajectory(task, time, duration, speed, end_slopes)
+        remaining_bend = bend * remaining**4
+        path = bend_trajectory(nominal, remaining_bend)
+        return with_even_speed(
+            path, norm(task.air_velocity_n), exchange=old_path.law.exchange, even=even_speed
+        ), remaining_bend
 
-    trajectories, bends = jax.vmap(one)(plan.trajectories, plan.lateral_bends, tasks)
+    trajectories, bends = jax.vmap(continue_path)(plan.trajectories, plan.lateral_bends, tasks)
     lengths = jax.vmap(arc_length)(trajectories)
     return eqx.tree_at(lambda p: (p.trajectories, p.lateral_bends, p.lengths), plan, (trajectories, bends, lengths))
 
 
-def _standing(plan: FleetPlan, made: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
-    """A plan in which those that do not fly keep what they had in the last, and have no other part."""
+def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
+    """New plan, with the previous data of inactive aircraft."""
 
-    def own(p: FleetPlan) -> tuple[object, ...]:
+    def aircraft_fields(p: FleetPlan) -> tuple[object, ...]:
         return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
 
-    rows = select_rows(active, own(made), own(plan))
-    status = jnp.where(active, made.status, INACTIVE)
-    return eqx.tree_at(lambda p: (*own(p), p.status, p.converged), made, (*rows, status, made.converged & active))
+    selected = select_rows(active, aircraft_fields(new_plan), aircraft_fields(plan))
+    status = jnp.where(active, new_plan.status, INACTIVE)
+    return eqx.tree_at(
+        lambda p: (*aircraft_fields(p), p.status, p.converged),
+        new_plan,
+        (*selected, status, new_plan.converged & active),
+    )
 
 
 def replan(
@@ -368,47 +369,46 @@ def replan(
     even_speed: Flag | bool = False,
     allow_replanning: bool = True,
 ) -> tuple[FleetPlan, Flag]:
-    """Plan again from the present state.
+    """Replan from the present state.
 
-    Every path is fitted anew from where its aircraft is to where its rendezvous will be. The arrival time and the shape
-    of the path's rest are kept (exactly: a plan renewed on its own path is the same plan) as long as each aircraft's
-    mean airspeed stays within 1 percent of the plan's; when one leaves that band, because its goal moved otherwise than
-    foreseen, the fleet is coordinated anew. In the last 15 s it is not: there, a few metres of path to make up would
-    take a bend of many g, and a little speed does it as well.
+    Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
+    remaining path are kept (exactly: replanning on the planned path returns the same plan) while every aircraft's mean
+    airspeed stays within 1 percent of the plan's. If an aircraft leaves this band, because its goal did not move as
+    predicted, the fleet is coordinated again, except in the last 15 s: a few metres of path would then require a bend
+    of many g, while a small change of speed suffices.
 
-    An aircraft that is no longer active keeps its last plan, arrival time included, and the others go on without it:
-    as they are, if it was the farthest of them too, until one of them leaves the band; what is planned anew is planned
-    without it.
+    An inactive aircraft keeps its last plan with its arrival time, and the rest of the fleet continues without it:
+    unchanged, even if it was the farthest, until an aircraft leaves the band; a new plan excludes inactive aircraft.
 
     Parameters
     ----------
     plan
-        The plan in force.
+        Present plan.
     time
-        Now, s.
+        Present time, s.
     tasks, sides, even_speed
-        As for `coordinate`; the lengths due are those at the plan's mean airspeed, which stands.
-    replans
-        Whether a fleet is coordinated anew where that is due.
+        As for `coordinate`; deficits refer to the plan's mean airspeed, which is kept.
+    allow_replanning
+        Whether the fleet may be coordinated again.
 
     Returns
     -------
-    The plan, and whether it is not coordinated anew though that was due.
+    The plan, and whether a new coordination was due but not allowed.
 
     Notes
     -----
-    Solving L(kappa) = L_ref at every renewal (theory section 8 read to the letter) is badly conditioned on the way:
-    near L's minimum the bend goes with the square root of the length, so that a metre of tracking error in the middle
-    of a detour moves kappa by kilometres, and the fleet's aircraft take turns in being the farthest.
+    Solving L(kappa) = L_ref at every replanning (theory section 8, literally) is ill-conditioned en route: near the
+    minimum of L the bend varies with the square root of the length, so that a tracking error of one metre in the middle
+    of a detour changes kappa by kilometres, and the farthest aircraft changes from plan to plan.
     """
-    kept = _refit(plan, time, tasks, plan.speed, even_speed)
-    duration = kept.trajectories.duration
-    mean_speed = (kept.lengths - tasks.path_length_deficit) / duration
-    strayed = kept.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
-    anew = jnp.any((strayed | ~kept.converged) & tasks.active) & (duration[0] > COMMITTED_S)
+    continued = _continue_plan(plan, time, tasks, plan.speed, even_speed)
+    duration = continued.trajectories.duration
+    mean_speed = (continued.lengths - tasks.path_length_deficit) / duration
+    is_off_speed = continued.goal_reachable & (jnp.abs(mean_speed / plan.speed - 1.0) > SPEED_BAND)
+    is_due = jnp.any((is_off_speed | ~continued.converged) & tasks.active) & (duration[0] > COMMITTED_S)
     if not allow_replanning:
-        return _standing(plan, kept, tasks.active), anew
-    made = jax.lax.cond(
-        anew, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, speed_is_fixed=True), lambda: kept
+        return _keep_inactive(plan, continued, tasks.active), is_due
+    new_plan = jax.lax.cond(
+        is_due, lambda: coordinate(time, tasks, plan.speed, sides, even_speed, speed_is_fixed=True), lambda: continued
     )
-    return _standing(plan, made, tasks.active), jnp.asarray(False)
+    return _keep_inactive(plan, new_plan, tasks.active), jnp.asarray(False)

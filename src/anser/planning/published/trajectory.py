@@ -1,7 +1,6 @@
-"""Trajectories of the published planner.
+"""Trajectories of the published planner: a Hermite cubic with two bends, in a frame that drifts with steady wind.
 
-A Hermite cubic with two bends in the frame that drifts with a steady wind, its arc length, its slowest descent, and
-the lateral bend for a given length.
+Also arc length, slowest descent, and the lateral bend for a required length.
 """
 
 import equinox as eqx
@@ -26,21 +25,20 @@ from anser.planning.published.time_law import (
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
-# s^2 (1 - s)^2 in ascending powers of s: the only quartic that vanishes with its slope at both ends.
+# s^2 (1 - s)^2 in ascending powers of s: the only quartic with zero value and slope at both ends.
 BEND_COEFFICIENTS = (0.0, 0.0, 1.0, -2.0, 1.0)
-# Below this horizontal distance (m) a line from start to rendezvous has no usable direction of its own.
-_NO_DIRECTION = 1e-6
+_DISTANCE_MIN = 1e-6  # m, horizontal: shorter lines have no usable direction
 
 
 class Trajectory(AbstractReference):
-    """Where one aircraft is to be at which time, over a steady wind.
+    """Planned position of one aircraft over time, in steady wind.
 
-    The path is a polynomial in s, from 0 to 1, in a frame that drifts with the wind and coincides with the ground at
-    `start_time`; `law` says how s runs with time. Source: theory section 6.
+    The path is a polynomial in s, from 0 to 1, in a frame that drifts with the wind and coincides with the ground frame
+    at `start_time`; `law` maps time to s. Source: theory section 6.
     """
 
     start_time: Scalar
-    """When the path begins, s."""
+    """Start of the path, s."""
     duration: Scalar
     """Time from start to rendezvous, s; positive."""
     coefficients_n: Float[Array, "3 5"]
@@ -61,42 +59,42 @@ class Trajectory(AbstractReference):
         return self.clock(time).s
 
     def path_derivative(self, phase: ScalarLike, order: int) -> Vector3:
-        """Derivative of the air-frame path with respect to s, of order 0 to 3, at a given s, m."""
+        """Derivative of the air-frame path with respect to s, of order 0 to 3, m."""
         return path_derivative(self.coefficients_n, phase, order)
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time (the acceleration is the same in both frames, the wind being steady)."""
-        now = self.clock(time)
-        slope_n, bend_n = self.path_derivative(now.s, 1), self.path_derivative(now.s, 2)
+        """Motion over the ground at a time (in steady wind the acceleration is the same in both frames)."""
+        clock = self.clock(time)
+        slope_n, bend_n = self.path_derivative(clock.s, 1), self.path_derivative(clock.s, 2)
         return PathPoint(
-            position_n=self.path_derivative(now.s, 0) + self.wind_n * (time - self.start_time),
-            velocity_n=slope_n * now.s_dot + self.wind_n,
-            acceleration_n=bend_n * now.s_dot**2 + slope_n * now.s_ddot,
+            position_n=self.path_derivative(clock.s, 0) + self.wind_n * (time - self.start_time),
+            velocity_n=slope_n * clock.s_dot + self.wind_n,
+            acceleration_n=bend_n * clock.s_dot**2 + slope_n * clock.s_ddot,
         )
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
         """Velocity relative to the air at a time, NED, m/s."""
-        now = self.clock(time)
-        return self.path_derivative(now.s, 1) * now.s_dot
+        clock = self.clock(time)
+        return self.path_derivative(clock.s, 1) * clock.s_dot
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
     """Horizontal unit vector to the right of the line from start to rendezvous in the frame of the path, NED.
 
-    The horizontal direction of the velocity at the start replaces that of a vertical line, and North that of both.
+    A vertical line is replaced by the horizontal direction of the start velocity, or else by north.
     """
-    ahead = line_n[:2]
+    direction = line_n[:2]
     for replacement in (velocity_0_n[:2], jnp.array([1.0, 0.0])):
-        ahead = jnp.where(norm(ahead) > _NO_DIRECTION, ahead, replacement)
-    ahead = ahead / norm(ahead)
-    return jnp.stack([-ahead[1], ahead[0], jnp.zeros_like(ahead[0])])
+        direction = jnp.where(norm(direction) > _DISTANCE_MIN, direction, replacement)
+    direction = direction / norm(direction)
+    return jnp.stack([-direction[1], direction[0], jnp.zeros_like(direction[0])])
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Add to a trajectory's bends; the ends and their directions, and the times, stay.
+    """Add bends to a trajectory; end points, end directions and times are unchanged.
 
-    A lateral bend kappa = b_4 duration^4, m, shifts the middle by kappa/16 along `lateral_n`, a vertical one,
-    c_4 duration^4, upwards. The result follows the published time law; `with_even_speed` gives it another.
+    A lateral bend kappa = b_4 duration^4, m, shifts the middle by kappa/16 along `lateral_n`, a vertical bend,
+    c_4 duration^4, upwards. The result has the published time law; `with_even_speed` replaces it.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
@@ -110,7 +108,7 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """The same path and times at an airspeed that changes evenly from `speed_0` (m/s); see `even_law`."""
+    """The same path and times, with an airspeed that changes evenly from `speed_0` (m/s); see `even_law`."""
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
@@ -127,7 +125,7 @@ def fit_trajectory(
     wind_n: Vector3 | None = None,
     line_n: Vector3 | None = None,
 ) -> Trajectory:
-    """Trajectory through given positions and velocities at its ends.
+    """Trajectory through positions and velocities at both ends.
 
     Parameters
     ----------
@@ -138,21 +136,21 @@ def fit_trajectory(
     velocity_0
         Velocity relative to the air at the start, NED, m/s.
     position_f
-        Rendezvous in the frame that drifts with the air (place over the ground minus wind times duration), NED, m.
+        Rendezvous in the frame that drifts with the air (position over the ground minus wind times duration), NED, m.
     velocity_f
         Velocity relative to the air at the rendezvous, NED, m/s.
     lateral_bend, vertical_bend
         Shape parameters, m, see `bend_trajectory`; zero is the nominal path.
     wind_n
-        Steady wind, NED, m/s; none is still air.
+        Steady wind, NED, m/s; None: still air.
     line_n
-        Direction to the right of which lateral bends act; from start to rendezvous where none is given. A plan renewed
-        on the way names the line of its first start: only then is a bent path's rest again a path of this family.
+        Line to the right of which lateral bends act; None: from start to rendezvous. Replanning en route uses the line
+        of the first plan: only then does the rest of a bent path belong to the same family.
 
     Notes
     -----
-    Theory section 6, with time scaled to [0, 1]: there the solution for the four lower coefficients is the Hermite
-    cubic and the null space of the boundary conditions is s^2 (1 - s)^2.
+    Theory section 6, with time scaled to [0, 1]: the solution for the four lower coefficients is the Hermite cubic, and
+    the null space of the boundary conditions is s^2 (1 - s)^2.
     """
     duration = jnp.asarray(duration, dtype=float)
     line, slope_0, slope_f = position_f - position_0, duration * velocity_0, duration * velocity_f
@@ -173,7 +171,7 @@ def arc_length(
 ) -> Scalar:
     """Length of the air path from a path parameter s in [0, 1] to the rendezvous, m.
 
-    From `trajectory.phase(t)` on it is what is still to fly at time t. The rule's positive weights keep the length
+    From `trajectory.phase(t)` on, it is the remaining length at time t. The rule's positive weights keep the length
     convex in the bends.
     """
 
@@ -188,39 +186,39 @@ def arc_length_estimate(trajectory: Trajectory, start_phase: ScalarLike = 0.0) -
     return arc_length(trajectory, start_phase, NEWTON_COTES_6)
 
 
-_SLOWEST = 0.3  # part of the first speed below which idling on is not a way to be slow
+_SPEED_SHARE_MIN = 0.3  # least airspeed with idle engine, fraction of the initial speed
 
 
 def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: ScalarLike) -> Scalar:
-    """Least mean airspeed with which an aircraft can fly a path, engine idle all the way, m/s.
+    """Least mean airspeed of an aircraft on a path, with the engine idle all the way, m/s.
 
-    V dV/dl = g (-dh/dl) - a with the deceleration a (less the reserve that the even law keeps). On a level path this is
-    far below any speed of interest; down a path steeper than the glide it exceeds the first speed.
+    V dV/dl = g (-dh/dl) - a with the deceleration a (minus the reserve of the even law). On a level path, the result is
+    far below any speed of interest; on a path steeper than the glide, it exceeds the initial speed.
 
-    Of the path the shape counts, not the time law. `speed_0` is the airspeed at its start, m/s; the deceleration is
+    Only the shape of the path counts, not the time law. `speed_0` is the initial airspeed, m/s; the deceleration is
     that with the engine idle in level flight, m/s^2.
     """
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     middles = jnp.asarray(0.5 * (edges[1:] + edges[:-1]))
-    parts = jax.vmap(lambda s: norm(path.path_derivative(s, 1)))(middles) / CELLS
+    segments = jax.vmap(lambda s: norm(path.path_derivative(s, 1)))(middles) / CELLS
     down = jax.vmap(lambda s: path.path_derivative(s, 0)[2])(jnp.asarray(edges))
-    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(parts)])
-    braked = (deceleration - BRAKING_RESERVE_M_S2) * lengths
-    square = speed_0**2 + 2 * (STANDARD_GRAVITY_M_S2 * (down - down[0]) - braked)
-    speeds = jnp.sqrt(jnp.maximum(square, (_SLOWEST * speed_0) ** 2))
-    return lengths[-1] / jnp.sum(2 * parts / (speeds[1:] + speeds[:-1]))
+    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(segments)])
+    braking_work = (deceleration - BRAKING_RESERVE_M_S2) * lengths
+    square = speed_0**2 + 2 * (STANDARD_GRAVITY_M_S2 * (down - down[0]) - braking_work)
+    speeds = jnp.sqrt(jnp.maximum(square, (_SPEED_SHARE_MIN * speed_0) ** 2))
+    return lengths[-1] / jnp.sum(2 * segments / (speeds[1:] + speeds[:-1]))
 
 
-# From any guess in the bracket, 20,000 random paths with lengths from 1 + 1e-9 to 2 times the nominal took 16 at most.
+# 20,000 random paths with 1 + 1e-9 to 2 times the nominal length needed at most 16 steps from any guess in the bracket.
 BEND_STEPS = 24
-# A length met to this part of itself counts as met: a micrometre in ten kilometres, a hundred times rounding.
+# Relative tolerance of the length: a micrometre in ten kilometres, a hundred times rounding.
 LENGTH_TOLERANCE = 1e-10
 # Integral over [0, 1] of the square of the slope of s^2 (1 - s)^2.
 _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """A lateral bend and whether it gives the wanted length."""
+    """A lateral bend, and whether it gives the required length."""
 
     kappa: Scalar
     """Lateral bend, m; positive to the right."""
@@ -232,16 +230,16 @@ def bend_slope(phase: np.ndarray) -> np.ndarray:
     return 2.0 * phase * (1.0 - phase) * (1.0 - 2.0 * phase)
 
 
-def _length(
+def _length_excess(
     size: Scalar, data: tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3"], Float[Array, " nodes"], Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Length minus the wanted one, and its slope, at a bend of given size."""
-    straight, sideways, weights, wanted = data
+    """Length minus the required length, and the slope, for a bend of a size."""
+    straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
     square = jnp.sum(tangent * tangent, axis=1)
     speed = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
     slope = jnp.sum(tangent * sideways, axis=1) / speed
-    return jnp.sum(weights * jnp.where(square > 0.0, speed, 0.0)) - wanted, jnp.sum(weights * slope)
+    return jnp.sum(weights * jnp.where(square > 0.0, speed, 0.0)) - required_length, jnp.sum(weights * slope)
 
 
 def solve_lateral_bend(
@@ -251,28 +249,28 @@ def solve_lateral_bend(
     guess: ScalarLike | None = None,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Bend:
-    """Lateral bend that brings a trajectory to a reference length, by safeguarded Newton.
+    """Lateral bend that brings a trajectory to a reference length, by safeguarded Newton steps.
 
     Parameters
     ----------
     nominal
-        The trajectory without the bend.
+        The trajectory without bend.
     length_ref
-        Wanted length of the air path, m. At the nominal length the bend is exactly zero. Below it there is no
-        solution: the bend is zero and `converged` is false.
+        Required length of the air path, m. At the nominal length the bend is exactly zero. Below it, no solution
+        exists: the bend is zero and `converged` is false.
     side
         Positive: bend to the right; negative: to the left.
     guess
-        Where to start, m, either sign; without it a close one is taken.
+        Initial bend, m, either sign; None: computed.
     rule
         Quadrature rule of the length.
 
     Notes
     -----
-    The length L(kappa) is the integral of the norm of something affine in kappa, hence convex: from L(0) <= length_ref
-    exactly one root lies on either side. |kappa| times the integral of the bend's slope, minus L(0), bounds L from
-    below, which brackets the root (theory section 6; the integral is 1/8, taken here by the same rule as the length).
-    The derivative of the bend is the implicit one; it is zero where the bend is held at zero.
+    The length L(kappa) is the integral of the norm of an affine function of kappa, hence convex: for L(0) <= length_ref
+    there is exactly one root on either side. |kappa| times the integral of the bend's slope, minus L(0), bounds L from
+    below, which brackets the root (theory section 6; the integral is 1/8, evaluated with the same rule as the length).
+    The derivative of the bend is the implicit one; it is zero for a bend fixed at zero.
     """
     nodes, weights = jnp.asarray(rule.nodes), jnp.asarray(rule.weights)
     powers = jnp.arange(1, 5)
@@ -284,9 +282,9 @@ def solve_lateral_bend(
 
     length_ref = jnp.asarray(length_ref, dtype=float)
     data = (straight, sideways, weights, length_ref)
-    excess = -_length(jnp.zeros(()), data)[0]
+    excess = -_length_excess(jnp.zeros(()), data)[0]
     tolerance = LENGTH_TOLERANCE * length_ref
-    # Within rounding of the nominal length the bend is zero: there the implicit derivative would be infinite.
+    # Within rounding of the nominal length, the bend is zero, because the implicit derivative would be infinite.
     longer = excess > 1e-3 * tolerance
     nominal_length = length_ref - excess
     high = 1.000001 * (length_ref + nominal_length) / float(np.sum(rule.weights * np.abs(slopes)))
@@ -294,9 +292,9 @@ def solve_lateral_bend(
         # Exact to leading order, for a straight path of steady speed: L - L(0) = kappa^2 (2/105)/(2 L(0)).
         square = jnp.where(longer, excess * (length_ref + nominal_length), 0.0) / _BEND_SLOPE_SQUARE
         guess = jnp.sqrt(jnp.where(square > 0.0, square, 1.0))
-    # Where there is nothing to solve, the wanted length is replaced by one that is solvable, for finite gradients.
+    # An unsolvable length is replaced by a solvable one, for finite gradients.
     solvable = (straight, sideways, weights, jnp.where(longer, length_ref, 1.1 * nominal_length + 1.0))
     high = jnp.where(longer, high, 20.0 * nominal_length + 20.0)
-    root = bracketed_newton(_length, solvable, 0.0, high, jnp.abs(guess), BEND_STEPS)
+    root = bracketed_newton(_length_excess, solvable, 0.0, high, jnp.abs(guess), BEND_STEPS)
     converged = jnp.where(longer, jnp.abs(root.residual) <= tolerance, excess >= -tolerance)
     return Bend(jnp.where(longer, sign * root.x, 0.0), converged)
