@@ -161,7 +161,8 @@ def _print(dataset: "xr.Dataset") -> None:
     print_line(
         f"All actuators at once: disk {simultaneous:.2f}, {gain:.1f} dB or {phase:.1f} deg each. "
         f"Short: less than {condition['gain_min_db']:g} dB or {condition['phase_min_deg']:g} deg. Boundaries of "
-        f"stability are searched from {condition['frequency_min_rad_s']:g} to {condition['frequency_max_rad_s']:.5g} rad/s; "
+        f"stability are searched from {condition['frequency_min_rad_s']:g} to "
+        f"{condition['frequency_max_rad_s']:.5g} rad/s; "
         "a dash: none found. "
         "None to: none found up to this change of gain; beyond it one could lie below these "
         "frequencies. "
