@@ -1,4 +1,4 @@
-"""Loops of the whole autopilot broken at a trim point: identities, what margins mean, the nonlinear loop flown."""
+"""Autopilot loops broken at a trim point: identities, the meaning of margins, and flights of the nonlinear loop."""
 
 import equinox as eqx
 import jax
@@ -56,12 +56,12 @@ def test_no_command_depends_on_its_own_test_input_in_the_same_sample(loop):
     np.testing.assert_array_equal(np.diagonal(loop.D), 0.0)
     assert not np.asarray(loop.limited).any()
     assert np.isfinite(loop.A).all()
-    # what is added to the bank command reaches the commands of the roll rate and the surfaces at once
+    # a test input at the bank command reaches the roll-rate command within the sample
     assert abs(loop.D[BREAKPOINTS.index("P"), BREAKPOINTS.index("mu")]) > 1.0
 
 
 def test_a_trim_that_the_autopilot_does_not_hold_is_limited():
-    """Level flight of the F-16 of TP-1538 has a sideslip, which the autopilot takes out with its rudder's whole rate."""
+    """Level flight of TP-1538's F-16 has a sideslip; to remove it, the autopilot uses the full rate of the rudder."""
     airframe = load_airframe("f16", "tp1538")
     point = trim(airframe, ENVIRONMENT, target_deg(150.0, 1000.0))
     case = LoopCase(airframe, ENVIRONMENT, GAINS, LIMITS, point, STEP)
@@ -70,14 +70,14 @@ def test_a_trim_that_the_autopilot_does_not_hold_is_limited():
     np.testing.assert_array_equal(loop.limited, [False, False, False, False, True])
 
 
-def test_memory_follows_from_the_gains():
+def test_state_fields_follow_from_the_gains():
     incremental = eqx.tree_at(lambda g: g.sensor_bandwidth, GAINS, jnp.asarray(20.0))
     assert set(loop_state_fields(incremental, F16)) - set(MEMORY) == {"residual"}
     integral = eqx.tree_at(lambda g: g.attitude.integral, GAINS, jnp.full(3, 0.1))
     assert set(loop_state_fields(integral, F16)) - set(MEMORY) == {"attitude_integral"}
 
 
-def test_the_closed_loop_is_stable_but_for_the_altitude_that_nothing_holds(loop):
+def test_the_closed_loop_is_stable_except_for_the_uncontrolled_altitude(loop):
     poles = np.linalg.eigvals(np.asarray(loop.A))
     on_the_circle = np.abs(np.abs(poles) - 1) < NEUTRAL_POLE_TOLERANCE
     assert on_the_circle.sum() == 1
@@ -86,7 +86,7 @@ def test_the_closed_loop_is_stable_but_for_the_altitude_that_nothing_holds(loop)
 
 
 @pytest.mark.parametrize("name", BREAKPOINTS)
-def test_breaking_and_closing(loop, response, name):
+def test_the_broken_loop_equals_the_closed_loop_opened(loop, response, name):
     """1 + L = det(zeta I - A) / det(zeta I - A_broken): zero at the closed loop's poles; and L from both sides."""
     k = BREAKPOINTS.index(name)
     A, B, C = (np.asarray(matrix) for matrix in break_loop(loop, k))
@@ -95,21 +95,21 @@ def test_breaking_and_closing(loop, response, name):
         L = (C @ np.linalg.solve(zeta * unit - A, B))[0, 0]
         ratio = np.linalg.det(zeta * unit - np.asarray(loop.A)) / np.linalg.det(zeta * unit - A)
         assert abs(1 + L - ratio) < 1e-9 * max(abs(1 + L), 1.0)
-    # the kernel has L from the closed loop alone; where L is large, 1 + T_zw = 1/(1 + L) loses as many digits
+    # the kernel computes L from the closed loop; for large L, 1 + T_zw = 1/(1 + L) loses digits in proportion
     omega = np.asarray(response.omega)
     for n in range(0, omega.size, 24):
         L = (C @ np.linalg.solve(np.exp(1j * omega[n] * STEP) * unit - A, B))[0, 0]
         assert abs(response.open[n, k] - L) < 1e-9 * max(abs(L) ** 2, 1.0)
 
 
-def radius_but_for_altitude(loop, k, factor):
+def radius_without_altitude(loop, k, factor):
     """Spectral radius with a factor, real or complex, at a breakpoint, without the altitude's pole at 1."""
     poles = np.linalg.eigvals(loop.A + (factor - 1) * np.outer(loop.B[:, k], loop.C[k]))
     return np.abs(np.delete(poles, np.abs(poles - 1).argmin())).max()
 
 
 def radius_with_delay(loop, k, samples):
-    """Spectral radius with the command at a breakpoint passed on some samples late, without the altitude's pole."""
+    """Spectral radius with the command at a breakpoint delayed by several samples, without the altitude's pole."""
     A, B, C = np.asarray(loop.A), np.asarray(loop.B)[:, k], np.asarray(loop.C)[k]
     n = len(A)
     delayed = np.zeros((n + samples, n + samples))
@@ -123,61 +123,63 @@ def radius_with_delay(loop, k, samples):
 
 @pytest.mark.parametrize("name", BREAKPOINTS)
 def test_at_every_margin_the_spectral_radius_is_1(loop, margins, name):
-    """Inside 1 up to each stated gain, phase, delay and disk, outside beyond it; without one, as far as was searched."""
+    """Inside 1 up to each stated gain, phase, delay and disk, outside beyond; else inside up to the search bound."""
     loop, k = jax.tree.map(np.asarray, loop), BREAKPOINTS.index(name)
-    found = {key: float(values[k]) for key, values in vars(margins[0]).items()}
-    for direction, beyond in (("up", 1.01), ("down", 0.99)):
-        gain, searched = found[f"gain_{direction}"], found[f"gain_{direction}_searched"]
+    figures = {key: float(values[k]) for key, values in vars(margins[0]).items()}
+    for direction, overshoot_factor in (("up", 1.01), ("down", 0.99)):
+        gain, searched = figures[f"gain_{direction}"], figures[f"gain_{direction}_searched"]
         stated = np.isfinite(gain) and gain > 0
-        # without a limit of the search: as far as the poles can be told from rounding
-        far = gain if stated else np.clip(searched, 1e-4, 1e4)
-        for factor in np.geomspace(1.0, far, 40)[1:-1]:
-            assert radius_but_for_altitude(loop, k, factor) < 1
+        # unlimited search: up to factors at which rounding of the poles stays small
+        last_factor = gain if stated else np.clip(searched, 1e-4, 1e4)
+        for factor in np.geomspace(1.0, last_factor, 40)[1:-1]:
+            assert radius_without_altitude(loop, k, factor) < 1
         if stated:
-            assert radius_but_for_altitude(loop, k, gain) == pytest.approx(1.0, abs=1e-5)
-            assert radius_but_for_altitude(loop, k, gain * beyond) > 1
-    for share, outside in ((0.99, False), (1.01, True)):
-        turned = [radius_but_for_altitude(loop, k, np.exp(1j * sign * share * found["phase"])) for sign in (1, -1)]
-        assert (max(turned) > 1) == outside
+            assert radius_without_altitude(loop, k, gain) == pytest.approx(1.0, abs=1e-5)
+            assert radius_without_altitude(loop, k, gain * overshoot_factor) > 1
+    for share, is_outside in ((0.99, False), (1.01, True)):
+        radii_by_phase = [
+            radius_without_altitude(loop, k, np.exp(1j * sign * share * figures["phase"])) for sign in (1, -1)
+        ]
+        assert (max(radii_by_phase) > 1) == is_outside
         # every factor of the disk of this radius (skew 0)
-        alpha = min(share * found["disk"], 1.9999)
-        if outside and alpha == 1.9999:
+        alpha = min(share * figures["disk"], 1.9999)
+        if is_outside and alpha == 1.9999:
             continue
         edge = alpha * np.exp(1j * np.linspace(0, 2 * np.pi, 721)) / 2
-        radii = [radius_but_for_altitude(loop, k, factor) for factor in (1 + edge) / (1 - edge)]
-        assert (max(radii) > 1) == outside
-    whole = int(found["delay"] / STEP)
-    assert radius_with_delay(loop, k, whole + 1) > 1
-    assert whole == 0 or radius_with_delay(loop, k, whole) < 1
+        radii = [radius_without_altitude(loop, k, factor) for factor in (1 + edge) / (1 - edge)]
+        assert (max(radii) > 1) == is_outside
+    whole_samples = int(figures["delay"] / STEP)
+    assert radius_with_delay(loop, k, whole_samples + 1) > 1
+    assert whole_samples == 0 or radius_with_delay(loop, k, whole_samples) < 1
 
 
-def test_all_actuators_at_once_have_no_more_than_each(margins):
-    each, together = margins
-    assert 0.5 * float(each.disk[:3].min()) < float(together) <= float(each.disk[:3].min())
+def test_the_simultaneous_disk_margin_is_below_each_actuator_margin(margins):
+    single, simultaneous = margins
+    assert 0.5 * float(single.disk[:3].min()) < float(simultaneous) <= float(single.disk[:3].min())
 
 
-def test_the_nonlinear_loop_diverges_where_the_margins_say(level, margins):
-    """Each surface's command scaled by 0.9 and 1.1 of its gain margin, or delayed by the samples next to its delay margin.
+def test_the_nonlinear_loop_diverges_beyond_the_margins(level, margins):
+    """Command of a surface scaled by 0.9 and 1.1 of the gain margin, or delayed by the samples around the delay margin.
 
-    What diverges does so at 10 Hz and more: second differences of the command tell it from what settles slowly.
+    Divergence is at 10 Hz and more: second differences of the command separate divergence from slow settling.
     """
-    each = margins[0]
+    margin = margins[0]
     factors, delays, unstable = [], [], []
     for surface in range(3):
         for share in (0.9, 1.1):
-            factors.append(np.where(np.arange(3) == surface, share * float(each.gain_up[surface]), 1.0))
+            factors.append(np.where(np.arange(3) == surface, share * float(margin.gain_up[surface]), 1.0))
             delays.append(np.zeros(3, dtype=int))
             unstable.append(share > 1)
-        whole = int(float(each.delay[surface]) / STEP)
-        for late in (whole, whole + 1):
+        whole_samples = int(float(margin.delay[surface]) / STEP)
+        for delay_samples in (whole_samples, whole_samples + 1):
             factors.append(np.ones(3))
-            delays.append(np.where(np.arange(3) == surface, late, 0))
-            unstable.append(late > whole)
-    flown = excited_flight(
+            delays.append(np.where(np.arange(3) == surface, delay_samples, 0))
+            unstable.append(delay_samples > whole_samples)
+    commands = excited_flight(
         F16, ENVIRONMENT, GAINS, LIMITS, level, STEP, jnp.asarray(np.array(factors)), jnp.asarray(np.array(delays)), 400
     )
-    shaken = np.abs(np.diff(np.asarray(flown), 2, axis=1)).max(axis=2)
-    growth = shaken[:, -20:].max(axis=1) / shaken[:, :20].max(axis=1)
+    shaking = np.abs(np.diff(np.asarray(commands), 2, axis=1)).max(axis=2)
+    growth = shaking[:, -20:].max(axis=1) / shaking[:, :20].max(axis=1)
     assert np.isfinite(growth).all()
     np.testing.assert_array_equal(growth > 1.0, unstable)
     assert growth[np.array(unstable)].min() > 2.0

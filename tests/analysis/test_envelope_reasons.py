@@ -1,4 +1,4 @@
-"""Judging flights of a survey: made-up summaries, one cause at a time."""
+"""Classification of surveyed flights: synthetic summaries, with a single cause each."""
 
 import jax
 import jax.numpy as jnp
@@ -13,26 +13,26 @@ DURATION = 30.0
 
 
 def _flight(*, error=(0.0, 0.0, 0.0), beta=0.0, at=(), late=(), before_slip=(), left=(), finite=True):
-    """Summary of one flight; times are pairs of a name and s."""
+    """Summary of a flight; times are pairs of a name and seconds."""
 
-    def times(pairs, names, rest):
-        return jnp.asarray([dict(pairs).get(name, rest) for name in names])
+    def times(pairs, names, default):
+        return jnp.asarray([dict(pairs).get(name, default) for name in names])
 
-    three, none = jnp.zeros(3), jnp.zeros(())
+    zeros, zero = jnp.zeros(3), jnp.zeros(())
     return SurveySummary(
-        final_error=three,
+        final_error=zeros,
         final_error_max=jnp.asarray(error),
-        settling_time=three,
-        overshoot=three,
-        coupling=three,
+        settling_time=zeros,
+        overshoot=zeros,
+        coupling=zeros,
         beta_max=jnp.asarray(beta),
-        alpha_min=none,
-        alpha_max=none,
-        load_factor_min=none,
-        load_factor_max=none,
-        surface_share=three,
-        surface_rate_share=three,
-        body_rate_share=three,
+        alpha_min=zero,
+        alpha_max=zero,
+        load_factor_min=zero,
+        load_factor_max=zero,
+        surface_share=zeros,
+        surface_rate_share=zeros,
+        body_rate_share=zeros,
         limited_time=times(at, AUTOPILOT_LIMITS, 0.0),
         limited_late=times(late, AUTOPILOT_LIMITS, 0.0),
         limited_before_slip=times(before_slip, AUTOPILOT_LIMITS, 0.0),
@@ -75,7 +75,7 @@ def verdicts():
 
 
 @pytest.mark.parametrize(("k", "name"), list(enumerate(CASES)))
-def test_verdict(verdicts, k, name):
+def test_a_flight_has_the_outcome_and_reason_of_its_cause(verdicts, k, name):
     _, outcome, reason = CASES[name]
     assert (OUTCOMES[verdicts.outcome[k]], REASONS[verdicts.reason[k]]) == (outcome, reason)
 
@@ -85,7 +85,7 @@ def test_verdict(verdicts, k, name):
     [
         (_flight(error=SUNK), "limited", "start_beyond_limits"),
         (_flight(error=SLOW, at=[("thrust_max", 30.0)]), "limited", "start_beyond_limits"),
-        # control is lost whatever the reason
+        # loss of control is a failure for any reason
         (_flight(left=[("alpha", 3.0)]), "failed", "start_beyond_limits"),
         (_flight(beta=0.05, at=[("surfaces", 30.0)]), "failed", "start_beyond_limits"),
         (_flight(error=SUNK, finite=False), "failed", "unexplained"),
@@ -94,5 +94,5 @@ def test_verdict(verdicts, k, name):
 )
 def test_a_start_beyond_the_limits_explains_a_miss_and_excuses_no_departure(flight, outcome, reason):
     batch = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], flight)
-    found = classify_flights(batch, TOLERANCE[None], DURATION, np.array([True]))
-    assert (OUTCOMES[found.outcome[0]], REASONS[found.reason[0]]) == (outcome, reason)
+    outcomes = classify_flights(batch, TOLERANCE[None], DURATION, np.array([True]))
+    assert (OUTCOMES[outcomes.outcome[0]], REASONS[outcomes.reason[0]]) == (outcome, reason)

@@ -1,4 +1,4 @@
-"""A small survey from end to end: Python, dataset, file, figures, command line."""
+"""Small survey from end to end: Python, dataset, file, figures, command line."""
 
 import dataclasses
 import json
@@ -24,17 +24,20 @@ FIGURES = {f"{name}.{suffix}" for name in ("trim-map", "commands", "margins") fo
 
 @pytest.fixture(scope="module")
 def surveyed():
-    told = []
-    found = survey_envelope(
-        altitudes_m=ALTITUDES, machs=MACHS, duration_s=2.0, progress=lambda what, done: told.append((what, done))
+    reports = []
+    survey = survey_envelope(
+        altitudes_m=ALTITUDES,
+        machs=MACHS,
+        duration_s=2.0,
+        progress=lambda description, part: reports.append((description, part)),
     )
-    assert told[-1][1] == 1.0
-    assert [done for _, done in told] == sorted(done for _, done in told)
-    return found
+    assert reports[-1][1] == 1.0
+    assert [part for _, part in reports] == sorted(part for _, part in reports)
+    return survey
 
 
 def test_points_outside_the_tables_are_not_trimmable(surveyed):
-    """16 km is above the data, Mach 1.2 beside them; at Mach 0.1 no lift holds the aircraft."""
+    """16 km is above the data, Mach 1.2 is outside; at Mach 0.1 the lift is too small."""
     data = surveyed.dataset
     stops = data["trim_stop"].attrs["flag_meanings"].split()
     trimmable = data["trimmable"].values
@@ -51,29 +54,29 @@ def test_every_trimmable_point_is_flown_with_every_command(surveyed):
     flown = data["outcome"].values > 0
     np.testing.assert_array_equal(flown, np.broadcast_to(data["trimmable"].values[..., None], flown.shape))
     np.testing.assert_array_equal(np.isnan(data["alpha_max_deg"].values), ~flown)
-    assert sum(sum(of.values()) for of in surveyed.counts().values()) == flown.sum()
+    assert sum(sum(counts.values()) for counts in surveyed.counts().values()) == flown.sum()
     with_reserve = data["with_reserve"].values.sum() * data.sizes["command"]
-    assert sum(sum(of.values()) for of in surveyed.counts(with_reserve=True).values()) == with_reserve
+    assert sum(sum(counts.values()) for counts in surveyed.counts(with_reserve=True).values()) == with_reserve
 
 
-def test_flights_do_as_their_names_say(surveyed):
-    """After 2 s of level flight at 1000 m and Mach 0.5 the path angle has turned the way it was told."""
-    at = surveyed.dataset.sel(condition="level", altitude=1000.0, mach=0.5)
-    assert float(at["load_factor_max"].sel(command="up")) > 1.1
-    assert float(at["load_factor_min"].sel(command="down")) < 0.9
-    assert abs(float(at["path_angle_final_error_deg"].sel(command="up"))) < 1.5
-    assert float(at["course_final_error_deg"].sel(command="right")) > 0.0
+def test_flights_follow_the_named_command(surveyed):
+    """After 2 s from level flight at 1000 m and Mach 0.5, the path angle has turned in the commanded direction."""
+    level_point = surveyed.dataset.sel(condition="level", altitude=1000.0, mach=0.5)
+    assert float(level_point["load_factor_max"].sel(command="up")) > 1.1
+    assert float(level_point["load_factor_min"].sel(command="down")) < 0.9
+    assert abs(float(level_point["path_angle_final_error_deg"].sel(command="up"))) < 1.5
+    assert float(level_point["course_final_error_deg"].sel(command="right")) > 0.0
     assert (
-        float(at["airspeed_final_error_m_s"].sel(command="slower"))
+        float(level_point["airspeed_final_error_m_s"].sel(command="slower"))
         < 0.0
-        < float(at["airspeed_final_error_m_s"].sel(command="faster"))
+        < float(level_point["airspeed_final_error_m_s"].sel(command="faster"))
     )
     turn = surveyed.dataset.sel(condition="turn_4g", altitude=1000.0, mach=0.5)
-    # along the lift it is 4 g; the load factor is along body z, which alpha tilts from it
+    # 4 g along the lift; the load factor is along body z, tilted by alpha
     assert float(turn["load_factor"]) == pytest.approx(4.0 * np.cos(np.radians(float(turn["alpha_deg"]))), rel=0.03)
 
 
-def test_units_stand_beside_every_number(surveyed):
+def test_every_variable_has_a_unit(surveyed):
     data = surveyed.dataset
     for name, values in data.data_vars.items():
         assert values.attrs["units"], name
@@ -87,8 +90,8 @@ def test_units_stand_beside_every_number(surveyed):
 def command(monkeypatch, capsys):
     """Run the command line in this process: exit code, standard output, standard error."""
 
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["anser", "envelope", *map(str, words)])
+    def call(*options):
+        monkeypatch.setattr(sys, "argv", ["anser", "envelope", *map(str, options)])
         monkeypatch.setenv("COLUMNS", "200")
         with pytest.raises(SystemExit) as ended:
             main()
@@ -99,7 +102,7 @@ def command(monkeypatch, capsys):
 
 
 def _unexplained(surveyed):
-    """The survey with one flight from a point with reserve that nothing explains."""
+    """Return the survey with an unexplained failure of one flight from a point with reserve."""
     data = surveyed.dataset.copy(deep=True)
     c, a, m = np.argwhere(data["with_reserve"].values)[0]
     data["outcome"][c, a, m, 0] = OUTCOMES.index("failed")
@@ -129,8 +132,8 @@ def test_the_command_writes_the_files_and_ends_with_1_if_a_failure_has_no_name(
         assert path.read_bytes() == (out / path.name).read_bytes(), path.name
 
 
-def test_the_table(surveyed, command, monkeypatch, tmp_path):
-    """Of flights that are all explained, or made to be: code 0."""
+def test_the_table_counts_the_flights(surveyed, command, monkeypatch, tmp_path):
+    """Every failure is explained: exit code 0."""
     data = surveyed.dataset.copy(deep=True)
     bad = data["reason"] == REASONS.index("unexplained")
     data["reason"] = data["reason"].where(~bad, REASONS.index("bank")).astype(np.int32)
@@ -146,7 +149,7 @@ def test_the_table(surveyed, command, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "part"),
+    ("options", "message"),
     [
         (("--aircraft", "f17"), "expected one of f16"),
         (("--variant", "best"), "textbook"),
@@ -154,16 +157,16 @@ def test_the_table(surveyed, command, monkeypatch, tmp_path):
         ((), "--out"),
     ],
 )
-def test_bad_words_end_with_2_and_nothing_is_made(command, tmp_path, words, part):
+def test_bad_options_end_with_2_and_write_nothing(command, tmp_path, options, message):
     out = tmp_path / "survey"
-    code, _, error = command(*words, *(("--out", out) if words else ()))
+    code, _, error = command(*options, *(("--out", out) if options else ()))
     assert code == 2
-    assert part in error
+    assert message in error
     assert not out.exists()
 
 
 @pytest.mark.parametrize(
-    ("arguments", "part"),
+    ("arguments", "message"),
     [
         ({"machs": [0.5, 0.4]}, "machs"),
         ({"altitudes_m": []}, "altitudes_m"),
@@ -172,6 +175,6 @@ def test_bad_words_end_with_2_and_nothing_is_made(command, tmp_path, words, part
         ({"aircraft": "f17"}, "f17"),
     ],
 )
-def test_bad_arguments_are_refused(arguments, part):
-    with pytest.raises(ValueError, match=part):
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
         survey_envelope(**arguments)

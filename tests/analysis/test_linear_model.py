@@ -1,4 +1,4 @@
-"""A linear model on paper: every number has its name and its unit, in the dataset as in JSON."""
+"""Forms of a linear model: names and units of every number, in the dataset and in JSON."""
 
 import json
 import math
@@ -42,16 +42,16 @@ def labelled():
     return model, modes, {"aircraft": "f16", "speed_m_s": 153.0}
 
 
-def test_dataset_has_every_number_under_its_names(labelled):
-    model, modes, of = labelled
-    dataset = linear_dataset(model, modes, of)
-    for name, row, column in (
+def test_the_dataset_has_every_number_under_its_names(labelled):
+    model, modes, condition = labelled
+    dataset = linear_dataset(model, modes, condition)
+    for name, row_dimension, column_dimension in (
         ("A", "state_rate", "state"),
         ("B", "state_rate", "input"),
         ("C", "output", "state"),
         ("D", "output", "input"),
     ):
-        assert dataset[name].dims == (row, column)
+        assert dataset[name].dims == (row_dimension, column_dimension)
         np.testing.assert_array_equal(dataset[name], getattr(model, name))
     assert float(dataset.A.sel(state_rate="Q", state="alpha")) == float(model.A[7, 1])
     assert float(dataset.B.sel(state_rate="power", input="throttle")) == float(model.B[10, 0])
@@ -68,27 +68,27 @@ def test_dataset_has_every_number_under_its_names(labelled):
     assert float(dataset.time_to_half_s[-1]) == math.inf
 
 
-def test_a_sampled_model_has_no_rates_but_next_states(labelled):
-    _, _, of = labelled
+def test_a_sampled_model_has_next_states_instead_of_rates(labelled):
+    _, _, condition = labelled
     model = make_model(step=0.01)
-    dataset = linear_dataset(model, modes_of(model), of)
+    dataset = linear_dataset(model, modes_of(model), condition)
     assert dataset.A.attrs["units"] == "state_unit / state_unit"
     assert dataset.attrs["step_s"] == 0.01
 
 
-def test_netcdf_round_trip(labelled, tmp_path):
+def test_a_netcdf_file_returns_the_dataset(labelled, tmp_path):
     dataset = linear_dataset(*labelled)
     write_netcdf(dataset, tmp_path / "model.nc")
     xr.testing.assert_identical(read_alone(tmp_path / "model.nc"), dataset)
 
 
-def test_document_is_plain_json_with_the_same_numbers(labelled):
-    model, modes, of = labelled
-    document = json.loads(json.dumps(linear_document(model, modes, of), allow_nan=False))
-    assert document["condition"] == of
+def test_the_document_is_plain_json_with_the_same_numbers(labelled):
+    model, modes, condition = labelled
+    document = json.loads(json.dumps(linear_document(model, modes, condition), allow_nan=False))
+    assert document["condition"] == condition
     assert document["provenance"]["anser"]
-    assert [row["name"] for row in document["states"]] == list(BODY)
-    assert [row["name"] for row in document["outputs"]] == list(OUTPUTS)
+    assert [element["name"] for element in document["states"]] == list(BODY)
+    assert [element["name"] for element in document["outputs"]] == list(OUTPUTS)
     assert document["states"][7] == {"name": "Q", "unit": "rad s-1", "value": float(model.x[7]), "rate": 0.0}
     for name in "ABCD":
         np.testing.assert_array_equal(document[name], getattr(model, name))
@@ -118,7 +118,7 @@ def test_document_is_plain_json_with_the_same_numbers(labelled):
         ("R_dot_last", "rad s-2"),
     ],
 )
-def test_units(name, unit):
+def test_every_name_has_its_unit(name, unit):
     assert unit_of(name) == unit
 
 
@@ -132,11 +132,11 @@ def test_units(name, unit):
         ("throttle", "1"),
     ],
 )
-def test_units_of_other_surfaces(name, unit):
+def test_other_surfaces_have_units(name, unit):
     assert unit_of(name, ("left_elevon", "right_elevon")) == unit
 
 
 @pytest.mark.parametrize("name", ["rudder", "rudder_command", "left_elevon_speed"])
-def test_what_has_no_unit_is_refused(name):
+def test_a_name_without_unit_is_refused(name):
     with pytest.raises(ValueError, match=f"no unit is known for {name}"):
         unit_of(name, ("left_elevon", "right_elevon"))

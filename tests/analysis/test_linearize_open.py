@@ -1,6 +1,6 @@
-"""Linear models of the aircraft by itself: exact derivatives of the equations of motion, in classical states.
+"""Linear models of the airframe alone: exact derivatives of the equations of motion, in classical states.
 
-Those that are printed are checks of `anser verify`: see `tests/verification/test_linear.py`.
+Comparisons with printed matrices are checks of `anser verify`: see `tests/verification/test_linear_models.py`.
 """
 
 import dataclasses
@@ -33,32 +33,32 @@ SURFACES = ("elevator", "aileron", "rudder")
 
 
 def layered(at_2500_n, per_metre):
-    """Wind with a shear of its northward part between 2000 and 3000 m."""
+    """Wind with a shear of the northward component between 2000 and 3000 m."""
     velocities = at_2500_n + per_metre * (np.array([[2000.0], [3000.0]]) - 2500.0) * np.array([1.0, 0.0, 0.0])
     wind = LayeredWind(jnp.array([2000.0, 3000.0]), jnp.asarray(velocities))
     return Environment(StandardAtmosphere(), wind, STILL.earth)
 
 
 CALM = layered(np.zeros(3), 0.0)
-"""Still air in the form of the sheared wind: one compilation."""
+"""Still air in the form of the sheared wind: a single compilation."""
 
 _direct = eqx.filter_jit(jax.vmap(linearize, in_axes=(None, None, 0, 0)))
 _with_actuators = eqx.filter_jit(lambda *arguments: linearize(*arguments, actuators=True))
 
 
-def _strong(tree):
-    """Same types wherever the numbers come from: one compilation."""
+def _as_float_arrays(tree):
+    """Convert leaves to arrays of one type: a single compilation."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), tree)
 
 
 def direct(airframe, environment, state, controls):
-    """By way of a fleet of one."""
-    fleet = jax.tree.map(lambda leaf: leaf[None], (_strong(state), _strong(controls)))
+    """Linearize a fleet of one aircraft."""
+    fleet = jax.tree.map(lambda leaf: leaf[None], (_as_float_arrays(state), _as_float_arrays(controls)))
     return jax.tree.map(lambda leaf: leaf[0], _direct(airframe, environment, *fleet))
 
 
 def with_actuators(airframe, environment, state, controls):
-    return _with_actuators(airframe, environment, _strong(state), _strong(controls))
+    return _with_actuators(airframe, environment, _as_float_arrays(state), _as_float_arrays(controls))
 
 
 def state_of(x) -> AircraftState:
@@ -94,17 +94,18 @@ def rates_by_theory(x, u):
 STEPS = np.array([1e-3, *[1e-6] * 8, 1e-1, 1e-4, *[1e-6] * 3])
 
 
-def differenced(function, at, j, step):
-    ahead, behind = at.copy(), at.copy()
-    ahead[j] += step
-    behind[j] -= step
-    return (function(ahead) - function(behind)) / (2 * step)
+def differenced(function, point, j, step):
+    forward, backward = point.copy(), point.copy()
+    forward[j] += step
+    backward[j] -= step
+    return (function(forward) - function(backward)) / (2 * step)
 
 
 def test_derivatives_equal_differences_of_the_scalar_equations():
-    """Random attitudes, turns and pull-ups: differentiation in the quaternion against differences without it.
+    """Random attitudes, turns and pull-ups: differentiation in the quaternion against differences of the Euler
+    equations.
 
-    No number lies within 1e-3 deg of a breakpoint of the tables, where the derivative has two values.
+    The states are at least 1e-3 deg away from the breakpoints of the tables, where the derivative has two values.
     """
     random = np.random.default_rng(5)
     scale = np.array([0, 0, 0.3, 3.1, 1.2, 3.1, 0.8, 0.4, 0.3, 0, 0, 0.3, 0.3, 0.4])
@@ -118,14 +119,14 @@ def test_derivatives_equal_differences_of_the_scalar_equations():
         np.testing.assert_allclose(model.x_dot, rates_by_theory(x, u), rtol=1e-12, atol=1e-11)
         # Rounding of 4e-13 over the step (1e-6 for angles), and 2e-6 of the derivative for the curvature.
         for j, step in enumerate(STEPS):
-            found = differenced(lambda at: rates_by_theory(at, u), x, j, step)  # noqa: B023 - called at once
-            np.testing.assert_allclose(model.A[:, j], found, rtol=2e-6, atol=4e-13 / step, err_msg=model.states[j])
+            difference = differenced(lambda at: rates_by_theory(at, u), x, j, step)  # noqa: B023 - called at once
+            np.testing.assert_allclose(model.A[:, j], difference, rtol=2e-6, atol=4e-13 / step, err_msg=model.states[j])
         for j in range(4):
-            found = differenced(lambda at: rates_by_theory(x, at), u, j, 1e-6)  # noqa: B023 - called at once
-            np.testing.assert_allclose(model.B[:, j], found, rtol=2e-6, atol=4e-7, err_msg=model.inputs[j])
+            difference = differenced(lambda at: rates_by_theory(x, at), u, j, 1e-6)  # noqa: B023 - called at once
+            np.testing.assert_allclose(model.B[:, j], difference, rtol=2e-6, atol=4e-7, err_msg=model.inputs[j])
 
 
-def test_names_and_outputs():
+def test_a_model_has_names_and_outputs():
     state = make_state(power=40.0)
     model = with_actuators(F16, STILL, state, Controls(state.surfaces, jnp.asarray(0.5)))
     assert model.states == BODY + SURFACES
@@ -134,13 +135,13 @@ def test_names_and_outputs():
     np.testing.assert_array_equal(model.C[:14], np.eye(14))
     np.testing.assert_array_equal(model.D, 0.0)
     assert float(model.step) == 0.0
-    named = dict(zip(model.outputs, np.asarray(model.y), strict=True))
-    assert named["V"] == pytest.approx(160.0, rel=1e-14)
-    assert named["power"] == 40.0
+    outputs = dict(zip(model.outputs, np.asarray(model.y), strict=True))
+    assert outputs["V"] == pytest.approx(160.0, rel=1e-14)
+    assert outputs["power"] == 40.0
     force_b = condition_of(F16, STILL, 0.0, state).wrench.force_b
-    assert named["n_z"] == pytest.approx(-float(force_b[2]) / (MASS * GRAVITY), rel=1e-12)
-    # sin gamma = climb rate over airspeed, the fourth last state's rate
-    assert np.sin(named["gamma"]) * 160.0 == pytest.approx(float(model.x_dot[9]), rel=1e-12)
+    assert outputs["n_z"] == pytest.approx(-float(force_b[2]) / (MASS * GRAVITY), rel=1e-12)
+    # sin gamma = climb rate over airspeed; the climb rate is the rate of the tenth state
+    assert np.sin(outputs["gamma"]) * 160.0 == pytest.approx(float(model.x_dot[9]), rel=1e-12)
 
 
 def test_surfaces_act_directly_without_actuators():
@@ -151,32 +152,32 @@ def test_surfaces_act_directly_without_actuators():
     assert model.inputs == ("throttle", *SURFACES)
 
     def accelerations(surfaces):
-        moved = dataclasses.replace(state, actuators=Deflections(jnp.asarray(surfaces)))
-        return np.asarray(derivative(LIGHT, CALM, 0.0, moved, controls).rates_b)
+        deflected = dataclasses.replace(state, actuators=Deflections(jnp.asarray(surfaces)))
+        return np.asarray(derivative(LIGHT, CALM, 0.0, deflected, controls).rates_b)
 
-    # Moments are linear in the surfaces: nothing but rounding of 1e-14 over 1e-3 rad.
-    found = [differenced(accelerations, np.asarray(state.surfaces), k, 1e-3) for k in range(3)]
-    np.testing.assert_allclose(model.B[6:9, 1:], np.stack(found, axis=1), rtol=1e-10, atol=1e-10)
-    # The deflections are those of the controls, wherever the state's are.
+    # Moments are linear in the surfaces: the only error is rounding, 1e-14 over 1e-3 rad.
+    differences = [differenced(accelerations, np.asarray(state.surfaces), k, 1e-3) for k in range(3)]
+    np.testing.assert_allclose(model.B[6:9, 1:], np.stack(differences, axis=1), rtol=1e-10, atol=1e-10)
+    # The deflections are those of the controls, independent of the state's.
     elsewhere = dataclasses.replace(state, actuators=Deflections(jnp.zeros(3)))
-    for one, other in zip(
+    for leaf, expected in zip(
         jax.tree.leaves(direct(LIGHT, CALM, elsewhere, controls)), jax.tree.leaves(model), strict=True
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(leaf, expected)
 
 
-def test_chart_is_its_own_inverse_in_wind():
+def test_state_and_coordinates_are_inverse_in_wind():
     environment = standard_environment(wind_n=jnp.array([12.0, -20.0, 1.0]))
     state = make_state(euler=(2.5, -0.7, -3.0), beta=-0.3)
-    there = coordinates_of(environment, state)
-    back = state_at(environment, there, state)
-    for a, b in zip(jax.tree.leaves(back), jax.tree.leaves(state), strict=True):
+    coordinates = coordinates_of(environment, state)
+    restored = state_at(environment, coordinates, state)
+    for a, b in zip(jax.tree.leaves(restored), jax.tree.leaves(state), strict=True):
         # The quaternion's sign follows the angles here and the components there: both are the same attitude.
         sign = np.sign(np.dot(np.ravel(a), np.ravel(b))) if a.shape == (4,) else 1.0
         np.testing.assert_allclose(sign * a, b, rtol=1e-13, atol=1e-13)
 
 
-def test_steady_wind_changes_nothing_and_shear_does_what_it_must():
+def test_steady_wind_has_no_effect_and_shear_has_the_predicted_effect():
     state = make_state(160.0, 0.1, 0.0, (0.0, 0.3, 0.0), (0.0, 0.0, 0.0), altitude=2500.0)
     controls = Controls(state.surfaces, jnp.asarray(0.4))
 
@@ -223,7 +224,7 @@ def test_any_airframe(V):
     altitude = 500.0
     state = make_state(V, 0.03, 0.0, (0.2, 0.05, 1.0), altitude=altitude)
     model = direct(LIGHT, CALM, state, Controls(state.surfaces, jnp.asarray(0.4)))
-    at = {name: k for k, name in enumerate(model.states)}
+    index = {name: k for k, name in enumerate(model.states)}
     qbar = 0.5 * float(STILL.atmosphere.at(altitude).density) * V**2
     S, b, J = float(LIGHT.wing_area), float(LIGHT.span), np.diag(LIGHT.mass_properties.inertia_b)
     expected = {
@@ -231,8 +232,8 @@ def test_any_airframe(V):
         ("R", "beta"): 0.071 * qbar * S * b / J[2],
         ("power", "power"): -1 / 0.8,
     }
-    for (row, column), value in expected.items():
-        assert float(model.A[at[row], at[column]]) == pytest.approx(value, rel=1e-12)
+    for (row_state, column_state), value in expected.items():
+        assert float(model.A[index[row_state], index[column_state]]) == pytest.approx(value, rel=1e-12)
     elevator = -0.923 * qbar * S * float(LIGHT.mean_chord) / J[1]
-    assert float(model.B[at["Q"], 1]) == pytest.approx(elevator, rel=1e-12)
-    assert float(model.B[at["power"], 0]) == pytest.approx(100 / 0.8, rel=1e-12)
+    assert float(model.B[index["Q"], 1]) == pytest.approx(elevator, rel=1e-12)
+    assert float(model.B[index["power"], 0]) == pytest.approx(100 / 0.8, rel=1e-12)

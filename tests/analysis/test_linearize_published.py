@@ -1,6 +1,7 @@
-"""Linear models of the textbook's F-16: outputs of its pull-up, modes as the centre of mass moves aft ([SL] sec. 3.7, 3.8).
+"""Linear models of the textbook's F-16: outputs of the pull-up, and modes as the centre of mass moves aft.
 
-The printed matrices and eigenvalues are checks of `anser verify`: see `tests/verification/test_linear.py`.
+Source: [SL] sec. 3.7, 3.8. The printed matrices and eigenvalues are checks of `anser verify`: see
+`tests/verification/test_linear_models.py`.
 """
 
 import numpy as np
@@ -24,8 +25,8 @@ def flight(x_cg, pitch_rate=0.0):
 
 
 @pytest.mark.long
-def test_pull_up_is_the_printed_flight_with_the_printed_outputs():
-    """Angle of attack, load factor and its rows of C and D, as the test suite of archimedes (PineTreeLabs) quotes them."""
+def test_the_pull_up_is_the_printed_flight_with_the_printed_outputs():
+    """Angle of attack, load factor and its rows of C and D, as quoted by the test suite of archimedes."""
     point, model = flight(0.30, 0.3)
     # The power is beyond what the engine has: the textbook's table prints throttle 1.023, (105.1 + 117.38) / 217.38.
     assert float(point.excess) == pytest.approx(float(point.power) / 100 - 1, abs=1e-12)
@@ -55,7 +56,7 @@ ALWAYS = {"roll", "spiral", "Dutch roll", "engine", "altitude", "heading"}
     ],
 )
 def test_modes_are_named_as_the_centre_of_mass_moves_aft(x_cg, longitudinal):
-    """The short period parts, one half of it meets half a phugoid, and at last the phugoid is whole again."""
+    """The short period splits, one half merges with half a phugoid, and finally the phugoid is whole again."""
     _, model = flight(x_cg)
     modes = modes_of(model)
     assert {mode.name: mode.order for mode in modes if mode.name not in ALWAYS} == longitudinal

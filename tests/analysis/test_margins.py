@@ -1,4 +1,4 @@
-"""Margins of loops whose margins are known in closed form, and python-control's on the same loops."""
+"""Margins of loops with known margins in closed form, and python-control's margins of the same loops."""
 
 import jax
 import jax.numpy as jnp
@@ -10,18 +10,18 @@ from anser.analysis.loop_margins import FREQUENCY_MIN, _structured_gain, frequen
 
 STEP = 0.01
 OMEGA = frequencies(STEP)
-find = jax.jit(margins_of)
+compiled_margins = jax.jit(margins_of)
 CUBIC = 2e-5  # relative error of a cubic over four frequencies, 44 a decade; measured 3e-6 at worst here
 
 
 def margins(loop):
     L = loop(1j * OMEGA)
-    return find(OMEGA, L, (1 - L) / (1 + L))
+    return compiled_margins(OMEGA, L, (1 - L) / (1 + L))
 
 
 def sampled(loop):
     L = loop(jnp.exp(1j * OMEGA * STEP))
-    return find(OMEGA, L, (1 - L) / (1 + L))
+    return compiled_margins(OMEGA, L, (1 - L) / (1 + L))
 
 
 def test_frequencies_reach_nyquist():
@@ -29,92 +29,92 @@ def test_frequencies_reach_nyquist():
     assert float(OMEGA[-1]) == pytest.approx(np.pi / STEP)
 
 
-def test_textbook_loop():
+def test_a_textbook_loop_has_its_known_margins():
     """K / (s (s+1) (s+2)): the gain may rise to 6 / K, at sqrt 2 rad/s; |L| = 1 is a cubic in the frequency squared."""
     K = 2.0
-    found = margins(lambda s: K / (s * (s + 1) * (s + 2)))
-    assert float(found.gain_up) == pytest.approx(6 / K, rel=CUBIC)
-    assert float(found.gain_up_at) == pytest.approx(np.sqrt(2), rel=CUBIC)
+    result = margins(lambda s: K / (s * (s + 1) * (s + 2)))
+    assert float(result.gain_up) == pytest.approx(6 / K, rel=CUBIC)
+    assert float(result.gain_up_at) == pytest.approx(np.sqrt(2), rel=CUBIC)
     squares = np.roots([1, 5, 4, -(K**2)])
     omega = np.sqrt(squares[np.isreal(squares) & (squares.real > 0)].real[0])
     phase = np.pi / 2 - np.arctan(omega) - np.arctan(omega / 2)
-    assert float(found.crossover) == pytest.approx(omega, rel=CUBIC)
-    assert float(found.phase) == pytest.approx(phase, rel=CUBIC)
-    assert float(found.delay) == pytest.approx(phase / omega, rel=CUBIC)
-    assert float(found.gain_down) == 0.0
+    assert float(result.crossover) == pytest.approx(omega, rel=CUBIC)
+    assert float(result.phase) == pytest.approx(phase, rel=CUBIC)
+    assert float(result.delay) == pytest.approx(phase / omega, rel=CUBIC)
+    assert float(result.gain_down) == 0.0
     alpha = control.disk_margins(control.tf([K], [1, 3, 2, 0]), np.geomspace(0.1, 10, 4000), skew=0.0)[0]
     # a parabola through the peak's three frequencies, 0.05 apart: measured 3e-5
-    assert float(found.disk) == pytest.approx(alpha, rel=1e-4)
+    assert float(result.disk) == pytest.approx(alpha, rel=1e-4)
 
 
 @pytest.mark.parametrize("K", [0.4, 1.0, 1.9])
-def test_sampled_integrator(K):
-    """K / (z - 1): its gain margin 2 / K is at the Nyquist frequency, where the response ends on the negative axis."""
-    found = sampled(lambda z: K / (z - 1))
+def test_a_sampled_integrator_has_its_known_margins(K):
+    """K / (z - 1): the gain margin 2 / K is at the Nyquist frequency, where the response ends on the negative axis."""
+    result = sampled(lambda z: K / (z - 1))
     omega = 2 * np.arcsin(K / 2) / STEP
-    assert float(found.gain_up) == pytest.approx(2 / K, rel=1e-9)
-    assert float(found.gain_up_at) == pytest.approx(np.pi / STEP)
-    assert float(found.phase) == pytest.approx(np.pi / 2 - omega * STEP / 2, rel=1e-3)
-    assert float(found.crossover) == pytest.approx(omega, rel=1e-4)
-    assert float(found.delay) == pytest.approx((np.pi / 2 - omega * STEP / 2) / omega, rel=1e-3)
-    assert float(found.disk) == pytest.approx(2 * (2 - K) / (2 + K), rel=1e-9)
+    assert float(result.gain_up) == pytest.approx(2 / K, rel=1e-9)
+    assert float(result.gain_up_at) == pytest.approx(np.pi / STEP)
+    assert float(result.phase) == pytest.approx(np.pi / 2 - omega * STEP / 2, rel=1e-3)
+    assert float(result.crossover) == pytest.approx(omega, rel=1e-4)
+    assert float(result.delay) == pytest.approx((np.pi / 2 - omega * STEP / 2) / omega, rel=1e-3)
+    assert float(result.disk) == pytest.approx(2 * (2 - K) / (2 + K), rel=1e-9)
 
 
-def test_gain_that_must_not_fall():
-    """K / (s - 1) is stable in closed loop for K > 1: the gain may fall to 1 / K, at standstill."""
-    found = margins(lambda s: 3.0 / (s - 1))
-    assert float(found.gain_down) == pytest.approx(1 / 3, rel=1e-5)  # at 1e-3 rad/s, not at 0: 1e-6 off
-    assert float(found.gain_up) == np.inf
-    assert float(found.disk) == pytest.approx(2 * (3 - 1) / (3 + 1), rel=1e-5)
-    assert float(found.phase) == pytest.approx(np.arctan(np.sqrt(8)), rel=CUBIC)
+def test_a_conditionally_stable_loop_has_a_lower_gain_margin():
+    """K / (s - 1) is stable in closed loop for K > 1: the gain may fall to 1 / K, at zero frequency."""
+    result = margins(lambda s: 3.0 / (s - 1))
+    assert float(result.gain_down) == pytest.approx(1 / 3, rel=1e-5)  # at 1e-3 rad/s, not at 0: 1e-6 off
+    assert float(result.gain_up) == np.inf
+    assert float(result.disk) == pytest.approx(2 * (3 - 1) / (3 + 1), rel=1e-5)
+    assert float(result.phase) == pytest.approx(np.arctan(np.sqrt(8)), rel=CUBIC)
 
 
 def test_the_lowest_frequency_of_two_integrators_is_no_boundary():
-    """K (s + a) / s^2: stable at any gain. At the lowest frequency it lies within 1 deg of the negative real axis."""
+    """K (s + a) / s^2: stable at any gain. The lowest frequency is within 1 deg of the negative real axis."""
     K, a = 1.0, 0.1
-    found = margins(lambda s: K * (s + a) / s**2)
-    assert float(found.gain_down) == 0.0
-    assert np.isnan(float(found.gain_down_at))
-    assert float(found.gain_up) == float(found.gain_up_searched) == np.inf
+    result = margins(lambda s: K * (s + a) / s**2)
+    assert float(result.gain_down) == 0.0
+    assert np.isnan(float(result.gain_down_at))
+    assert float(result.gain_up) == float(result.gain_up_searched) == np.inf
     # searched down to the gain that would cross 1 below the lowest frequency
-    assert float(found.gain_down_searched) == pytest.approx(FREQUENCY_MIN**2 / (K * a), rel=1e-3)
-    # a double differentiator from below: rising gain is searched that far only
+    assert float(result.gain_down_searched) == pytest.approx(FREQUENCY_MIN**2 / (K * a), rel=1e-3)
+    # a double differentiator: the search for a rising gain is bounded
     rising = margins(lambda s: -0.01 * s**2 / (s + 1) ** 2 / (s + 2) ** 2)
     assert float(rising.gain_up_searched) == pytest.approx(400.0 / FREQUENCY_MIN**2, rel=1e-2)
     assert float(rising.gain_down_searched) == 0.0
 
 
 @pytest.mark.parametrize("K", [3.0, 0.4])
-def test_a_static_response_is_searched_whole(K):
-    found = margins(lambda s: K / (s + 1))
-    assert float(found.gain_up) == float(found.gain_up_searched) == np.inf
-    assert float(found.gain_down) == float(found.gain_down_searched) == 0.0
+def test_a_static_response_has_no_search_bound(K):
+    result = margins(lambda s: K / (s + 1))
+    assert float(result.gain_up) == float(result.gain_up_searched) == np.inf
+    assert float(result.gain_down) == float(result.gain_down_searched) == 0.0
 
 
-def test_of_several_crossovers_each_margin_takes_its_own():
-    """A resonance at 20 rad/s lifts the gain above 1 again: there the delay margin is, and the phase margin."""
+def test_each_margin_is_the_least_of_several_crossovers():
+    """A resonance at 20 rad/s lifts the gain above 1 again: delay margin and phase margin are at the resonance."""
 
     def loop(s):
         return 1 / s * (1 + 100 * s / (s**2 + 4.0 * s + 400))
 
-    found = margins(loop)
+    result = margins(loop)
     omega = np.geomspace(0.1, 100, 20000)
     reference = control.FrequencyResponseData(loop(1j * omega), omega, smooth=True)
     _, phase, _, _, crossovers, _ = control.stability_margins(reference, returnall=True)
     assert len(crossovers) > 1
     lag = np.mod(np.radians(phase), 2 * np.pi)
     # damping ratio 0.1, a peak as wide as four frequencies
-    least = np.minimum(lag, 2 * np.pi - lag)
-    assert float(found.phase) == pytest.approx(least.min(), rel=5e-3)
-    assert float(found.crossover) == pytest.approx(crossovers[least.argmin()], rel=5e-3)
-    assert float(found.delay) == pytest.approx((lag / crossovers).min(), rel=5e-3)
+    phase_margins = np.minimum(lag, 2 * np.pi - lag)
+    assert float(result.phase) == pytest.approx(phase_margins.min(), rel=5e-3)
+    assert float(result.crossover) == pytest.approx(crossovers[phase_margins.argmin()], rel=5e-3)
+    assert float(result.delay) == pytest.approx((lag / crossovers).min(), rel=5e-3)
 
 
-def test_no_crossover_means_no_limit():
-    found = margins(lambda s: 0.5 / (s + 1))
-    assert float(found.phase) == float(found.delay) == float(found.gain_up) == np.inf
-    assert float(found.gain_down) == 0.0
-    assert np.isnan(float(found.crossover))
+def test_a_loop_without_crossover_has_infinite_margins():
+    result = margins(lambda s: 0.5 / (s + 1))
+    assert float(result.phase) == float(result.delay) == float(result.gain_up) == np.inf
+    assert float(result.gain_down) == 0.0
+    assert np.isnan(float(result.crossover))
 
 
 def closed_loop_radius(system, factor):
@@ -134,54 +134,54 @@ def closed_loop_radius(system, factor):
     ],
 )
 def test_at_every_margin_the_spectral_radius_is_1(numerator, denominator):
-    """Inside 1 up to each stated gain, outside beyond it; where none is stated, inside as far as was searched."""
+    """Inside 1 up to each stated gain, outside beyond; without a margin, inside up to the search bound."""
     system = control.c2d(control.ss(control.tf(numerator, denominator)), STEP)
     L = jnp.asarray(system(np.exp(1j * np.asarray(OMEGA) * STEP)))
-    found = find(OMEGA, L, (1 - L) / (1 + L))
+    result = compiled_margins(OMEGA, L, (1 - L) / (1 + L))
     assert closed_loop_radius(system, 1.0) < 1
     for gain, searched in (
-        (float(found.gain_up), float(found.gain_up_searched)),
-        (float(found.gain_down), float(found.gain_down_searched)),
+        (float(result.gain_up), float(result.gain_up_searched)),
+        (float(result.gain_down), float(result.gain_down_searched)),
     ):
         stated = np.isfinite(gain) and gain > 0
-        far = gain if stated else np.clip(searched, 1e-4, 1e4)
-        for factor in np.geomspace(1.0, far, 40)[1:-1]:
+        last_factor = gain if stated else np.clip(searched, 1e-4, 1e4)
+        for factor in np.geomspace(1.0, last_factor, 40)[1:-1]:
             assert closed_loop_radius(system, factor) < 1
         if stated:
             assert closed_loop_radius(system, gain) == pytest.approx(1.0, abs=1e-5)
             assert closed_loop_radius(system, gain * (1.01 if gain > 1 else 0.99)) > 1
-    if np.isfinite(float(found.phase)):
-        turned = [closed_loop_radius(system, np.exp(1j * sign * float(found.phase))) for sign in (1, -1)]
-        assert max(turned) == pytest.approx(1.0, abs=1e-5)
+    if np.isfinite(float(result.phase)):
+        radii_by_phase = [closed_loop_radius(system, np.exp(1j * sign * float(result.phase))) for sign in (1, -1)]
+        assert max(radii_by_phase) == pytest.approx(1.0, abs=1e-5)
 
 
-def test_batches_are_what_single_loops_are():
+def test_a_batch_equals_single_loops():
     s = 1j * OMEGA
     loops = jnp.stack([K / (s * (s + 1) * (s + 2)) for K in (0.5, 1.0, 5.0)])
     batch = jax.jit(jax.vmap(margins_of, in_axes=(None, 0, 0)))(OMEGA, loops, (1 - loops) / (1 + loops))
     for k in range(3):
-        one = find(OMEGA, loops[k], (1 - loops[k]) / (1 + loops[k]))
-        for batched, single in zip(jax.tree.leaves(batch), jax.tree.leaves(one), strict=True):
+        single_loop = compiled_margins(OMEGA, loops[k], (1 - loops[k]) / (1 + loops[k]))
+        for batched, single in zip(jax.tree.leaves(batch), jax.tree.leaves(single_loop), strict=True):
             np.testing.assert_allclose(batched[k], single, rtol=1e-12)
 
 
-def test_the_pole_farthest_out():
+def test_the_largest_pole_has_the_largest_modulus():
     rotation = 1.01 * np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
-    found = largest_pole(np.stack([rotation, np.diag([-0.5, 0.2])]))
-    np.testing.assert_allclose(found, [1.01 * np.exp(0.3j), -0.5], rtol=1e-12)
+    poles = largest_pole(np.stack([rotation, np.diag([-0.5, 0.2])]))
+    np.testing.assert_allclose(poles, [1.01 * np.exp(0.3j), -0.5], rtol=1e-12)
 
 
-def test_structured_gain_lies_between_its_bounds():
+def test_the_structured_gain_lies_between_its_bounds():
     """Between the spectral radius and the largest singular value; equal to the radius of a scaled normal matrix."""
     rng = np.random.default_rng(7)
     for _ in range(20):
         M = rng.normal(size=(3, 3)) + 1j * rng.normal(size=(3, 3))
-        found = float(_structured_gain(jnp.asarray(M)))
+        gain = float(_structured_gain(jnp.asarray(M)))
         radius, norm = np.abs(np.linalg.eigvals(M)).max(), np.linalg.norm(M, ord=2)
-        assert radius * (1 - 1e-12) <= found <= norm * (1 + 1e-12)
+        assert radius * (1 - 1e-12) <= gain <= norm * (1 + 1e-12)
     # D M D^-1 of a symmetric M: the balancing finds D again
     symmetric = rng.normal(size=(3, 3))
     symmetric += symmetric.T
     d = np.array([1.0, 30.0, 0.02])
-    found = float(_structured_gain(jnp.asarray(d[:, None] * symmetric / d[None, :], dtype=complex)))
-    assert found == pytest.approx(np.abs(np.linalg.eigvalsh(symmetric)).max(), rel=0.02)  # six sweeps
+    gain = float(_structured_gain(jnp.asarray(d[:, None] * symmetric / d[None, :], dtype=complex)))
+    assert gain == pytest.approx(np.abs(np.linalg.eigvalsh(symmetric)).max(), rel=0.02)  # six sweeps

@@ -1,4 +1,4 @@
-"""Margins of the whole autopilot's loops against python-control's, on a grid of its own: F-16 and Aerosonde."""
+"""Margins of the autopilot's loops compared with python-control's margins on another grid: F-16 and Aerosonde."""
 
 import functools
 
@@ -35,8 +35,8 @@ CASES = {
 }
 LOOPS = ("elevator", "aileron", "rudder", "throttle", "P", "Q", "R", "mu", "alpha")
 GAIN_DB, PHASE_DEG = 1e-3, 1e-3
-# Falls of the gain by 44 to 70 dB, to the resonance of the phugoid at 0.03 rad/s: it is narrower than the distance of the
-# frequencies, as `margins_of` says. Departures of 0.004, 0.009, 0.15, 0.87 and 0.005 dB.
+# Falls of the gain by 44 to 70 dB, to the resonance of the phugoid at 0.03 rad/s: it is narrower than the spacing of the
+# frequencies, see `margins_of`. Departures of 0.004, 0.009, 0.15, 0.87 and 0.005 dB.
 NARROW_DB = {
     ("f16 level", "elevator"): 0.01,
     ("f16 level", "alpha"): 0.02,
@@ -48,14 +48,19 @@ NARROW_DB = {
 
 @functools.cache
 def analysed(case: str) -> tuple[Margins, dict[str, control.StateSpace]]:
-    """Margins at all breakpoints, and each loop transfer function as a system of python-control."""
+    """Margins at the breakpoints, and each loop transfer function as a system of python-control."""
     name, target = CASES[case]
     airframe = load_airframe(name)
     point = trim(airframe, ENVIRONMENT, target)
     assert bool(point.converged)
     gains = default_gains(airframe, ENVIRONMENT, point, STEP, "model")
     limits = eqx.tree_at(
-        lambda own: (own.speed_min, own.speed_max, own.alpha_min, own.alpha_max),
+        lambda flight_limits: (
+            flight_limits.speed_min,
+            flight_limits.speed_max,
+            flight_limits.alpha_min,
+            flight_limits.alpha_max,
+        ),
         default_limits(),
         (0.5 * target.speed, 2.0 * target.speed, *airframe.alpha_range),
     )
@@ -75,21 +80,21 @@ def decibels(gain):
 
 @pytest.mark.parametrize("name", LOOPS)
 @pytest.mark.parametrize("case", CASES)
-def test_margins_are_those_of_python_control(case, name):
+def test_margins_equal_those_of_python_control(case, name):
     margins, systems = analysed(case)
     computed = {field: float(values[LOOPS.index(name)]) for field, values in vars(margins).items()}
     system = systems[name]
     omega = np.geomspace(1.0001 * FREQUENCY_MIN, 0.99999 * np.pi / STEP, 5000)
     data = control.FrequencyResponseData(system(np.exp(1j * omega * STEP)), omega, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
-    # The ends of the frequencies, which its search leaves out: the response at Nyquist's, and a static one at the lowest.
-    last = system(-1.0).real
-    ends = [-1 / last] if last < 0 else []
+    # Ends of the frequency range, omitted by python-control: response at the Nyquist frequency, and static response.
+    nyquist_value = system(-1.0).real
+    end_gains = [-1 / nyquist_value] if nyquist_value < 0 else []
     if computed["gain_down_at"] == pytest.approx(FREQUENCY_MIN):
-        first = system(np.exp(1j * FREQUENCY_MIN * STEP))
-        assert abs(np.angle(-first)) < np.radians(5.0)
-        ends.append(1 / abs(first))
-    boundaries = np.array([*gains, *ends])
+        lowest_value = system(np.exp(1j * FREQUENCY_MIN * STEP))
+        assert abs(np.angle(-lowest_value)) < np.radians(5.0)
+        end_gains.append(1 / abs(lowest_value))
+    boundaries = np.array([*gains, *end_gains])
     up, down = boundaries[boundaries > 1].min(initial=np.inf), boundaries[boundaries < 1].max(initial=0.0)
     lag = np.mod(np.radians(phases), 2 * np.pi)
     phase = np.minimum(lag, 2 * np.pi - lag).min(initial=np.inf)

@@ -1,4 +1,4 @@
-"""Trims, linear models, step tests, margins and surveys of airframes with surfaces of their own."""
+"""Trims, linear models, step tests, margins and surveys of airframes with other control surfaces."""
 
 import numpy as np
 import pytest
@@ -25,35 +25,35 @@ def split():
     return split_aileron_aircraft()
 
 
-def test_a_trim_tells_each_surface_in_words(split):
-    found = trim(split, SPEED, ALTITUDE, turn_rate_deg_s=5.0)
-    assert found.diagnosis is None
-    told = {name: value for name, value, _ in found.rows}
-    # both ailerons share the work of the one; the mixing adds halves of them
-    assert told["left aileron"] == pytest.approx(told["right aileron"], abs=1e-6)
-    assert abs(told["left aileron"]) > 0.1
-    assert "left aileron" in repr(found)
+def test_a_trim_lists_each_surface_by_label(split):
+    result = trim(split, SPEED, ALTITUDE, turn_rate_deg_s=5.0)
+    assert result.diagnosis is None
+    values = {name: value for name, value, _ in result.quantities}
+    # both ailerons have the same deflection; the mixing adds half of each
+    assert values["left aileron"] == pytest.approx(values["right aileron"], abs=1e-6)
+    assert abs(values["left aileron"]) > 0.1
+    assert "left aileron" in repr(result)
 
 
 @pytest.mark.parametrize("loop", ["open", "rates"])
 def test_a_linear_model_has_units_for_every_surface(elevons, loop):
-    found = linearize(elevons, speed_m_s=SPEED, altitude_m=ALTITUDE, loop=loop)
-    document = found.document()
-    units = {row["name"]: row["unit"] for kind in ("states", "inputs") for row in document[kind]}
+    result = linearize(elevons, speed_m_s=SPEED, altitude_m=ALTITUDE, loop=loop)
+    document = result.document()
+    units = {element["name"]: element["unit"] for group in ("states", "inputs") for element in document[group]}
     assert {units[name] for name in ELEVONS} == {"rad"}
-    assert found.dataset.sizes["state"] == len(found.model.states)
+    assert result.dataset.sizes["state"] == len(result.model.states)
 
 
-def test_so_has_one_with_second_order_actuators(split):
+def test_a_linear_model_with_second_order_actuators_has_units(split):
     model = linearize(split, speed_m_s=SPEED, altitude_m=ALTITUDE, actuators=True)
-    found = model.dataset
-    units = dict(zip(found["state"].values.tolist(), found["state_unit"].values.tolist(), strict=True))
-    inputs = dict(zip(found["input"].values.tolist(), found["input_unit"].values.tolist(), strict=True))
+    dataset = model.dataset
+    units = dict(zip(dataset["state"].values.tolist(), dataset["state_unit"].values.tolist(), strict=True))
+    inputs = dict(zip(dataset["input"].values.tolist(), dataset["input_unit"].values.tolist(), strict=True))
     assert {units[f"{name}_velocity"] for name in SPLIT} == {"rad s-1"}
     assert {units[name] for name in SPLIT} == {inputs[f"{name}_command"] for name in SPLIT} == {"rad"}
 
 
-def test_step_tests_record_and_draw_its_surfaces(split, tmp_path):
+def test_step_tests_record_and_draw_every_surface(split, tmp_path):
     tests = [step_test("rates", {"p": 5.0}, 1.0), step_test("rates", {"q": 2.0}, 1.0)]
     flights = fly_steps(tests, aircraft=split, speed_m_s=SPEED, altitude_m=ALTITUDE)
     rolled = flights[0].dataset
@@ -75,23 +75,23 @@ def test_step_tests_record_and_draw_its_surfaces(split, tmp_path):
     assert max(map(len, heading.splitlines())) <= 20
 
 
-def test_margins_are_told_at_every_surface(split, tmp_path):
-    found = margins_at(split, speed_m_s=SPEED, altitude_m=ALTITUDE)
-    assert found["breakpoint"].values.tolist()[:4] == list(SPLIT)
-    assert np.isfinite(found.sel(breakpoint="right_aileron")["disk_margin"])
-    draw_bode(found, [tmp_path / "bode.svg"])
+def test_margins_exist_at_every_surface(split, tmp_path):
+    margins = margins_at(split, speed_m_s=SPEED, altitude_m=ALTITUDE)
+    assert margins["breakpoint"].values.tolist()[:4] == list(SPLIT)
+    assert np.isfinite(margins.sel(breakpoint="right_aileron")["disk_margin"])
+    draw_bode(margins, [tmp_path / "bode.svg"])
     assert "right aileron" in (tmp_path / "bode.svg").read_text()
 
 
-def test_a_survey_has_its_surfaces(elevons, tmp_path):
-    found = survey_envelope(elevons, altitudes_m=(400.0, 1000.0), machs=(0.16, 0.18), duration_s=1.0)
-    data = found.dataset
+def test_a_survey_has_every_surface(elevons, tmp_path):
+    survey = survey_envelope(elevons, altitudes_m=(400.0, 1000.0), machs=(0.16, 0.18), duration_s=1.0)
+    data = survey.dataset
     assert data["surface"].values.tolist() == list(ELEVONS)
     assert data["surface_deg"].dims[-1] == "surface"
     level = data.isel(condition=0, altitude=0, mach=0)
     assert bool(level["trimmable"])
-    # level and straight, both elevons stand alike
-    left, right = (float(level["surface_deg"].sel(surface=name)) for name in ELEVONS)
-    assert left == pytest.approx(right, abs=1e-6)
+    # in straight level flight both elevons have the same deflection
+    left_elevon, right_elevon = (float(level["surface_deg"].sel(surface=name)) for name in ELEVONS)
+    assert left_elevon == pytest.approx(right_elevon, abs=1e-6)
     assert data["surface_share"].sizes["surface"] == 2
     assert all(path.is_file() for path in draw_envelope(data, tmp_path))

@@ -1,4 +1,4 @@
-"""A small study from end to end: Python, dataset, file, figures, command line."""
+"""Small study from end to end: Python, dataset, file, figures, command line."""
 
 import functools
 import json
@@ -26,17 +26,17 @@ short = functools.partial(robustness_study, duration_s=2.0)
 
 @pytest.fixture(scope="module")
 def study():
-    told = []
+    reports = []
     cases = dispersed_cases(6, 0.2, 5, len(POINTS)) + single_factor_cases(len(POINTS), ("thrust",))
-    found = short(conditions=POINTS, cases=cases, progress=lambda what, done: told.append(done))
-    assert told == sorted(told)
-    assert told[-1] == pytest.approx(1.0)
-    return found, cases
+    result = short(conditions=POINTS, cases=cases, progress=lambda description, part: reports.append(part))
+    assert reports == sorted(reports)
+    assert reports[-1] == pytest.approx(1.0)
+    return result, cases
 
 
-def test_both_inversions_fly_every_aircraft_that_can_be_trimmed(study):
-    found, cases = study
-    data = found.dataset
+def test_both_inversions_fly_every_trimmable_aircraft(study):
+    result, cases = study
+    data = result.dataset
     assert data.sizes["flight"] == len(cases.part)
     np.testing.assert_array_equal(data["factor_value"], cases.values)
     flown = data["outcome"].values > 0
@@ -47,17 +47,17 @@ def test_both_inversions_fly_every_aircraft_that_can_be_trimmed(study):
     assert not np.array_equal(data["alpha_max_deg"].values[0, flown[0]], data["alpha_max_deg"].values[1, flown[1]])
 
 
-def test_without_thrust_there_is_no_steady_flight(study):
-    """A tenth of the thrust is less than the drag, by a factor of two and more of lift over drag."""
+def test_an_aircraft_without_thrust_has_no_steady_flight(study):
+    """A tenth of the thrust is less than the drag by more than a factor of two."""
     data = study[0].dataset
     weak = (data["alone"].values == NAMES.index("thrust")) & (data["spread_percent"].values < -89)
     stops = data["trim_stop"].attrs["flag_meanings"].split()
     assert [stops[k] for k in data["trim_stop"].values[weak]] == ["thrust_max"] * 2
-    found = success(data, "model", weak)
-    assert (found.drawn, found.no_steady_flight, found.flown) == (2, 2, 0)
+    counts = success(data, "model", weak)
+    assert (counts.drawn, counts.no_steady_flight, counts.flown) == (2, 2, 0)
 
 
-def test_units_and_provenance(study):
+def test_every_variable_has_a_unit_and_the_dataset_its_provenance(study):
     data = study[0].dataset
     for name, values in data.data_vars.items():
         assert values.attrs["units"], name
@@ -68,26 +68,26 @@ def test_units_and_provenance(study):
     assert data.attrs["seed"] == 0
 
 
-def test_batches_are_filled_up_and_cut():
-    seen, told = [], []
+def test_batches_are_padded_and_trimmed():
+    batches, reports = [], []
 
     def run(numbers):
-        seen.append(numbers.tolist())
+        batches.append(numbers.tolist())
         return {"square": numbers**2}
 
-    found = run_in_batches(run, 5, 3, told.append)
-    np.testing.assert_array_equal(found["square"], np.arange(5) ** 2)
-    assert seen == [[0, 1, 2], [3, 4, 0]]
-    assert told == [0, 3, 5]
+    result = run_in_batches(run, 5, 3, reports.append)
+    np.testing.assert_array_equal(result["square"], np.arange(5) ** 2)
+    assert batches == [[0, 1, 2], [3, 4, 0]]
+    assert reports == [0, 3, 5]
 
 
 @pytest.fixture
 def command(monkeypatch, capsys):
-    """Run the command line in this process, flights cut short: exit code, standard output, standard error."""
+    """Run the command line with short flights in this process: exit code, standard output, standard error."""
 
-    def call(*words):
+    def call(*options):
         monkeypatch.setattr("anser.analysis.robustness.robustness_study", short)
-        monkeypatch.setattr(sys, "argv", ["anser", "robustness", *map(str, words)])
+        monkeypatch.setattr(sys, "argv", ["anser", "robustness", *map(str, options)])
         monkeypatch.setenv("COLUMNS", "200")
         with pytest.raises(SystemExit) as ended:
             main()
@@ -97,7 +97,7 @@ def command(monkeypatch, capsys):
     return call
 
 
-def test_the_command(study, command, tmp_path):
+def test_the_command_writes_the_study(study, command, tmp_path):
     out = tmp_path / "study"
     code, printed, error = command("--out", out, "--flights", 10, "--spread", 10, "--seed", 3, "--json")
     assert code == 0
@@ -109,7 +109,10 @@ def test_the_command(study, command, tmp_path):
     assert list(rates) == ["all", *(f"{p.speed_m_s:g} m/s, {p.altitude_m:g} m" for p in CONDITIONS)]
     for inversion in ("model", "incremental"):
         assert rates["all"][inversion]["drawn"] == 10
-        assert sum(of[inversion]["reached"] for of in list(rates.values())[1:]) == rates["all"][inversion]["reached"]
+        assert (
+            sum(counts[inversion]["reached"] for counts in list(rates.values())[1:])
+            == rates["all"][inversion]["reached"]
+        )
     assert document["first_breaks"] == []
     assert {path.name for path in out.iterdir()} == {"robustness.nc"} | {
         f"{name}.{suffix}" for name in ("success", "errors") for suffix in ("svg", "png")
@@ -122,21 +125,21 @@ def test_the_command(study, command, tmp_path):
     assert "exists" in error
 
 
-def test_the_tables(study, command, monkeypatch, tmp_path):
-    """What is flown at one point only is told to the study; the tables are those of the study above."""
-    asked = []
-    monkeypatch.setattr(sys.modules[__name__], "short", lambda *args, **kwargs: asked.append(kwargs) or study[0])
+def test_the_tables_count_the_flights(study, command, monkeypatch, tmp_path):
+    """Options reach the study, a single flight point included; the tables are those of the study above."""
+    calls = []
+    monkeypatch.setattr(sys.modules[__name__], "short", lambda *args, **kwargs: calls.append(kwargs) or study[0])
     code, printed, error = command("--out", tmp_path / "study", "--flights", 4, "--at", "160,1500", "--sweep")
     assert code == 0, error
-    assert asked[0]["conditions"] == (FlightPoint(160.0, 1500.0),)
-    assert (asked[0]["flights"], asked[0]["spread"], asked[0]["sweep"]) == (4, 0.2, True)
+    assert calls[0]["conditions"] == (FlightPoint(160.0, 1500.0),)
+    assert (calls[0]["flights"], calls[0]["spread"], calls[0]["sweep"]) == (4, 0.2, True)
     assert "incremental" in printed
     assert "no steady flight" in printed
     assert f"{int((study[0].dataset['outcome'] > 0).sum())} flights" in printed
 
 
 @pytest.mark.parametrize(
-    ("words", "part"),
+    ("options", "message"),
     [
         (("--flights", 0), "--flights"),
         (("--spread", 95), "0 to 90"),
@@ -151,11 +154,11 @@ def test_the_tables(study, command, monkeypatch, tmp_path):
         ((), "--out"),
     ],
 )
-def test_bad_words_end_with_2_and_nothing_is_made(study, command, tmp_path, words, part):
+def test_bad_options_end_with_2_and_write_nothing(study, command, tmp_path, options, message):
     out = tmp_path / "study"
-    code, _, error = command(*words, *(("--out", out) if words else ()))
+    code, _, error = command(*options, *(("--out", out) if options else ()))
     assert code == 2
-    assert part in error
+    assert message in error
     assert not out.exists()
 
 
@@ -165,6 +168,6 @@ def test_bad_arguments_are_refused(arguments):
         robustness_study(**arguments)
 
 
-def test_a_condition_that_cannot_be_flown_is_refused(study):
+def test_a_condition_without_steady_flight_is_refused(study):
     with pytest.raises(ConditionError, match="no steady level flight"):
         short(flights=1, conditions=(FlightPoint(150.0, 1000.0), FlightPoint(40.0, 1000.0)))

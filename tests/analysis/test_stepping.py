@@ -1,4 +1,4 @@
-"""The gallery of step responses: the published limits, the record, the condition, what is refused."""
+"""Gallery of step responses: published limits, record, condition, and refused tests."""
 
 import json
 
@@ -22,7 +22,7 @@ def gallery():
     return {flight.test.key: flight for flight in fly_steps(PUBLISHED_STEPS)}
 
 
-def test_every_channel_of_every_loop_is_stepped_alone_and_with_the_others(gallery):
+def test_every_channel_of_every_loop_is_stepped_alone_and_together(gallery):
     for loop, channels in CHANNEL_KEYS.items():
         alone = [gallery[f"{loop}-{channel}"].test.commanded for channel in channels]
         assert [list(commanded) for commanded in alone] == [[channel] for channel in channels]
@@ -34,25 +34,25 @@ KEYS = [test.key for test in PUBLISHED_STEPS]
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_published_responses_keep_to_the_published_limits(gallery, key):
+def test_published_responses_meet_the_published_limits(gallery, key):
     assert gallery[key].shortfalls == ()
 
 
 @pytest.mark.parametrize("key", KEYS)
 def test_every_commanded_channel_rises_and_settles(gallery, key):
-    """Overshoot and error at the end within the limits, whatever the sideslip; the figures are those of the record."""
+    """Overshoot and final error within the limits, regardless of the sideslip; the figures are those of the record."""
     flight = gallery[key]
     document = flight.document()
     assert set(document["channels"]) | set(document["coupling"]) == set(CHANNEL_KEYS[flight.test.loop])
-    for channel, of in document["channels"].items():
-        assert 0.1 < of["rise_time_s"] < of["settling_time_s"] < flight.test.read_at_s
-        assert of["overshoot_percent"] <= 10
-        assert abs(of["final_error_percent"]) <= 1
+    for channel, figures in document["channels"].items():
+        assert 0.1 < figures["rise_time_s"] < figures["settling_time_s"] < flight.test.read_at_s
+        assert figures["overshoot_percent"] <= 10
+        assert abs(figures["final_error_percent"]) <= 1
         variable = next(v for v in CATALOGUE if v.key == CHANNEL_KEYS[flight.test.loop][channel])
         values = flight.dataset[variable.name].values[: round(flight.test.read_at_s / 0.01) + 1]
-        beyond = np.max((values - values[0]) / of["size"]) - 1
-        assert of["overshoot_percent"] == pytest.approx(100 * max(beyond, 0.0), abs=1e-9)  # rounding
-    assert all(0 <= used <= 100 for used in document["surface_use_percent"].values())
+        overshoot = np.max((values - values[0]) / figures["size"]) - 1
+        assert figures["overshoot_percent"] == pytest.approx(100 * max(overshoot, 0.0), abs=1e-9)  # rounding
+    assert all(0 <= share <= 100 for share in document["surface_use_percent"].values())
 
 
 def test_the_record_is_labelled_from_the_catalogue_and_begins_in_trim(gallery):
@@ -62,30 +62,30 @@ def test_the_record_is_labelled_from_the_catalogue_and_begins_in_trim(gallery):
             assert values.attrs["units"] == BY_NAME[name].unit
             assert values.attrs["symbol"] == BY_NAME[name].symbol
         assert dataset["time"].values[[0, -1]] == pytest.approx([0, flight.test.duration_s], abs=1e-9)
-        first = dataset.isel(time=0)
+        start = dataset.isel(time=0)
         # the trim is solved to 1e-12
-        assert float(first["airspeed_m_s"]) == pytest.approx(150, abs=1e-9)
-        for still in ("path_angle_deg", "course_deg", "bank_deg", "roll_rate_deg_s"):
-            assert float(first[still]) == pytest.approx(0, abs=1e-9)
+        assert float(start["airspeed_m_s"]) == pytest.approx(150, abs=1e-9)
+        for zero_at_trim in ("path_angle_deg", "course_deg", "bank_deg", "roll_rate_deg_s"):
+            assert float(start[zero_at_trim]) == pytest.approx(0, abs=1e-9)
         name = dataset.attrs["commanded"][0]
         stem, unit = next((name.removesuffix(u), u) for u in ("_deg_s", "_m_s", "_deg") if name.endswith(u))
         size = next(iter(flight.test.commanded.values()))
-        assert float(first[f"{stem}_command{unit}"] - first[name]) == pytest.approx(size, abs=1e-9)
+        assert float(start[f"{stem}_command{unit}"] - start[name]) == pytest.approx(size, abs=1e-9)
 
 
 @pytest.mark.parametrize("key", ["rates-r", "rates-together"])
-def test_a_held_yaw_rate_ends_at_the_rudders_stop(gallery, key):
-    """Why R is read early: up to the reading the rudder is free, half a second later it stands at its stop."""
+def test_a_constant_yaw_rate_ends_at_the_rudder_stop(gallery, key):
+    """Reason of the early reading of R: at the reading the rudder is free, half a second later it is at its stop."""
     flight, stop_deg = gallery[key], 30  # theory section 4
     rudder = np.abs(flight.dataset["rudder_deg"].values)
-    reading, soon = round(flight.test.read_at_s / STEP_S), round(1.5 / STEP_S)
+    reading, after_reading = round(flight.test.read_at_s / STEP_S), round(1.5 / STEP_S)
     assert rudder[: reading + 1].max() < stop_deg - 3
-    assert rudder[soon : soon + round(0.5 / STEP_S)].min() > stop_deg - 0.1
+    assert rudder[after_reading : after_reading + round(0.5 / STEP_S)].min() > stop_deg - 0.1
 
 
-# Stepped alone: largest departure allowed of the other channels, deg/s, deg or m/s. Of rates inversion leaves 0.0094 of
-# R from P; the outer loops are not infinitely faster than each other: a third to spare over what was measured, which is
-# 0.06, 0, 0, 0.90 in attitude and 0.01, 0.11, 0, 0.22, 0.42 in velocity.
+# Single steps: largest allowed deviation of the other channels, deg/s, deg or m/s. Inversion of the rates leaves 0.0094
+# of R due to P; the loops' bandwidths are only finitely separated. Bounds are a third above the measured 0.06, 0, 0,
+# 0.90 in attitude and 0.01, 0.11, 0, 0.22, 0.42 in velocity.
 COUPLING = {
     "rates-p": {"q": 0.02, "r": 0.02},
     "rates-q": {"p": 0.02, "r": 0.02},
@@ -99,14 +99,14 @@ COUPLING = {
 
 
 @pytest.mark.parametrize("key", COUPLING)
-def test_channels_disturb_each_other_little(gallery, key):
+def test_coupling_between_channels_is_small(gallery, key):
     dataset, channels = gallery[key].dataset, CHANNEL_KEYS[gallery[key].test.loop]
-    for other, bound in COUPLING[key].items():
-        values = dataset[NAMES[channels[other]]].values
-        assert np.abs(values - values[0]).max() < bound, other
+    for disturbed, bound in COUPLING[key].items():
+        values = dataset[NAMES[channels[disturbed]]].values
+        assert np.abs(values - values[0]).max() < bound, disturbed
 
 
-def test_surfaces_and_throttle_keep_to_their_stops(gallery):
+def test_surfaces_and_throttle_stay_within_their_stops(gallery):
     stops_deg = {"elevator_deg": 25, "aileron_deg": 21.5, "rudder_deg": 30}  # theory section 4
     for flight in gallery.values():
         for name, stop in stops_deg.items():
@@ -120,24 +120,24 @@ def test_surfaces_and_throttle_keep_to_their_stops(gallery):
 
 def test_the_document_is_plain_json(gallery):
     flights = list(gallery.values())
-    again = json.loads(json.dumps(step_document(flights), allow_nan=False))
-    assert [step["key"] for step in again["steps"]] == KEYS
-    assert again["speed_m_s"] == 150
+    document = json.loads(json.dumps(step_document(flights), allow_nan=False))
+    assert [step["key"] for step in document["steps"]] == KEYS
+    assert document["speed_m_s"] == 150
 
 
-def test_the_incremental_inversion_flies_them_too_and_is_another(gallery):
+def test_the_incremental_inversion_meets_the_limits_and_differs(gallery):
     tests = [test for test in PUBLISHED_STEPS if test.loop == "attitude"]
     for flight in fly_steps(tests, inversion="incremental"):
         assert flight.shortfalls == ()
-        other = gallery[flight.test.key].dataset
-        apart = max(
-            float(np.abs(flight.dataset[name] - other[name]).max())
+        model_based = gallery[flight.test.key].dataset
+        difference = max(
+            float(np.abs(flight.dataset[name] - model_based[name]).max())
             for name in ("elevator_deg", "aileron_deg", "rudder_deg")
         )
-        assert apart > 1e-3
+        assert difference > 1e-3
 
 
-def test_what_cannot_be_flown_is_said():
+def test_a_step_beyond_the_capability_is_refused():
     test = step_test("velocity", {"v": 100.0})
     with pytest.raises(ConditionError, match=r"250 m/s .* 90 to 240 m/s"):
         fly_steps([test])
@@ -146,7 +146,7 @@ def test_what_cannot_be_flown_is_said():
 
 
 @pytest.mark.parametrize(
-    ("loop", "sizes", "duration_s", "said"),
+    ("loop", "sizes", "duration_s", "message"),
     [
         ("bank", {"mu": 5.0}, None, "loop: arrived 'bank'"),
         ("rates", {"mu": 5.0}, None, "channel: arrived 'mu'; expected one of p, q, r"),
@@ -157,8 +157,8 @@ def test_what_cannot_be_flown_is_said():
         ("rates", {"p": 5.0}, 0.0, "duration-s: arrived 0"),
     ],
 )
-def test_a_test_that_means_nothing_is_refused(loop, sizes, duration_s, said):
-    with pytest.raises(ValueError, match=said):
+def test_an_invalid_test_is_refused(loop, sizes, duration_s, message):
+    with pytest.raises(ValueError, match=message):
         step_test(loop, sizes, duration_s)
 
 

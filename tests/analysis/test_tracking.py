@@ -1,4 +1,4 @@
-"""The climb-and-turn of the gallery: the shipped scenario, with what the gallery was asked for."""
+"""Climb-and-turn of the gallery: the shipped scenario with the requested variant and inversion."""
 
 from importlib import resources
 from pathlib import Path
@@ -17,12 +17,12 @@ SHIPPED = Path(__file__).parents[2] / "scenarios" / CLIMB_AND_TURN
 def test_the_copy_is_the_shipped_scenario():
     copy = resources.files("anser.analysis").joinpath(f"data/{CLIMB_AND_TURN}").read_text(encoding="utf-8")
     assert copy == SHIPPED.read_text(encoding="utf-8")
-    usual, shipped = climb_and_turn(), load(SHIPPED)
-    assert usual.aircraft == shipped.aircraft
-    assert usual.requirements == shipped.requirements
+    default, shipped = climb_and_turn(), load(SHIPPED)
+    assert default.aircraft == shipped.aircraft
+    assert default.requirements == shipped.requirements
 
 
-def test_variant_and_inversion_are_those_asked_for():
+def test_variant_and_inversion_are_those_requested():
     (aircraft,) = climb_and_turn("s119", "incremental").aircraft
     assert (aircraft.variant, aircraft.gains.inversion) == ("s119", "incremental")
     with pytest.raises(ScenarioError, match="variant"):
@@ -30,11 +30,11 @@ def test_variant_and_inversion_are_those_asked_for():
 
 
 @pytest.mark.long
-def test_the_whole_f16_flies_it_within_what_is_allowed():
-    """Its tables are not symmetric: the bank has to carry a side force (tests/control/test_side_force.py)."""
-    flown = run(climb_and_turn("tp1538"))
-    assert flown.met
-    (row,) = flown.summary["aircraft"]
-    # It arrives after its planned time, in the hold, which has no planned point.
-    assert row["arrival_s"] > row["planned_arrival_s"]
-    assert row["position_error_max_m"] < 1.5
+def test_the_complete_f16_flies_the_case_within_the_requirements():
+    """The tables are not symmetric: the bank has to carry a side force (tests/control/test_side_force.py)."""
+    flight = run(climb_and_turn("tp1538"))
+    assert flight.met
+    (aircraft,) = flight.summary["aircraft"]
+    # The arrival is after the planned time, in the hold, where no planned point exists.
+    assert aircraft["arrival_s"] > aircraft["planned_arrival_s"]
+    assert aircraft["position_error_max_m"] < 1.5

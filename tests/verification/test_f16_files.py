@@ -1,4 +1,4 @@
-"""The built-in s119 F-16 is that of NASA's DAVE-ML files."""
+"""The built-in s119 F-16 equals NASA's DAVE-ML files."""
 
 import equinox as eqx
 import numpy as np
@@ -14,44 +14,44 @@ COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
 @pytest.fixture(scope="module")
 def compared():
-    """[S119] F16_aero, F16_prop at 10,000 random states: of the files with the exact pi, and built in."""
+    """[S119] F16_aero, F16_prop at 10,000 random states: files with exact pi, built-in model, files with rounded pi."""
     aerodynamics, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
     exact = eqx.tree_at(lambda e: e.constants["rtd"], aerodynamics, as_array(180.0 / np.pi))
     airframe = load_airframe("f16", "s119", x_cg_over_c=0.35)
     states = as_array(f16_files.random_states())
-    of_file, own = f16_files.compare_models(airframe, exact, thrust, states)
+    from_files, built_in = f16_files.compare_models(airframe, exact, thrust, states)
     rounded, _ = f16_files.compare_models(airframe, aerodynamics, thrust, states)
-    return of_file, own, rounded
+    return from_files, built_in, rounded
 
 
 @pytest.mark.parametrize("name", COEFFICIENTS)
 def test_coefficients_agree_at_ten_thousand_states(compared, name):
-    of_file, own, _ = compared
-    assert of_file[name].shape == (10_000,)
-    np.testing.assert_allclose(own[name], of_file[name], rtol=0.0, atol=1e-12)
+    from_files, built_in, _ = compared
+    assert from_files[name].shape == (10_000,)
+    np.testing.assert_allclose(built_in[name], from_files[name], rtol=0.0, atol=1e-12)
 
 
 def test_thrust_agrees(compared):
-    of_file, own, _ = compared
-    np.testing.assert_allclose(own["thrust"], of_file["thrust"], rtol=0.0, atol=1e-12 * 28_885.0)
+    from_files, built_in, _ = compared
+    np.testing.assert_allclose(built_in["thrust"], from_files["thrust"], rtol=0.0, atol=1e-12 * 28_885.0)
 
 
 def test_the_files_pi_is_rounded(compared):
-    """3.14159265 moves CZ by |CZ0| beta^2 2.3e-9, and nothing else."""
-    of_file, own, rounded = compared
-    assert 1e-10 < np.max(np.abs(rounded["CZ"] - own["CZ"])) < 2e-9
+    """3.14159265 changes CZ only, by |CZ0| beta^2 2.3e-9."""
+    from_files, built_in, rounded = compared
+    assert 1e-10 < np.max(np.abs(rounded["CZ"] - built_in["CZ"])) < 2e-9
     for name in (*COEFFICIENTS[:2], *COEFFICIENTS[3:]):
-        np.testing.assert_array_equal(rounded[name], of_file[name])
+        np.testing.assert_array_equal(rounded[name], from_files[name])
 
 
-def test_the_random_states_leave_the_tables_on_all_sides():
+def test_the_random_states_exceed_the_tables_on_every_side():
     alpha, beta = np.rad2deg(f16_files.random_states()[:, 1:3].T)
     assert alpha.min() < -10.0
     assert alpha.max() > 45.0
     assert np.abs(beta).max() > 30.0
 
 
-def test_mass_and_inertia_of_the_files():
+def test_mass_and_inertia_equal_those_of_the_files():
     built_in, of_files = load_airframe("f16", "s119").mass_properties, f16_files.f16_of_files()
     np.testing.assert_allclose(of_files.mass_properties.mass, built_in.mass, rtol=1e-14)
     np.testing.assert_allclose(of_files.mass_properties.inertia_b, built_in.inertia_b, rtol=1e-14)

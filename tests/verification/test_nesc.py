@@ -1,4 +1,4 @@
-"""The NESC check-cases: they pass as they are defined, and fail when the physics is another."""
+"""NESC check-cases: as defined they pass, with changed physics they fail."""
 
 import dataclasses
 import json
@@ -22,29 +22,29 @@ LONG = ("nesc-11", "nesc-12", *(f"nesc-{case.number}" for case in LAW_FLIGHTS)) 
     "check",
     [pytest.param(c, marks=pytest.mark.long if c.key in LONG else (), id=c.key) for c in NESC_CHECKS],
 )
-def test_case_passes(check):
+def test_a_case_passes(check):
     comparisons = check.measure()
     short = [(c.group, c.point, c.error, c.tolerance) for c in comparisons if c.fails]
     assert not short
-    given = CHECKPOINTS["cases"].get(check.key.removeprefix("nesc-").replace(".", "p"))
+    published = CHECKPOINTS["cases"].get(check.key.removeprefix("nesc-").replace(".", "p"))
     listed = [c for c in comparisons if c.expected is None]
     assert all(np.isfinite(c.obtained) for c in listed)
-    if given is None:
+    if published is None:
         settled = 2 if check.key == "nesc-13.2-5kt" else 0
         assert (check.tolerance_reason == NOT_JUDGED) == (settled == 0)
         assert len(listed) == len(comparisons) - settled
         return
-    # Every checkpoint with a tolerance, against both participants; those that are not judged once.
-    columns = sum("tolerance" in column for column in given["columns"].values())
-    not_judged = given.get("not_judged_s", [])
-    assert len(comparisons) - len(listed) == columns * 2 * (len(given["times_s"]) - len(not_judged))
+    # Every checkpoint with a tolerance, against both participants; unjudged checkpoints once.
+    columns = sum("tolerance" in column for column in published["columns"].values())
+    not_judged = published.get("not_judged_s", [])
+    assert len(comparisons) - len(listed) == columns * 2 * (len(published["times_s"]) - len(not_judged))
     assert len(listed) == columns * len(not_judged)
 
 
-def test_what_has_no_checkpoints_is_listed_every_five_seconds():
-    without = [case for case in LAW_FLIGHTS if case.number.replace(".", "p") not in CHECKPOINTS["cases"]]
-    assert [case.number for case in without] == ["13.2-5kt", "13.2-10kt", "13.4", "16"]
-    for case in without:
+def test_a_case_without_checkpoints_is_listed_every_five_seconds():
+    unpublished = [case for case in LAW_FLIGHTS if case.number.replace(".", "p") not in CHECKPOINTS["cases"]]
+    assert [case.number for case in unpublished] == ["13.2-5kt", "13.2-10kt", "13.4", "16"]
+    for case in unpublished:
         assert case.times_s[0] == 0.0
         assert set(np.diff(case.times_s)) == {5.0}
         assert case.times_s[-1] == (180.0 if case.number == "16" else 60.0)
@@ -57,7 +57,7 @@ def test_every_case_of_the_checkpoints_is_checked():
 
 @pytest.fixture(scope="module")
 def wrong():
-    """The same ten flights with one thing wrong in each of some: what the checkpoints must tell apart."""
+    """The ten flights, five of them with a changed Earth, body or wind that the checkpoints must detect."""
     changes = {
         1: {"earth": "rotating-sphere"},
         2: {"body": "brick"},
@@ -72,27 +72,27 @@ def wrong():
     ("number", "column"),
     [
         (1, "altitudeMsl_ft"),  # gravitation of a sphere instead of J2
-        (2, "bodyAngularRateWrtEi_deg_s_Pitch"),  # damping where there is none
+        (2, "bodyAngularRateWrtEi_deg_s_Pitch"),  # damping in a case without damping
         (3, "bodyAngularRateWrtEi_deg_s_Pitch"),
         (6, "feVelocity_ft_s_Y"),  # a foot per second of wind
         (9, "longitude_deg"),  # an Earth at rest
     ],
 )
-def test_other_physics_fails(wrong, number, column):
+def test_changed_physics_fails(wrong, number, column):
     published = CHECKPOINTS["cases"][f"{number:02d}"]
     values, tolerance = published["columns"][column]["sim_05"], published["columns"][column]["tolerance"]
-    found = [
+    comparisons = [
         _comparison(column, wrong[number], t, "sim_05", value, tolerance)
         for t, value in zip(published["times_s"], values, strict=True)
     ]
-    assert found[0].passes, "the start is the same"
-    assert not found[-2].passes
+    assert comparisons[0].passes, "the start is the same"
+    assert not comparisons[-2].passes
 
 
-def test_figures_of_ten_digits_are_known_to_half_of_the_last():
+def test_the_tolerance_includes_half_of_the_tenth_digit():
     log = {"eiPosition_ft_X": np.array([20955646.334]), "eulerAngle_deg_Yaw": np.array([-111.5])}
-    place = _comparison("eiPosition_ft_X", log, 0.0, "sim_05", 20955646.33, 1e-4)
-    assert place.tolerance == pytest.approx(0.005 + 1e-4, rel=1e-12)
-    turned = _comparison("eulerAngle_deg_Yaw", log, 0.0, "sim_05", 248.5, 1e-7)
-    assert turned.obtained == pytest.approx(248.5, abs=1e-12)
+    position = _comparison("eiPosition_ft_X", log, 0.0, "sim_05", 20955646.33, 1e-4)
+    assert position.tolerance == pytest.approx(0.005 + 1e-4, rel=1e-12)
+    yaw = _comparison("eulerAngle_deg_Yaw", log, 0.0, "sim_05", 248.5, 1e-7)
+    assert yaw.obtained == pytest.approx(248.5, abs=1e-12)
     assert _comparison("eulerAngle_deg_Yaw", log, 0.0, "sim_05", 0.0, 1e-7).tolerance == pytest.approx(1e-7)

@@ -1,4 +1,4 @@
-"""The F-16 without lags that a step could resolve."""
+"""F-16 with lags shorter than a step resolves."""
 
 import jax
 import jax.numpy as jnp
@@ -21,32 +21,32 @@ def air():
     return air_data(jnp.array([170.0, 0.0, 8.0]), jnp.asarray(3000.0), StandardAtmosphere().at(jnp.asarray(3000.0)))
 
 
-def test_a_quarter_is_left_after_a_step(air):
+def test_a_quarter_of_a_difference_remains_after_a_step(air):
     airframe = prompt_f16(STEP_S)
     command = jnp.array([0.1, -0.2, 0.3])
 
-    def moved(t, y):
+    def rates(t, y):
         return airframe.actuators.rate(y[0], command, air), airframe.engine.rate(y[1], jnp.asarray(0.4), air)
 
     start = Deflections(jnp.zeros(3)), EnginePower(jnp.asarray(20.0))
-    surfaces, engine = jax.jit(lambda y: rk4_step(moved, jnp.asarray(0.0), y, STEP_S))(start)
+    surfaces, engine = jax.jit(lambda y: rk4_step(rates, jnp.asarray(0.0), y, STEP_S))(start)
     # Polynomial of the classical Runge-Kutta method at -1.6.
-    left = 1 - 1.6 + 1.6**2 / 2 - 1.6**3 / 6 + 1.6**4 / 24
-    np.testing.assert_allclose(surfaces.position, (1 - left) * command, rtol=1e-12)
-    assert float(engine.power) == pytest.approx(40.0 - left * 20.0, rel=1e-12)
-    assert 0.26 < left < 0.28
+    remainder = 1 - 1.6 + 1.6**2 / 2 - 1.6**3 / 6 + 1.6**4 / 24
+    np.testing.assert_allclose(surfaces.position, (1 - remainder) * command, rtol=1e-12)
+    assert float(engine.power) == pytest.approx(40.0 - remainder * 20.0, rel=1e-12)
+    assert 0.26 < remainder < 0.28
 
 
-def test_it_is_the_published_aircraft_otherwise(air):
+def test_the_prompt_aircraft_otherwise_equals_the_published_aircraft(air):
     prompt, published = prompt_f16(STEP_S), load_airframe("f16", "s119")
     rates_b, surfaces = jnp.array([0.1, 0.05, -0.02]), jnp.array([-0.05, 0.02, 0.01])
-    a, b = (of.aerodynamics(air, rates_b, surfaces) for of in (prompt, published))
+    a, b = (airframe.aerodynamics(air, rates_b, surfaces) for airframe in (prompt, published))
     np.testing.assert_array_equal(a.force_b, b.force_b)
     np.testing.assert_array_equal(a.moment_b, b.moment_b)
-    thrusts = [of.engine.propulsion(jnp.asarray(30.0), air).force_b for of in (prompt, published)]
+    thrusts = [airframe.engine.propulsion(jnp.asarray(30.0), air).force_b for airframe in (prompt, published)]
     np.testing.assert_array_equal(*thrusts)
-    for of in (prompt, published):
-        assert float(of.engine.power_for_thrust(thrusts[0][0], air)) == pytest.approx(30.0, rel=1e-12)
+    for airframe in (prompt, published):
+        assert float(airframe.engine.power_for_thrust(thrusts[0][0], air)) == pytest.approx(30.0, rel=1e-12)
     assert float(prompt.engine.throttle_for_power(30.0)) == pytest.approx(0.3, rel=1e-14)
     assert float(prompt.engine.throttle_for_power_rate(30.0, 1e5)) == 1.0
     assert not bool(prompt.engine.outside_tables(air))

@@ -1,4 +1,4 @@
-"""The published families of paths, told by their coefficients and lengths; and the figure of them."""
+"""Published families of paths by their coefficients and lengths, and the figure of the families."""
 
 from importlib import resources
 from pathlib import Path
@@ -28,8 +28,8 @@ def test_each_path_has_its_quartic_coefficient_and_its_length(families, family, 
     time = dataset["time"].values
     for k, value in enumerate(values):
         path = dataset.isel(path=k)
-        found = np.polynomial.Polynomial.fit(time, path[axis].values, 4).convert().coef
-        assert (found[4] if found.size > 4 else 0.0) == pytest.approx(value, abs=1e-9)
+        coefficients = np.polynomial.Polynomial.fit(time, path[axis].values, 4).convert().coef
+        assert (coefficients[4] if coefficients.size > 4 else 0.0) == pytest.approx(value, abs=1e-9)
         steps = np.stack([np.diff(path[name].values) for name in ("north_m", "east_m", "altitude_m")])
         # A polygon of 180 chords is shorter by (turn per chord)^2 / 24: 1e-5 of the length at most here.
         assert float(path["length_m"]) == pytest.approx(np.linalg.norm(steps, axis=0).sum(), rel=2e-5)
@@ -38,9 +38,9 @@ def test_each_path_has_its_quartic_coefficient_and_its_length(families, family, 
         np.testing.assert_allclose(middle, speed, rtol=2e-3)
     # The printed lengths are those of the six-point rule, to their last digit.
     np.testing.assert_allclose(dataset["length_estimate_m"], dataset["length_published_m"], atol=0.051)
-    ends = dataset.isel(path=[0, -1])
+    end_paths = dataset.isel(path=[0, -1])
     for name in ("length_m", "length_estimate_m"):
-        np.testing.assert_allclose(dataset[f"member_{name}"].values[[0, -1]], ends[name].values, rtol=1e-12)
+        np.testing.assert_allclose(dataset[f"member_{name}"].values[[0, -1]], end_paths[name].values, rtol=1e-12)
 
 
 @pytest.mark.long
@@ -49,8 +49,8 @@ def test_the_figure_names_every_path(families, family, tmp_path):
     paths = draw_shapes(families[family], family, tmp_path)
     assert {path.suffix for path in paths} == {".svg", ".png", ".pdf"}
     text = (tmp_path / f"shape-{family}.svg").read_text()
-    for words in ("Length by the six-point rule", "Published length", "North position", "0.0025 m/s"):
-        assert words in text
+    for label in ("Length by the six-point rule", "Published length", "North position", "0.0025 m/s"):
+        assert label in text
     with pytest.raises(FileExistsError):
         draw_shapes(families[family], family, tmp_path)
 

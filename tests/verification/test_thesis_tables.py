@@ -1,4 +1,4 @@
-"""The printed tables of the founding thesis against the aircraft that flies."""
+"""Printed tables of the founding thesis compared with the aircraft model."""
 
 import equinox as eqx
 import pytest
@@ -15,9 +15,9 @@ def test_all_852_entries_agree():
 
 @pytest.mark.parametrize("variant", ["textbook", "s119"])
 def test_the_other_variants_differ(monkeypatch, variant):
-    """Their elevator axis and aileron reference are others; s119 has other entries of its own besides."""
+    """Elevator axis and aileron reference differ; s119 also has different table entries."""
     load = f16_tables.load_f16
-    monkeypatch.setattr(f16_tables, "load_f16", lambda _, **others: load(variant, **others))
+    monkeypatch.setattr(f16_tables, "load_f16", lambda _, **options: load(variant, **options))
     short = {c.group.partition(",")[0] for c in THESIS_TABLES.measure() if c.fails}
     assert {"CX0", "Cm0", "Clda", "Cnda", "CXq"} <= short
     assert ("T_max" in short) == (variant == "s119")
@@ -27,9 +27,9 @@ def test_the_other_variants_differ(monkeypatch, variant):
 def test_a_table_that_is_off_by_a_thousandth_fails(monkeypatch, group):
     load = f16_tables.load_f16
 
-    def load_changed(name, **others):
+    def load_changed(name, **options):
         return eqx.tree_at(
-            lambda airframe: airframe.tables.cells[group], load(name, **others), replace_fn=lambda x: x + 1e-3
+            lambda airframe: airframe.tables.cells[group], load(name, **options), replace_fn=lambda x: x + 1e-3
         )
 
     monkeypatch.setattr(f16_tables, "load_f16", load_changed)
