@@ -1,4 +1,4 @@
-"""The flight that reports are made of, and the browser that opens them."""
+"""The made-up flight of the report tests, and the browser that opens its page."""
 
 import pytest
 
@@ -21,7 +21,7 @@ def browser(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def path(flight, tmp_path_factory):
-    """The report of that flight."""
-    found = tmp_path_factory.mktemp("page") / "report.html"
-    write_report(*flight, found)
-    return found
+    """Report page of the made-up flight."""
+    page_path = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(*flight, page_path)
+    return page_path

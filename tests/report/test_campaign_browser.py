@@ -1,4 +1,4 @@
-"""The report of a campaign in a real browser: nothing complains, nothing leaves the file, every plot is drawn."""
+"""Report of a campaign in a real browser: no errors, no requests outside the file, every plot drawn."""
 
 import pytest
 
@@ -37,7 +37,7 @@ def browser(page, tmp_path_factory):
         yield opened
 
 
-def test_every_plot_is_drawn_and_nothing_complains_or_leaves_the_file(browser, page):
+def test_every_plot_is_drawn_without_errors_or_requests(browser, page):
     for key in ("converging", "distributions", "series", "against"):
         for end in ("start", "end"):
             browser.run(f"document.getElementById('{key}').scrollIntoView({{ block: '{end}' }})")
@@ -56,47 +56,47 @@ def test_every_plot_is_drawn_and_nothing_complains_or_leaves_the_file(browser, p
 def test_bands_have_a_line_and_two_edges_for_each_aircraft(browser):
     browser.run("document.getElementById('series').scrollIntoView()")
     browser.settle()
-    drawn = "anser.charts.find((chart) => chart.title.textContent === 'Distance to the planned point (m)').plot"
-    assert browser.run(f"[{drawn}.series.length, {drawn}.bands.length]") == [10, 3]
-    low, high = browser.run(f"[{drawn}.scales.y.min, {drawn}.scales.y.max]")
-    ends = browser.run(f"[{drawn}.data[1][0], {drawn}.data[8][150]]")  # the least and the greatest of what is made up
-    assert low < ends[0] < ends[1] < high
-    browser.run(f"{drawn}.setCursor({{ left: 100, top: 50 }})")
-    told = browser.run("document.querySelector('[data-plots=series] .readout').textContent")
-    assert " s: aircraft-1 " in told
-    assert "aircraft-3 " in told
+    plot = "anser.charts.find((chart) => chart.title.textContent === 'Distance to the planned point (m)').plot"
+    assert browser.run(f"[{plot}.series.length, {plot}.bands.length]") == [10, 3]
+    low, high = browser.run(f"[{plot}.scales.y.min, {plot}.scales.y.max]")
+    extremes = browser.run(f"[{plot}.data[1][0], {plot}.data[8][150]]")  # the least and the greatest of what is made up
+    assert low < extremes[0] < extremes[1] < high
+    browser.run(f"{plot}.setCursor({{ left: 100, top: 50 }})")
+    readout = browser.run("document.querySelector('[data-plots=series] .readout').textContent")
+    assert " s: aircraft-1 " in readout
+    assert "aircraft-3 " in readout
 
 
-def test_another_quantity_is_drawn_against_the_inputs(browser):
+def test_the_scatter_plots_follow_the_selected_quantity(browser):
     browser.run("document.getElementById('against').scrollIntoView()")
     browser.settle()
     scale = "(() => { const s = anser.charts.at(-1).plot.scales.y; return [s.min, s.max]; })()"
-    before = browser.run(scale)
+    previous_scale = browser.run(scale)
     browser.run(
         "{ const s = document.getElementById('quantity'); s.value = 'arrival_s'; s.dispatchEvent(new Event('change')); }"
     )
     browser.settle()
     low, high = browser.run(scale)
-    assert before[1] < low  # misses of some metres, arrivals at some 60 s
+    assert previous_scale[1] < low  # misses of some metres, arrivals at some 60 s
     assert high > low
     assert browser.run("anser.charts.at(-1).plot.axes[0]._values") == ["left", "right"]
 
 
-def test_a_row_of_the_worst_brings_out_its_tracks(browser):
+def test_a_row_of_the_worst_flights_highlights_its_tracks(browser):
     browser.run("document.querySelector('#worst tr[data-flight]').dispatchEvent(new Event('mouseenter'))")
     assert browser.run("document.querySelectorAll('.map.focused .worst-track.chosen').length") == 1
     browser.run("document.querySelector('#worst tr[data-flight]').dispatchEvent(new Event('mouseleave'))")
     assert browser.run("document.querySelectorAll('.map.focused').length") == 0
 
 
-def test_nothing_is_wider_than_the_window(browser):
+def test_the_page_is_no_wider_than_the_window(browser):
     for width in (420, 1280):
         browser.resize(width, 800)
         browser.settle()
         assert browser.run("document.documentElement.scrollWidth") <= width
 
 
-def test_on_paper_no_table_runs_out_of_its_box_and_ticks_stand_apart(browser):
+def test_printed_tables_fit_their_box_and_ticks_do_not_overlap(browser):
     browser.resize(760, 1000)
     try:
         browser.run("Theme.print(true)")
@@ -105,15 +105,17 @@ def test_on_paper_no_table_runs_out_of_its_box_and_ticks_stand_apart(browser):
         assert browser.run(wide) == 0
         text = "document.querySelector('#worst td.command')"
         assert browser.run(f"{text}.scrollWidth <= {text}.clientWidth")
-        told = "anser.charts.filter((one) => one.plot).map(({ plot: { axes: [x], bbox } }) => [x._values, bbox.width])"
-        for ticks, width in browser.run(told):
+        ticks_and_width = (
+            "anser.charts.filter((one) => one.plot).map(({ plot: { axes: [x], bbox } }) => [x._values, bbox.width])"
+        )
+        for ticks, width in browser.run(ticks_and_width):
             assert 6.6 * 2 * sum(map(len, ticks)) < width
     finally:
         browser.run("Theme.print(false)")
         browser.resize(1280, 800)
 
 
-def test_numbers_that_are_alike_are_told_and_near_ones_have_ticks_of_their_own(browser):
+def test_equal_numbers_are_written_as_text_and_close_numbers_get_distinct_ticks(browser):
     assert browser.run("[alike([300, 300 + 1e-7, null]), alike([300.011, 300.012]), alike([1])]") == [
         True,
         False,
@@ -121,8 +123,8 @@ def test_numbers_that_are_alike_are_told_and_near_ones_have_ticks_of_their_own(b
     ]
     assert browser.run("[300.0111, 300.0112].map((one) => ticked(one, 1e-4))") == ["300.0111", "300.0112"]
     quantity = "{ words: 'miss', unit: 'm', kept: [2.5, 2.5], part: [50, 100], upper: true, quantiles: [] }"
-    told = browser.run(
+    text = browser.run(
         f"(() => {{ const one = new Distribution(document.createElement('div'), {quantity}); one.draw();"
         " Chart.all.pop(); return one.root.textContent; })()"
     )
-    assert told == "miss (m)The same in all 2 flights that have it: 2.5 m"
+    assert text == "miss (m)The same in all 2 flights that have it: 2.5 m"

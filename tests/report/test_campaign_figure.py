@@ -1,4 +1,4 @@
-"""The figure of a campaign: drawn of any, also where flights failed or nothing varied."""
+"""Figure of a campaign, also with failed flights or without varied inputs."""
 
 import json
 
@@ -9,7 +9,7 @@ import xarray as xr
 from anser.report import draw_campaign
 
 
-def made_up(flights, varied=("wind.speed_m_s",), failed=()):
+def made_up_campaign(flights, varied=("wind.speed_m_s",), failed=()):
     rng = np.random.default_rng(1)
     miss = rng.exponential(1.0, (flights, 2))
     miss[list(failed)] = np.nan
@@ -25,23 +25,23 @@ def made_up(flights, varied=("wind.speed_m_s",), failed=()):
 @pytest.mark.parametrize(
     ("flights", "varied", "failed"), [(2, (), ()), (300, ("a", "b", "c", "d"), (3, 5)), (20, ("a",), range(20))]
 )
-def test_any_campaign_is_drawn_anew(tmp_path, flights, varied, failed):
-    paths = draw_campaign(made_up(flights, varied, failed), tmp_path)
+def test_a_campaign_figure_is_drawn_and_replaced(tmp_path, flights, varied, failed):
+    paths = draw_campaign(made_up_campaign(flights, varied, failed), tmp_path)
     assert {path.name for path in paths} == {"campaign.svg", "campaign.png"}
     assert all(path.stat().st_size > 10_000 for path in paths)
-    assert draw_campaign(made_up(flights, varied, failed), tmp_path) == paths
+    assert draw_campaign(made_up_campaign(flights, varied, failed), tmp_path) == paths
 
 
-def test_of_one_flight_there_is_nothing_to_draw(tmp_path):
-    assert draw_campaign(made_up(1), tmp_path) == ()
+def test_a_single_flight_gets_no_figure(tmp_path):
+    assert draw_campaign(made_up_campaign(1), tmp_path) == ()
 
 
-def test_a_short_spread_is_in_milliseconds_and_an_interval_without_an_upper_end_says_so(tmp_path):
-    few = made_up(20)
-    few["arrival_spread_s"] = few["arrival_spread_s"] * 1e-4
-    drawn = draw_campaign(few, tmp_path)[0].read_text()
-    assert "arrival spread (ms)" in drawn
-    assert "too few flights met all for an upper end" in drawn
-    drawn = draw_campaign(made_up(300), tmp_path)[0].read_text()
-    assert "arrival spread (s)" in drawn
-    assert "interval of the 95 % point" in drawn
+def test_a_short_spread_is_in_milliseconds_and_an_open_interval_is_labelled(tmp_path):
+    small_campaign = made_up_campaign(20)
+    small_campaign["arrival_spread_s"] = small_campaign["arrival_spread_s"] * 1e-4
+    svg = draw_campaign(small_campaign, tmp_path)[0].read_text()
+    assert "arrival spread (ms)" in svg
+    assert "too few flights met all for an upper end" in svg
+    svg = draw_campaign(made_up_campaign(300), tmp_path)[0].read_text()
+    assert "arrival spread (s)" in svg
+    assert "interval of the 95 % point" in svg

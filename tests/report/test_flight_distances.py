@@ -1,4 +1,4 @@
-"""The zero-effort miss, on paths of which it is known."""
+"""Zero-effort miss on paths with a known miss."""
 
 import numpy as np
 import xarray as xr
@@ -7,8 +7,8 @@ from anser.report.flight_histories import draw_miss, zero_effort_miss_m
 from anser.report.flight_sheet import FigureFormat, FlightSheet
 
 
-def _passing(time, aside):
-    """An aircraft due North at 100 m/s that passes a rendezvous, moving East at 10 m/s, at 20 s."""
+def _passing_flight(time, height_offset):
+    """An aircraft flying North at 100 m/s past a rendezvous that moves East at 10 m/s, closest at 20 s."""
     zero = np.zeros_like(time)
     columns = {
         "north_m": 100.0 * (time - 20.0),
@@ -16,7 +16,7 @@ def _passing(time, aside):
         "altitude_m": zero + 500.0,
         "rendezvous_north_m": zero,
         "rendezvous_east_m": 10.0 * time,
-        "rendezvous_altitude_m": zero + 500.0 + aside,
+        "rendezvous_altitude_m": zero + 500.0 + height_offset,
         "velocity_north_m_s": zero + 100.0,
         "velocity_east_m_s": zero + 10.0,
         "velocity_down_m_s": zero,
@@ -29,19 +29,19 @@ def _passing(time, aside):
     )
 
 
-def test_on_a_straight_way_it_is_the_distance_aside_until_it_is_past():
+def test_a_straight_flight_has_the_lateral_distance_as_miss_until_the_closest_approach():
     time = np.array([0.0, 5.0, 19.9, 20.0, 21.0])
-    np.testing.assert_allclose(zero_effort_miss_m(_passing(time, 7.0))[:4, 0], 7.0, rtol=1e-12)
-    np.testing.assert_allclose(zero_effort_miss_m(_passing(time, 7.0))[4, 0], np.hypot(100.0, 7.0), rtol=1e-12)
+    np.testing.assert_allclose(zero_effort_miss_m(_passing_flight(time, 7.0))[:4, 0], 7.0, rtol=1e-12)
+    np.testing.assert_allclose(zero_effort_miss_m(_passing_flight(time, 7.0))[4, 0], np.hypot(100.0, 7.0), rtol=1e-12)
 
 
-def test_who_stands_still_relative_to_it_stays_as_far():
-    still = _passing(np.array([10.0]), 0.0)
+def test_an_aircraft_at_rest_relative_to_the_goal_has_its_distance_as_miss():
+    still = _passing_flight(np.array([10.0]), 0.0)
     still["goal_velocity_north_m_s"] = still["velocity_north_m_s"]
     np.testing.assert_allclose(zero_effort_miss_m(still), 1000.0, rtol=1e-12)
 
 
-def test_at_the_arrival_it_is_the_miss_of_the_summary(flight):
+def test_the_zero_effort_miss_at_the_arrival_is_the_miss_of_the_summary(flight):
     dataset, summary = flight
     velocities = {
         f"velocity_{axis}_m_s": (
@@ -59,12 +59,12 @@ def test_at_the_arrival_it_is_the_miss_of_the_summary(flight):
     }
     flown = dataset.assign(velocities | goals)
     arrival = int(np.searchsorted(dataset["time"].values, 80.0)) - 1
-    found = zero_effort_miss_m(flown)[arrival]
+    miss = zero_effort_miss_m(flown)[arrival]
     # two samples before the closest approach: half the acceleration times the square of 0.05 s
-    np.testing.assert_allclose(found, [row["miss_m"] for row in summary["aircraft"]], atol=0.05)
+    np.testing.assert_allclose(miss, [aircraft["miss_m"] for aircraft in summary["aircraft"]], atol=0.05)
 
 
-def test_the_miss_required_is_a_line(flight):
+def test_the_required_miss_is_a_line(flight):
     required = flight[0].assign_attrs(scenario='{"requirements": {"miss_max_m": 3.0}}')
     axes = draw_miss(FlightSheet(required.isel(time=slice(None, None, 20)), FigureFormat())).axes[0]
     assert [text.get_text() for text in axes.texts] == ["required: 3 m"]

@@ -1,4 +1,4 @@
-"""Margins: their ranking, whose they are and when, what a derived variable says."""
+"""Margins of a flight: order, aircraft and time of the worst value, and derived variables."""
 
 import copy
 import json
@@ -27,9 +27,9 @@ from anser.results.separation import nearest_aircraft_distance
         (1.0, None, True, None),
     ],
 )
-def test_the_part_used_is_1_at_the_limit(limit, value, is_upper, utilization):
-    met = value is not None and (value <= limit if is_upper else value >= limit)
-    assert Margin("", "limit", "", limit, value, is_upper, met).utilization == (
+def test_utilization_is_1_at_the_limit(limit, value, is_upper, utilization):
+    is_met = value is not None and (value <= limit if is_upper else value >= limit)
+    assert Margin("", "limit", "", limit, value, is_upper, is_met).utilization == (
         None if utilization is None else pytest.approx(utilization)
     )
     assert Margin("", "limit", "", limit, limit, is_upper, True).utilization == (pytest.approx(1.0) if limit else 0.0)
@@ -40,44 +40,44 @@ def whole(flight):
     return add_derived_variables(flight[0], recorded_scenario(flight[0]))
 
 
-def test_the_tightest_comes_first_and_what_was_not_met_before_all(flight, whole):
+def test_margins_are_sorted_by_utilization_after_those_not_met(flight, whole):
     summary = copy.deepcopy(flight[1])
     used = [margin.utilization for margin in find_flight_margins(whole, summary)]
     assert used == sorted(used, reverse=True)
     summary["requirements"][0] |= {"value": None, "met": False}
-    first, *rest = find_flight_margins(whole, summary)
-    assert (first.description, first.utilization, first.is_met) == ("Miss of the rendezvous", None, False)
-    assert all(margin.is_met for margin in rest)
+    unmet, *remaining = find_flight_margins(whole, summary)
+    assert (unmet.description, unmet.utilization, unmet.is_met) == ("Miss of the rendezvous", None, False)
+    assert all(margin.is_met for margin in remaining)
 
 
-def test_a_limit_names_the_aircraft_and_the_instant_of_the_worst(flight, whole):
+def test_a_margin_has_the_aircraft_and_the_time_of_the_worst_value(flight, whole):
     margins = {margin.description: margin for margin in find_flight_margins(whole, flight[1])}
     bank = flight[0]["bank_deg"]
-    right = margins["Bank angle to the right"]
-    assert right.value == float(bank.max())
-    assert float(bank.sel(time=right.time_s, aircraft=right.aircraft)) == right.value
-    left = margins["Bank angle to the left"]
-    assert left.value == -float(bank.min())
+    right_bank = margins["Bank angle to the right"]
+    assert right_bank.value == float(bank.max())
+    assert float(bank.sel(time=right_bank.time_s, aircraft=right_bank.aircraft)) == right_bank.value
+    left_bank = margins["Bank angle to the left"]
+    assert left_bank.value == -float(bank.min())
     assert margins["Lowest altitude"].value == float(flight[0]["altitude_m"].min())
     assert not margins["Lowest altitude"].is_upper
 
 
-def test_each_aircraft_is_judged_by_its_own_limits(flight, whole):
+def test_aircraft_are_judged_by_individual_limits(flight, whole):
     banks = np.abs(whole["bank_deg"].values).max(axis=0)
-    own = [{"bank_max_deg": 4.0 * bank} for bank in banks.tolist()]
-    own[0]["bank_max_deg"] = 1.25 * float(banks[0])
-    changed = whole.assign_attrs(limits=json.dumps(own))
+    limits = [{"bank_max_deg": 4.0 * bank} for bank in banks.tolist()]
+    limits[0]["bank_max_deg"] = 1.25 * float(banks[0])
+    changed = whole.assign_attrs(limits=json.dumps(limits))
     margins = [
-        one
-        for one in find_flight_margins(changed, flight[1])
-        if one.description.startswith("Bank angle") and one.value > 0.0
+        entry
+        for entry in find_flight_margins(changed, flight[1])
+        if entry.description.startswith("Bank angle") and entry.value > 0.0
     ]
-    tightest = max(margins, key=lambda one: one.utilization)
+    tightest = max(margins, key=lambda entry: entry.utilization)
     assert (tightest.aircraft, tightest.utilization) == (str(whole["aircraft"].values[0]), pytest.approx(0.8))
-    assert all(margin.limit in [one["bank_max_deg"] for one in own] for margin in margins)
+    assert all(margin.limit in [entry["bank_max_deg"] for entry in limits] for margin in margins)
 
 
-def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
+def test_a_limit_exceeded_only_in_the_hold_is_distinguished(flight, whole):
     arrival = flight[1]["aircraft"][0]["arrival_s"]
 
     def shown(*times):
@@ -86,9 +86,9 @@ def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
             changed["bank_deg"].loc[{"time": changed["time"].sel(time=time, method="nearest"), "aircraft": "anna"}] = (
                 bank
             )
-        first, *rest = find_flight_margins(changed, flight[1])
-        assert all(margin.is_met for margin in rest)
-        return first, margins_list([first])
+        tightest, *remaining = find_flight_margins(changed, flight[1])
+        assert all(margin.is_met for margin in remaining)
+        return tightest, margins_list([tightest])
 
     later, html = shown((arrival + 5.0, 71.0))
     assert (later.description, later.aircraft, later.is_met, later.after_arrival) == (
@@ -107,61 +107,61 @@ def test_a_limit_passed_only_in_the_hold_is_told_apart(flight, whole):
     assert "not met" in html
 
 
-def test_how_a_path_goes_stands_in_the_table_where_the_summary_says_it(flight):
-    rows = flight[1]["aircraft"]
-    table = aircraft_table(rows)
+def test_the_table_has_the_path_column_of_the_summary(flight):
+    fleet = flight[1]["aircraft"]
+    table = aircraft_table(fleet)
     assert "Path</th>" in table
     assert table.count("bent right") == 1
-    assert "turns 83 deg" in aircraft_table([rows[0] | {"path": "turns 83 deg"}])
-    older = aircraft_table([{key: value for key, value in row.items() if key != "path"} for row in rows])
+    assert "turns 83 deg" in aircraft_table([fleet[0] | {"path": "turns 83 deg"}])
+    older = aircraft_table([{key: value for key, value in aircraft.items() if key != "path"} for aircraft in fleet])
     assert "Path</th>" not in older
-    assert older.count("<td") == table.count("<td") - len(rows)
+    assert older.count("<td") == table.count("<td") - len(fleet)
 
 
-def test_the_nearest_other_aircraft_is_found_for_each(flight):
+def test_the_nearest_neighbour_distance_of_each_aircraft(flight):
     dataset = flight[0].isel(time=slice(None, None, 400))
-    places = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    nearest = nearest_aircraft_distance(places)
-    for row in range(nearest.shape[0]):
+    positions = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    nearest = nearest_aircraft_distance(positions)
+    for sample in range(nearest.shape[0]):
         for k in range(3):
-            others = [np.linalg.norm(places[row, k] - places[row, j]) for j in range(3) if j != k]
-            assert nearest[row, k] == pytest.approx(min(others), rel=1e-12)
-    assert np.isnan(nearest_aircraft_distance(places[:, [0]])).all()
+            distances = [np.linalg.norm(positions[sample, k] - positions[sample, j]) for j in range(3) if j != k]
+            assert nearest[sample, k] == pytest.approx(min(distances), rel=1e-12)
+    assert np.isnan(nearest_aircraft_distance(positions[:, [0]])).all()
 
 
-def test_the_least_distance_names_the_two(flight, whole):
-    least, when, one, other = closest_pair(whole)
-    assert least == pytest.approx(flight[1]["fleet"]["separation_min_m"], rel=1e-3)
-    then = whole.sel(time=when)
-    away = [
-        float(then[name].sel(aircraft=one) - then[name].sel(aircraft=other))
+def test_the_closest_pair_has_the_least_distance(flight, whole):
+    distance, time_s, first_aircraft, second_aircraft = closest_pair(whole)
+    assert distance == pytest.approx(flight[1]["fleet"]["separation_min_m"], rel=1e-3)
+    sample = whole.sel(time=time_s)
+    offset = [
+        float(sample[name].sel(aircraft=first_aircraft) - sample[name].sel(aircraft=second_aircraft))
         for name in ("north_m", "east_m", "altitude_m")
     ]
-    assert np.linalg.norm(away) == pytest.approx(least, rel=1e-12)
+    assert np.linalg.norm(offset) == pytest.approx(distance, rel=1e-12)
 
 
-def test_separation_counts_until_the_first_of_two_arrives(flight):
+def test_separation_of_a_pair_counts_until_the_first_arrival(flight):
     dataset = flight[0].copy(deep=True)
     dataset["phase"].values[1000:, 1] = HOLD
-    kept = add_derived_variables(dataset, {"separation": {"horizontal_m": 500.0, "vertical_m": 150.0}})[
+    separation_ratio = add_derived_variables(dataset, {"separation": {"horizontal_m": 500.0, "vertical_m": 150.0}})[
         "separation_kept"
     ].values
-    assert np.isnan(kept[1000:, 1]).all()
-    row = dataset.isel(time=1500, aircraft=[0, 2])
-    flat = np.hypot(np.ptp(row["north_m"].values), np.ptp(row["east_m"].values)) / 500.0
-    tall = np.ptp(row["altitude_m"].values) / 150.0
+    assert np.isnan(separation_ratio[1000:, 1]).all()
+    pair = dataset.isel(time=1500, aircraft=[0, 2])
+    flat = np.hypot(np.ptp(pair["north_m"].values), np.ptp(pair["east_m"].values)) / 500.0
+    tall = np.ptp(pair["altitude_m"].values) / 150.0
     # aircraft 1 has arrived: the other two have only one another
-    np.testing.assert_allclose(kept[1500, [0, 2]], max(flat, tall), rtol=1e-12)
+    np.testing.assert_allclose(separation_ratio[1500, [0, 2]], max(flat, tall), rtol=1e-12)
 
 
-def test_errors_are_along_and_across_the_plan(flight, whole):
-    together = np.sqrt(whole["along_error_m"] ** 2 + whole["across_error_m"] ** 2 + whole["height_error_m"] ** 2)
-    away = np.sqrt(
+def test_errors_are_resolved_along_and_across_the_plan(flight, whole):
+    resolved_error = np.sqrt(whole["along_error_m"] ** 2 + whole["across_error_m"] ** 2 + whole["height_error_m"] ** 2)
+    position_error = np.sqrt(
         sum((flight[0][name] - flight[0][f"reference_{name}"]) ** 2 for name in ("north_m", "east_m", "altitude_m"))
     )
     flying = flight[0]["phase"].values != HOLD
-    np.testing.assert_allclose(together.values[flying], away.values[flying], atol=1e-9)
-    assert np.isnan(together.values[~flying]).all()
+    np.testing.assert_allclose(resolved_error.values[flying], position_error.values[flying], atol=1e-9)
+    assert np.isnan(resolved_error.values[~flying]).all()
     # north of a path that goes west is right of it
     shifted = flight[0].copy(deep=True)
     shifted["north_m"] = shifted["reference_north_m"] + 5.0
@@ -170,7 +170,7 @@ def test_errors_are_along_and_across_the_plan(flight, whole):
     assert float(anna["across_error_m"]) == pytest.approx(5.0, rel=0.05)
 
 
-def test_without_a_scenario_there_are_the_requirements_alone(flight):
+def test_a_record_without_a_scenario_has_only_requirements(flight):
     dataset = flight[0].assign_attrs(scenario="no JSON")
     assert recorded_scenario(dataset) == {}
     whole = add_derived_variables(dataset, {})

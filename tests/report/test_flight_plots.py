@@ -1,4 +1,4 @@
-"""Figures of a flight from Python: each by its name, for a notebook and for a file."""
+"""Figures of a flight from Python, by name, for notebooks and files."""
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ PNG = b"\x89PNG"
 
 @pytest.fixture(scope="module")
 def plots(flight):
-    """Of the flight of conftest at 2 Hz: enough to be drawn, and quickly."""
+    """The made-up flight at 2 Hz, for quick drawing."""
     return FlightPlots(flight[0].isel(time=slice(None, None, 20)))
 
 
 @pytest.mark.parametrize("name", ["tracks", "profile", "separation"])
-def test_each_is_a_figure_that_a_notebook_shows(plots, name):
+def test_notebooks_display_each_figure(plots, name):
     figure = getattr(plots, name)()
     assert figure._repr_png_().startswith(PNG)
     assert name in plots.names
@@ -24,24 +24,24 @@ def test_each_is_a_figure_that_a_notebook_shows(plots, name):
     assert labels == {"anna", "bert", "<b>cläre</b> & co"}
 
 
-def test_a_separation_is_the_least_distance_to_any_other(plots, flight):
+def test_the_separation_is_the_least_distance_to_another_aircraft(plots, flight):
     data = flight[0].isel(time=slice(None, None, 20))
-    drawn = plots.separation().axes[0].lines[0].get_ydata()
-    places = np.stack([data[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
-    away = np.linalg.norm(places[:, 1:] - places[:, :1], axis=-1).min(axis=1)
-    np.testing.assert_allclose(drawn, away, rtol=1e-12)
+    plotted = plots.separation().axes[0].lines[0].get_ydata()
+    positions = np.stack([data[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    distances = np.linalg.norm(positions[:, 1:] - positions[:, :1], axis=-1).min(axis=1)
+    np.testing.assert_allclose(plotted, distances, rtol=1e-12)
 
 
-def test_the_profile_shows_the_limits_that_are_near(flight):
+def test_the_profile_contains_only_limits_near_the_data(flight):
     data = flight[0].isel(time=slice(None, None, 20))
-    least = float(data["airspeed_m_s"].min()) + 0.1
-    tight = data.assign_attrs(scenario=f'{{"limits": {{"speed_min_m_s": {least}, "speed_max_m_s": 1e4}}}}')
+    speed_min = float(data["airspeed_m_s"].min()) + 0.1
+    tight = data.assign_attrs(scenario=f'{{"limits": {{"speed_min_m_s": {speed_min}, "speed_max_m_s": 1e4}}}}')
     lines = [line.get_ydata() for line in FlightPlots(tight).profile().axes[1].lines]
-    assert [least, least] in [list(values) for values in lines]
+    assert [speed_min, speed_min] in [list(values) for values in lines]
     assert not any(np.any(np.asarray(values) == 1e4) for values in lines)
 
 
-def test_one_aircraft_has_no_separation_and_a_name_must_be_known(flight):
+def test_a_single_aircraft_has_no_separation_and_unknown_names_are_refused(flight):
     alone = FlightPlots(flight[0].isel(aircraft=slice(0, 1), time=slice(None, None, 20)))
     assert "separation" not in alone.names
     with pytest.raises(ValueError, match="plot: arrived 'separation', which there is not of this flight: one aircraft"):
@@ -53,7 +53,7 @@ def test_one_aircraft_has_no_separation_and_a_name_must_be_known(flight):
     assert repr(alone).startswith("figures of a flight: tracks")
 
 
-def test_width_and_title(plots):
+def test_width_and_title_are_applied(plots):
     figure = plots.bank(width_mm=88, title=False)
     assert figure.get_figwidth() == pytest.approx(88 / 25.4)
     assert figure.get_suptitle() == ""
@@ -64,6 +64,6 @@ def test_width_and_title(plots):
         plots.bank(width_mm="88 mm")
 
 
-def test_each_name_has_a_method():
+def test_every_figure_has_a_method():
     assert {name.replace("-", "_") for name in FLIGHT_FIGURES} <= set(dir(FlightPlots))
     assert FlightPlots.load_factor.__doc__.startswith("Normal load factor")

@@ -1,4 +1,4 @@
-"""A goal is drawn as what it is: where it is by the scenario, how it moves by the record."""
+"""Forms of goals in the scene, from the kind in the scenario and the recorded speed."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ TIME = np.arange(0.0, 10.0, 0.5)
 
 
 def flown(speed_m_s):
-    place = np.outer(TIME, [speed_m_s])
-    places = {
-        f"goal_{axis}_m": (("time", "aircraft"), place * (axis == "north")) for axis in ("north", "east", "altitude")
+    position = np.outer(TIME, [speed_m_s])
+    variables = {
+        f"goal_{axis}_m": (("time", "aircraft"), position * (axis == "north")) for axis in ("north", "east", "altitude")
     }
-    return xr.Dataset(places, coords={"time": TIME, "aircraft": ["one"]})
+    return xr.Dataset(variables, coords={"time": TIME, "aircraft": ["one"]})
 
 
 def scenario(kind):
@@ -32,22 +32,22 @@ def scenario(kind):
         ("airborne", 90.0, "flying"),
     ],
 )
-def test_a_form_goes_by_kind_and_speed(kind, speed_m_s, form):
+def test_the_form_depends_on_kind_and_speed(kind, speed_m_s, form):
     assert goal_forms(flown(speed_m_s), scenario(kind)) == [form]
 
 
-def test_without_a_scenario_a_goal_is_a_goal():
+def test_a_goal_without_a_scenario_has_the_default_form():
     assert goal_forms(flown(12.0), {}) == ["goal"]
 
 
-def test_a_goal_that_is_lost_goes_by_what_is_known():
-    seen = flown(12.0)
-    seen["goal_north_m"][5:] = np.nan
-    assert goal_forms(seen, scenario("surface")) == ["ship"]
-    assert goal_forms(seen * np.nan, scenario("surface")) == ["buoy"]
+def test_a_lost_goal_has_the_form_of_its_recorded_speed():
+    partly_lost = flown(12.0)
+    partly_lost["goal_north_m"][5:] = np.nan
+    assert goal_forms(partly_lost, scenario("surface")) == ["ship"]
+    assert goal_forms(partly_lost * np.nan, scenario("surface")) == ["buoy"]
 
 
-def test_the_key_names_what_is_drawn_and_nothing_else():
+def test_the_legend_lists_only_forms_in_the_scene():
     key = goal_form_legend({"ship", "buoy"})
     assert GOAL_FORM_TEXTS["ship"] in key
     assert GOAL_FORM_TEXTS["buoy"] in key

@@ -1,4 +1,4 @@
-"""Links of a fleet without a centre, drawn: a bar for each pair while it hears each other."""
+"""Chart of the links in a fleet without a centre: a bar for each pair during contact."""
 
 import json
 import re
@@ -24,33 +24,33 @@ def dataset():
     )
 
 
-def test_pairs(dataset):
+def test_pairs_have_the_records_of_their_links(dataset):
     pairs = pair_links(dataset)
     assert list(pairs) == [(NAMES[0], NAMES[1]), (NAMES[0], NAMES[2]), (NAMES[1], NAMES[2])]
     assert pairs[NAMES[0], NAMES[1]].sum() == 40
     assert not pairs[NAMES[1], NAMES[2]].any()
 
 
-def test_strip(dataset):
-    drawn = links_strip(dataset)
-    assert "<e>" not in drawn
-    assert "b&lt;e&gt;rt" in drawn
-    bars = re.findall(r'd="(M[^"]*H[^"]*)"', drawn)
+def test_the_strip_has_a_bar_for_each_link(dataset):
+    svg = links_strip(dataset)
+    assert "<e>" not in svg
+    assert "b&lt;e&gt;rt" in svg
+    bars = re.findall(r'd="(M[^"]*H[^"]*)"', svg)
     assert len(bars) == 1
     begin, end = (float(v) for v in re.match(r"M([\d.]+) [\d.]+H([\d.]+)", bars[0]).groups())
     # 2 s and 6 s of 10 s
     assert (end - begin) == pytest.approx(0.4 * 700, abs=0.2)
-    assert "quality of service" in drawn
-    for one in re.findall(r"nan|inf", drawn):
-        pytest.fail(one)
+    assert "quality of service" in svg
+    for invalid_number in re.findall(r"nan|inf", svg):
+        pytest.fail(invalid_number)
 
 
-def test_nothing_is_drawn_of_a_fleet_with_a_centre(dataset):
+def test_a_fleet_with_a_centre_has_no_strip(dataset):
     assert links_strip(dataset.drop_vars("heard_from")) == ""
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", "3"])
-def test_what_cannot_be_read_is_left_out(dataset, text):
+def test_unreadable_network_data_are_ignored(dataset, text):
     dataset.attrs["network"] = text
     assert recorded_network(dataset) == {}
     assert "quality of service<" not in links_strip(dataset)

@@ -1,4 +1,4 @@
-"""Aircraft with different control surfaces in one flight: its record, dataset, report and exports."""
+"""Aircraft with different control surfaces in one flight: record, dataset, report and exports."""
 
 import io
 import json
@@ -21,8 +21,8 @@ pytestmark = pytest.mark.long
 
 LIGHT, FIGHTER = 0, 1
 SURFACES = (*ELEVONS, *STANDARD_SURFACES)
-OF_LIGHT = [f"{name}{suffix}" for name in ELEVONS for suffix in ("", "_command")]
-OF_FIGHTER = [f"{name}{suffix}" for name in STANDARD_SURFACES for suffix in ("", "_command")]
+LIGHT_KEYS = [f"{name}{suffix}" for name in ELEVONS for suffix in ("", "_command")]
+FIGHTER_KEYS = [f"{name}{suffix}" for name in STANDARD_SURFACES for suffix in ("", "_command")]
 
 
 @pytest.fixture(scope="module")
@@ -30,35 +30,35 @@ def mixed():
     return fly_mixed()
 
 
-def test_each_aircraft_tells_of_its_own_surfaces(mixed):
+def test_aircraft_groups_have_individual_surfaces(mixed):
     flight, *_ = mixed
     assert flight.surfaces == (ELEVONS, STANDARD_SURFACES)
 
 
-def test_the_record_has_the_surfaces_of_both_and_nothing_else_that_is_not_a_number(mixed):
+def test_the_record_has_the_surfaces_of_both_groups_and_is_finite_elsewhere(mixed):
     *_, history, _, _ = mixed
     assert set(history) == set(recorded_keys(SURFACES))
     assert not set(history) & OPTIONAL_KEYS
-    for keys, own, other in ((OF_LIGHT, LIGHT, FIGHTER), (OF_FIGHTER, FIGHTER, LIGHT)):
+    for keys, owner, other_group in ((LIGHT_KEYS, LIGHT, FIGHTER), (FIGHTER_KEYS, FIGHTER, LIGHT)):
         for key in keys:
-            assert np.all(np.isfinite(history[key][:, own])), key
-            assert np.all(np.isnan(history[key][:, other])), key
+            assert np.all(np.isfinite(history[key][:, owner])), key
+            assert np.all(np.isnan(history[key][:, other_group])), key
             assert history[key].dtype == np.float64
     never = {"lateral_bend", "planned_length"}  # of straight lines
-    for key in set(history) - set(OF_LIGHT) - set(OF_FIGHTER) - never:
+    for key in set(history) - set(LIGHT_KEYS) - set(FIGHTER_KEYS) - never:
         assert np.all(np.isfinite(history[key])), key
 
 
 def test_the_elevons_move_with_the_aircraft(mixed):
-    """Both as an elevator and against each other as ailerons: the goal's line asks for a pull and a turn."""
+    """Symmetric motion as an elevator for the pull, antisymmetric motion as ailerons for the turn to the goal."""
     *_, history, _, _ = mixed
-    left, right = (history[name][:, LIGHT] for name in ELEVONS)
-    assert np.ptp(left + right) > 1e-3
-    assert np.ptp(left - right) > 1e-3
+    left_elevon, right_elevon = (history[name][:, LIGHT] for name in ELEVONS)
+    assert np.ptp(left_elevon + right_elevon) > 1e-3
+    assert np.ptp(left_elevon - right_elevon) > 1e-3
     np.testing.assert_array_equal(history["status"], 0)
 
 
-def test_the_dataset_labels_them_and_says_where_there_are_none(mixed, tmp_path):
+def test_the_dataset_labels_surfaces_and_comments_on_missing_ones(mixed, tmp_path):
     *_, history, dataset, _ = mixed
     write_netcdf(dataset, tmp_path / "flight.nc")
     read = read_netcdf(tmp_path / "flight.nc")
@@ -67,24 +67,26 @@ def test_the_dataset_labels_them_and_says_where_there_are_none(mixed, tmp_path):
     assert (labels["long_name"], labels["units"]) == ("Left elevon command", "degree")
     assert all("no such surface" in read[f"{name}_deg"].attrs["comment"] for name in SURFACES)
     assert "comment" not in read["throttle"].attrs
-    found = np.degrees(history["right_elevon"][:, LIGHT])
-    np.testing.assert_allclose(read["right_elevon_deg"].isel(aircraft=LIGHT), found, rtol=1e-12)
+    recorded = np.degrees(history["right_elevon"][:, LIGHT])
+    np.testing.assert_allclose(read["right_elevon_deg"].isel(aircraft=LIGHT), recorded, rtol=1e-12)
     assert bool(read["right_elevon_deg"].isel(aircraft=FIGHTER).isnull().all())
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_it_is_exported(mixed, name):
+def test_a_mixed_fleet_is_exported(mixed, name):
     if name == "parquet" and not has_parquet():
         pytest.skip("no pyarrow here: nothing is written as Parquet")
     *_, dataset, summary = mixed
     content = FORMATS[name](dataset, summary, datetime(2026, 1, 1, tzinfo=UTC))
     if name == "csv":
-        head, *rows = content.decode().splitlines()
+        head, *records = content.decode().splitlines()
         columns = head.split(",")
-        first = dict(zip(columns, rows[0].split(","), strict=True))
-        assert first["aircraft"] == "light"
-        assert first["rudder_deg"] in ("", "nan")
-        assert float(first["left_elevon_deg"]) == pytest.approx(float(dataset["left_elevon_deg"][0, LIGHT]), rel=1e-12)
+        first_record = dict(zip(columns, records[0].split(","), strict=True))
+        assert first_record["aircraft"] == "light"
+        assert first_record["rudder_deg"] in ("", "nan")
+        assert float(first_record["left_elevon_deg"]) == pytest.approx(
+            float(dataset["left_elevon_deg"][0, LIGHT]), rel=1e-12
+        )
     elif name == "parquet":
         import pyarrow.parquet
 
@@ -111,7 +113,7 @@ def test_the_report_has_a_panel_for_each_surface(page):
 
 
 @pytest.mark.skipif(find_chromium() is None, reason=f"no Chromium here (none of {', '.join(NAMES)})")
-def test_the_browser_draws_them_and_complains_of_nothing(page, mixed, tmp_path):
+def test_the_browser_draws_the_surfaces_without_errors(page, mixed, tmp_path):
     dataset = mixed[-2]
     with Chromium(tmp_path, 1010, 600) as browser:
         browser.open(page)
@@ -121,7 +123,7 @@ def test_the_browser_draws_them_and_complains_of_nothing(page, mixed, tmp_path):
         titles = browser.run(
             "Array.from(document.querySelectorAll('#controls .title')).map((one) => one.textContent.trim())"
         )
-        drawn = browser.run("document.querySelectorAll('#controls canvas').length")
+        canvas_count = browser.run("document.querySelectorAll('#controls canvas').length")
         read = browser.run("anser.runs[0].at('left_elevon_deg', 0, 2.0)")
         missing = browser.run("Number.isNaN(anser.runs[0].at('left_elevon_deg', 1, 2.0))")
         for name in ("light", "fighter"):
@@ -135,6 +137,6 @@ def test_the_browser_draws_them_and_complains_of_nothing(page, mixed, tmp_path):
         "Aileron",
         "Rudder",
     ]
-    assert drawn > 0
+    assert canvas_count > 0
     assert missing is True
     assert read == pytest.approx(float(dataset["left_elevon_deg"].isel(aircraft=LIGHT).sel(time=2.0)), abs=0.0051)

@@ -1,4 +1,4 @@
-"""One report in a real browser: what should be drawn is drawn, moves, and tells what was recorded."""
+"""Report in a real browser: every part is drawn, moves, and agrees with the record."""
 
 import time
 
@@ -14,7 +14,7 @@ skip_without_chromium()
 DARK_INK = "#e3e8ee"
 
 
-def test_the_page_reads_what_was_recorded(browser, flight, path):
+def test_the_page_reads_the_recorded_values(browser, flight, path):
     opened(browser, path)
     dataset = flight[0]
     for name, k, time_s in (("course_deg", 1, 33.35), ("north_m", 2, 100.0), ("thrust_command_n", 0, 0.0)):
@@ -28,17 +28,17 @@ def test_the_page_reads_what_was_recorded(browser, flight, path):
 
 def test_the_scene_shows_every_aircraft_and_moves_with_the_slider(browser, path):
     opened(browser, path)
-    first = picture_of(browser, ".scene")
+    first_picture = picture_of(browser, ".scene")
     colors = browser.run("anser.runs[0].aircraft.map((one) => one.color)")
-    assert all(has_color(first, color) > 60 for color in colors)
-    before = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
+    assert all(has_color(first_picture, color) > 60 for color in colors)
+    start_positions = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
     browser.run("{ const s = document.getElementById('time'); s.value = '70'; s.dispatchEvent(new Event('input')); }")
     assert browser.run("anser.state.time") == 70.0
-    after = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
+    end_positions = browser.run("anser.scenes[0].flyers.map((f) => f.place.toArray()).flat()")
     # 22 s and more at some 100 m/s: more than a kilometre each
-    steps = np.subtract(after, before).reshape(3, 3)
+    steps = np.subtract(end_positions, start_positions).reshape(3, 3)
     assert np.linalg.norm(steps, axis=1).min() > 1.0
-    assert np.abs(picture_of(browser, ".scene") - first).max(axis=-1).astype(bool).sum() > 200
+    assert np.abs(picture_of(browser, ".scene") - first_picture).max(axis=-1).astype(bool).sum() > 200
     assert "70.0 of 130 s" in browser.run("document.getElementById('told').textContent")
 
 
@@ -56,15 +56,15 @@ def test_the_symbol_has_the_attitude(browser, flight, path):
     np.testing.assert_allclose(axes[2], [np.cos(yaw), 0.0, np.sin(yaw)], atol=1e-4)
 
 
-def test_the_camera_follows(browser, path):
+def test_the_camera_follows_the_aircraft(browser, path):
     opened(browser, path)
     browser.run("anser.state.setFocus('bert'); document.querySelector('[data-view=behind]').click()")
-    for at in (20, 60):
-        browser.run(f"anser.state.setTime({at})")
-        target, place = browser.run(
+    for time_s in (20, 60):
+        browser.run(f"anser.state.setTime({time_s})")
+        target, position = browser.run(
             "[anser.scenes[0].controls.target.toArray(), anser.scenes[0].flyers[1].shownPlace.toArray()]"
         )
-        np.testing.assert_allclose(target, place, atol=1e-6)
+        np.testing.assert_allclose(target, position, atol=1e-6)
     # from behind it looks along the flight, over ground that goes on to the horizon
     eye, target, heading = browser.run(
         "(() => { const s = anser.scenes[0]; return [s.camera.position, s.controls.target, s.flyers[1].heading(60)].map("
@@ -75,7 +75,7 @@ def test_the_camera_follows(browser, path):
     assert browser.run("[anser.scenes[0].ground.wide.visible, anser.scenes[0].ground.plate.visible]") == [True, False]
 
 
-def test_in_the_dark_everything_is_dark(browser, path):
+def test_the_dark_scheme_applies_to_every_part(browser, path):
     opened(browser, path)
     light = browser.run("[getComputedStyle(document.body).backgroundColor, anser.runs[0].aircraft[0].color]")
     assert light == ["rgb(255, 255, 255)", COLORS[0].lower()]
@@ -98,7 +98,7 @@ def test_in_the_dark_everything_is_dark(browser, path):
     assert np.median(picture_of(browser, ".scene")) > 0.9
 
 
-def test_printed_every_plot_and_the_scene_are_there_in_light(browser, path):
+def test_printed_plots_and_scene_are_complete_and_light(browser, path):
     opened(browser, path)
     # what is on the canvases when the printing begins: the least lightness of a colour, and how many pixels are inked
     browser.run(
@@ -129,23 +129,23 @@ def test_printed_every_plot_and_the_scene_are_there_in_light(browser, path):
     assert browser.faults == []
 
 
-def test_from_above_the_ground_track_lies_below_the_path(browser, path):
+def test_the_ground_track_from_above_lies_below_the_path(browser, path):
     opened(browser, path)
     browser.run("document.querySelector('[data-view=above]').click()")
     browser.settle()
     assert browser.run("anser.scenes[0].camera.isOrthographicCamera") is True
-    off = browser.run(
+    offset = browser.run(
         "(() => { const { eye, frame } = anser.scenes[0]; return Math.max(...frame.points.filter((_, k) => k % 2 === 0).map("
         "([x, y, z]) => { const [a, b] = [y * eye.lift, 0].map((h) => eye.pixelsOf(new THREE.Vector3(x, h, z)));"
         " return Math.hypot(a.x - b.x, a.y - b.y); })); })()"
     )
-    assert off < 0.1
+    assert offset < 0.1
     # a kilometre to the east is as long as the bar says, and north is up
-    words, wide, perKm, north = browser.run(
+    bar_text, wide, perKm, north = browser.run(
         "(() => { const s = anser.scenes[0], at = (x) => s.eye.pixelsOf(new THREE.Vector3(x, 0, 0)).x;"
         " return [s.bar.textContent, s.bar.getBoundingClientRect().width, at(1) - at(0), s.eye.northward()]; })()"
     )
-    number, unit = words.split()
+    number, unit = bar_text.split()
     assert wide == pytest.approx(float(number) * (perKm if unit == "km" else perKm / 1000.0), abs=0.6)
     assert north == pytest.approx(0.0, abs=1e-6)
     browser.run("document.querySelector('[data-view=overview]').click()")
@@ -153,7 +153,7 @@ def test_from_above_the_ground_track_lies_below_the_path(browser, path):
     assert browser.run("[anser.scenes[0].camera.isPerspectiveCamera, anser.scenes[0].bar.hidden]") == [True, True]
 
 
-def test_courses_go_on_through_north_and_are_told_as_on_a_compass(browser, path):
+def test_courses_are_unwrapped_and_labelled_as_on_a_compass(browser, path):
     opened(browser, path)
     browser.run("document.getElementById('responses').scrollIntoView()")
     browser.settle()
@@ -168,19 +168,19 @@ def test_courses_go_on_through_north_and_are_told_as_on_a_compass(browser, path)
     assert all(0.0 <= value < 360.0 for value in read)
 
 
-def test_a_command_at_a_limit_says_which(browser, path):
+def test_a_limited_command_is_named(browser, path):
     opened(browser, path)
     browser.run("document.getElementById('events').scrollIntoView()")
-    rows = browser.run(
+    texts = browser.run(
         "(() => { const found = [], draw = CanvasRenderingContext2D.prototype.fillText; CanvasRenderingContext2D.prototype"
         ".fillText = function (text, ...at) { found.push(text); draw.call(this, text, ...at); };"
         " anser.state.setTime(22); CanvasRenderingContext2D.prototype.fillText = draw; return found; })()"
     )
-    assert rows.count("thrust") == 3
-    assert "time (s)" in rows
+    assert texts.count("thrust") == 3
+    assert "time (s)" in texts
 
 
-def test_on_a_narrow_window_the_bar_is_low_and_the_scene_is_full(browser, path):
+def test_a_narrow_window_has_a_low_bar_and_a_full_scene(browser, path):
     opened(browser, path)
     try:
         browser.resize(400, 800)
@@ -197,7 +197,7 @@ def test_on_a_narrow_window_the_bar_is_low_and_the_scene_is_full(browser, path):
     browser.settle()
 
 
-def test_it_plays_and_pauses(browser, path):
+def test_playback_starts_and_pauses(browser, path):
     opened(browser, path)
     browser.run("anser.state.setTime(10); document.getElementById('play').click()")
     limit = time.monotonic() + 10.0
@@ -210,7 +210,7 @@ def test_it_plays_and_pauses(browser, path):
     assert browser.run("anser.state.time") == stopped
 
 
-def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
+def test_every_plot_is_drawn_with_a_common_time_cursor(browser, path):
     opened(browser, path)
     for key in ("plan", "limits", "responses", "attitude", "controls"):
         for end in ("start", "end"):
@@ -218,9 +218,9 @@ def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
             browser.settle()
     assert browser.run("anser.plots.list.filter((plot) => !plot.plot).length") == 0
     assert browser.run("anser.plots.list.length") > 25
-    drawn = picture_of(browser, "#limits .plot")
-    assert has_color(drawn, "#b3261e") > 100  # the limits
-    assert has_color(drawn, browser.run("anser.runs[0].aircraft[0].color")) > 100
+    picture = picture_of(browser, "#limits .plot")
+    assert has_color(picture, "#b3261e") > 100  # the limits
+    assert has_color(picture, browser.run("anser.runs[0].aircraft[0].color")) > 100
     # the mouse in one plot sets the instant of all, and of the scene
     x, y, width = browser.run(
         "(() => { const b = document.querySelector('#limits .plot .u-over').getBoundingClientRect();"
@@ -240,21 +240,21 @@ def test_every_plot_is_drawn_and_shows_one_instant(browser, path):
 
 
 @pytest.mark.long
-def test_zooming_in_time_fits_the_values_there(browser, flight, path):
+def test_zooming_in_time_fits_the_visible_values(browser, flight, path):
     opened(browser, path)
     browser.run("document.querySelector('[data-zoom=last]').click(); document.getElementById('plan').scrollIntoView()")
     browser.settle()
     low, high = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.x.min, s.x.max]; })()")
     assert (low, high) == pytest.approx((65.0, 85.0), abs=0.01)
     shown = flight[0]["range_to_rendezvous_m"].sel(time=slice(low, high))
-    least, most = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.y.min, s.y.max]; })()")
+    bottom, top = browser.run("(() => { const s = anser.plots.list[0].plot.scales; return [s.y.min, s.y.max]; })()")
     room = 0.05 * float(shown.max() - shown.min())
     # the last record after the window counts too: 0.025 s at 140 m/s
-    assert (least, most) == pytest.approx((float(shown.min()) - room, float(shown.max()) + room), abs=4.0)
+    assert (bottom, top) == pytest.approx((float(shown.min()) - room, float(shown.max()) + room), abs=4.0)
     browser.run("document.querySelector('[data-zoom=all]').click()")
 
 
-def test_focus_goes_everywhere(browser, path):
+def test_the_focus_applies_to_every_part(browser, path):
     opened(browser, path)
     browser.run("document.getElementById('controls').scrollIntoView()")
     browser.run(
@@ -271,7 +271,7 @@ def test_focus_goes_everywhere(browser, path):
 
 
 @pytest.mark.long
-def test_nothing_is_wider_than_the_window(browser, path):
+def test_the_page_is_no_wider_than_the_window(browser, path):
     opened(browser, path)
     try:
         for width in (420, 1280, 1920):

@@ -1,4 +1,4 @@
-"""The figure of a sweep: drawn against numbers only, one line for each combination of the rest."""
+"""Figure of a sweep: an abscissa of numbers, a line for each combination of the remaining values."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from anser.report.campaign_figures import draw_sweep
 from anser.results.flight_rows import FlightRow
 
 
-def flight(arrival_s, miss_m):
-    """One aircraft that arrives; none where it could not begin."""
+def flight_row(arrival_s, miss_m):
+    """Row of a flight with a single aircraft; without an arrival time, the flight failed to start."""
     if arrival_s is None:
         return FlightRow.failed_start("no plan")
     aircraft = [{"arrival_s": arrival_s, "miss_m": miss_m, "status": "arrived"}]
@@ -16,13 +16,14 @@ def flight(arrival_s, miss_m):
     return FlightRow(aircraft, {}, unmet, met=miss_m < 1.0)
 
 
-def swept(paths, flights):
+def sweep(paths, flights):
     return sweep_dataset(paths, ["one"], flights, {"title": "test"})
 
 
-def test_labels_what_came_of_each_flight():
-    data = swept(
-        {"a": [1, 2], "b": ["left", "right"]}, [flight(60.0, 0.5), flight(None, 0), flight(61, 2), flight(62, 0)]
+def test_the_dataset_has_the_result_of_each_flight():
+    data = sweep(
+        {"a": [1, 2], "b": ["left", "right"]},
+        [flight_row(60.0, 0.5), flight_row(None, 0), flight_row(61, 2), flight_row(62, 0)],
     )
     assert data["arrival_s"].dims == ("a", "b", "aircraft")
     np.testing.assert_array_equal(data["arrival_s"].values[..., 0], [[60.0, np.nan], [61.0, 62.0]])
@@ -33,18 +34,19 @@ def test_labels_what_came_of_each_flight():
     assert "arrival_spread_s" not in data
 
 
-def test_draws_a_line_for_each_combination_of_the_rest(tmp_path):
-    data = swept(
-        {"a": [1, 2], "b": ["left", "right"]}, [flight(60.0, 0.5), flight(None, 0), flight(61, 2), flight(62, 0)]
+def test_the_figure_has_a_line_for_each_combination_of_text_values(tmp_path):
+    data = sweep(
+        {"a": [1, 2], "b": ["left", "right"]},
+        [flight_row(60.0, 0.5), flight_row(None, 0), flight_row(61, 2), flight_row(62, 0)],
     )
     paths = draw_sweep(data, tmp_path)
     assert {path.name for path in paths} == {"sweep.svg", "sweep.png"}
-    drawn = (tmp_path / "sweep.svg").read_text()
-    for words in ("last arrival (s)", "greatest miss (m)", "b = left", "b = right", ">a<"):
-        assert words in drawn
+    svg = (tmp_path / "sweep.svg").read_text()
+    for label in ("last arrival (s)", "greatest miss (m)", "b = left", "b = right", ">a<"):
+        assert label in svg
 
 
-def test_draws_nothing_where_no_number_is_swept(tmp_path):
-    data = swept({"b": ["left", "right"]}, [flight(60.0, 0.5), flight(61, 2)])
+def test_a_sweep_without_numbers_has_no_figure(tmp_path):
+    data = sweep({"b": ["left", "right"]}, [flight_row(60.0, 0.5), flight_row(61, 2)])
     assert draw_sweep(data, tmp_path) == ()
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""The figure of a tracked path: what is drawn is the record up to the arrival."""
+"""Figure of a tracked path: the record up to the arrival."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ COUNT, ARRIVAL = 50, 30.0
 
 @pytest.fixture
 def dataset():
-    """Made-up record with every variable of the catalogue, one aircraft."""
+    """Made-up record of one aircraft, with every variable of the catalogue."""
     time = np.linspace(0.0, 49.0, COUNT)
     variables = {
         v.name: (
@@ -22,15 +22,15 @@ def dataset():
         )
         for k, v in enumerate(CATALOGUE)
     }
-    made = xr.Dataset(variables, {"time": time, "aircraft": ["one"]})
-    made["arrival_time_s"][:] = ARRIVAL
-    made["position_error_m"][:] = 0.5
-    made["position_error_m"][COUNT // 2] = 0.87
-    made["position_error_m"][-1] = 99.0  # after the arrival
-    return made
+    record = xr.Dataset(variables, {"time": time, "aircraft": ["one"]})
+    record["arrival_time_s"][:] = ARRIVAL
+    record["position_error_m"][:] = 0.5
+    record["position_error_m"][COUNT // 2] = 0.87
+    record["position_error_m"][-1] = 99.0  # after the arrival
+    return record
 
 
-def test_the_worst_error_up_to_the_arrival_stands_above(dataset, tmp_path):
+def test_the_heading_has_the_worst_error_up_to_the_arrival(dataset, tmp_path):
     path = tmp_path / "figure.svg"
     draw_tracking(dataset, "A title <of> mine", [path])
     text = path.read_text(encoding="utf-8")
@@ -41,13 +41,13 @@ def test_the_worst_error_up_to_the_arrival_stands_above(dataset, tmp_path):
         assert name in text
 
 
-def test_same_numbers_make_the_same_file_and_nothing_is_overwritten(dataset, tmp_path):
-    first, second = tmp_path / "a.svg", tmp_path / "b.svg"
-    draw_tracking(dataset, "twice", [first])
-    draw_tracking(dataset, "twice", [second])
-    assert first.read_bytes() == second.read_bytes()
+def test_figures_are_reproducible_and_do_not_overwrite(dataset, tmp_path):
+    first_path, second_path = tmp_path / "a.svg", tmp_path / "b.svg"
+    draw_tracking(dataset, "twice", [first_path])
+    draw_tracking(dataset, "twice", [second_path])
+    assert first_path.read_bytes() == second_path.read_bytes()
     with pytest.raises(FileExistsError):
-        draw_tracking(dataset, "twice", [first])
+        draw_tracking(dataset, "twice", [first_path])
 
 
 def test_surfaces_without_a_common_symbol_are_named(dataset, tmp_path):

@@ -1,4 +1,4 @@
-"""The verification page: what it says of a document, what it draws, how it refuses what is none."""
+"""Verification page: content, plots, and refused documents."""
 
 import json
 import subprocess
@@ -62,7 +62,7 @@ def document():
     return {"provenance": {"anser": "1.2.3"}, "passed": False, "seconds": 4.0, "checks": checks}
 
 
-def test_page_says_what_passed_and_what_did_not(document, tmp_path):
+def test_the_page_lists_passed_and_failed_checks(document, tmp_path):
     text = write_verification_page(document, tmp_path).read_text()
     assert "**Not all checks pass**; 4 s of computing, compilation included, with anser 1.2.3." in text
     assert "| [Check \\| timed](#check--timed) | 6 of 6 | 0.2 | passed | [X] tab. 1 |" in text
@@ -80,7 +80,7 @@ def test_page_says_what_passed_and_what_did_not(document, tmp_path):
     assert "| latitude_deg | 0 | 6 | 12 | 18 | m |" in text
 
 
-def test_only_histories_with_published_figures_are_drawn_and_always_alike(document, tmp_path):
+def test_plots_show_only_published_histories_and_are_reproducible(document, tmp_path):
     stale = tmp_path / "verification" / "old.svg"
     stale.parent.mkdir()
     stale.write_text("")
@@ -88,19 +88,19 @@ def test_only_histories_with_published_figures_are_drawn_and_always_alike(docume
     plots = sorted(path.name for path in stale.parent.iterdir())
     assert plots == ["timed.svg"]
     assert "](verification/timed.svg)" in page.read_text()
-    first = (stale.parent / "timed.svg").read_bytes()
-    assert b"altitudeMsl_ft" in first
+    plot = (stale.parent / "timed.svg").read_bytes()
+    assert b"altitudeMsl_ft" in plot
     write_verification_page(document, tmp_path)
-    assert (stale.parent / "timed.svg").read_bytes() == first
+    assert (stale.parent / "timed.svg").read_bytes() == plot
 
 
 @pytest.mark.long
-def test_from_the_command_line(document, tmp_path):
+def test_the_command_line_writes_the_page_or_refuses(document, tmp_path):
     source = tmp_path / "document.json"
     source.write_text(json.dumps(document))
     run = [sys.executable, "-m", "anser.report.verification_page"]
-    done = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    completed = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)
+    assert (completed.returncode, completed.stderr) == (0, "")
     assert (tmp_path / "verification.md").exists()
     source.write_text("no JSON")
     refused = subprocess.run([*run, source, tmp_path], capture_output=True, text=True, check=False)

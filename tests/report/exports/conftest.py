@@ -1,4 +1,4 @@
-"""A made-up flight: every variable has its own numbers, attitudes are proper, one goal is shared and moves."""
+"""A made-up flight with distinct values in each variable, valid attitudes, and a moving goal of two aircraft."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,8 @@ TIMES, NAMES, GOALS = 60, ("anna", "bert", "cläre <b>"), ("boat", "buoy", "boat
 ARRIVAL_S = 4.0
 
 
-def _quaternion(roll, pitch, yaw):
-    """Of NED to body, scalar first, from its three rotations."""
+def _attitude_quaternion(roll, pitch, yaw):
+    """Quaternion of the rotation from NED to body axes, scalar first, from roll, pitch and yaw."""
     cr, cp, cy, sr, sp, sy = (f(angle / 2) for f in (np.cos, np.sin) for angle in (roll, pitch, yaw))
     return (
         cr * cp * cy + sr * sp * sy,
@@ -38,14 +38,14 @@ def _history(time):
     yaw = np.mod(0.9 * t + 2.0 * k + np.pi, 2 * np.pi) - np.pi
     roll, pitch = 1.1 * np.sin(t + k), 0.4 * np.cos(0.7 * t - k)
     history |= {"roll": roll, "pitch": pitch, "yaw": yaw}
-    history |= {f"quaternion_{n}": part for n, part in enumerate(_quaternion(roll, pitch, yaw))}
+    history |= {f"quaternion_{n}": part for n, part in enumerate(_attitude_quaternion(roll, pitch, yaw))}
     history |= {
         "north": 150.0 * t - 4000.0 * k,
         "east": 9000.0 * np.sin(0.1 * t + k),
         "altitude": 1000.0 + 30.0 * t + 0 * k,
     }
-    shared = np.array([[0, 1, 0]])
-    history |= {"goal_north": 20.0 * t * (shared == 0) + 700.0, "goal_east": 900.0 * shared + 0 * t}
+    goal_index = np.array([[0, 1, 0]])
+    history |= {"goal_north": 20.0 * t * (goal_index == 0) + 700.0, "goal_east": 900.0 * goal_index + 0 * t}
     history |= {"goal_altitude": np.zeros(shape), "rendezvous_altitude": np.full(shape, 300.0)}
     history |= {f"rendezvous_{axis}": history[f"goal_{axis}"] + 10.0 * (k + 1) for axis in ("north", "east")}
     return history
@@ -61,9 +61,9 @@ def flown():
         "reference_latitude_deg": 47.5,
         "reference_longitude_deg": 179.95,
     }
-    rows = [
+    aircraft = [
         {"name": name, "goal": goal, "status": "arrived", "planned_arrival_s": ARRIVAL_S, "arrival_s": ARRIVAL_S}
         | {"miss_m": 0.25}
         for name, goal in zip(NAMES, GOALS, strict=True)
     ]
-    return to_dataset(time, _history(time), NAMES, attributes), {"scenario": {"name": "made-up"}, "aircraft": rows}
+    return to_dataset(time, _history(time), NAMES, attributes), {"scenario": {"name": "made-up"}, "aircraft": aircraft}

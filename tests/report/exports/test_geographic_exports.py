@@ -19,17 +19,17 @@ from anser.report.exports.kml import to_kml
 
 START = datetime(2024, 5, 1, 10, 0, tzinfo=UTC)
 # Written to 1e-9 deg, 1e-4 m.
-PLACE_M = 2e-4
+POSITION_TOLERANCE_M = 2e-4
 
 
 def _ecef(dataset, k):
-    of = dataset.isel(aircraft=k)
-    columns = (of[name].values for name in ("latitude_deg", "longitude_deg", "altitude_m"))
+    aircraft = dataset.isel(aircraft=k)
+    columns = (aircraft[name].values for name in ("latitude_deg", "longitude_deg", "altitude_m"))
     return np.stack(pymap3d.geodetic2ecef(*columns), axis=-1)
 
 
 def _axes_enu(dataset, k):
-    """Forward and up of an aircraft, in East, North, up, from its recorded angles alone."""
+    """Forward and up axes of an aircraft in East, North, up, from the recorded angles."""
     roll, pitch, yaw = (np.radians(dataset[f"{name}_deg"].values[:, k]) for name in ("roll", "pitch", "yaw"))
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))
     forward = np.stack([cp * sy, cp * cy, sp], axis=-1)
@@ -41,7 +41,7 @@ def _seconds(text):
     return (datetime.fromisoformat(text) - START).total_seconds()
 
 
-def test_czml_holds_to_the_schema_and_gives_places_and_attitudes_back(flown):
+def test_czml_follows_the_schema_and_contains_positions_and_attitudes(flown):
     dataset, summary = flown
     text = to_czml(dataset, summary, START)
     packets = {packet.id: packet for packet in map(czml3.Packet.model_validate, json.loads(text))}
@@ -55,8 +55,8 @@ def test_czml_holds_to_the_schema_and_gives_places_and_attitudes_back(flown):
         assert packet.label.text == dataset["aircraft"].values[k]
         time, longitude, latitude, height = np.reshape(packet.position.cartographicDegrees.values, (-1, 4)).T
         np.testing.assert_allclose(time, dataset["time"].values, atol=1e-6)
-        found = np.stack(pymap3d.geodetic2ecef(latitude, longitude, height), axis=-1)
-        np.testing.assert_allclose(found, _ecef(dataset, k), atol=PLACE_M)
+        exported = np.stack(pymap3d.geodetic2ecef(latitude, longitude, height), axis=-1)
+        np.testing.assert_allclose(exported, _ecef(dataset, k), atol=POSITION_TOLERANCE_M)
 
         samples = np.reshape(packet.orientation.unitQuaternion.values, (-1, 5))
         np.testing.assert_allclose(samples[:, 0], time)
@@ -72,31 +72,31 @@ def test_czml_holds_to_the_schema_and_gives_places_and_attitudes_back(flown):
             np.testing.assert_allclose(enu, expected, atol=5e-8)  # eight decimals of a quaternion
 
 
-def test_czml_shows_each_goal_once_and_each_rendezvous_until_the_arrival(flown):
+def test_czml_contains_each_goal_once_and_each_rendezvous_until_the_arrival(flown):
     dataset, summary = flown
     raw = {packet["id"]: packet for packet in json.loads(to_czml(dataset, summary, START))}
     assert [raw[f"goal-{k}"]["name"] for k in range(2)] == ["boat", "buoy"]
-    met = raw["rendezvous-2"]
-    assert _seconds(met["availability"].split("/")[1]) == pytest.approx(4.0)
-    assert met["polyline"]["positions"]["references"] == ["goal-0#position", "rendezvous-2#position"]
-    time, longitude, latitude, height = np.reshape(met["position"]["cartographicDegrees"], (-1, 4)).T
+    rendezvous = raw["rendezvous-2"]
+    assert _seconds(rendezvous["availability"].split("/")[1]) == pytest.approx(4.0)
+    assert rendezvous["polyline"]["positions"]["references"] == ["goal-0#position", "rendezvous-2#position"]
+    time, longitude, latitude, height = np.reshape(rendezvous["position"]["cartographicDegrees"], (-1, 4)).T
     # Against the plane that touches the ellipsoid, in which meridians converge: N E tan(latitude) / R = 4 mm.
     north, east, _ = pymap3d.geodetic2ned(latitude, longitude, 0.0, 47.5, 179.95, 0.0)
-    until = time.size
-    np.testing.assert_allclose(north, dataset["rendezvous_north_m"].values[:until, 2], atol=5e-3)
-    np.testing.assert_allclose(east, dataset["rendezvous_east_m"].values[:until, 2], atol=5e-3)
+    sample_count = time.size
+    np.testing.assert_allclose(north, dataset["rendezvous_north_m"].values[:sample_count, 2], atol=5e-3)
+    np.testing.assert_allclose(east, dataset["rendezvous_east_m"].values[:sample_count, 2], atol=5e-3)
     np.testing.assert_allclose(height, 300.0)
 
 
-def test_names_are_text_in_czml(flown):
+def test_names_are_escaped_in_czml(flown):
     dataset, summary = flown
-    rows = [row | {"goal": "<img src=x onerror=alert(1)>"} for row in summary["aircraft"]]
-    raw = {packet["id"]: packet for packet in json.loads(to_czml(dataset, summary | {"aircraft": rows}, START))}
+    aircraft = [table | {"goal": "<img src=x onerror=alert(1)>"} for table in summary["aircraft"]]
+    raw = {packet["id"]: packet for packet in json.loads(to_czml(dataset, summary | {"aircraft": aircraft}, START))}
     assert "&lt;img" in raw["aircraft-0"]["description"]
     assert "<img" not in raw["aircraft-0"]["description"]
 
 
-def test_kml_holds_to_the_schema_and_gives_times_places_and_attitudes_back(flown, tmp_path):
+def test_kml_follows_the_schema_and_contains_times_positions_and_attitudes(flown, tmp_path):
     dataset, summary = flown
     path = tmp_path / "flight.kml"
     path.write_bytes(to_kml(dataset, summary, START))
@@ -111,8 +111,8 @@ def test_kml_holds_to_the_schema_and_gives_times_places_and_attitudes_back(flown
         times = [(item.when.dt - START) / timedelta(seconds=1) for item in items]
         np.testing.assert_allclose(times, dataset["time"].values, atol=1e-6)
         coordinates = np.array([(item.coord.x, item.coord.y, item.coord.z) for item in items]).T
-        found = np.stack(pymap3d.geodetic2ecef(coordinates[1], coordinates[0], coordinates[2]), axis=-1)
-        np.testing.assert_allclose(found, _ecef(dataset, k), atol=PLACE_M)
+        exported = np.stack(pymap3d.geodetic2ecef(coordinates[1], coordinates[0], coordinates[2]), axis=-1)
+        np.testing.assert_allclose(exported, _ecef(dataset, k), atol=POSITION_TOLERANCE_M)
         angles = [(item.angle.heading, item.angle.tilt, item.angle.roll) for item in items]
         heading, tilt, roll = np.array(angles).T
         assert heading.min() >= 0.0
@@ -123,7 +123,7 @@ def test_kml_holds_to_the_schema_and_gives_times_places_and_attitudes_back(flown
         np.testing.assert_allclose(roll, -dataset["roll_deg"].values[:, k], atol=1e-5)
 
 
-def test_text_in_kml_stays_text(flown):
+def test_text_is_escaped_in_kml(flown):
     dataset, summary = flown
     odd = dataset.assign_attrs(description="<script>chips</script> \x07 & \N{SNOWMAN}")
     root = ET.fromstring(to_kml(odd, summary, START))
@@ -132,7 +132,7 @@ def test_text_in_kml_stays_text(flown):
     assert described == "&lt;script&gt;chips&lt;/script&gt; \N{REPLACEMENT CHARACTER} &amp; \N{SNOWMAN}"
 
 
-def test_what_is_not_finite_is_left_out(flown):
+def test_exports_omit_values_that_are_not_finite(flown):
     dataset, summary = flown
     lost = dataset.copy(deep=True)
     lost["quaternion_2"][30:, 1] = np.nan

@@ -1,4 +1,4 @@
-"""Every file of a flight read by xarray, pandas, SciPy or a parser alone: what anser reads, without a warning."""
+"""Files of a flight read by xarray, pandas, SciPy or a parser alone: the same values as in anser, without a warning."""
 
 import csv
 import io
@@ -35,14 +35,14 @@ def column(values):
 
 @pytest.fixture
 def gaps(flown):
-    """The made-up flight, with zeros and values that are missing."""
+    """The made-up flight, with zeros and missing values."""
     dataset = flown[0].copy(deep=True)
     dataset["clearance_m"].values[3, 1] = np.nan
     dataset["north_m"].values[0] = 0.0
     return dataset
 
 
-def test_netcdf_by_xarray(gaps, tmp_path):
+def test_xarray_reads_netcdf(gaps, tmp_path):
     write_netcdf(gaps, tmp_path / "flight.nc")
     xr.testing.assert_identical(read_alone(tmp_path / "flight.nc"), gaps)
 
@@ -61,7 +61,7 @@ def test_netcdf_by_xarray(gaps, tmp_path):
     ],
     ids=["robustness", "sweep"],
 )
-def test_surveys_by_xarray(dataset, tmp_path):
+def test_xarray_reads_surveys(dataset, tmp_path):
     write_netcdf(dataset, tmp_path / "survey.nc")
     alone = read_alone(tmp_path / "survey.nc")
     xr.testing.assert_equal(alone, dataset)
@@ -69,7 +69,7 @@ def test_surveys_by_xarray(dataset, tmp_path):
         assert alone[name].dtype.kind == values.dtype.kind or values.dtype.kind == "U", name
 
 
-def test_csv_by_pandas(gaps):
+def test_pandas_reads_csv(gaps):
     table = pd.read_csv(io.BytesIO(to_csv(gaps)))
     assert table["aircraft"].tolist() == np.repeat(gaps["aircraft"].values, gaps.sizes["time"]).tolist()
     np.testing.assert_allclose(table["time_s"], np.tile(gaps["time"].values, gaps.sizes["aircraft"]), rtol=4e-16)
@@ -78,7 +78,7 @@ def test_csv_by_pandas(gaps):
         np.testing.assert_allclose(table[name].to_numpy(), column(values), rtol=4e-16, err_msg=name)
 
 
-def test_parquet_by_pandas(gaps):
+def test_pandas_reads_parquet(gaps):
     table = pd.read_parquet(io.BytesIO(to_parquet(gaps)))
     assert table["aircraft"].tolist() == np.repeat(gaps["aircraft"].values, gaps.sizes["time"]).tolist()
     for name, values in gaps.items():
@@ -86,7 +86,7 @@ def test_parquet_by_pandas(gaps):
         np.testing.assert_array_equal(table[name].to_numpy(), column(values), err_msg=name)
 
 
-def test_mat_by_scipy(gaps):
+def test_scipy_reads_mat(gaps):
     read = scipy.io.loadmat(io.BytesIO(to_mat(gaps)))
     np.testing.assert_array_equal(read["time_s"][:, 0], gaps["time"].values)
     assert [name.item() for name in read["aircraft"][:, 0]] == gaps["aircraft"].values.tolist()
@@ -95,7 +95,7 @@ def test_mat_by_scipy(gaps):
         assert read["units"][name].item().item() == values.attrs["units"], name
 
 
-def test_kml_by_an_xml_parser(flown):
+def test_an_xml_parser_reads_kml(flown):
     dataset, summary = flown
     root = ET.fromstring(to_kml(dataset, summary, START))
     tracks = [
@@ -103,25 +103,38 @@ def test_kml_by_an_xml_parser(flown):
     ]
     assert len(tracks) == dataset.sizes["aircraft"]
     for k, track in enumerate(tracks):
-        rows = np.array([entry.text.split() for entry in track.iter(f"{GX}coord")], dtype=float)
+        coordinates = np.array([entry.text.split() for entry in track.iter(f"{GX}coord")], dtype=float)
         expected = [dataset[name].values[:, k] for name in ("longitude_deg", "latitude_deg", "altitude_m")]
-        np.testing.assert_allclose(rows, np.transpose(expected), rtol=0, atol=1e-4)
+        np.testing.assert_allclose(coordinates, np.transpose(expected), rtol=0, atol=1e-4)
 
 
-def test_czml_by_a_json_parser(flown, tmp_path):
+def test_a_json_parser_reads_czml(flown, tmp_path):
     dataset, summary = flown
     (tmp_path / "flight.czml").write_bytes(to_czml(dataset, summary, START))
     packets = {packet["id"]: packet for packet in parsed(tmp_path / "flight.czml")}
     for k in range(dataset.sizes["aircraft"]):
-        rows = np.reshape(packets[f"aircraft-{k}"]["position"]["cartographicDegrees"], (-1, 4))
+        samples = np.reshape(packets[f"aircraft-{k}"]["position"]["cartographicDegrees"], (-1, 4))
         expected = [dataset[name].values[:, k] for name in ("longitude_deg", "latitude_deg", "altitude_m")]
-        np.testing.assert_allclose(rows, np.transpose([dataset["time"].values, *expected]), rtol=0, atol=1e-4)
+        np.testing.assert_allclose(samples, np.transpose([dataset["time"].values, *expected]), rtol=0, atol=1e-4)
 
 
-def test_summary_and_plan_by_a_json_parser(tmp_path):
-    row = {"name": "ä", "goal": "b", "status": "arrived", "planned_arrival_s": 0.0, "arrival_s": None, "miss_m": 0.0}
+def test_a_json_parser_reads_summary_and_plan(tmp_path):
+    aircraft = {
+        "name": "ä",
+        "goal": "b",
+        "status": "arrived",
+        "planned_arrival_s": 0.0,
+        "arrival_s": None,
+        "miss_m": 0.0,
+    }
     fleet = {"separation_min_m": None, "simulated_s": 0.0}
-    summary = {"format_version": 1, "scenario": {"name": ""}, "aircraft": [row], "fleet": fleet, "requirements": []}
+    summary = {
+        "format_version": 1,
+        "scenario": {"name": ""},
+        "aircraft": [aircraft],
+        "fleet": fleet,
+        "requirements": [],
+    }
     write_summary(summary, tmp_path / "summary.json")
     assert parsed(tmp_path / "summary.json") == add_checksum(summary)
     assert read_summary(tmp_path / "summary.json") == summary
@@ -132,21 +145,21 @@ def test_summary_and_plan_by_a_json_parser(tmp_path):
     assert parsed(tmp_path / "document.json") == plan_summary(plan)
 
 
-def test_trajectories_of_a_plan_by_pandas_and_csv(tmp_path):
+def test_pandas_and_csv_read_the_trajectories_of_a_plan(tmp_path):
     plan = plan_dataset(*plan_case())
     write_trajectories(plan, tmp_path / "trajectories.csv")
     table = pd.read_csv(tmp_path / "trajectories.csv")
     with (tmp_path / "trajectories.csv").open(newline="", encoding="utf-8") as file:
-        header, *rows = csv.reader(file)
+        header, *records = csv.reader(file)
     assert list(table.columns) == header
-    np.testing.assert_allclose(table["time_s"], [float(row[0]) for row in rows], rtol=4e-16)
+    np.testing.assert_allclose(table["time_s"], [float(record[0]) for record in records], rtol=4e-16)
     for name in plan["aircraft"].values:
         of_one = table[table["aircraft"] == name]
         expected = plan["north_m"].sel(aircraft=name, time=of_one["time_s"].to_numpy())
         np.testing.assert_allclose(of_one["north_m"], expected, rtol=0, atol=1e-6)
 
 
-def test_tables_of_a_campaign_by_pandas(tmp_path):
+def test_pandas_reads_the_tables_of_a_campaign(tmp_path):
     pairs = ("flight", "aircraft")
     dataset = xr.Dataset(
         {
@@ -170,7 +183,7 @@ def test_tables_of_a_campaign_by_pandas(tmp_path):
     aircraft = pd.read_parquet(tmp_path / "aircraft.parquet")
     np.testing.assert_array_equal(aircraft["miss_m"], [0.0, np.nan])
     assert aircraft["flight"].tolist() == [0, 1]
-    found = pd.read_parquet(tmp_path / "answers.parquet")
-    np.testing.assert_array_equal(found["low"].to_numpy(dtype=float), [0.0, np.nan])
+    estimates = pd.read_parquet(tmp_path / "answers.parquet")
+    np.testing.assert_array_equal(estimates["low"].to_numpy(dtype=float), [0.0, np.nan])
     indices = pd.read_parquet(tmp_path / "indices.parquet")
     np.testing.assert_array_equal(indices["value"].to_numpy(dtype=float), [0.0])

@@ -1,4 +1,4 @@
-"""CSV, Parquet and MATLAB files, read by other libraries than wrote them: every number comes back."""
+"""CSV, Parquet and MATLAB files, read by independent libraries: every number is preserved."""
 
 import csv
 import io
@@ -18,29 +18,29 @@ def _long(values):
     return values.transpose("aircraft", "time").values.ravel()
 
 
-def test_csv_gives_every_number_back(flown):
+def test_csv_preserves_every_number(flown):
     dataset, _ = flown
-    header, *rows = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
+    header, *records = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
     assert header == ["time_s", "aircraft", *(variable.name for variable in CATALOGUE)]
-    assert len(rows) == dataset.sizes["time"] * dataset.sizes["aircraft"]
-    columns = dict(zip(header, zip(*rows, strict=True), strict=True))
+    assert len(records) == dataset.sizes["time"] * dataset.sizes["aircraft"]
+    columns = dict(zip(header, zip(*records, strict=True), strict=True))
     assert list(columns["aircraft"][:: dataset.sizes["time"]]) == list(dataset["aircraft"].values)
     assert [float(text) for text in columns["time_s"]] == [*dataset["time"].values] * 3
     for name in dataset.data_vars:
         assert [float(text) for text in columns[name]] == list(_long(dataset[name]).astype(float)), name
 
 
-def test_no_text_of_a_csv_is_a_formula_and_numbers_are_left_alone(flown):
+def test_csv_text_is_never_a_formula_and_numbers_are_unchanged(flown):
     dataset = flown[0].isel(time=slice(2), aircraft=slice(1)).assign_coords(aircraft=["=1+1"])
     dataset = dataset.assign({"-formula": (("time", "aircraft"), np.array([["+x"], ["@x"]]))})
-    header, *rows = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
+    header, *records = csv.reader(io.StringIO(to_csv(dataset).decode(), newline=""))
     assert (header[1], header[-1]) == ("aircraft", "'-formula")
-    assert [(row[1], row[-1]) for row in rows] == [("'=1+1", "'+x"), ("'=1+1", "'@x")]
-    numbers = {float(cell) for row in rows for cell in row[2:-1] if cell}
+    assert [(record[1], record[-1]) for record in records] == [("'=1+1", "'+x"), ("'=1+1", "'@x")]
+    numbers = {float(cell) for record in records for cell in record[2:-1] if cell}
     assert min(numbers) < 0.0  # which begin with a minus sign
 
 
-def test_parquet_gives_every_number_and_unit_back(flown, tmp_path):
+def test_parquet_preserves_every_number_and_unit(flown, tmp_path):
     dataset, _ = flown
     path = tmp_path / "flight.parquet"
     path.write_bytes(to_parquet(dataset))
@@ -56,14 +56,14 @@ def test_parquet_gives_every_number_and_unit_back(flown, tmp_path):
         assert schema.field(variable.name).metadata[b"units"].decode() == variable.unit
 
 
-def test_parquet_without_its_library_says_what_to_install(flown, monkeypatch):
+def test_parquet_without_pyarrow_names_the_package_to_install(flown, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ImportError, match=r'pip install "anser\[parquet\]"'):
         to_parquet(flown[0])
     assert 'pip install "anser[parquet]"' in PARQUET_MISSING
 
 
-def test_mat_gives_every_number_and_unit_back(flown, tmp_path):
+def test_mat_preserves_every_number_and_unit(flown, tmp_path):
     dataset, _ = flown
     path = tmp_path / "flight.mat"
     path.write_bytes(to_mat(dataset))
@@ -81,6 +81,6 @@ def test_mat_gives_every_number_and_unit_back(flown, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["_north", "größe", "a b", "x" * 64])
-def test_mat_refuses_names_that_matlab_cannot_hold(flown, name):
+def test_mat_refuses_names_that_are_invalid_in_matlab(flown, name):
     with pytest.raises(ValueError, match="MATLAB cannot hold"):
         to_mat(flown[0].rename(north_m=name))
