@@ -1,4 +1,4 @@
-"""DAVE-ML files of impossible bodies and of wrong units are refused with the line."""
+"""Impossible bodies and wrong units in DAVE-ML files are refused with the line."""
 
 from pathlib import Path
 
@@ -11,11 +11,11 @@ FOLDER = Path(__file__).parents[2] / "scenarios" / "own-aircraft"
 TEXT = (FOLDER / "trainer.dml").read_text(encoding="utf-8")
 
 NO_SHOTS = TEXT[TEXT.index("<checkData>") : TEXT.index("</DAVEfunc>")], ""
-"""Pair that takes the check shots away, which know variables by their names and units."""
+"""Replacement that removes the check shots, which refer to variables by name and units."""
 
 
 def trainer_with(folder, *pairs):
-    """The trainer's files with other texts; the path of its aircraft file."""
+    """Write the trainer's files with replacements; return the path of the aircraft file."""
     text = TEXT
     for old, new in pairs:
         assert text.count(old) == 1
@@ -27,7 +27,7 @@ def trainer_with(folder, *pairs):
 
 
 def variable(key, value):
-    """Pair that gives a constant of the trainer another value."""
+    """Replacement for the value of a constant of the trainer."""
     start = TEXT.index(f'varID="{key}"')
     old = TEXT[start : TEXT.index(">", start)]
     head, _, _ = old.partition("initialValue=")
@@ -48,11 +48,11 @@ def variable(key, value):
         ("C", "-4.9", "aerodynamics", "-4.9 ft, .* of referenceWingChord", "a positive number"),
     ],
 )
-def test_an_impossible_body_is_refused_with_its_place(tmp_path, key, value, part, arrived, expected):
+def test_an_impossible_body_is_refused_with_its_position(tmp_path, key, value, part, arrived, expected):
     pair = variable(key, value)
     line = TEXT[: TEXT.index(pair[0])].count("\n") + 1
-    where = rf"dave_ml.{part} \(trainer.dml, line {line}, column \d+\)"
-    with pytest.raises(ScenarioError, match=f"{where}: arrived {arrived}.*; expected .*{expected}"):
+    position = rf"dave_ml.{part} \(trainer.dml, line {line}, column \d+\)"
+    with pytest.raises(ScenarioError, match=f"{position}: arrived {arrived}.*; expected .*{expected}"):
         read_airframe(trainer_with(tmp_path, pair))
 
 
@@ -62,7 +62,7 @@ def test_a_body_that_can_be_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ('varID="MASS" units="slug"', 'varID="MASS" units=""', 'units="" of "totalMass" .* expected a mass'),
         ('varID="S" units="ft2"', 'varID="S" units="ft"', 'units="ft" of "referenceWingArea" .* expected an area'),
@@ -70,25 +70,25 @@ def test_a_body_that_can_be_is_read(tmp_path):
         ('varID="DE" units="deg"', 'varID="DE" units="kt"', 'units="kt" of "elevatorDeflection" .* expected an angle'),
     ],
 )
-def test_wrong_units_are_refused_with_their_place(tmp_path, old, new, words):
+def test_wrong_units_are_refused_with_their_position(tmp_path, old, new, message):
     line = TEXT[: TEXT.index(old)].count("\n") + 1
-    where = rf"dave_ml.aerodynamics \(trainer.dml, line {line}, column 3\)"
-    with pytest.raises(ScenarioError, match=f"{where}: arrived {words}"):
+    position = rf"dave_ml.aerodynamics \(trainer.dml, line {line}, column 3\)"
+    with pytest.raises(ScenarioError, match=f"{position}: arrived {message}"):
         read_airframe(trainer_with(tmp_path, (old, new)))
 
 
-def test_what_a_surface_moves_is_an_angle(tmp_path):
+def test_the_input_of_a_surface_is_an_angle(tmp_path):
     path = trainer_with(
         tmp_path, ('name="elevatorDeflection" varID="DE" units="deg"', 'name="tail" varID="DE" units=""'), NO_SHOTS
     )
     text = path.read_text(encoding="utf-8").replace('name = "elevator"', 'name = "elevator"\ninput = "tail"')
     path.write_text(text, encoding="utf-8")
-    words = r'surface\[0\].input \(trainer.dml, line \d+, column 3\): arrived units="" of "tail" .* expected an angle'
-    with pytest.raises(ScenarioError, match=words):
+    message = r'surface\[0\].input \(trainer.dml, line \d+, column 3\): arrived units="" of "tail" .* expected an angle'
+    with pytest.raises(ScenarioError, match=message):
         read_airframe(path)
 
 
-def test_a_name_told_beside_the_file_needs_its_units(tmp_path):
+def test_a_name_in_the_aircraft_file_needs_its_units(tmp_path):
     path = trainer_with(
         tmp_path, ('name="totalMass" varID="MASS" units="slug"', 'name="m" varID="MASS" units="lbf"'), NO_SHOTS
     )

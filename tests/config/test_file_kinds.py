@@ -1,4 +1,4 @@
-"""A file of another kind is told so in one sentence, with the command that takes it."""
+"""A file of another kind is refused in one sentence, with the right command."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ def _refused(read, path) -> str:
 
 
 @pytest.mark.parametrize(
-    ("path", "words"),
+    ("path", "message"),
     [
         (STUDY, f"arrived a study file, by its tables; expected a scenario file; for this one: anser campaign {STUDY}"),
         (RARE, f"a scenario file; for this one: anser rare {RARE} --out FOLDER"),
     ],
 )
-def test_a_study_is_no_scenario(path, words):
-    assert words in _refused(load, path)
+def test_a_study_is_no_scenario(path, message):
+    assert message in _refused(load, path)
 
 
 def test_an_aircraft_is_no_scenario_and_a_scenario_neither_a_study_nor_an_aircraft(tmp_path):
@@ -41,7 +41,7 @@ def test_an_aircraft_is_no_scenario_and_a_scenario_neither_a_study_nor_an_aircra
     assert f"an aircraft file; for this one: anser check {scenario}" in _refused(read_airframe, scenario)
 
 
-def test_a_name_alone_is_looked_for_among_the_scenarios(tmp_path, monkeypatch):
+def test_a_bare_name_suggests_a_shipped_scenario(tmp_path, monkeypatch):
     monkeypatch.chdir(ROOT)
     for name in ("three-aircraft", "three-aircraft.toml"):
         assert 'perhaps "scenarios/three-aircraft.toml"' in _refused(load, name)

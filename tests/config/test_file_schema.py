@@ -1,4 +1,4 @@
-"""The JSON Schema of the files: it takes what is shipped, refuses what is misspelt; the tables of the pages."""
+"""JSON Schema of the files (accepts shipped files, refuses misspelt keys), and key tables of the documentation."""
 
 import copy
 import tomllib
@@ -26,12 +26,12 @@ FILES = [
 THREE = tomllib.loads((ROOT / "scenarios/three-aircraft.toml").read_text())
 
 
-def found(model, values):
+def schema_errors(model, values):
     return [error.message for error in VALIDATORS[model].iter_errors(values)]
 
 
 @pytest.mark.parametrize("model", SCHEMAS, ids=lambda model: model.__name__)
-def test_each_is_a_schema_of_draft_7_without_references(model):
+def test_schemas_are_of_draft_7_without_references(model):
     jsonschema.Draft7Validator.check_schema(SCHEMAS[model])
     text = str(SCHEMAS[model])
     for word in ("$ref", "$defs", "prefixItems", "'null'", ":func:"):
@@ -39,8 +39,8 @@ def test_each_is_a_schema_of_draft_7_without_references(model):
 
 
 @pytest.mark.parametrize(("model", "path"), FILES, ids=lambda of: getattr(of, "stem", ""))
-def test_what_is_shipped_is_valid(model, path):
-    assert found(model, tomllib.loads(path.read_text())) == []
+def test_shipped_files_are_valid(model, path):
+    assert schema_errors(model, tomllib.loads(path.read_text())) == []
 
 
 def test_the_starters_are_valid_and_name_the_schema_in_their_first_line():
@@ -49,7 +49,7 @@ def test_the_starters_are_valid_and_name_the_schema_in_their_first_line():
         (AirframeFile, airframe_starter(), "aircraft"),
     ):
         assert text.startswith(f"#:schema ./anser-{name}.schema.json\n")
-        assert found(model, tomllib.loads(text)) == []
+        assert schema_errors(model, tomllib.loads(text)) == []
 
 
 @pytest.mark.parametrize(
@@ -65,11 +65,11 @@ def test_the_starters_are_valid_and_name_the_schema_in_their_first_line():
         (lambda of: of.update(earth="round"), "'round' is not valid under any"),
     ],
 )
-def test_what_is_wrong_with_a_key_is_found(change, words):
+def test_an_invalid_key_is_reported(change, words):
     values = copy.deepcopy(THREE)
     change(values)
-    (message,) = found(Scenario, values)
-    assert words in message
+    (error,) = schema_errors(Scenario, values)
+    assert words in error
 
 
 @pytest.mark.parametrize(
@@ -80,13 +80,13 @@ def test_what_is_wrong_with_a_key_is_found(change, words):
         lambda of: of["aircraft"][0].update(airframe="my-uav.toml"),
     ],
 )
-def test_what_a_file_may_hold_instead_is_valid(change):
+def test_alternative_values_are_valid(change):
     values = copy.deepcopy(THREE)
     change(values)
-    assert found(Scenario, values) == []
+    assert schema_errors(Scenario, values) == []
 
 
-def test_an_editor_shows_what_a_key_is_and_what_it_expects():
+def test_the_description_of_a_key_has_meaning_and_range():
     bank = SCHEMAS[Scenario]["properties"]["limits"]["properties"]["bank_max_deg"]
     assert bank == {
         "default": 60.0,
@@ -100,7 +100,7 @@ def test_an_editor_shows_what_a_key_is_and_what_it_expects():
 @pytest.mark.parametrize("model", SCHEMAS, ids=lambda model: model.__name__)
 def test_the_tables_hold_every_key_of_the_schema(model):
     lines = key_tables(model).splitlines()
-    rows = {line.split("`")[1] for line in lines if line.startswith("| `")}
+    keys = {line.split("`")[1] for line in lines if line.startswith("| `")}
     heads = {line.strip("#` []") for line in lines if line.startswith("## ")}
 
     def walk(node, path):
@@ -110,11 +110,11 @@ def test_the_tables_hold_every_key_of_the_schema(model):
                 None,
             )
             if inner is None:
-                assert key in rows, (path, key)
+                assert key in keys, (path, key)
             else:
-                within = f"{path}.{key}".removeprefix(".")
-                assert within in heads
-                walk(inner, within)
+                inner_path = f"{path}.{key}".removeprefix(".")
+                assert inner_path in heads
+                walk(inner, inner_path)
 
     walk(SCHEMAS[model], "")
 

@@ -1,4 +1,4 @@
-"""Numbers that arrive with a unit, as a text."""
+"""Numbers written with a unit, as text."""
 
 import pytest
 
@@ -6,7 +6,7 @@ from anser.config.validation_messages import conversion_hint
 
 
 @pytest.mark.parametrize(
-    ("text", "unit", "words"),
+    ("text", "unit", "hint"),
     [
         ("9 kt", "m/s", "; 9 kt is 4.63 m/s: write 4.63"),
         ("9kts", "m/s", "; 9 kts is 4.63 m/s: write 4.63"),
@@ -28,5 +28,5 @@ from anser.config.validation_messages import conversion_hint
         ("NW", "m/s", ""),
     ],
 )
-def test_what_to_write_is_told_where_it_can_be(text, unit, words):
-    assert conversion_hint(text, unit) == words
+def test_a_number_with_a_unit_gets_a_conversion_hint(text, unit, hint):
+    assert conversion_hint(text, unit) == hint

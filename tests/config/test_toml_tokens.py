@@ -1,4 +1,4 @@
-"""Sizes and depths of TOML that are refused before it is parsed, and lines of problems found in linear time."""
+"""Size and depth limits of TOML before parsing, and line numbers of problems in linear time."""
 
 import time
 import tomllib
@@ -23,14 +23,14 @@ DEEP = {
 
 
 @pytest.mark.parametrize("name", DEEP)
-def test_what_is_too_deep_is_refused_before_it_is_parsed(name):
+def test_excessive_depth_is_refused_before_parsing(name):
     began = time.process_time()
     with pytest.raises(ScenarioError, match="line 2: arrived a key, list or table of more than 32 levels"):
         loads(DEEP[name], "deep.toml")
     assert time.process_time() - began < 1.0
 
 
-def test_depth_within_texts_and_comments_is_none():
+def test_brackets_in_texts_and_comments_do_not_count():
     dots = "a." * 100 + "[" * 100
     text = f'x = "{dots}"\ny = \'{dots}\'\n# {dots}\nz = """\n{dots}\\""" "" {dots}""""\nw = \'\'\'{dots}\n\'\'\'\n'
     assert parse_toml(text, "texts")["w"] == f"{dots}\n"
@@ -41,13 +41,13 @@ def test_depth_within_texts_and_comments_is_none():
 
 
 @pytest.mark.parametrize("text", ['"""' * 100_001, '"""\\' * 100_000, "'''" * 100_001, '"' * 100_001, "a." * 100_000])
-def test_the_scan_takes_time_in_proportion(text):
+def test_the_scan_takes_linear_time(text):
     began = time.process_time()
     excessive_depth(text)
     assert time.process_time() - began < 2.0
 
 
-def test_a_file_that_is_too_large_is_refused_unread(tmp_path):
+def test_a_large_file_is_refused_unread(tmp_path):
     path = tmp_path / "large.toml"
     with path.open("wb") as file:
         file.truncate(1 << 40)  # sparse
@@ -64,14 +64,14 @@ def test_a_file_that_is_too_large_is_refused_unread(tmp_path):
         st.integers() | st.text("\"'#[]{}\\,\n=x", max_size=6), lambda v: st.lists(v, max_size=4), max_leaves=8
     )
 )
-def test_values_end_where_they_end(value):
-    def written(one):
-        if isinstance(one, list):
-            return "[" + "".join(f"\n  {written(each)}, # ]{{\n" for each in one) + "]"
-        if isinstance(one, int):
-            return str(one)
-        text = one.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"""\n{text}"""' if "\n" in one else f'"{text}"'
+def test_the_end_of_a_value_is_found(value):
+    def written(item):
+        if isinstance(item, list):
+            return "[" + "".join(f"\n  {written(element)}, # ]{{\n" for element in item) + "]"
+        if isinstance(item, int):
+            return str(item)
+        text = item.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"""\n{text}"""' if "\n" in item else f'"{text}"'
 
     text = f"a = {written(value)} # [\nb = 1\n"
     if not isinstance(value, int) or value.bit_length() < 64:
@@ -80,8 +80,8 @@ def test_values_end_where_they_end(value):
 
 
 def waypoints(count, wrong):
-    rows = "".join(f"  [{k}.0, 0.0, 1000.0],\n" for k in range(count))
-    return starter_scenario().replace("[[goal]]\n", f"[[goal]]\nwaypoints = [\n{rows}]\n", 1) + wrong
+    points = "".join(f"  [{k}.0, 0.0, 1000.0],\n" for k in range(count))
+    return starter_scenario().replace("[[goal]]\n", f"[[goal]]\nwaypoints = [\n{points}]\n", 1) + wrong
 
 
 def test_the_line_of_a_wrong_value_beside_a_long_list_is_found_in_linear_time():

@@ -1,4 +1,4 @@
-"""The files that the tests read: NASA's package, and one of ours that says everything DAVE-ML 2 can say."""
+"""DAVE-ML files of the tests: NASA's package, and a file with every feature of DAVE-ML 2."""
 
 import functools
 from importlib.resources import files
@@ -8,7 +8,7 @@ from anser.dave_ml import Model, read_dave_ml
 
 HERE = Path(__file__).parent
 NASA = {path.stem: path.read_bytes() for path in sorted(Path(str(files("anser.dave_ml"))).glob("nasa/*.dml"))}
-"""Of the ANSI/AIAA S-119 F-16 package and the check-case bodies (NASA Langley, 2012 to 2013)."""
+"""ANSI/AIAA S-119 F-16 package and the check-case bodies (NASA Langley, 2012 to 2013)."""
 FEATURES = (HERE / "features.dml").read_bytes()
 ALL = {**NASA, "features": FEATURES}
 
@@ -21,7 +21,7 @@ def model(name: str) -> Model:
 
 
 def formula_model(mathml: str) -> Model:
-    """A model of x and y with one output, z."""
+    """Model of x and y with the output z."""
     math = mathml if mathml.startswith("<math ") else f"<math>{mathml}</math>"
     return read_dave_ml(
         f'{HEAD}<variableDef name="z" varID="z" units="nd"><calculation>{math}</calculation><isOutput/>'

@@ -1,4 +1,4 @@
-"""Files gone wrong: NASA's, changed at random, and made to exhaust whoever reads them."""
+"""Mutated DAVE-ML files: random changes, and files meant to exhaust the reader."""
 
 import re
 from collections.abc import Callable
@@ -62,60 +62,60 @@ def inserted(draw: Random, text: bytes) -> bytes:
 
 
 def element_gone(draw: Random, text: bytes) -> bytes:
-    found = _spot(draw, ELEMENT, text)
-    return text if found is None else _replaced(text, *found.span(), b"")
+    match = _spot(draw, ELEMENT, text)
+    return text if match is None else _replaced(text, *match.span(), b"")
 
 
 def element_twice(draw: Random, text: bytes) -> bytes:
-    found = _spot(draw, ELEMENT, text)
-    return text if found is None else _replaced(text, found.end(), found.end(), found[0] * draw.choice([1, 1, 50]))
+    match = _spot(draw, ELEMENT, text)
+    return text if match is None else _replaced(text, match.end(), match.end(), match[0] * draw.choice([1, 1, 50]))
 
 
 def element_moved(draw: Random, text: bytes) -> bytes:
-    one, other = _spot(draw, ELEMENT, text), _spot(draw, ELEMENT, text)
-    return text if one is None or other is None else _replaced(text, *one.span(), other[0])
+    target, source = _spot(draw, ELEMENT, text), _spot(draw, ELEMENT, text)
+    return text if target is None or source is None else _replaced(text, *target.span(), source[0])
 
 
 def attribute_gone(draw: Random, text: bytes) -> bytes:
-    found = _spot(draw, ATTRIBUTE, text)
-    return text if found is None else _replaced(text, *found.span(), b"")
+    match = _spot(draw, ATTRIBUTE, text)
+    return text if match is None else _replaced(text, *match.span(), b"")
 
 
 def attribute_changed(draw: Random, text: bytes) -> bytes:
-    one, other = _spot(draw, ATTRIBUTE, text), _spot(draw, ATTRIBUTE, text)
-    if one is None or other is None:
+    target, source = _spot(draw, ATTRIBUTE, text), _spot(draw, ATTRIBUTE, text)
+    if target is None or source is None:
         return text
-    new = draw.choice([other[2], b"", b"nothing", b"-1", b"nan", b"1e400", b"both", b"cubicSpline", b"x" * 5000])
-    return _replaced(text, *one.span(2), new)
+    new = draw.choice([source[2], b"", b"nothing", b"-1", b"nan", b"1e400", b"both", b"cubicSpline", b"x" * 5000])
+    return _replaced(text, *target.span(2), new)
 
 
 def attribute_renamed(draw: Random, text: bytes) -> bytes:
-    one, other = _spot(draw, ATTRIBUTE, text), _spot(draw, ATTRIBUTE, text)
-    return text if one is None or other is None else _replaced(text, *one.span(1), other[1])
+    target, source = _spot(draw, ATTRIBUTE, text), _spot(draw, ATTRIBUTE, text)
+    return text if target is None or source is None else _replaced(text, *target.span(1), source[1])
 
 
 def tag_renamed(draw: Random, text: bytes) -> bytes:
-    one, other = _spot(draw, ELEMENT, text), _spot(draw, ELEMENT, text)
-    if one is None or other is None or not one[1] or not other[1]:
+    target, source = _spot(draw, ELEMENT, text), _spot(draw, ELEMENT, text)
+    if target is None or source is None or not target[1] or not source[1]:
         return text
-    return _replaced(text, *one.span(), one[0].replace(one[1], other[1]))
+    return _replaced(text, *target.span(), target[0].replace(target[1], source[1]))
 
 
 def numbers_changed(draw: Random, text: bytes) -> bytes:
     for _ in range(draw.choice([1, 1, 10])):
-        found = _spot(draw, NUMBER, text)
-        if found is not None:
-            text = _replaced(text, *found.span(), draw.choice(STRANGE))
+        match = _spot(draw, NUMBER, text)
+        if match is not None:
+            text = _replaced(text, *match.span(), draw.choice(STRANGE))
     return text
 
 
 def names_changed(draw: Random, text: bytes) -> bytes:
-    """Variables in formulas replaced by others: cycles, in most cases."""
-    known = re.findall(rb'varID="(\w+)"', text) or [b"x"]
+    """Replace variables in formulas; mostly makes cycles."""
+    variables = re.findall(rb'varID="(\w+)"', text) or [b"x"]
     for _ in range(draw.choice([1, 3, 30])):
-        found = _spot(draw, NAMED, text)
-        if found is not None:
-            text = _replaced(text, *found.span(1), draw.choice([*known, b"missing"]))
+        match = _spot(draw, NAMED, text)
+        if match is not None:
+            text = _replaced(text, *match.span(1), draw.choice([*variables, b"missing"]))
     return text
 
 
@@ -148,7 +148,7 @@ def nested(draw: Random, text: bytes) -> bytes:
 
 
 def enormous(draw: Random, text: bytes) -> bytes:
-    """Up to 100 MB, and as much as fits within the bounds."""
+    """Up to 100 MB of additional content."""
     end = text.rindex(b"</DAVEfunc>")
     size = draw.choice([15_000_000, 15_000_000, 100_000_000])
     piece = draw.choice(
@@ -193,11 +193,13 @@ MUTATIONS: list[tuple[Callable[[Random, bytes], bytes], float]] = [
 
 
 def mutated(seed: int, files: list[bytes]) -> tuple[str, bytes]:
-    """One of the files, changed in one way or in up to four; with the names of the ways."""
+    """A file after one to four mutations, with their names."""
     draw = Random(seed)
     text = draw.choice(files)
-    ways = draw.choices([way for way, _ in MUTATIONS], [weight for _, weight in MUTATIONS], k=draw.choice([1, 1, 2, 4]))
-    for way in ways:
+    mutations = draw.choices(
+        [mutation for mutation, _ in MUTATIONS], [weight for _, weight in MUTATIONS], k=draw.choice([1, 1, 2, 4])
+    )
+    for mutation in mutations:
         if b"</DAVEfunc>" in text and len(text) < 14_000_000:
-            text = way(draw, text)
-    return "+".join(way.__name__ for way in ways), text
+            text = mutation(draw, text)
+    return "+".join(mutation.__name__ for mutation in mutations), text

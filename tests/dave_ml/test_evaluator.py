@@ -1,4 +1,4 @@
-"""Evaluation in JAX: what is asked for and no more, jit, vmap, gradients, other numbers without compiling."""
+"""Evaluation in JAX: required variables only, jit, vmap, gradients, changed numbers without recompilation."""
 
 import equinox as eqx
 import jax
@@ -24,7 +24,7 @@ def test_names_and_varids_mean_the_same():
     assert set(aero.evaluate(STATE)) == set(aero.outputs)
 
 
-def test_only_what_is_wanted_is_asked_for_and_computed():
+def test_unrelated_inputs_and_variables_are_not_needed():
     aero = model("F16_aero")
     assert float(aero.evaluate({"alpha": 5.0}, ("cxq",))["cxq"]) == pytest.approx(1.34, rel=1e-15)
     assert float(aero.evaluate({"alpha": 5.0, "el": 0.0}, ("cxt",))["cxt"]) == pytest.approx(-0.004, rel=1e-12)
@@ -45,7 +45,7 @@ def test_only_what_is_wanted_is_asked_for_and_computed():
         ({**STATE, "alpha": jnp.ones(3)}, ("cz",), r"shape \(3,\).*vmap"),
     ],
 )
-def test_what_does_not_fit_is_refused(inputs, outputs, says):
+def test_invalid_inputs_and_outputs_are_refused(inputs, outputs, says):
     with pytest.raises(ValueError, match=says):
         model("F16_aero").evaluate(inputs, outputs)
 
@@ -53,13 +53,13 @@ def test_what_does_not_fit_is_refused(inputs, outputs, says):
 def test_limits_of_variables_hold_for_inputs_calculations_and_tables():
     aero, control, all_of_it = model("F16_aero"), model("F16_control"), model("features")
     assert float(aero.evaluate({"vt": 0.0}, ("vt",))["vt"]) == 0.1
-    given = dict.fromkeys(control.inputs, 0.0)
-    assert float(control.evaluate({**given, "altMsl": 1e4}, ("deltaThetaCmd",))["deltaThetaCmd"]) == -5.0
+    zeros = dict.fromkeys(control.inputs, 0.0)
+    assert float(control.evaluate({**zeros, "altMsl": 1e4}, ("deltaThetaCmd",))["deltaThetaCmd"]) == -5.0
     assert float(all_of_it.evaluate({"x": 2.5, "y": 1.9}, ("x",))["x"]) == 2.5
     assert float(all_of_it.evaluate({"x": 9.0}, ("x",))["x"]) == 2.5
 
 
-def test_usual_values_of_inputs():
+def test_defaults_of_inputs():
     engine, inertia = model("F16_prop"), model("F16_inertia")
     assert float(engine.evaluate({})["FEX"]) == 1060.0  # power 0, at sea level, at rest
     # X of the centre of mass ahead of the moment reference: (35 - 30) % of 11.32 ft
@@ -96,35 +96,35 @@ def test_states_and_derivatives_are_exposed():
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if model(name).inputs])
-def test_vmap_agrees_with_one_at_a_time(name):
+def test_vmap_agrees_with_single_evaluations(name):
     m = model(name)
     draw = np.random.default_rng(3)
     columns = {key: draw.uniform(-2.0, 30.0, 7) for key in m.inputs}
-    many = jax.jit(jax.vmap(m.evaluate))(columns)
-    one = jax.jit(m.evaluate)
+    batched = jax.jit(jax.vmap(m.evaluate))(columns)
+    evaluate = jax.jit(m.evaluate)
     for k in range(7):
-        alone = one({key: column[k] for key, column in columns.items()})
-        for key, value in alone.items():
-            together = many[key] if np.ndim(many[key]) == 0 else many[key][k]
+        single = evaluate({key: column[k] for key, column in columns.items()})
+        for key, value in single.items():
+            together = batched[key] if np.ndim(batched[key]) == 0 else batched[key][k]
             np.testing.assert_allclose(together, value, rtol=1e-12, atol=1e-13)
 
 
-def test_other_numbers_do_not_compile_anew():
+def test_changed_numbers_do_not_recompile():
     @eqx.filter_jit
     @eqx.debug.assert_max_traces(max_traces=1)
     def force(evaluator, state):
         return evaluator.evaluate(state, ("cz",))["cz"]
 
-    first = model("F16_aero")
-    other = read_dave_ml(NASA["F16_aero"].replace(b"-.416,-.731", b"-.516,-.731", 1), "other")
+    original = model("F16_aero")
+    modified = read_dave_ml(NASA["F16_aero"].replace(b"-.416,-.731", b"-.516,-.731", 1), "other")
     state = {key: jnp.asarray(value) for key, value in STATE.items()}
     # what the new number adds at 7.3 deg, between 5 and 10
     change = -0.1 * (10.0 - 7.3) / 5.0 * (1.0 - np.radians(3.2) ** 2)
-    np.testing.assert_allclose(force(other.evaluator, state) - force(first.evaluator, state), change, rtol=1e-6)
-    force(first.evaluator.with_constants({"cbar": 12.0}), state)
+    np.testing.assert_allclose(force(modified.evaluator, state) - force(original.evaluator, state), change, rtol=1e-6)
+    force(original.evaluator.with_constants({"cbar": 12.0}), state)
 
 
-def test_constants_may_be_changed_and_what_follows_from_them_follows():
+def test_values_calculated_from_changed_constants_are_updated():
     evaluator = model("features").evaluator
     assert float(evaluator.constants["k_squared"]) == 2.25
     changed = evaluator.with_constants({"factor": 3.0})
@@ -141,7 +141,7 @@ def test_constants_may_be_changed_and_what_follows_from_them_follows():
     assert float(slope(3.0)) == 6.0
 
 
-def test_what_is_calculated_from_literals_may_be_put_right():
+def test_a_constant_calculated_from_literals_can_be_replaced():
     # NASA's file has pi to nine digits
     aero = model("F16_aero").evaluator
     assert float(aero.constants["rtd"]) != 180.0 / np.pi
@@ -162,10 +162,10 @@ def _values(x, y):
 
 @jax.jit
 def _slopes(x, y):
-    def one(x):
+    def values_at(x):
         return _values(x, y)
 
-    return jax.jvp(one, (x,), (jnp.ones_like(x),))[1], jax.jacrev(one)(x)
+    return jax.jvp(values_at, (x,), (jnp.ones_like(x),))[1], jax.jacrev(values_at)(x)
 
 
 @settings(deadline=None, max_examples=30)
@@ -179,10 +179,14 @@ def test_gradients_against_differences(x, y):
     for key in SMOOTH:
         np.testing.assert_allclose(forward[key], backward[key], rtol=1e-9, atol=1e-11)
         middle = _values(x, y)[key]
-        left, right = (middle - down[key]) / h, (up[key] - middle) / h
+        left_slope, right_slope = (middle - down[key]) / h, (up[key] - middle) / h
         # One of the one-sided differences where the slope jumps at a breakpoint nearby.
-        scale = 1.0 + abs(float(left)) + abs(float(right)) + float(abs(middle))
-        assert min(left, right) - 1e-3 * scale <= float(forward[key]) <= max(left, right) + 1e-3 * scale, key
+        scale = 1.0 + abs(float(left_slope)) + abs(float(right_slope)) + float(abs(middle))
+        assert (
+            min(left_slope, right_slope) - 1e-3 * scale
+            <= float(forward[key])
+            <= max(left_slope, right_slope) + 1e-3 * scale
+        ), key
 
 
 CORNERS = {
@@ -220,15 +224,15 @@ INVERSES = {
     "arccsch": (-0.4, lambda a: -1.0 / (abs(a) * np.sqrt(1.0 + a * a))),
     "arccoth": (1.4, lambda a: 1.0 / (1.0 - a * a)),
 }
-"""A value and the slope of each: Abramowitz and Stegun, eqs. 4.4.52 to 4.4.57 and 4.6.37 to 4.6.42."""
+"""Argument and derivative of each function: Abramowitz and Stegun, eqs. 4.4.52 to 4.4.57 and 4.6.37 to 4.6.42."""
 
 
 @pytest.mark.parametrize("name", INVERSES)
 def test_slopes_of_inverse_functions(name):
     value, slope = INVERSES[name]
     m = formula_model(f"<apply><{name}/><ci>x</ci></apply>")
-    found = jax.grad(lambda x: m.evaluate({"x": x})["z"])(jnp.array(value))
-    assert float(found) == pytest.approx(slope(value), rel=1e-14)
+    gradient = jax.grad(lambda x: m.evaluate({"x": x})["z"])(jnp.array(value))
+    assert float(gradient) == pytest.approx(slope(value), rel=1e-14)
     assert m.evaluate({"x": jnp.float32(value)})["z"].dtype == jnp.float32
 
 
@@ -245,8 +249,8 @@ def test_single_precision_stays_single():
     def single(tree):
         return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), tree)
 
-    found = single(model("F16_aero").evaluator).evaluate(single(STATE), ("cz", "cn"))
+    values = single(model("F16_aero").evaluator).evaluate(single(STATE), ("cz", "cn"))
     exact = model("F16_aero").evaluate(STATE, ("cz", "cn"))
-    for key, value in found.items():
+    for key, value in values.items():
         assert value.dtype == jnp.float32
         np.testing.assert_allclose(value, exact[key], rtol=1e-4)

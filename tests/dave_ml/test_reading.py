@@ -1,4 +1,4 @@
-"""What is read of a file, and what a file is refused for: where, what arrived, what would be right."""
+"""Reading of DAVE-ML files, and messages for invalid files: position, content, expected content."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_the_aerodynamics_of_nasa():
     ]
 
 
-def test_where_it_comes_from():
+def test_the_header_has_author_dates_and_references():
     header = model("F16_aero").definition.header
     assert header.get("name") == "F-16 Subsonic Aerodynamics Model (a la Garza)"
     assert header.all("author")[0].get("email") == "bruce.jackson@nasa.gov"
@@ -132,7 +132,7 @@ FORMULAS = {
 
 
 @pytest.mark.parametrize("case", FAULTS)
-def test_a_fault_of_the_file_is_told(case):
+def test_a_fault_of_the_file_is_reported(case):
     content, says = FAULTS[case]
     with pytest.raises(DaveMlError) as caught:
         read_dave_ml(content, "file.dml")
@@ -142,7 +142,7 @@ def test_a_fault_of_the_file_is_told(case):
 
 
 @pytest.mark.parametrize("case", FORMULAS)
-def test_a_fault_of_a_formula_is_told(case):
+def test_a_fault_of_a_formula_is_reported(case):
     content, says = FORMULAS[case]
     with pytest.raises(DaveMlError, match=r"^formula, line 1, column \d+: arrived") as caught:
         formula_model(content)
@@ -177,7 +177,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("case", CHANGES)
-def test_a_contradiction_is_told(case):
+def test_a_contradiction_is_reported(case):
     old, new, says = CHANGES[case]
     text = FEATURES.decode()
     assert old in text
@@ -209,7 +209,7 @@ def test_the_place_of_a_fault():
     assert (caught.value.line, caught.value.column) == (line, 9)
 
 
-def test_points_that_a_function_gives_itself():
+def test_inline_points_of_a_function():
     file = model("features").definition
     function = next(f for f in file.functions if f.result == "simple")
     table = file.gridded[function.table]

@@ -1,4 +1,4 @@
-"""A file is data: whatever is wrong with it, one message, in bounded time and memory."""
+"""Mutated and exhausting files: one kind of error, bounded time and memory."""
 
 import resource
 import time
@@ -15,7 +15,7 @@ from anser.dave_ml.elements import FILE_BYTES_MAX
 SECONDS_MAX = 5.0
 """Of the processor, for the slowest file: the worst that is known takes about 2 s on an idle machine of 2026."""
 MEGABYTES_MAX = 1500
-"""That the process may grow by: twenty times what the worst file takes, since the files themselves are made here too."""
+"""Permitted memory growth of the process: twenty times that of the worst file, since the files are generated here too."""
 
 
 def resident_max():
@@ -25,32 +25,32 @@ def resident_max():
 def survive(seeds):
     """Read mutated files; how many could be."""
     read = 0
-    before = resident_max()
+    memory_before = resident_max()
     for seed in seeds:
-        ways, text = mutated(seed, list(ALL.values()))
+        mutations, text = mutated(seed, list(ALL.values()))
         start = time.process_time()
         try:
             model = read_dave_ml(text, f"mutant {seed}")
         except DaveMlError as error:
             message = str(error)
-            assert message.startswith(f"mutant {seed}"), ways
-            assert "\n" not in message, ways
-            assert len(message) < 1500, ways
+            assert message.startswith(f"mutant {seed}"), mutations
+            assert "\n" not in message, mutations
+            assert len(message) < 1500, mutations
         else:
             read += 1
             if read % 10 == 1:
                 usable(model)
-        assert time.process_time() - start < SECONDS_MAX, (seed, ways)
-    assert resident_max() - before < MEGABYTES_MAX
+        assert time.process_time() - start < SECONDS_MAX, (seed, mutations)
+    assert resident_max() - memory_before < MEGABYTES_MAX
     return read
 
 
 def usable(model):
-    """What reads can be traced and written, too."""
-    wanted = tuple(model.definition.variables)
-    jax.eval_shape(lambda inputs: model.evaluate(inputs, wanted), {name: jnp.zeros(()) for name in model.inputs})
-    again = read_dave_ml(write_dave_ml(model), "again")
-    assert again.definition.variables == model.definition.variables
+    """Trace and write a model."""
+    variables = tuple(model.definition.variables)
+    jax.eval_shape(lambda inputs: model.evaluate(inputs, variables), {name: jnp.zeros(()) for name in model.inputs})
+    reread = read_dave_ml(write_dave_ml(model), "again")
+    assert reread.definition.variables == model.definition.variables
 
 
 def test_300_mutated_files():
@@ -71,28 +71,28 @@ SQUARE = (
 
 
 def function(k, table, arguments):
-    of = '<independentVarRef varID="a"/>' * arguments
+    argument_elements = '<independentVarRef varID="a"/>' * arguments
     return (
-        f'<variableDef name="r" varID="r{k}" units=""/><function name="f">{of}<dependentVarRef varID="r{k}"/>'
+        f'<variableDef name="r" varID="r{k}" units=""/><function name="f">{argument_elements}<dependentVarRef varID="r{k}"/>'
         f"<functionDefn>{table}</functionDefn></function>"
     )
 
 
 def on_the_moment_curve(count, dimensions):
-    """Points with as many simplices as any have."""
-    at = [[(k / count) ** power for power in range(1, dimensions + 1)] for k in range(count)]
-    points = "".join(f"<dataPoint>{' '.join(map(repr, point))} 1</dataPoint>" for point in at)
+    """Points with the greatest possible number of simplices."""
+    curve = [[(k / count) ** power for power in range(1, dimensions + 1)] for k in range(count)]
+    points = "".join(f"<dataPoint>{' '.join(map(repr, point))} 1</dataPoint>" for point in curve)
     table = f'<ungriddedTableDef utID="g">{points}</ungriddedTableDef>'
     return HEAD + table + function(0, '<ungriddedTableRef utID="g"/>', dimensions) + "</DAVEfunc>"
 
 
-def calculations(count, last):
-    of = "".join(
+def calculations(count, last_content):
+    definitions = "".join(
         f'<variableDef name="v" varID="v{k}" units=""><calculation><math><ci>v{k + 1}</ci></math></calculation>'
         "</variableDef>"
         for k in range(count)
     )
-    return f'{HEAD}{of}<variableDef name="v" varID="v{count}" units="">{last}</variableDef></DAVEfunc>'
+    return f'{HEAD}{definitions}<variableDef name="v" varID="v{count}" units="">{last_content}</variableDef></DAVEfunc>'
 
 
 HEAVY = {
@@ -115,10 +115,10 @@ HEAVY = {
 
 
 @pytest.mark.parametrize("case", HEAVY)
-def test_what_is_made_to_exhaust_is_bounded(case):
+def test_time_and_memory_are_bounded_for_exhausting_files(case):
     make, says = HEAVY[case]
     content = make()
-    before, start = resident_max(), time.process_time()
+    memory_before, start = resident_max(), time.process_time()
     if says:
         with pytest.raises(DaveMlError) as caught:
             read_dave_ml(content, "heavy")
@@ -126,4 +126,4 @@ def test_what_is_made_to_exhaust_is_bounded(case):
     else:
         read_dave_ml(content, "heavy")
     assert time.process_time() - start < SECONDS_MAX
-    assert resident_max() - before < 400
+    assert resident_max() - memory_before < 400

@@ -1,4 +1,4 @@
-"""NASA's check shots, with their internal values."""
+"""NASA's check shots, with internal values."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def test_shots_in_other_units_and_by_varid():
     assert all(r.passed for r in results)
 
 
-def test_a_wrong_number_in_a_table_fails_the_shots_that_meet_it():
+def test_a_wrong_number_in_a_table_fails_shots():
     wrong = NASA["F16_aero"].replace(b"-.416,-.731", b"-.417,-.731", 1)
     failed = [r for r in read_dave_ml(wrong, "wrong").check() if not r.passed]
     assert {"czt", "cz"} <= {r.id for r in failed}
@@ -54,7 +54,7 @@ def test_a_tolerance_is_in_the_units_of_its_signal():
     assert flap.difference == pytest.approx(10.0 - np.degrees(0.1747))
 
 
-def test_what_is_no_number_does_not_pass():
+def test_nan_does_not_pass():
     text = FEATURES.decode().replace(
         "<apply><power/><ci>x</ci><cn>3</cn></apply>", "<apply><ln/><cn>-1</cn></apply>", 1
     )
@@ -82,9 +82,9 @@ def test_a_shot_that_cannot_be_evaluated_says_why(old, new, says):
         read_dave_ml(text, "f").check()
 
 
-def test_shots_of_ones_own():
+def test_computed_shots_pass_and_detect_a_change():
     aero = model("F16_aero")
-    given = {
+    inputs = {
         "level": {
             "trueAirspeed": 500.0,
             "alpha": 3.0,
@@ -97,11 +97,11 @@ def test_shots_of_ones_own():
             "rdr": 0.0,
         }
     }
-    own = aero.with_shots(given)
-    results = own.check()
+    with_shots = aero.with_shots(inputs)
+    results = with_shots.check()
     assert len(results) == len(aero.definition.variables) - len(aero.inputs)
     assert all(r.passed for r in results)
-    changed = replace(own.definition, gridded={**own.definition.gridded})
+    changed = replace(with_shots.definition, gridded={**with_shots.definition.gridded})
     table = changed.gridded["CX_table_def"]
     changed.gridded["CX_table_def"] = replace(table, values=table.values + 1e-6)
     assert {r.id for r in make_model(changed).check() if not r.passed} == {"cxt", "cx"}

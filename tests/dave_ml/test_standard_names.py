@@ -1,4 +1,4 @@
-"""A variable of a standard name is refused in the units of something else."""
+"""Units of standard variables: wrong units are refused."""
 
 import pytest
 from files import FEATURES, NASA
@@ -58,7 +58,7 @@ def test_units_of_the_dimension_are_read_and_convert(name):
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_other_units_are_refused_with_line_variable_and_what_is_right(name):
+def test_other_units_are_refused_with_line_variable_and_expected_unit(name):
     for units in WRONG[name]:
         with pytest.raises(DaveMlError, match=r"one\.dml, line 2") as caught:
             one_variable(name, units)
@@ -72,7 +72,7 @@ def test_every_measure_accepts_its_own_units():
             assert measure.accepts(units), name
 
 
-def test_a_name_of_another_s_variable_needs_its_units():
+def test_a_renamed_variable_needs_the_units_of_its_new_name():
     text = '<DAVEfunc>\n<variableDef name="m" varID="v" units="lbf" initialValue="1"/></DAVEfunc>'
     with pytest.raises(DaveMlError, match=r'line 2, .*units="lbf" of "totalMass" \(varID "v"\); expected a mass'):
         adapt_model(read_dave_ml(text, "one.dml"), {"totalMass": "m"}, {})

@@ -1,4 +1,4 @@
-"""Units by the names of S-119 against pint-free arithmetic of the international units."""
+"""Units by S-119 names, compared with factors of the international units."""
 
 import pytest
 from files import NASA, model

@@ -1,4 +1,4 @@
-"""What is written reads as the same model."""
+"""Written files read as the same model."""
 
 import math
 
@@ -27,35 +27,35 @@ from anser.dave_ml.formulas import (
 from anser.dave_ml.model import make_model
 
 ORDER = ["fileHeader", "variableDef", "breakpointDef", "griddedTableDef", "ungriddedTableDef", "function", "checkData"]
-"""Of the elements in <DAVEfunc>, by the document type."""
+"""Elements in <DAVEfunc> in the order of the document type."""
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_file_reads_as_the_same(name):
-    first = model(name)
-    text = write_dave_ml(first)
-    again = read_dave_ml(text, "again")
-    assert write_dave_ml(again) == text
-    a, b = first.definition, again.definition
+def test_every_written_file_reads_as_the_same_model(name):
+    original = model(name)
+    text = write_dave_ml(original)
+    reread = read_dave_ml(text, "again")
+    assert write_dave_ml(reread) == text
+    a, b = original.definition, reread.definition
     assert (a.header, a.variables, a.functions, a.shots) == (b.header, b.variables, b.functions, b.shots)
     assert list(a.gridded) == list(b.gridded)
     for key, table in a.gridded.items():
         np.testing.assert_array_equal(table.values, b.gridded[key].values)
     for key, points in a.breakpoints.items():
         np.testing.assert_array_equal(points.points, b.breakpoints[key].points)
-    given = {key: 0.3 * (k + 1) for k, key in enumerate(first.inputs)}
-    wanted = tuple(a.variables)
-    evaluate = eqx.filter_jit(lambda evaluator: evaluator.evaluate(given, wanted))
-    ours, theirs = evaluate(first.evaluator), evaluate(again.evaluator)
+    inputs = {key: 0.3 * (k + 1) for k, key in enumerate(original.inputs)}
+    variables = tuple(a.variables)
+    evaluate = eqx.filter_jit(lambda evaluator: evaluator.evaluate(inputs, variables))
+    ours, theirs = evaluate(original.evaluator), evaluate(reread.evaluator)
     assert {key: float(value) for key, value in ours.items()} == {key: float(value) for key, value in theirs.items()}
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_it_is_well_formed_and_in_the_order_of_the_document_type(name):
+def test_written_files_are_well_formed_and_in_document_order(name):
     root = etree.fromstring(write_dave_ml(model(name)).encode(), etree.XMLParser(load_dtd=False, no_network=True))
     assert root.tag == "{http://daveml.org/2010/DAVEML}DAVEfunc"
-    places = [ORDER.index(etree.QName(child).localname) for child in root]
-    assert places == sorted(places)
+    positions = [ORDER.index(etree.QName(child).localname) for child in root]
+    assert positions == sorted(positions)
     assert all(child.tag.startswith("{http://www.w3.org/1998/Math/MathML}") for child in root.iter("{*}apply"))
 
 
@@ -66,9 +66,9 @@ def formulas(depth):
     inner = formulas(depth - 1)
 
     def applied(operation):
-        least, most = {**NUMERIC, **COMPARISONS, **LOGICAL}[operation]
-        arguments = st.lists(inner, min_size=least, max_size=3 if most == ARGUMENTS_MAX else most)
-        return arguments.map(lambda found: Operation(operation, tuple(found)))
+        count_min, count_max = {**NUMERIC, **COMPARISONS, **LOGICAL}[operation]
+        arguments = st.lists(inner, min_size=count_min, max_size=3 if count_max == ARGUMENTS_MAX else count_max)
+        return arguments.map(lambda operands: Operation(operation, tuple(operands)))
 
     chosen = st.builds(
         lambda v, c, o: Piecewise(((v, c),), o), inner, st.sampled_from(sorted(COMPARISONS)).flatmap(applied), inner
@@ -145,7 +145,7 @@ def test_operations_are_those_of_mathml(operation):
     assert float(formula_model(of_constants).evaluate({})["z"]) == pytest.approx(expected, rel=1e-14)
 
 
-def test_a_model_of_ones_own():
+def test_a_model_made_in_python_is_written_and_read():
     definition = Definition(
         file="own",
         header=header("Wing <of> ours", "A. Nyone", "anser", "2026-11-25", description='lift & "drag"', version="1"),
@@ -165,15 +165,15 @@ def test_a_model_of_ones_own():
         gridded={"T": GriddedTable("T", ("A",), np.array([-0.4, 0.1, 1.0]))},
         functions=(Function("lift", "CL", (Argument("alpha", extrapolate="max"),), "T"),),
     )  # fmt: skip
-    own = make_model(definition).with_shots({"cruise": {"alpha": 2.0}, "stall": {"alpha": 12.0}}, tolerance=1e-6)
-    again = read_dave_ml(write_dave_ml(own), "own.dml")
-    assert again.definition.header.get("name") == "Wing <of> ours"
-    assert again.definition.variables == own.definition.variables
-    results = again.check()
+    original = make_model(definition).with_shots({"cruise": {"alpha": 2.0}, "stall": {"alpha": 12.0}}, tolerance=1e-6)
+    reread = read_dave_ml(write_dave_ml(original), "own.dml")
+    assert reread.definition.header.get("name") == "Wing <of> ours"
+    assert reread.definition.variables == original.definition.variables
+    results = reread.check()
     assert [r.id for r in results] == ["k", "CL", "CD"] * 2
     assert all(r.passed for r in results)
     assert [r.tolerance for r in results if r.id == "CL"] == [1e-6, pytest.approx(1.18e-6)]
-    np.testing.assert_allclose(again.evaluate({"alpha": jnp.array(12.0)})["CD"], 0.02 + 0.05 * 1.18**2, rtol=1e-14)
+    np.testing.assert_allclose(reread.evaluate({"alpha": jnp.array(12.0)})["CD"], 0.02 + 0.05 * 1.18**2, rtol=1e-14)
 
 
 def test_names_of_more_than_one_variable_are_written_by_varid():
