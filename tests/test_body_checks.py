@@ -1,4 +1,4 @@
-"""What every body satisfies: compared with bodies made of points, and with eigenvalues."""
+"""Conditions on mass and inertia, compared with bodies of point masses and with eigenvalues."""
 
 import numpy as np
 import pytest
@@ -14,29 +14,29 @@ def quantities(J):
     return {fault.quantity for fault in body_faults(MASS, J)}
 
 
-def of_points(points, masses):
-    """Matrix of inertia of points of mass about their centre."""
+def inertia_of_points(points, masses):
+    """Inertia matrix of point masses about their centre of mass."""
     at = points - masses @ points / masses.sum()
-    second = (at * masses[:, None]).T @ at
-    return np.trace(second) * np.eye(3) - second
+    second_moments = (at * masses[:, None]).T @ at
+    return np.trace(second_moments) * np.eye(3) - second_moments
 
 
 @settings(deadline=None, max_examples=200)
 @given(st.integers(0, 10**9), st.integers(3, 8))
 def test_every_body_of_points_is_possible(seed, count):
-    """Three points lie in a plane, at the very bound of the triangle inequality."""
+    """Three points lie in a plane, on the bound of the triangle inequality."""
     draw = np.random.default_rng(seed)
     stretched = draw.normal(size=(count, 3)) * 10.0 ** draw.uniform(-1, 1, 3)
-    assert body_faults(MASS, of_points(stretched, draw.uniform(0.1, 10.0, count)).tolist()) == []
+    assert body_faults(MASS, inertia_of_points(stretched, draw.uniform(0.1, 10.0, count)).tolist()) == []
 
 
 @settings(deadline=None, max_examples=300)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6))
-def test_the_answer_is_that_of_the_principal_moments(values):
+def test_the_faults_agree_with_the_principal_moments(values):
     a, b, c, d, e, f = values
     J = np.array([[a, -d, -e], [-d, b, -f], [-e, -f, c]])
-    least, middle, greatest = np.linalg.eigvalsh(J)
-    margins = np.array([least, least + middle - greatest])
+    smallest, middle, greatest = np.linalg.eigvalsh(J)
+    margins = np.array([smallest, smallest + middle - greatest])
     if np.abs(margins).min() > 1e-6:  # not where rounding decides
         assert (body_faults(MASS, J.tolist()) == []) == bool((margins > 0).all())
 

@@ -1,4 +1,4 @@
-"""The command line end to end: what it prints, what it writes, how it ends."""
+"""The command line end to end: output, files, exit codes."""
 
 import json
 import subprocess
@@ -40,40 +40,40 @@ def test_run_writes_the_files_and_a_table(anser, tmp_path):
         assert name in printed
     assert printed.count("arrived") == 3
     summary = json.loads((out / "summary.json").read_text())
-    assert [row["status"] for row in summary["aircraft"]] == ["arrived"] * 3
+    assert [aircraft["status"] for aircraft in summary["aircraft"]] == ["arrived"] * 3
     page = (out / "report.html").read_text()
     assert "<html" in page
     assert 'src="http' not in page  # self-contained
 
-    before = {p.name: p.read_bytes() for p in out.iterdir()}
+    original = {p.name: p.read_bytes() for p in out.iterdir()}
     code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", out)
     assert code == 2
     assert "exists" in err
     assert str(out) in err
-    assert before == {p.name: p.read_bytes() for p in out.iterdir()}
+    assert original == {p.name: p.read_bytes() for p in out.iterdir()}
 
 
-def test_a_folder_that_nobody_named_is_the_next_free_one(tmp_path):
-    taken = tmp_path / "runs" / "patrol"
+def test_the_default_folder_is_the_next_free_one(tmp_path):
+    existing = tmp_path / "runs" / "patrol"
     for expected in ("patrol", "patrol-2", "patrol-3"):
-        assert make_next_folder(taken) == tmp_path / "runs" / expected
+        assert make_next_folder(existing) == tmp_path / "runs" / expected
         assert (tmp_path / "runs" / expected).is_dir()
     (tmp_path / "file").write_text("")
-    for place in (tmp_path / "file" / "patrol", tmp_path / "file" / "deep" / "patrol"):
+    for impossible in (tmp_path / "file" / "patrol", tmp_path / "file" / "deep" / "patrol"):
         with pytest.raises(RefusedError, match=r"--out: arrived nothing, and .* cannot be made"):
-            make_next_folder(place)
+            make_next_folder(impossible)
 
 
-def test_a_run_without_out_leaves_the_earlier_one_alone_and_keeps_what_was_flown(anser, tmp_path, monkeypatch):
+def test_a_run_without_out_leaves_the_earlier_run_unchanged(anser, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    first = tmp_path / "runs" / "three-aircraft"
-    first.mkdir(parents=True)
+    earlier = tmp_path / "runs" / "three-aircraft"
+    earlier.mkdir(parents=True)
     values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240", "--set", "timing.duration_s=75")
     code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", *values)
     assert code == 0
     assert "runs/three-aircraft-2: flight.nc, summary.json, report.html written" in err
     assert (tmp_path / "runs" / "three-aircraft-2" / "summary.json").is_file()
-    assert not list(first.iterdir())
+    assert not list(earlier.iterdir())
     meant = load(SCENARIOS / "three-aircraft.toml").replace(
         "wind.speed_m_s", 8, "wind.from_deg", 240, "timing.duration_s", 75
     )
@@ -82,7 +82,7 @@ def test_a_run_without_out_leaves_the_earlier_one_alone_and_keeps_what_was_flown
         assert flight.attrs["scenario_hash"] == meant.hash
 
 
-def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
+def test_the_time_of_an_aircraft_s_stop_is_printed(anser, tmp_path, monkeypatch):
     dataset, summary = make_flight()
     dataset["status"][dataset["time"].values >= 75.2 - 1e-6, 1] = AT_GROUND
     summary["aircraft"][1]["status"] = STATUS_MESSAGES[AT_GROUND]
@@ -90,7 +90,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
     flown = SimpleNamespace(
         dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
     )
-    monkeypatch.setattr("anser.cli.flights.run", lambda *asked: flown)
+    monkeypatch.setattr("anser.cli.flights.run", lambda *arguments: flown)
     code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
     assert code == 1
     assert "at 75.2 s: the aircraft reached the ground" in printed
@@ -100,7 +100,7 @@ def test_when_an_aircraft_stopped_is_told(anser, tmp_path, monkeypatch):
     assert err.count(" s: the aircraft") == 1
 
 
-def test_unmet_requirement_ends_with_1_and_says_which(anser, tmp_path):
+def test_an_unmet_requirement_is_named_and_ends_with_1(anser, tmp_path):
     shorter = ("duration_s = 150.0", "duration_s = 75.0")
     path = _scenario(tmp_path, ("[requirements]", "[requirements]\nmiss_max_m = 0.0001"), shorter)
     code, printed, err = anser("run", path, "--out", tmp_path / "run", "--json")
@@ -153,21 +153,23 @@ def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_pat
 
 
 def test_trim_and_its_diagnosis(anser):
-    words = ("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
-    code, printed, _ = anser(*words)
+    arguments = ("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
+    code, printed, _ = anser(*arguments)
     assert code == 0
     assert "angle of attack" in printed
     assert "throttle" in printed
-    code, as_json, _ = anser(*words, "--json")
+    code, as_json, _ = anser(*arguments, "--json")
     assert code == 0
-    for row in json.loads(as_json)["quantities"]:
-        assert f"{row['value']:.4f}" in next(line for line in printed.splitlines() if f" {row['name']} " in line)
+    for quantity in json.loads(as_json)["quantities"]:
+        assert f"{quantity['value']:.4f}" in next(
+            line for line in printed.splitlines() if f" {quantity['name']} " in line
+        )
     code, _, err = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000")
     assert code == 1
     assert "angle of attack" in err
     assert "slowest trimmable speed" in err
-    code, as_json, again = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000", "--json", "--quiet")
-    assert (code, again) == (1, err)
+    code, as_json, err_with_json = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000", "--json", "--quiet")
+    assert (code, err_with_json) == (1, err)
     document = json.loads(as_json)
     assert document["status"] == "no steady flight"
     assert document["reasons"] == [err.rstrip("\n")]
@@ -194,8 +196,8 @@ def test_bad_input_is_one_message_with_code_2(anser, tmp_path, kind, command):
     change, expected = _BAD[kind]
     path = _scenario(tmp_path, change)
     out = tmp_path / "run"
-    words = ["--out", out] if command == "run" else []
-    code, printed, err = anser(command, path, *words)
+    options = ["--out", out] if command == "run" else []
+    code, printed, err = anser(command, path, *options)
     assert code == 2
     assert printed == ""
     for part in (*expected, str(path)):
@@ -215,7 +217,7 @@ def test_no_aircraft_and_missing_file(anser, tmp_path):
     assert "nowhere.toml" in err
 
 
-def test_folder_that_cannot_be_made(anser, tmp_path):
+def test_an_impossible_folder_is_refused(anser, tmp_path):
     (tmp_path / "file").write_text("")
     code, _, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "file" / "run")
     assert code == 2
@@ -223,7 +225,7 @@ def test_folder_that_cannot_be_made(anser, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "part"),
+    ("arguments", "part"),
     [
         (("trim", "--speed-m-s", "nan", "--altitude-m", "0"), "--speed-m-s"),
         (("trim", "--speed-m-s", "150", "--altitude-m", "1e9"), "--altitude-m"),
@@ -232,14 +234,14 @@ def test_folder_that_cannot_be_made(anser, tmp_path):
         (("fly",), "fly"),
     ],
 )
-def test_bad_words_end_with_2(anser, words, part):
-    code, _, err = anser(*words)
+def test_invalid_arguments_end_with_2(anser, arguments, part):
+    code, _, err = anser(*arguments)
     assert code == 2
     assert part in err
     assert "Traceback" not in err
 
 
-def test_the_installed_command_answers():
+def test_the_installed_command_prints_its_version():
     program = Path(sys.executable).with_name("anser")
-    done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
-    assert done.stdout.startswith("anser 0.")
+    completed = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
+    assert completed.stdout.startswith("anser 0.")

@@ -1,4 +1,4 @@
-"""The commands about aircraft, end to end: what they print, write, answer, and how they end."""
+"""Commands for aircraft end to end: output, files, exit codes."""
 
 import json
 
@@ -7,9 +7,9 @@ import pytest
 from anser import cli
 
 
-def run(capsys, monkeypatch, *words):
-    """Exit code, standard output, standard error of a command."""
-    monkeypatch.setattr("sys.argv", ["anser", *map(str, words)])
+def run(capsys, monkeypatch, *arguments):
+    """Exit code, standard output and standard error of a command."""
+    monkeypatch.setattr("sys.argv", ["anser", *map(str, arguments)])
     with pytest.raises(SystemExit) as end:
         cli.main()
     out = capsys.readouterr()
@@ -21,7 +21,7 @@ def anser(capsys, monkeypatch):
     return lambda *words: run(capsys, monkeypatch, *words)
 
 
-def test_a_dave_ml_file_is_checked_by_itself(anser, tmp_path):
+def test_a_dave_ml_file_is_checked_alone(anser, tmp_path):
     path = tmp_path / "mine.dml"
     text = (
         '<DAVEfunc><variableDef name="mach" varID="M" units="nd"><isInput/></variableDef>\n'
@@ -48,7 +48,7 @@ def test_a_dave_ml_file_is_checked_by_itself(anser, tmp_path):
     code, out, _ = anser("aircraft", "check", path, "--json")
     document = json.loads(out)
     assert code == 1
-    assert [one["agrees"] for one in document["checks"]] == [False]
+    assert [item["agrees"] for item in document["checks"]] == [False]
     assert document["inputs"] == [{"name": "mach", "id": "M", "units": "nd", "usual": None}]
     path.write_text(text.format("").replace('varID="M" units="nd"', 'varID="M" units="ft_s"'))
     code, out, err = anser("aircraft", "check", path)
@@ -58,14 +58,14 @@ def test_a_dave_ml_file_is_checked_by_itself(anser, tmp_path):
 
 def test_list(anser):
     code, out, _ = anser("aircraft", "list", "--json")
-    listed = {one["name"]: one for one in json.loads(out)["aircraft"]}
+    listed = {airframe["name"]: airframe for airframe in json.loads(out)["aircraft"]}
     assert code == 0
     assert {"f16", "aerosonde"} <= set(listed)
     assert listed["aerosonde"]["mass_kg"] == 11.0
     assert listed["aerosonde"]["airspeed_m_s"] == [13.0, 40.0]
 
 
-def test_new_check_and_what_is_wrong(anser, tmp_path):
+def test_a_new_file_is_checked_and_errors_are_reported(anser, tmp_path):
     path = tmp_path / "my.toml"
     assert anser("aircraft", "new", path)[0] == 0
     assert anser("aircraft", "new", path)[0] == 2  # nothing is overwritten
@@ -83,8 +83,8 @@ def test_new_check_and_what_is_wrong(anser, tmp_path):
     code, out, _ = anser("aircraft", "check", path, "--json")
     assert code == 1
     document = json.loads(out)
-    assert [one["place"] for one in document["findings"]] == ["aerodynamics.Cm_q"]
-    assert [one["agrees"] for one in document["checks"]] == [False]
+    assert [item["place"] for item in document["findings"]] == ["aerodynamics.Cm_q"]
+    assert [item["agrees"] for item in document["checks"]] == [False]
     path.write_text(path.read_text().replace("Cm_q", "Cm_qq"))
     code, _, err = anser("aircraft", "check", path)
     assert code == 2
@@ -94,7 +94,7 @@ def test_new_check_and_what_is_wrong(anser, tmp_path):
     assert "stands out from its neighbours" in err
 
 
-def test_show_draws_and_tells_level_flight(anser, tmp_path):
+def test_show_draws_and_prints_level_flight(anser, tmp_path):
     picture = tmp_path / "aerosonde.png"
     code, out, _ = anser("aircraft", "show", "aerosonde", "--out", picture, "--json")
     assert code == 0
@@ -110,10 +110,10 @@ def test_trim_and_linearize_by_name_and_by_file(anser, tmp_path):
     assert code == 0
     document = json.loads(out)
     assert (document["aircraft"], "variant" in document, "x_cg_over_c" in document) == ("aerosonde", False, False)
-    found = {one["name"]: one["value"] for one in document["quantities"]}
-    assert found["angle of attack"] == pytest.approx(3.0878, abs=1e-3)
-    assert found["engine power"] == pytest.approx(77.40, abs=0.01)
-    assert found["aileron"] > 0.3  # against the reaction to the propeller's torque
+    quantities = {quantity["name"]: quantity["value"] for quantity in document["quantities"]}
+    assert quantities["angle of attack"] == pytest.approx(3.0878, abs=1e-3)
+    assert quantities["engine power"] == pytest.approx(77.40, abs=0.01)
+    assert quantities["aileron"] > 0.3  # against the reaction to the propeller's torque
     path = tmp_path / "my.toml"
     anser("aircraft", "new", path)
     code, out, _ = anser("linearize", "--aircraft", path, "--speed-m-s", 50, "--altitude-m", 500)

@@ -1,4 +1,4 @@
-"""The command cache: what it says and does, whatever the folder is."""
+"""The command cache."""
 
 import json
 
@@ -13,16 +13,16 @@ IN_USE = store_of_the_suite()
 
 @pytest.fixture
 def store(tmp_path, monkeypatch):
-    """The store of this test alone, with two programs."""
+    """Program store of this test, with two programs."""
     monkeypatch.setenv("ANSER_COMPILATION_CACHE", str(tmp_path))
-    found = FolderStore(tmp_path / "programs")
-    found.save("a", bytes(1000))
-    found.save("b", bytes(2000))
-    yield found
+    store = FolderStore(tmp_path / "programs")
+    store.save("a", bytes(1000))
+    store.save("b", bytes(2000))
+    yield store
     use_program_store(IN_USE)
 
 
-def test_it_says_where_and_how_large(anser, store):
+def test_the_folder_and_size_are_printed(anser, store):
     code, out, _ = anser("cache")
     assert code == 0
     assert "2 programs" in out
@@ -35,7 +35,7 @@ def test_it_says_where_and_how_large(anser, store):
     assert document["folder"] == str(store.folder)
 
 
-def test_it_clears(anser, store):
+def test_the_programs_are_deleted(anser, store):
     code, out, err = anser("cache", "clear")
     assert code == 0
     assert "2 programs deleted" in err
@@ -51,24 +51,24 @@ def test_off_and_wrong_input(anser, store, monkeypatch, tmp_path):
     assert code == 2
     assert "none.toml" in err
     monkeypatch.setenv("ANSER_COMPILATION_CACHE", "off")
-    for what in ("show", "warm", "clear"):
-        code, out, _ = anser("cache", what)
+    for action in ("show", "warm", "clear"):
+        code, out, _ = anser("cache", action)
         assert code == 0
         assert "nothing is kept" in out
     assert len(store.files()) == 2
 
 
 @pytest.mark.long
-def test_what_is_warm_is_loaded(anser, store, tmp_path):
+def test_warm_programs_are_loaded(anser, store, tmp_path):
     store.clear()
     forget_programs()
     assert anser("new", tmp_path / "mine.toml")[0] == 0
     code, out, _ = anser("cache", "warm")
     assert code == 0
-    kept = {path.name for path in store.files()}
-    assert f"{len(kept)} programs" in out
-    assert len(kept) >= 5
+    warm_programs = {path.name for path in store.files()}
+    assert f"{len(warm_programs)} programs" in out
+    assert len(warm_programs) >= 5
     forget_programs()
     assert anser("run", tmp_path / "mine.toml", "--out", tmp_path / "run")[0] == 0
-    made = [path.name for path in store.files() if path.name not in kept]
-    assert len(made) <= 3  # limits, places on the Earth: small
+    new_programs = [path.name for path in store.files() if path.name not in warm_programs]
+    assert len(new_programs) <= 3  # limits, places on the Earth: small

@@ -1,4 +1,4 @@
-"""The command campaign end to end, with made-up flights; with flown ones in the long test."""
+"""The command campaign end to end, with synthetic flights; with real flights in the long test."""
 
 import json
 import os
@@ -24,26 +24,26 @@ KEPT = '[keep]\nseries = ["position_error", "airspeed", "phase"]\nseries_every_s
 THREE = STUDIES.parent / "scenarios" / "three-aircraft.toml"
 
 
-def begin_with(chunk, study, folder, out, *more):
-    """The command in a process of its own, with chunks of so many flights."""
+def start_command(chunk, study, folder, out, *options):
+    """Start the command in a separate process, with a chunk size."""
     program = folder / "fly.py"
     program.write_text(
         f"import sys\nfrom anser.campaigns import flying\nflying.BATCH = {chunk}\n"
         "from anser.cli import main\nif __name__ == '__main__':\n    sys.argv[0] = 'anser'\n    main()\n"
     )
-    command = [sys.executable, program, "campaign", study, "--out", folder / out, *more]
+    command = [sys.executable, program, "campaign", study, "--out", folder / out, *options]
     return subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL)
 
 
-def assert_same_to_the_last_bit(folder, other, flights):
-    """Rows and series of two campaigns."""
-    one, two = CampaignStore.open(folder), CampaignStore.open(other)
-    assert one.flown.size == flights
-    xr.testing.assert_identical(one.dataset(), two.dataset())
-    series = one.series().load()
+def assert_bit_equal(folder, other_folder, flights):
+    """Compare rows and series of two campaigns."""
+    first_store, second_store = CampaignStore.open(folder), CampaignStore.open(other_folder)
+    assert first_store.flown.size == flights
+    xr.testing.assert_identical(first_store.dataset(), second_store.dataset())
+    series = first_store.series().load()
     assert np.isfinite(series["position_error_m"].values).all()
     assert series["airspeed_m_s"].values.std() > 0.1
-    xr.testing.assert_identical(series, two.series().load())
+    xr.testing.assert_identical(series, second_store.series().load())
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def study(tmp_path):
     return tmp_path / "study.toml"
 
 
-def test_campaign_prints_its_answers_and_goes_on(anser, study, tmp_path, monkeypatch):
+def test_a_campaign_prints_its_estimates_and_is_resumed(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
     monkeypatch.setattr(flying, "BATCH", 8)
     out = tmp_path / "out"
@@ -78,7 +78,7 @@ def test_campaign_prints_its_answers_and_goes_on(anser, study, tmp_path, monkeyp
 
 def test_a_campaign_is_reported_and_compared(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
-    out, other = tmp_path / "out", tmp_path / "other"
+    out, second = tmp_path / "out", tmp_path / "other"
     anser("campaign", "fly", study, "--out", out, "--processes", 1)
     assert (out / "report.html").is_file()
     (out / "report.html").unlink()
@@ -93,14 +93,14 @@ def test_a_campaign_is_reported_and_compared(anser, study, tmp_path, monkeypatch
     assert (code, "FOLDER: " in said, "a folder without flights.zarr" in said) == (2, True, True)
 
     study.write_text(text_of(flights=20).replace("high = 9.0", "high = 6.0"))
-    anser("campaign", study, "--out", other, "--processes", 1)
-    code, printed, said = anser("campaign", "compare", out, other, "--out", tmp_path / "compared")
+    anser("campaign", study, "--out", second, "--processes", 1)
+    code, printed, said = anser("campaign", "compare", out, second, "--out", tmp_path / "compared")
     assert code == 0
     assert "20 pairs" in printed
     assert "McNemar, exact: p =" in printed
     assert "applied otherwise in 20 of 20 pairs: wind.speed_m_s" in printed
     assert (tmp_path / "compared" / "comparison.svg").is_file()
-    code, printed, _ = anser("campaign", "compare", out, other, "--json")
+    code, printed, _ = anser("campaign", "compare", out, second, "--json")
     document = json.loads(printed)
     assert (code, document["flights"], document["applied"]) == (0, 20, {"wind.speed_m_s": 20})
     study.write_text(text_of(flights=20).replace("seed = 1", "seed = 2"))
@@ -116,12 +116,12 @@ def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anse
     out = tmp_path / "out"
     anser("campaign", study, "--out", out, "--processes", 1)
     (out / "flights.zarr" / "met" / "1").unlink()
-    for words in (
+    for arguments in (
         ("campaign", "report", out),
         ("campaign", "compare", out, out),
         ("run", "--campaign", out, "--flight", 0),
     ):
-        code, _, said = anser(*words)
+        code, _, said = anser(*arguments)
         assert (code, said.count("\n")) == (2, 1)
         assert "arrived chunk 1 (flights 8 to 15) of which" in said
     with folder_lock(out):
@@ -134,7 +134,7 @@ def test_a_damaged_campaign_is_refused_and_resumed_by_one_process_at_a_time(anse
     assert anser("campaign", "report", out, "--worst", 0)[0] == 0
 
 
-def test_a_chunk_that_is_being_written_at_ctrl_c_is_not_counted(anser, study, tmp_path, monkeypatch):
+def test_an_unfinished_chunk_at_ctrl_c_is_not_counted(anser, study, tmp_path, monkeypatch):
     def stopped(self, chunk, files):
         raise KeyboardInterrupt
 
@@ -148,7 +148,7 @@ def test_a_chunk_that_is_being_written_at_ctrl_c_is_not_counted(anser, study, tm
     assert (code, "is flown again: the record of checksums is missing" in said) == (1, True)
 
 
-def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp_path, monkeypatch):
+def test_a_report_with_flights_stays_without_new_flights(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(flying, "fly_many", made_up)
     page = tmp_path / "out" / "report.html"
     anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
@@ -157,14 +157,14 @@ def test_a_report_that_shows_flights_stays_where_none_has_come(anser, study, tmp
     assert page.read_text() == "with a map"
 
 
-def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_path, monkeypatch):
-    left = 1
+def test_ctrl_c_leaves_estimates_and_report_of_the_flights(anser, study, tmp_path, monkeypatch):
+    remaining = 1
 
     def once(cases, batch=None, series=None, precision="float64"):
-        nonlocal left
-        if left == 0:
+        nonlocal remaining
+        if remaining == 0:
             raise KeyboardInterrupt
-        left -= 1
+        remaining -= 1
         return made_up(cases)
 
     monkeypatch.setattr(flying, "fly_many", once)
@@ -176,7 +176,7 @@ def test_ctrl_c_leaves_answers_and_report_of_what_was_flown(anser, study, tmp_pa
     assert "<b>Partial: 8 of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_ctrl_c_before_the_first_chunk_leaves_a_campaign_to_go_on_with(anser, study, tmp_path, monkeypatch):
+def test_ctrl_c_before_the_first_chunk_leaves_a_resumable_campaign(anser, study, tmp_path, monkeypatch):
     def stopped(cases, batch=None, series=None, precision="float64"):
         raise KeyboardInterrupt
 
@@ -194,7 +194,7 @@ def test_ctrl_c_before_the_first_chunk_leaves_a_campaign_to_go_on_with(anser, st
 
 
 def test_a_closed_standard_output_loses_no_report(anser, study, tmp_path, monkeypatch):
-    """As `anser campaign ... | head -3` does when it has read enough."""
+    """Like `anser campaign ... | head -3`, which closes the pipe."""
     monkeypatch.setattr(flying, "fly_many", made_up)
     reading, writing = os.pipe()
     os.close(reading)
@@ -206,7 +206,7 @@ def test_a_closed_standard_output_loses_no_report(anser, study, tmp_path, monkey
     assert written >= {"flights.zarr", "report.html", "campaign.png", "flights.parquet", "answers.parquet"}
 
 
-def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, study, tmp_path, monkeypatch):
+def test_a_lost_cluster_leaves_the_flights_and_one_message(anser, study, tmp_path, monkeypatch):
     def lost(address, fly, folder, chunks):
         yield fly(folder, chunks[0])
         raise StoreError(f"cluster {address}: arrived a scheduler that broke the connection")
@@ -226,7 +226,7 @@ def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, stu
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (("--flight", 1), "expected either a scenario file, or both"),
         (("--campaign", "nowhere"), "expected either a scenario file, or both"),
@@ -234,18 +234,18 @@ def test_a_cluster_that_is_lost_leaves_what_was_flown_and_one_message(anser, stu
         ((), "arrived no scenario"),
     ],
 )
-def test_run_says_what_it_needs_of_a_campaign(anser, words, said):
-    code, _, err = anser("run", *words)
+def test_run_needs_a_valid_campaign_and_flight(anser, arguments, said):
+    code, _, err = anser("run", *arguments)
     assert code == 2
     assert said in err
 
 
 @pytest.mark.long
-def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(study, tmp_path):
-    """Chunks of four flights that are really flown; killed in the midst of one, resumed, and flown by two processes."""
+def test_a_killed_campaign_is_resumed_bit_equal_in_one_process_and_in_two(study, tmp_path):
+    """Real flights in chunks of four; killed within a chunk, resumed, and flown by two processes."""
 
-    def begin(out, *more):
-        return begin_with(4, study, tmp_path, out, *more)
+    def begin(out, *options):
+        return start_command(4, study, tmp_path, out, *options)
 
     study.write_text(text_of(flights=20) + KEPT)
     assert begin("whole", "--processes", "1").wait() == 0
@@ -258,26 +258,26 @@ def test_a_killed_campaign_goes_on_to_the_last_bit_in_one_process_and_in_two(stu
     killed.wait()
     assert CampaignStore.open(tmp_path / "killed").flown.size < 20
     assert begin("killed", "--processes", "1", "--resume").wait() == 0
-    assert_same_to_the_last_bit(tmp_path / "killed", tmp_path / "whole", 20)
-    assert_same_to_the_last_bit(tmp_path / "two", tmp_path / "whole", 20)
+    assert_bit_equal(tmp_path / "killed", tmp_path / "whole", 20)
+    assert_bit_equal(tmp_path / "two", tmp_path / "whole", 20)
 
 
 @pytest.mark.long
 def test_ctrl_c_stops_processes_that_fly_and_leaves_a_report(study, tmp_path):
-    begun = begin_with(4, study, tmp_path, "out", "--processes", "2")
-    done = tmp_path / "out" / "checksums"
-    while not any((done / f"{k}.json").exists() for k in range(5)):
+    process = start_command(4, study, tmp_path, "out", "--processes", "2")
+    checksums = tmp_path / "out" / "checksums"
+    while not any((checksums / f"{k}.json").exists() for k in range(5)):
         time.sleep(0.05)
-        assert begun.poll() is None
-    begun.send_signal(signal.SIGINT)
-    assert begun.wait() == 130
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    assert process.wait() == 130
     flown = CampaignStore.open(tmp_path / "out").flown.size
     assert 4 <= flown < 20
     assert f"<b>Partial: {flown} of 20 flights.</b>" in (tmp_path / "out" / "report.html").read_text()
 
 
 @pytest.mark.long
-def test_any_flight_is_flown_again_as_in_the_campaign(anser, study, tmp_path):
+def test_any_flight_is_replayed_as_in_the_campaign(anser, study, tmp_path):
     study.write_text(text_of(flights=3))
     code, _, _ = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
     assert code == 0
@@ -291,24 +291,24 @@ def test_any_flight_is_flown_again_as_in_the_campaign(anser, study, tmp_path):
 
 
 @pytest.mark.long
-def test_a_saltelli_study_is_flown_kept_and_reported_with_its_worst_drawn(anser, study, tmp_path):
+def test_a_saltelli_study_is_flown_archived_and_reported(anser, study, tmp_path):
     text = text_of(flights=2).replace("[sampling]", '[keep]\nworst = 1\n[sampling]\nmethod = "saltelli"')
     study.write_text(text)
     out = tmp_path / "out"
     code, printed, _ = anser("campaign", study, "--out", out, "--processes", 1)
     assert code == 0
     assert "6 of 6 flights" in printed
-    (kept,) = (out / "worst").iterdir()
-    assert {path.name for path in kept.iterdir()} == {"flight.nc", "summary.json", "report.html"}
+    (archived,) = (out / "worst").iterdir()
+    assert {path.name for path in archived.iterdir()} == {"flight.nc", "summary.json", "report.html"}
     code, _, _ = anser("campaign", "report", out, "--worst", 2, "--others", 3)
     assert code == 0
     page = (out / "report.html").read_text()
     assert page.count('class="worst-track"') == 2
-    assert f'data-flight="{int(kept.name[-6:])}"' in page
+    assert f'data-flight="{int(archived.name[-6:])}"' in page
     assert "Sobol indices" in page
 
 
-def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_with(anser, study, tmp_path, monkeypatch):
+def test_a_missing_cluster_is_refused_and_the_store_is_resumable(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_CONNECT", "1s")
     code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--cluster", "tcp://127.0.0.1:9")
     assert code == 2
@@ -316,25 +316,25 @@ def test_a_cluster_that_is_not_there_is_refused_and_the_store_can_be_gone_on_wit
 
 
 @pytest.mark.long
-def test_a_cluster_flies_the_same_to_the_last_bit_though_a_worker_is_killed(study, tmp_path):
+def test_a_cluster_flies_bit_equal_despite_a_killed_worker(study, tmp_path):
     from distributed import LocalCluster
 
     text = study.read_text()
     study.write_text(text.replace("flights = 20", "flights = 6") + KEPT)
-    flying_alone = begin_with(4, study, tmp_path, "whole", "--processes", "1")
+    flying_alone = start_command(4, study, tmp_path, "whole", "--processes", "1")
     assert flying_alone.wait() == 0
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
-        begun = begin_with(4, study, tmp_path, "spread", "--cluster", local.scheduler_address)
+        process = start_command(4, study, tmp_path, "spread", "--cluster", local.scheduler_address)
         while not (tmp_path / "spread" / "checksums" / "store.json").exists():
             time.sleep(0.05)
         time.sleep(8.0)
         worker = next(iter(local.workers.values()))
         os.kill(worker.process.pid, signal.SIGKILL)
-        assert begun.wait() == 0
-    assert_same_to_the_last_bit(tmp_path / "spread", tmp_path / "whole", 6)
+        assert process.wait() == 0
+    assert_bit_equal(tmp_path / "spread", tmp_path / "whole", 6)
 
 
-def test_usage_is_what_was_written(anser, tmp_path):
+def test_the_usage_omits_an_implied_command(anser, tmp_path):
     for written in (("campaign",), ("campaign", "fly")):
         code, _, err = anser(*written, tmp_path / "study.toml")
         assert code == 2

@@ -1,4 +1,4 @@
-"""What holds for every command: --json, --quiet, examples, exit codes; and typos, completion, colours, progress."""
+"""Properties of every command: --json, --quiet, examples, exit codes; and typos, completion, colours, progress."""
 
 import functools
 import io
@@ -33,11 +33,11 @@ THREE = SCENARIOS / "three-aircraft.toml"
 GROUPS = get_command(app).commands
 
 
-def _leaves(commands, before=""):
-    """Commands by all their words; of a group its own, by its words and theirs."""
+def _leaves(commands, prefix=""):
+    """Commands by their full names; a group's default command also by the group's name."""
     for name, command in commands.items():
         inner = getattr(command, "commands", None)
-        yield from _leaves(inner, f"{before}{name} ") if inner else [(f"{before}{name}", command)]
+        yield from _leaves(inner, f"{prefix}{name} ") if inner else [(f"{prefix}{name}", command)]
 
 
 COMMANDS = dict(_leaves(GROUPS))
@@ -50,10 +50,10 @@ def _help(name):
 
 
 def _examples(name):
-    """Examples in the help of a command, as they stand there."""
+    """Examples in the help of a command."""
     lines = [line.strip() for line in _help(name).splitlines()]
-    rest = lines[lines.index("Examples:") + 1 :]
-    return rest[: rest.index("")]
+    following = lines[lines.index("Examples:") + 1 :]
+    return following[: following.index("")]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -70,28 +70,33 @@ def test_every_example_is_a_command_line_that_parses(name):
     examples = _examples(name)
     assert examples
     for example in examples:
-        program, command, *words = shlex.split(example.partition(" > ")[0])
+        program, command, *arguments = shlex.split(example.partition(" > ")[0])
         assert (program, command) == ("anser", name.split()[0])
-        context, meant = GROUPS[command].make_context(command, words), command  # raises UsageError at what it has not
+        context, meant = (
+            GROUPS[command].make_context(command, arguments),
+            command,
+        )  # raises UsageError at what it has not
         if command != name:
-            meant, inner, rest = GROUPS[command].resolve_command(context, [*context._protected_args, *context.args])
-            inner.make_context(meant, rest)
+            meant, inner, inner_arguments = GROUPS[command].resolve_command(
+                context, [*context._protected_args, *context.args]
+            )
+            inner.make_context(meant, inner_arguments)
             meant = f"{command} {meant}"
         assert meant == name
-        for word in words:
+        for word in arguments:
             if word.startswith("scenarios/"):
                 assert (ROOT / word).is_file()
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_the_page_of_commands_shows_each(name):
+def test_the_command_page_shows_every_command(name):
     page = (ROOT / "docs" / "command-line.md").read_text()
-    (row,) = [line for line in page.splitlines() if line.startswith(f"| `{_examples(name)[0]}` |")]
+    (table_row,) = [line for line in page.splitlines() if line.startswith(f"| `{_examples(name)[0]}` |")]
     unmet = re.search(r"^ *1  (.*?) *$", _help(name), re.MULTILINE)
-    assert row.split("|")[3].strip() == (unmet[1] if unmet else "")
+    assert table_row.split("|")[3].strip() == (unmet[1] if unmet else "")
 
 
-def test_check_answers_as_json_whether_good_or_not(anser, tmp_path):
+def test_check_prints_json_for_good_and_bad_files(anser, tmp_path):
     code, printed, err = anser("check", THREE, "--json")
     assert (code, err) == (0, "")
     document = json.loads(printed)
@@ -102,15 +107,15 @@ def test_check_answers_as_json_whether_good_or_not(anser, tmp_path):
     path.write_text(THREE.read_text().replace("speed_m_s = 150.0\n", "sped_m_s = 150.0\n", 1))
     code, printed, err = anser("check", path, "--json")
     assert code == 2
-    (found,) = json.loads(printed)["problems"]
-    assert found["path"] == "fleet.sped_m_s"
-    assert 'perhaps "speed_m_s"' in found["expected"]
-    assert path.read_text().splitlines()[found["line"] - 1].startswith("sped_m_s")
-    assert f"{found['path']}: arrived {found['arrived']}; expected {found['expected']}" in err
+    (problem,) = json.loads(printed)["problems"]
+    assert problem["path"] == "fleet.sped_m_s"
+    assert 'perhaps "speed_m_s"' in problem["expected"]
+    assert path.read_text().splitlines()[problem["line"] - 1].startswith("sped_m_s")
+    assert f"{problem['path']}: arrived {problem['arrived']}; expected {problem['expected']}" in err
     assert str(path) in err
 
 
-def test_quiet_leaves_only_what_is_wrong(anser, tmp_path):
+def test_quiet_prints_errors_only(anser, tmp_path):
     odd = tmp_path / "odd.toml"
     gains = "[aircraft.gains.velocity]\nproportional = [1.0, 1.6, 1.0]\n\n[[goal]]"
     odd.write_text(THREE.read_text().replace("[[goal]]", gains, 1))
@@ -130,12 +135,12 @@ def test_quiet_leaves_only_what_is_wrong(anser, tmp_path):
     assert (code, json.loads(printed)["file"], err) == (0, str(tmp_path / "yours.toml"), "")
 
 
-def test_lists_and_reports_answer_as_json(anser, tmp_path):
+def test_lists_and_reports_print_json(anser, tmp_path):
     from anser.results import write_netcdf, write_summary
 
     code, printed, err = anser("verify", "--list", "--json")
     assert (code, err) == (0, "")
-    assert "nesc-11" in [row["key"] for row in json.loads(printed)["checks"]]
+    assert "nesc-11" in [check["key"] for check in json.loads(printed)["checks"]]
     dataset, summary = make_flight()
     write_netcdf(dataset, tmp_path / "flight.nc")
     write_summary(summary, tmp_path / "summary.json")
@@ -148,12 +153,12 @@ def test_lists_and_reports_answer_as_json(anser, tmp_path):
 
 
 @pytest.fixture
-def made():
-    """An application with one made-up command for each way to behave."""
+def invoke():
+    """An application with a command for each kind of behaviour."""
 
     @help_epilog("anser good", unmet="never")
     def good() -> None:
-        """Answers as a command should."""
+        """Print the document."""
         print_note("a message [1]")
         print_document(lambda: {"figure": 1})
         print_line("figure [m]: 1")
@@ -162,12 +167,12 @@ def made():
 
     @help_epilog("anser mute")
     def mute() -> None:
-        """Forgets its document."""
+        """Print no document."""
         print_line("figure: 1")
 
     @help_epilog("anser endless")
     def endless() -> None:
-        """Is interrupted."""
+        """Raise an interrupt."""
         raise KeyboardInterrupt
 
     offered = typer.Typer()
@@ -176,7 +181,7 @@ def made():
     return lambda *words: CliRunner().invoke(offered, words)
 
 
-def test_one_document_stands_on_standard_output_and_nothing_else(made):
+def test_the_document_is_the_only_standard_output(made):
     done = made("good")
     assert (done.exit_code, done.stdout, done.stderr) == (1, "figure [m]: 1\n", "a message [1]\nfalls short [2]\n")
     done = made("good", "--json")
@@ -200,7 +205,7 @@ def test_an_interrupt_ends_with_130(made):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (("rnu", THREE), "Did you mean 'run'"),
         (("chek", THREE), "Did you mean 'check'"),
@@ -210,16 +215,20 @@ def test_an_interrupt_ends_with_130(made):
         (("check",), "Missing argument"),
     ],
 )
-def test_typos_are_answered_by_what_was_meant(anser, words, said):
-    code, printed, err = anser(*words)
+def test_typos_get_a_suggestion(anser, arguments, said):
+    code, printed, err = anser(*arguments)
     assert (code, printed) == (2, "")
     assert said in " ".join(err.replace("│", " ").split())
 
 
-def _completed(words, folder, **environment):
-    """What bash would offer."""
-    typed = {"_ANSER_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(len(words.split(" ")) - 1)}
-    done = subprocess.run(
+def _completed(typed_line, folder, **environment):
+    """Completions of bash."""
+    typed = {
+        "_ANSER_COMPLETE": "complete_bash",
+        "COMP_WORDS": typed_line,
+        "COMP_CWORD": str(len(typed_line.split(" ")) - 1),
+    }
+    completed = subprocess.run(
         [Path(sys.executable).with_name("anser")],
         env=os.environ | typed | environment,
         cwd=folder,
@@ -227,7 +236,7 @@ def _completed(words, folder, **environment):
         text=True,
         check=False,
     )
-    return done.stdout.split()
+    return completed.stdout.split()
 
 
 def test_the_shell_completes_scenarios_and_options():
@@ -235,17 +244,17 @@ def test_the_shell_completes_scenarios_and_options():
     assert {"--json", "--quiet"} <= set(_completed("anser run --", ROOT))
 
 
-def test_the_shell_is_taught_on_request():
+def test_shell_completion_is_installed_on_request():
     program = Path(sys.executable).with_name("anser")
     environment = os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    done = subprocess.run(
+    completed = subprocess.run(
         [program, "--show-completion", "bash"], env=environment, capture_output=True, text=True, check=True
     )
-    assert "_ANSER_COMPLETE=complete_bash" in done.stdout
-    assert subprocess.run(["bash", "-n"], input=done.stdout, text=True, check=True).returncode == 0
+    assert "_ANSER_COMPLETE=complete_bash" in completed.stdout
+    assert subprocess.run(["bash", "-n"], input=completed.stdout, text=True, check=True).returncode == 0
 
 
-def test_scenarios_and_runs_are_found_where_they_lie(tmp_path, monkeypatch):
+def test_scenarios_and_runs_are_completed_in_subfolders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("pyproject.toml").write_text("[project]\n")
     Path("mine.toml").write_text("[[aircraft]]\n")
@@ -264,18 +273,18 @@ def test_scenarios_and_runs_are_found_where_they_lie(tmp_path, monkeypatch):
     assert complete_run(".h") == [".hidden"]
 
 
-def test_a_group_means_its_first_command_where_none_is_named(anser):
+def test_a_group_runs_its_first_command_by_default(anser):
     shown = CliRunner().invoke(app, ["campaign", "--help"], env={"COLUMNS": "150", "TERM": "dumb"}).stdout
     for name in ("fly", "report", "compare"):
         assert re.search(rf"^│ {name} ", shown, re.MULTILINE)
-    for words, said in (
+    for arguments, said in (
         (("campaign", "study.toml"), "Missing option '--out'"),
         (("campaign", "--resume", "study.toml"), "Missing option '--out'"),
         (("campaign", "fly", "study.toml"), "Missing option '--out'"),
         (("campaign", "reprot", "folder"), "Did you mean 'report'"),
         (("campaign", "nowhere.toml", "--out", "x"), "nowhere.toml"),
     ):
-        code, printed, err = anser(*words)
+        code, printed, err = anser(*arguments)
         assert (code, printed) == (2, "")
         assert said in err
     assert {"report", "compare"} <= set(_completed("anser campaign ", ROOT))
@@ -298,13 +307,15 @@ def test_colours_respect_no_color(no_color):
         "try: app(['run', '--help'])\nexcept SystemExit: pass"
     )
     environment = os.environ | {"FORCE_COLOR": "1", "TERM": "xterm-256color", "NO_COLOR": no_color}
-    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
-    assert bool(COLOUR.search(done.stdout)) is not bool(no_color)
-    assert bool(COLOUR.search(done.stderr)) is not bool(no_color)
-    assert "\x1b[1m" in done.stdout  # bold is no colour
+    completed = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True
+    )
+    assert bool(COLOUR.search(completed.stdout)) is not bool(no_color)
+    assert bool(COLOUR.search(completed.stderr)) is not bool(no_color)
+    assert "\x1b[1m" in completed.stdout  # bold is no colour
 
 
-def test_progress_tells_the_time_left():
+def test_progress_shows_the_remaining_time():
     clock = [0.0]
     screen = rich.console.Console(file=io.StringIO())
     period = console._SPEED_PERIOD_S
@@ -349,10 +360,10 @@ def test_a_log_gets_a_line_each_minute(monkeypatch, capsys):
     def first_line():
         for _ in range(100):
             time.sleep(0.1)
-            out, told = capsys.readouterr()
+            out, message = capsys.readouterr()
             assert out == ""
-            if told:
-                return told.splitlines()[0]
+            if message:
+                return message.splitlines()[0]
         raise AssertionError("no line in ten seconds")
 
     with progress_bar() as tell:
@@ -367,13 +378,13 @@ def test_a_log_gets_a_line_each_minute(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_the_bar_counts_what_can_be_counted_and_moves_otherwise(monkeypatch):
-    seen = []
+def test_the_bar_shows_a_known_fraction_and_moves_otherwise(monkeypatch):
+    updates = []
     update = console.Progress.update
 
-    def watch(self, task, **what):
-        update(self, task, **what)
-        seen.append((self.tasks[0].description, self.tasks[0].percentage if self.tasks[0].total else None))
+    def watch(self, task, **changes):
+        update(self, task, **changes)
+        updates.append((self.tasks[0].description, self.tasks[0].percentage if self.tasks[0].total else None))
 
     monkeypatch.setattr(console.Progress, "update", watch)
     fresh = compiled(lambda x: 3.0 * x)
@@ -383,7 +394,7 @@ def test_the_bar_counts_what_can_be_counted_and_moves_otherwise(monkeypatch):
         fresh(jnp.ones(3))
         tell("flying", 0.5)
         tell("writing", None)
-    assert seen == [
+    assert updates == [
         ("starting", None),
         ("planning", None),
         ("flying", 25.0),
@@ -394,9 +405,11 @@ def test_the_bar_counts_what_can_be_counted_and_moves_otherwise(monkeypatch):
     ]
 
 
-def test_the_progress_says_when_anser_compiles_and_only_then(monkeypatch):
+def test_the_progress_shows_compilation(monkeypatch):
     said = []
-    monkeypatch.setattr(console.Progress, "update", lambda self, task, **what: said.append(what.get("description")))
+    monkeypatch.setattr(
+        console.Progress, "update", lambda self, task, **changes: said.append(changes.get("description"))
+    )
     fresh = compiled(lambda x: 2.0 * x)
     with progress_bar() as tell:
         tell("flying", 0.5)

@@ -1,4 +1,4 @@
-"""The command export end to end: which files it writes, what it refuses, that nothing is overwritten."""
+"""The command export end to end: files, refusals, nothing overwritten."""
 
 import json
 
@@ -12,18 +12,18 @@ def folder(tmp_path):
     return make_run(tmp_path / "run")
 
 
-def test_files_stand_beside_the_flight_or_in_a_new_folder(anser, folder, tmp_path):
+def test_files_are_written_beside_the_flight_or_into_a_new_folder(anser, folder, tmp_path):
     code, printed, _ = anser("export", folder, "--format", "csv,mat", "--format", "kml", "--period-s", "1")
     assert code == 0
     assert printed.count("MB") == 3
     assert len((folder / "flight.csv").read_text().splitlines()) == 1 + 3
-    before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    assert set(before) == {"flight.nc", "summary.json", "flight.csv", "flight.mat", "flight.kml"}
+    original = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert set(original) == {"flight.nc", "summary.json", "flight.csv", "flight.mat", "flight.kml"}
 
     code, _, err = anser("export", folder, "--format", "parquet,csv")
     assert code == 2
     assert "flight.csv, which exists" in err
-    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == original
 
     out = tmp_path / "new" / "folder"
     code, _, _ = anser("export", folder, "--format", "czml,parquet", "--out", out, "--start", "2024-02-29T06:00+02:00")
@@ -34,7 +34,7 @@ def test_files_stand_beside_the_flight_or_in_a_new_folder(anser, folder, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "said"),
     [
         (("--format", "xlsx"), ("--format", "'xlsx'", "czml, kml, csv, parquet, mat")),
         (("--format", "csv,"), ("--format", "''", "czml")),
@@ -44,8 +44,8 @@ def test_files_stand_beside_the_flight_or_in_a_new_folder(anser, folder, tmp_pat
         (("--format", "csv", "--period-s", "nan"), ("--period-s", "nan", "above 0")),
     ],
 )
-def test_bad_options_end_with_2_and_write_nothing(anser, folder, words, said):
-    code, _, err = anser("export", folder, *words)
+def test_bad_options_end_with_2_and_write_nothing(anser, folder, options, said):
+    code, _, err = anser("export", folder, *options)
     assert code == 2
     for part in said:
         assert part in err
@@ -53,8 +53,8 @@ def test_bad_options_end_with_2_and_write_nothing(anser, folder, words, said):
 
 
 def test_bad_folders_end_with_2(anser, folder, tmp_path):
-    def refused(where):
-        code, _, err = anser("export", where, "--format", "csv")
+    def refused(folder):
+        code, _, err = anser("export", folder, "--format", "csv")
         assert code == 2
         return err
 
@@ -70,7 +70,7 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
     assert "flight.nc: arrived a file that cannot be read" in refused(folder)
 
 
-def test_parquet_alone_without_its_library_is_refused_before_anything_is_read(anser, tmp_path, monkeypatch):
+def test_parquet_without_its_library_is_refused_before_reading(anser, tmp_path, monkeypatch):
     monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
     code, _, err = anser("export", tmp_path / "none", "--format", "parquet")
     assert code == 2
@@ -78,7 +78,7 @@ def test_parquet_alone_without_its_library_is_refused_before_anything_is_read(an
     assert "all other formats are written without it" in err
 
 
-def test_without_the_library_of_one_format_the_others_are_written(anser, folder, tmp_path, monkeypatch):
+def test_other_formats_are_written_without_the_library_of_one(anser, folder, tmp_path, monkeypatch):
     monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
     out = tmp_path / "tables"
     code, printed, err = anser("export", folder, "--format", "czml,kml,csv,parquet,mat", "--out", out, "--json")
@@ -93,7 +93,7 @@ def test_without_the_library_of_one_format_the_others_are_written(anser, folder,
 
 
 def test_force_replaces_files_of_the_same_names_and_leaves_the_others(anser, folder):
-    before = (folder / "flight.nc").read_bytes()
+    original = (folder / "flight.nc").read_bytes()
     (folder / "flight.csv").write_text("old")
     (folder / "flight.kml").write_text("mine")
     assert anser("export", folder, "--format", "csv")[0] == 2
@@ -101,5 +101,5 @@ def test_force_replaces_files_of_the_same_names_and_leaves_the_others(anser, fol
     assert anser("export", folder, "--format", "csv", "--force")[0] == 0
     assert (folder / "flight.csv").read_text().startswith("time_s,aircraft")
     assert (folder / "flight.kml").read_text() == "mine"
-    assert (folder / "flight.nc").read_bytes() == before
+    assert (folder / "flight.nc").read_bytes() == original
     assert len(list(folder.iterdir())) == 4

@@ -1,4 +1,4 @@
-"""The command figures: what it writes, what it refuses. The published cases stand in as small datasets."""
+"""The command figures: files and refusals. Small datasets replace the published cases."""
 
 from types import SimpleNamespace
 
@@ -14,7 +14,7 @@ ALL = dict(flight_figures.FLIGHT_FIGURES)
 
 @pytest.fixture(autouse=True)
 def one_figure(monkeypatch):
-    """Of a flight, draw one: all are drawn in tests/report."""
+    """Draw a single figure of a flight; tests/report draws them all."""
     monkeypatch.setattr(flight_figures, "FLIGHT_FIGURES", {"plan": flight_figures.FLIGHT_FIGURES["plan"]})
 
 
@@ -31,11 +31,11 @@ def test_the_figures_of_a_run(anser, tmp_path):
 
 def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
     flight = SimpleNamespace(dataset=tiny_dataset())
-    drawn = []
+    figures = []
 
     def note(name, which):
         def draw(*args):
-            drawn.append(name)
+            figures.append(name)
             for path in args[which]:
                 path.write_bytes(b"")
 
@@ -58,13 +58,13 @@ def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
     out = tmp_path / "figures"
     code, printed, _ = anser("figures", "--out", out)
     assert code == 0
-    assert drawn == ["b4", "c4", "step", "step", "overview", "tracking"]
+    assert figures == ["b4", "c4", "step", "step", "overview", "tracking"]
     keys = {"shape-b4", "shape-c4", "step-rates-p", "step-velocity-v", "step-overview", "climb-and-turn", "single-plan"}
     assert {path.name for path in out.iterdir()} == {f"{key}{suffix}" for key in keys for suffix in SUFFIXES}
     assert f"{len(keys)} figures" in printed
 
 
-def test_a_flight_without_what_is_drawn_is_refused(anser, tmp_path):
+def test_a_flight_with_missing_variables_is_refused(anser, tmp_path):
     run, out = make_run(tmp_path / "run"), tmp_path / "figures"
     dataset = read_netcdf(run / "flight.nc").drop_vars("goal_velocity_east_m_s")
     (run / "flight.nc").unlink()
@@ -92,21 +92,21 @@ def test_some_figures_on_a_narrow_paper(anser, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("options", "message"),
     [
         (("--only", "plan,wheels"), "--only: arrived 'wheels'; expected one of plan"),
         (("--width", "5"), "--width: arrived 5; expected 60 to 400 mm"),
     ],
 )
-def test_what_is_no_figure_or_no_width_is_refused(anser, tmp_path, given, told):
+def test_an_unknown_figure_or_width_is_refused(anser, tmp_path, options, message):
     run, out = make_run(tmp_path / "run"), tmp_path / "figures"
-    code, _, err = anser("figures", run, "--out", out, *given)
+    code, _, err = anser("figures", run, "--out", out, *options)
     assert code == 2
-    assert told in err
+    assert message in err
     assert not out.exists()
 
 
-def test_the_published_cases_are_drawn_as_they_are(anser, tmp_path):
+def test_options_of_flight_figures_are_refused_for_published_cases(anser, tmp_path):
     code, _, err = anser("figures", "--out", tmp_path / "figures", "--only", "plan")
     assert code == 2
     assert "RUN: arrived nothing" in err

@@ -1,4 +1,4 @@
-"""Where commands write: new folders and files, and with --force those that are there, all else in them untouched."""
+"""Output of commands: new folders and files; with --force existing files are replaced, and other files stay."""
 
 import json
 import os
@@ -16,8 +16,11 @@ GOES_ON = {"campaign fly", "rare"}
 """They do not replace hours of flying: --resume goes on with it."""
 
 
-def test_every_command_that_writes_where_something_may_exist_has_force():
-    options = {name: {one for of in command.params for one in of.opts} for name, command in COMMANDS.items()}
+def test_every_writing_command_has_force():
+    options = {
+        name: {option for parameter in command.params for option in parameter.opts}
+        for name, command in COMMANDS.items()
+    }
     writing = {name for name, known in options.items() if known & {"--out", "--bode", "--picture"}}
     assert {name for name, known in options.items() if "--force" in known} == writing - GOES_ON
     assert {"run", "plan", "sweep", "figures", "export", "gallery", "envelope", "margins", "robustness"} <= writing
@@ -25,13 +28,13 @@ def test_every_command_that_writes_where_something_may_exist_has_force():
 
 
 def _failing(writing, error):
-    """Write a part, then fail."""
-    with writing as place:
-        (place / "flight.nc" if place.is_dir() else place).write_text("half")
+    """Write partially, then fail."""
+    with writing as target:
+        (target / "flight.nc" if target.is_dir() else target).write_text("half")
         raise error
 
 
-def test_a_new_folder_stays_only_with_something_in_it(tmp_path):
+def test_an_empty_new_folder_is_removed(tmp_path):
     with open_output_folder(tmp_path / "deep" / "new") as into:
         (into / "file").touch()
     assert (tmp_path / "deep" / "new" / "file").exists()
@@ -40,7 +43,7 @@ def test_a_new_folder_stays_only_with_something_in_it(tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_a_folder_that_exists_is_refused_without_force(tmp_path):
+def test_an_existing_folder_is_refused_without_force(tmp_path):
     with (
         pytest.raises(RefusedError, match="which exists; expected a new folder, or --force"),
         open_output_folder(tmp_path),
@@ -55,7 +58,7 @@ def test_a_folder_that_exists_is_refused_without_force(tmp_path):
             pass
 
 
-def test_with_force_a_failure_leaves_what_was_there_and_a_fault_of_its_own_is_no_bad_input(tmp_path):
+def test_with_force_a_failure_leaves_the_existing_files(tmp_path):
     (tmp_path / "flight.nc").write_text("old")
     with pytest.raises(OSError, match="elsewhere"):
         _failing(open_output_folder(tmp_path, True), OSError("elsewhere"))
@@ -67,7 +70,7 @@ def test_with_force_a_failure_leaves_what_was_there_and_a_fault_of_its_own_is_no
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_cannot_be_written_is_bad_input(tmp_path):
+def test_an_unwritable_folder_is_bad_input(tmp_path):
     tmp_path.chmod(0o500)
     with (
         pytest.raises(RefusedError, match="a folder in which files can be replaced"),
@@ -108,14 +111,14 @@ def test_figures_replace_those_of_the_same_names(anser, tmp_path, monkeypatch):
     code, printed, _ = anser("figures", run, "--out", out, "--force", "--json")
     assert code == 0
     assert json.loads(printed)["files"] == [str(out / f"flight-tracks{suffix}") for suffix in (".pdf", ".svg")]
-    found = {path.name: path.read_text() for path in out.iterdir()}
-    assert found == {"notes.txt": "old", "flight-tracks.svg": "new", "flight-tracks.pdf": "new"}
+    contents = {path.name: path.read_text() for path in out.iterdir()}
+    assert contents == {"notes.txt": "old", "flight-tracks.svg": "new", "flight-tracks.pdf": "new"}
 
 
 @pytest.fixture
 def fake(monkeypatch):
-    """A flight in no time; what was asked for is kept."""
-    asked = []
+    """A simulated flight; the arguments of its calls are recorded."""
+    calls = []
 
     class Flown:
         dataset, summary = make_flight()
@@ -126,17 +129,17 @@ def fake(monkeypatch):
 
         def write_into(self, folder):
             for name in ("flight.nc", "summary.json", "report.html"):
-                (folder / name).write_text(f"flight {len(asked)}")
+                (folder / name).write_text(f"flight {len(calls)}")
 
     def fly(scenario, *_):
-        asked.append(scenario)
+        calls.append(scenario)
         return Flown()
 
     monkeypatch.setattr("anser.cli.flights.run", fly)
-    return asked
+    return calls
 
 
-def test_a_run_replaces_the_one_in_the_folder_and_leaves_other_files(anser, tmp_path, fake):
+def test_a_run_by_force_replaces_the_run_and_leaves_other_files(anser, tmp_path, fake):
     out = tmp_path / "run"
     assert anser("run", THREE, "--out", out)[0] == 0
     (out / "notes.txt").write_text("mine")
@@ -152,7 +155,7 @@ def test_a_run_replaces_the_one_in_the_folder_and_leaves_other_files(anser, tmp_
     }
 
 
-def test_a_run_by_force_without_out_replaces_the_first_one(anser, tmp_path, fake, monkeypatch):
+def test_a_run_by_force_without_out_replaces_the_first_run(anser, tmp_path, fake, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for force in ((), (), ("--force",)):
         assert anser("run", THREE, *force)[0] == 0

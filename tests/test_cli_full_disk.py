@@ -1,4 +1,4 @@
-"""Commands on a full disk, and with paths that the system refuses: one message, exit code 2, nothing half-written."""
+"""Commands on a full disk and with paths that the system refuses: one message, exit code 2, no partial files."""
 
 import contextlib
 
@@ -49,16 +49,16 @@ HEAVY = {"figures", "trim map", "run", "plan"}
     "name", [pytest.param(name, marks=[pytest.mark.long] if name in HEAVY else []) for name in WORDS]
 )
 def test_a_full_disk_is_one_message_and_leaves_nothing(anser, run, tmp_path, name):
-    words = [str(word).format(run=run, out=tmp_path / "out") for word in WORDS[name]]
-    before = files(tmp_path)
+    arguments = [str(word).format(run=run, out=tmp_path / "out") for word in WORDS[name]]
+    original = files(tmp_path)
     with full_disk():
-        code, _, said = anser(*words, "--quiet")
+        code, _, said = anser(*arguments, "--quiet")
     assert code == 2, said
     assert "File too large" in said or "NetCDF" in said
     assert "Traceback" not in said
     assert "internal fault" not in said
-    assert files(tmp_path) == before
-    code, _, said = anser(*words)
+    assert files(tmp_path) == original
+    code, _, said = anser(*arguments)
     assert code in (0, 1), said  # nothing stands in the way of a second try
 
 
@@ -90,16 +90,16 @@ high = 1.0
 
 
 @pytest.mark.parametrize("command", ["campaign", "rare"])
-@pytest.mark.parametrize("place", ["{study}/out", OVERLONG, "/dev/full/out", "/proc/none/out"])
-def test_a_folder_that_cannot_be_made_is_refused_before_anything_flies(anser, tmp_path, monkeypatch, command, place):
+@pytest.mark.parametrize("target", ["{study}/out", OVERLONG, "/dev/full/out", "/proc/none/out"])
+def test_an_impossible_folder_is_refused_before_any_flight(anser, tmp_path, monkeypatch, command, target):
     monkeypatch.chdir(tmp_path)
     study = _study(tmp_path, text_of(flights=20) if command == "campaign" else RARE)
     monkeypatch.setattr(flights, "fly_many", lambda *_, **__: pytest.fail("flown"))
-    before = files(tmp_path)
-    code, _, said = anser(command, study, "--out", place.format(study=study), "--processes", 1)
+    original = files(tmp_path)
+    code, _, said = anser(command, study, "--out", target.format(study=study), "--processes", 1)
     assert code == 2, said
     assert "Traceback" not in said
-    assert files(tmp_path) == before
+    assert files(tmp_path) == original
 
 
 def test_a_campaign_on_a_full_disk_can_be_resumed(anser, tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Paths that no file or folder can have, and those of devices: one message, exit code 2, nothing written."""
+"""Impossible paths and devices: one message, exit code 2, nothing written."""
 
 import os
 
@@ -52,14 +52,14 @@ def test_odd_paths_are_one_message(anser, tmp_path, kind, monkeypatch):
     names = {"run": make_run(tmp_path / "run"), "folder": tmp_path, "scenario": tmp_path / "mine.toml"}
     assert anser("new", tmp_path / "mine.toml")[0] == 0
     names["odd"] = ODD[kind].format(**names)
-    before = sorted(path for path in tmp_path.rglob("*"))
+    original = sorted(path for path in tmp_path.rglob("*"))
     makes_parents = kind in ("absent", "no UTF-8")
-    for words in WORDS if makes_parents else WORDS + REFUSED_BY_THE_FOLDER:
-        code, printed, said = anser(*(word.format(**names) for word in words))
-        assert (code, printed) == (2, ""), words
+    for arguments in WORDS if makes_parents else WORDS + REFUSED_BY_THE_FOLDER:
+        code, printed, said = anser(*(word.format(**names) for word in arguments))
+        assert (code, printed) == (2, ""), arguments
         assert "Traceback" not in said
-        assert "internal fault" not in said, words
-        assert sorted(path for path in tmp_path.rglob("*")) == before, words
+        assert "internal fault" not in said, arguments
+        assert sorted(path for path in tmp_path.rglob("*")) == original, arguments
 
 
 @pytest.mark.parametrize(
@@ -80,8 +80,8 @@ def test_a_null_character_in_a_path_is_refused_on_writing(tmp_path):
 def test_a_null_character_in_a_path_within_a_file_is_refused(anser, tmp_path):
     assert anser("new", tmp_path / "mine.toml")[0] == 0
     text = (tmp_path / "mine.toml").read_text()
-    named = text.replace("[[aircraft]]\n", '[[aircraft]]\nairframe = "a\\u0000b.toml"\n', 1)
-    (tmp_path / "named.toml").write_text(named)
+    with_null = text.replace("[[aircraft]]\n", '[[aircraft]]\nairframe = "a\\u0000b.toml"\n', 1)
+    (tmp_path / "named.toml").write_text(with_null)
     with pytest.raises(ScenarioError, match="airframe"):
         files(tmp_path / "named.toml")
     (tmp_path / "study.toml").write_text(

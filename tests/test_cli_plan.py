@@ -1,4 +1,4 @@
-"""The command plan end to end: what it prints, what it writes, how it ends."""
+"""The command plan end to end: output, files, exit codes."""
 
 import csv
 import json
@@ -23,28 +23,28 @@ def test_plan_writes_its_files_and_prints_margins(anser, tmp_path):
     assert sorted(path.name for path in out.iterdir()) == FILES
     summary = json.loads((out / "plan.json").read_text())
     assert summary["status"] == "planned"
-    assert [row["path"] for row in summary["aircraft"]] == ["nominal", "bent left", "bent right"]
-    for row in summary["aircraft"]:
+    assert [sample["path"] for sample in summary["aircraft"]] == ["nominal", "bent left", "bent right"]
+    for sample in summary["aircraft"]:
         # all paths have the length of the farthest's, to what the planner solves them to
-        assert row["length_m"] == pytest.approx(9054.059, abs=0.01)
-        assert all(limit["margin"] > 0.0 for limit in row["limits"])
+        assert sample["length_m"] == pytest.approx(9054.059, abs=0.01)
+        assert all(limit["margin"] > 0.0 for limit in sample["limits"])
     # two goals on the sea 1005 m apart, in the plane, at the arrival: see the scenario
     assert summary["least_distance"]["value_m"] == pytest.approx(100.0 + 15.0 * 60.36039, abs=0.1)
     with (out / "trajectories.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert len(rows) == 3 * 122  # 0, 0.5, ..., 60 s and the arrival
-    arrived = [row for row in rows if float(row["time_s"]) > 60.3]
-    assert [row["aircraft"] for row in arrived] == ["aircraft-1", "aircraft-2", "aircraft-3"]
-    assert [float(row["altitude_m"]) for row in arrived] == pytest.approx([300.0] * 3, abs=1e-3)
+        samples = list(csv.DictReader(file))
+    assert len(samples) == 3 * 122  # 0, 0.5, ..., 60 s and the arrival
+    arrived = [sample for sample in samples if float(sample["time_s"]) > 60.3]
+    assert [sample["aircraft"] for sample in arrived] == ["aircraft-1", "aircraft-2", "aircraft-3"]
+    assert [float(sample["altitude_m"]) for sample in arrived] == pytest.approx([300.0] * 3, abs=1e-3)
     assert float(arrived[2]["east_m"]) == pytest.approx(100.0 + 15.0 * 60.36039, abs=0.01)
     svg = (out / "plan.svg").read_text()
     assert "closest: aircraft-2 and aircraft-3" in svg
 
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    original = {path.name: path.read_bytes() for path in out.iterdir()}
     code, printed, said = anser("plan", THREE, "--out", out)
     assert (code, printed) == (2, "")
     assert f"--out: arrived {out}, which exists; expected a new folder" in said
-    assert before == {path.name: path.read_bytes() for path in out.iterdir()}
+    assert original == {path.name: path.read_bytes() for path in out.iterdir()}
 
 
 @pytest.mark.long
@@ -62,16 +62,18 @@ def test_a_plan_beyond_a_limit_is_written_and_ends_with_1(anser, tmp_path):
     assert sorted(path.name for path in (tmp_path / "plan").iterdir()) == FILES
 
 
-def test_a_refusal_is_told_and_leaves_nothing(anser, tmp_path, monkeypatch):
-    why = ("earliest common arrival 83.2 s", "separation 430 m reachable, 500 m asked")
-    refused = types.SimpleNamespace(refusals=why)
-    monkeypatch.setattr("anser.missions.plans.plan_certified", lambda *asked: refused)
+def test_a_refusal_is_printed_and_leaves_no_files(anser, tmp_path, monkeypatch):
+    reasons = ("earliest common arrival 83.2 s", "separation 430 m reachable, 500 m asked")
+    refused = types.SimpleNamespace(refusals=reasons)
+    monkeypatch.setattr("anser.missions.plans.plan_certified", lambda *arguments: refused)
     code, printed, said = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--out", tmp_path / "plan")
     assert (code, printed) == (1, "")
-    assert [line for line in said.splitlines() if line.startswith("no plan")] == [f"no plan: {one}" for one in why]
+    assert [line for line in said.splitlines() if line.startswith("no plan")] == [
+        f"no plan: {reason}" for reason in reasons
+    ]
     code, printed, _ = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--json")
     assert code == 1
-    assert json.loads(printed) == {"format_version": 1, "status": "no plan", "reasons": list(why)}
+    assert json.loads(printed) == {"format_version": 1, "status": "no plan", "reasons": list(reasons)}
     assert not (tmp_path / "plan").exists()
 
 

@@ -1,4 +1,4 @@
-"""The command rare end to end, with made-up flights; with flown ones in the long test."""
+"""The command rare end to end, with synthetic flights; with real flights in the long test."""
 
 import json
 import os
@@ -23,14 +23,14 @@ def study(tmp_path):
     return tmp_path / "study.toml"
 
 
-def test_rare_prints_its_probability_and_goes_on(anser, study, tmp_path, monkeypatch):
-    left = 12
+def test_rare_prints_its_probability_and_is_resumed(anser, study, tmp_path, monkeypatch):
+    remaining = 12
 
     def until_then(cases, batch=None, precision="float64"):
-        nonlocal left
-        if left == 0:
+        nonlocal remaining
+        if remaining == 0:
             raise KeyboardInterrupt
-        left -= 1
+        remaining -= 1
         return made_up(cases)
 
     monkeypatch.setattr(rare_flights, "fly_many", until_then)
@@ -38,7 +38,7 @@ def test_rare_prints_its_probability_and_goes_on(anser, study, tmp_path, monkeyp
     code, printed, said = anser("rare", study, "--out", out, "--processes", 1)
     assert code == 130
     assert f"{out}: 360 flights; --resume goes on" in said
-    left = 1000
+    remaining = 1000
     code, _, said = anser("rare", study, "--out", out, "--processes", 1)
     assert code == 2
     assert "expected a new folder, or --resume" in said
@@ -62,7 +62,7 @@ def test_rare_prints_its_probability_and_goes_on(anser, study, tmp_path, monkeyp
         (RARE_TEXT.replace("[rare]", "[rarer]"), 'rarer: arrived the unknown key "rarer"'),
     ],
 )
-def test_bad_input_is_refused_before_anything_flies(anser, study, tmp_path, text, said):
+def test_bad_input_is_refused_before_any_flight(anser, study, tmp_path, text, said):
     study.write_text(text)
     code, _, err = anser("rare", study, "--out", tmp_path / "out")
     assert code == 2
@@ -70,7 +70,7 @@ def test_bad_input_is_refused_before_anything_flies(anser, study, tmp_path, text
     assert not (tmp_path / "out").exists()
 
 
-def test_what_is_too_rare_ends_with_a_bound(anser, study, tmp_path, monkeypatch):
+def test_a_too_rare_event_ends_with_a_bound(anser, study, tmp_path, monkeypatch):
     monkeypatch.setattr(rare_flights, "fly_many", made_up)
     study.write_text(RARE_TEXT.replace("8.91", "20.0").replace("repetitions", "levels_max = 2\nrepetitions"))
     code, printed, err = anser("rare", study, "--out", tmp_path / "out", "--processes", 1)
@@ -80,13 +80,13 @@ def test_what_is_too_rare_ends_with_a_bound(anser, study, tmp_path, monkeypatch)
 
 
 @pytest.mark.long
-def test_a_killed_one_goes_on_to_the_last_bit_in_one_process_and_in_two(study, tmp_path):
-    """Flights that are really flown; killed in the midst of a level, gone on with, and flown by two processes."""
+def test_a_killed_estimation_is_resumed_bit_equal_in_one_process_and_in_two(study, tmp_path):
+    """Real flights; killed within a level, resumed, and flown by two processes."""
     (tmp_path / "three.toml").write_text((STUDIES / "short-approach.toml").read_text())
     study.write_text(RARE_TEXT.replace("8.91", "1.2"))
 
-    def begin(out, *more):
-        command = [sys.executable, "-m", "anser", "rare", study, "--out", tmp_path / out, *more]
+    def begin(out, *options):
+        command = [sys.executable, "-m", "anser", "rare", study, "--out", tmp_path / out, *options]
         return subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL)
 
     assert begin("two", "--processes", "2").wait() == 0

@@ -1,4 +1,4 @@
-"""The command report: what it writes, what it refuses, that nothing is lost."""
+"""The command report: files and refusals."""
 
 import shutil
 
@@ -19,11 +19,11 @@ def flown(tmp_path_factory):
 
 @pytest.fixture
 def runs(flown, tmp_path):
-    """Two folders of runs."""
+    """Two run folders."""
     return [shutil.copytree(flown, tmp_path / name) for name in ("a", "b")]
 
 
-def test_a_report_is_written_anew_only_by_force(anser, runs):
+def test_a_report_is_replaced_only_by_force(anser, runs):
     code, printed, _ = anser("report", runs[0])
     target = runs[0] / "report.html"
     assert code == 0
@@ -38,7 +38,7 @@ def test_a_report_is_written_anew_only_by_force(anser, runs):
     assert "</html>" in target.read_text(encoding="utf-8")
 
 
-def test_two_runs_stand_in_one_file(anser, runs, tmp_path):
+def test_two_runs_are_compared_in_one_file(anser, runs, tmp_path):
     out = tmp_path / "beside.html"
     assert anser("report", *runs, "--out", out)[0] == 0
     page = out.read_text(encoding="utf-8")
@@ -48,7 +48,7 @@ def test_two_runs_stand_in_one_file(anser, runs, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (("{a}", "{b}"), "--out: arrived nothing; expected a file for the report of two runs"),
         (("{a}/none",), "RUN: arrived {a}/none, which is no folder; expected"),
@@ -61,13 +61,13 @@ def test_two_runs_stand_in_one_file(anser, runs, tmp_path):
         (("{a}", "--out", "{a}/flight.nc", "--force"), "which holds a run; expected another file"),
     ],
 )
-def test_wrong_input_is_told_and_nothing_written(anser, runs, tmp_path, words, said):
-    places = {"a": str(runs[0]), "b": str(runs[1]), "tmp": str(tmp_path)}
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    code, _, err = anser("report", *(word.format(**places) for word in words))
+def test_wrong_input_is_reported_and_nothing_written(anser, runs, tmp_path, arguments, said):
+    folders = {"a": str(runs[0]), "b": str(runs[1]), "tmp": str(tmp_path)}
+    original = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    code, _, err = anser("report", *(word.format(**folders) for word in arguments))
     assert code == 2
-    assert said.format(**places) in err
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert said.format(**folders) in err
+    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == original
 
 
 @pytest.mark.parametrize(
@@ -79,7 +79,7 @@ def test_wrong_input_is_told_and_nothing_written(anser, runs, tmp_path, words, s
         ("summary.json", '{"format_version": 1}', "summary.json: arrived no scenario; expected a summary of a flight"),
     ],
 )
-def test_broken_files_are_told(anser, runs, name, content, said):
+def test_broken_files_are_reported(anser, runs, name, content, said):
     (runs[0] / name).write_text(content)
     code, _, err = anser("report", runs[0])
     assert code == 2

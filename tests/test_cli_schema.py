@@ -1,4 +1,4 @@
-"""The command schema, and what new writes beside a file."""
+"""The command schema, and the schema written by new."""
 
 import json
 
@@ -25,20 +25,20 @@ def test_a_schema_goes_to_standard_output_or_a_new_file(anser, tmp_path, kind):
     assert json.loads(out.read_text()) == document
 
 
-def test_scenario_is_meant_where_no_kind_is_named_and_others_are_refused(anser):
+def test_the_default_kind_is_scenario_and_unknown_kinds_are_refused(anser):
     assert json.loads(anser("schema")[1])["title"] == "anser scenario"
     code, _, err = anser("schema", "plane")
     assert code == 2
     assert err == "KIND: arrived 'plane'; expected one of 'scenario', 'study', 'aircraft'\n"
 
 
-@pytest.mark.parametrize(("words", "kind"), [(("new",), "scenario"), (("aircraft", "new"), "aircraft")])
-def test_new_writes_the_schema_that_its_first_line_names_and_leaves_one_that_is_there(anser, tmp_path, words, kind):
-    assert anser(*words, tmp_path / "mine.toml")[0] == 0
-    first = (tmp_path / "mine.toml").read_text().splitlines()[0]
-    assert first.startswith("#:schema ./")
-    schema = tmp_path / first.removeprefix("#:schema ./")
+@pytest.mark.parametrize(("arguments", "kind"), [(("new",), "scenario"), (("aircraft", "new"), "aircraft")])
+def test_new_writes_the_schema_of_its_first_line_and_keeps_an_existing_one(anser, tmp_path, arguments, kind):
+    assert anser(*arguments, tmp_path / "mine.toml")[0] == 0
+    first_line = (tmp_path / "mine.toml").read_text().splitlines()[0]
+    assert first_line.startswith("#:schema ./")
+    schema = tmp_path / first_line.removeprefix("#:schema ./")
     assert json.loads(schema.read_text()) == json.loads(anser("schema", kind)[1])
     schema.write_text("mine")
-    assert anser(*words, tmp_path / "other.toml")[0] == 0
+    assert anser(*arguments, tmp_path / "other.toml")[0] == 0
     assert schema.read_text() == "mine"

@@ -1,4 +1,4 @@
-"""Options that change a scenario on the way, and that open what came of it: --set, --planner, --open."""
+"""Options --set, --planner and --open."""
 
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -11,7 +11,7 @@ from test_cli_everywhere import THREE
 from test_cli_force import fake  # noqa: F401 - a fixture
 
 
-def test_what_is_set_flies_and_has_the_hash_of_a_file_with_these_values(anser, tmp_path, fake):  # noqa: F811
+def test_overrides_give_the_flight_and_hash_of_a_file_with_these_values(anser, tmp_path, fake):  # noqa: F811
     values = ("--set", "wind.speed_m_s=8", "--set", "wind.from_deg=240.0", "--set", "seed=7")
     assert anser("run", THREE, "--out", tmp_path / "a", *values)[0] == 0
     text = THREE.read_text().replace("[fleet]", "[wind]\nspeed_m_s = 8.0\nfrom_deg = 240\n\n[fleet]", 1)
@@ -26,7 +26,7 @@ def test_what_is_set_flies_and_has_the_hash_of_a_file_with_these_values(anser, t
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("options", "said"),
     [
         (("--set", "wind.speed_m_s"), "--set: arrived 'wind.speed_m_s'; expected PATH=VALUE, such as"),
         (("--set", "=8"), "expected PATH=VALUE"),
@@ -42,14 +42,14 @@ def test_what_is_set_flies_and_has_the_hash_of_a_file_with_these_values(anser, t
     ],
 )
 @pytest.mark.parametrize("command", ["run", "plan"])
-def test_a_wrong_value_ends_with_2_and_writes_nothing(anser, tmp_path, command, words, said):
-    code, printed, err = anser(command, THREE, "--out", tmp_path / "out", *words)
+def test_a_wrong_value_ends_with_2_and_writes_nothing(anser, tmp_path, command, options, said):
+    code, printed, err = anser(command, THREE, "--out", tmp_path / "out", *options)
     assert (code, printed) == (2, "")
     assert said in err
     assert not (tmp_path / "out").exists()
 
 
-def test_a_flight_of_a_campaign_is_flown_as_it_was(anser, tmp_path):
+def test_overrides_are_refused_for_a_flight_of_a_campaign(anser, tmp_path):
     code, _, err = anser("run", "--campaign", tmp_path, "--flight", "1", "--set", "seed=3")
     assert code == 2
     assert "--campaign, whose flight is flown as it was" in err
@@ -68,10 +68,10 @@ def test_a_flight_of_a_campaign_is_flown_as_it_was(anser, tmp_path):
         ('"8"', "8"),
     ],
 )
-def test_values_are_read_as_a_file_holds_them(text, value):
-    found = parse_value(text)
-    assert found == value
-    assert type(found) is type(value)
+def test_values_are_read_as_in_a_file(text, value):
+    parsed = parse_value(text)
+    assert parsed == value
+    assert type(parsed) is type(value)
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def opened(monkeypatch):
     return pages
 
 
-def test_open_shows_the_report_or_says_where_it_is(anser, tmp_path, fake, opened):  # noqa: F811
+def test_open_shows_the_report_or_prints_its_path(anser, tmp_path, fake, opened):  # noqa: F811
     for name in ("a run", "b"):
         code, _, err = anser("run", THREE, "--out", tmp_path / name, "--open")
         assert code == 0

@@ -1,4 +1,4 @@
-"""The commands step and gallery end to end: what they print, what they write, how they end."""
+"""The commands step and gallery end to end: output, files, exit codes."""
 
 import json
 
@@ -9,19 +9,19 @@ from anser.analysis.step_tests import PUBLISHED_STEPS
 PITCH = ("step", "--loop", "rates", "--channel", "q", "--size", "-5", "--at", "150,2000")
 
 
-def test_step_prints_its_figures_and_draws(anser, tmp_path):
+def test_step_prints_its_metrics_and_draws(anser, tmp_path):
     out = tmp_path / "pitch.svg"
     code, printed, said = anser(*PITCH, "--duration-s", "1.5", "--out", out)
     assert code == 0
     assert "-5 deg/s" in printed
     assert "at 150 m/s, 2000 m" in printed
     assert "written" in said
-    drawn = out.read_bytes()
-    assert b"<svg" in drawn
+    picture = out.read_bytes()
+    assert b"<svg" in picture
     code, _, said = anser(*PITCH, "--out", out)
     assert code == 2
     assert "exists" in said
-    assert out.read_bytes() == drawn
+    assert out.read_bytes() == picture
 
 
 def test_step_prints_json(anser):
@@ -36,7 +36,7 @@ def test_step_prints_json(anser):
 
 
 @pytest.mark.long
-def test_a_point_that_cannot_be_trimmed_ends_with_1_and_the_diagnosis(anser, tmp_path):
+def test_an_untrimmable_point_ends_with_1_and_the_diagnosis(anser, tmp_path):
     code, _, said = anser(*PITCH[:-1], "30,1000", "--out", tmp_path / "a.svg")
     assert code == 1
     assert "slowest trimmable speed" in said
@@ -44,7 +44,7 @@ def test_a_point_that_cannot_be_trimmed_ends_with_1_and_the_diagnosis(anser, tmp
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         ((*PITCH, "--channel", "p"), ("--size", "1 for 2 channels")),
         ((*PITCH, "--channel", "q", "--size", "1"), ("--channel", "q, q", "once")),
@@ -58,8 +58,8 @@ def test_a_point_that_cannot_be_trimmed_ends_with_1_and_the_diagnosis(anser, tmp
         ((*PITCH, "--out", "nowhere/a.svg"), ("--out", "folder that exists")),
     ],
 )
-def test_bad_input_ends_with_2_and_says_what_is_right(anser, words, said):
-    code, _, err = anser(*words)
+def test_bad_input_ends_with_2_and_the_expected_value(anser, arguments, said):
+    code, _, err = anser(*arguments)
     assert code == 2
     for part in said:
         assert part in err
@@ -67,9 +67,9 @@ def test_bad_input_ends_with_2_and_says_what_is_right(anser, words, said):
 
 @pytest.mark.long
 def test_gallery_draws_every_test_and_ends_by_its_limits(anser, tmp_path, monkeypatch):
-    """The velocity loop's tests stand for all: a second for each figure, and theirs are the longest."""
+    """Velocity steps only, the longest ones: each figure takes a second."""
     tests = tuple(test for test in PUBLISHED_STEPS if test.loop == "velocity")
-    monkeypatch.setattr("anser.analysis.step_flights.gallery_steps", lambda *of: (tests, (150.0, 1000.0)))
+    monkeypatch.setattr("anser.analysis.step_flights.gallery_steps", lambda *requirement: (tests, (150.0, 1000.0)))
     out = tmp_path / "gallery"
     code, printed, said = anser("gallery", "--out", out)
     keys = [*(test.key for test in tests), "overview", "climb-and-turn"]
@@ -83,7 +83,7 @@ def test_gallery_draws_every_test_and_ends_by_its_limits(anser, tmp_path, monkey
         assert step["key"] in printed
         for line in step["shortfalls"]:
             assert f"falls short: {step['key']}: {line}" in said
-    short = any(step["shortfalls"] for step in steps) or not all(of["met"] for of in tracking)
+    short = any(step["shortfalls"] for step in steps) or not all(requirement["met"] for requirement in tracking)
     assert code == (1 if short else 0)
     code, _, said = anser("gallery", "--out", out)
     assert code == 2

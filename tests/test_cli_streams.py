@@ -1,4 +1,4 @@
-"""Standard output that is closed, full or read by nobody: files are written all the same, and the exit code says so."""
+"""Closed, full or unread standard output: files are written, and the exit code reports the failure."""
 
 import os
 import subprocess
@@ -14,9 +14,9 @@ needs_full = pytest.mark.skipif(not os.path.exists(FULL), reason="no device that
 
 def _new(folder, out):
     command = [sys.executable, "-m", "anser", "aircraft", "new", folder / "mine.toml", "--json", "--quiet"]
-    done = subprocess.run([*map(str, command)], stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+    completed = subprocess.run([*map(str, command)], stdout=out, stderr=subprocess.PIPE, text=True, check=False)
     assert (folder / "mine.toml").stat().st_size > 1000
-    return done.returncode, done.stderr
+    return completed.returncode, completed.stderr
 
 
 def test_a_closed_pipe_ends_printing_only(tmp_path):
@@ -27,7 +27,7 @@ def test_a_closed_pipe_ends_printing_only(tmp_path):
 
 
 @needs_full
-def test_a_full_standard_output_is_told_once_and_the_files_are_written(tmp_path):
+def test_a_full_standard_output_is_reported_once_and_files_are_written(tmp_path):
     with open(FULL, "w") as full:
         code, said = _new(tmp_path, full)
     assert code == 2
@@ -48,7 +48,7 @@ def test_a_stream_goes_silent_at_its_first_failure():
         assert (stream.encoding, stream.isatty()) == ("UTF-8", False)
 
 
-def test_what_an_encoding_lacks_is_printed_as_an_escape(monkeypatch, tmp_path):
+def test_characters_outside_the_encoding_are_escaped(monkeypatch, tmp_path):
     with (tmp_path / "out").open("w", encoding="ascii") as out:
         monkeypatch.setattr(sys, "stdout", out)
         with guarded_streams() as unwritten:
@@ -60,7 +60,7 @@ def test_what_an_encoding_lacks_is_printed_as_an_escape(monkeypatch, tmp_path):
 
 def test_commands_run_without_a_standard_output(tmp_path):
     program = "import os, sys; os.close(1); sys.stdout = None; sys.argv = sys.argv[1:]; import anser.cli as c; c.main()"
-    words = ["anser", "new", str(tmp_path / "mine.toml"), "--json", "--quiet"]
-    done = subprocess.run([sys.executable, "-c", program, *words], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    arguments = ["anser", "new", str(tmp_path / "mine.toml"), "--json", "--quiet"]
+    completed = subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
+    assert (completed.returncode, completed.stderr) == (0, "")
     assert (tmp_path / "mine.toml").stat().st_size > 1000

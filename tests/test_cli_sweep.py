@@ -1,4 +1,4 @@
-"""The command sweep end to end: what it prints, what it writes, how it ends."""
+"""The command sweep end to end: output, files, exit codes."""
 
 import json
 from pathlib import Path
@@ -28,7 +28,7 @@ def test_sweep_prints_a_table_writes_and_draws(anser, tmp_path):
     assert "exists" in said
 
 
-def test_names_in_square_brackets_and_between_colons_stand_in_the_table(capsys):
+def test_brackets_and_colons_in_names_are_printed(capsys):
     paths = [f"aircraft[aircraft-{k}].start.altitude_m" for k in (1, 2)]
     swept = {paths[0]: [500.0], paths[1]: [":boat:", "[red]"]}
     shape, texts = (1, 2), np.array([["", "[bold]of [aircraft-1]"]])
@@ -43,9 +43,9 @@ def test_names_in_square_brackets_and_between_colons_stand_in_the_table(capsys):
 
 
 @pytest.mark.long
-def test_sweep_prints_json_and_ends_with_1_where_a_flight_falls_short(anser, tmp_path):
-    asked = ("--set", "aircraft[aircraft-2].start.altitude_m=1500,15000", "--json", "--out", tmp_path / "sweep")
-    code, printed, said = anser("sweep", THREE, *asked)
+def test_sweep_prints_json_and_ends_with_1_for_a_failed_flight(anser, tmp_path):
+    options = ("--set", "aircraft[aircraft-2].start.altitude_m=1500,15000", "--json", "--out", tmp_path / "sweep")
+    code, printed, said = anser("sweep", THREE, *options)
     assert code == 1
     assert "1 of 2 flights" in said
     document = json.loads(printed)
@@ -69,20 +69,20 @@ def test_sweep_prints_json_and_ends_with_1_where_a_flight_falls_short(anser, tmp
         ("wind.speed_m_s=-5", "wind.speed_m_s"),
     ],
 )
-def test_what_is_no_sweep_ends_with_2(anser, tmp_path, text, said):
-    code, _, words = anser("sweep", THREE, "--set", text, "--out", tmp_path / "sweep")
+def test_an_invalid_sweep_ends_with_2(anser, tmp_path, text, said):
+    code, _, err = anser("sweep", THREE, "--set", text, "--out", tmp_path / "sweep")
     assert code == 2
-    assert said in words
+    assert said in err
     assert not (tmp_path / "sweep").exists()
 
 
-def test_a_path_twice_ends_with_2(anser, tmp_path):
+def test_a_repeated_path_ends_with_2(anser, tmp_path):
     twice = ("--set", "wind.speed_m_s=5", "--set", "wind.speed_m_s=6")
     code, _, said = anser("sweep", THREE, *twice, "--out", tmp_path / "sweep")
     assert code == 2
     assert "twice" in said
 
 
-def test_values_are_what_a_file_would_hold():
-    found = parse_sweep_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
-    assert found == {"a": [0, 0.1, 0.2, 0.3], "b": [1, 2.5, "left", True], "c": [2, 0, -2]}
+def test_values_are_read_as_in_a_file():
+    values = parse_sweep_values(["a=0:0.3:0.1", "b=1,2.5,left,true", "c=2:-2:-2"])
+    assert values == {"a": [0, 0.1, 0.2, 0.3], "b": [1, 2.5, "left", True], "c": [2, 0, -2]}

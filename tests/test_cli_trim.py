@@ -1,4 +1,4 @@
-"""The command trim with a centre of gravity and a pitch rate: what it finds, what it refuses."""
+"""The command trim with a centre of gravity and a pitch rate: results and refusals."""
 
 import json
 
@@ -14,10 +14,10 @@ def test_trim_of_a_pull_up_about_another_centre_of_gravity(anser):
     assert code == 0
     document = json.loads(as_json)
     assert (document["x_cg_over_c"], document["pitch_rate_deg_s"], document["turn_rate_deg_s"]) == (0.35, 10.0, 0.0)
-    found = {row["name"]: row["value"] for row in document["quantities"]}
-    assert [found[f"{axis} rate"] for axis in ("roll", "yaw")] == [0.0, 0.0]
-    assert found["pitch rate"] == pytest.approx(10.0, rel=1e-14)
-    assert found["roll"] == pytest.approx(0.0, abs=1e-10)
+    aft = {quantity["name"]: quantity["value"] for quantity in document["quantities"]}
+    assert [aft[f"{axis} rate"] for axis in ("roll", "yaw")] == [0.0, 0.0]
+    assert aft["pitch rate"] == pytest.approx(10.0, rel=1e-14)
+    assert aft["roll"] == pytest.approx(0.0, abs=1e-10)
     code, printed, _ = anser(*PULL_UP, "10", "--cg", "0.35")
     assert code == 0
     lines = [" ".join(line.split()) for line in printed.splitlines()]
@@ -26,22 +26,22 @@ def test_trim_of_a_pull_up_about_another_centre_of_gravity(anser):
     code, as_json, _ = anser(*PULL_UP, "10", "--json")
     document = json.loads(as_json)
     assert (code, document["x_cg_over_c"]) == (0, 0.3)
-    forward = {row["name"]: row["value"] for row in document["quantities"]}
-    assert forward["elevator"] < found["elevator"] - 3
+    forward = {quantity["name"]: quantity["value"] for quantity in document["quantities"]}
+    assert forward["elevator"] < aft["elevator"] - 3
 
 
 @pytest.mark.parametrize(("cg", "alpha_rad", "elevator_deg"), [("0.35", 0.03691, -0.7588), ("0.30", 0.03936, -1.931)])
-def test_trim_at_a_centre_of_gravity_is_the_textbooks(anser, cg, alpha_rad, elevator_deg):
-    """[SL] table 3.6-3, 502 ft/s at sea level; mass, gravity and air of today's constants are up to 1e-3 away from theirs."""
+def test_trim_at_a_centre_of_gravity_agrees_with_the_textbook(anser, cg, alpha_rad, elevator_deg):
+    """[SL] table 3.6-3, 502 ft/s at sea level; mass, gravity and air differ by up to 1e-3 from the textbook's constants."""
     code, as_json, _ = anser(*AT, "--cg", cg, "--json")
     assert code == 0
-    found = {row["name"]: row["value"] for row in json.loads(as_json)["quantities"]}
-    assert np.deg2rad(found["angle of attack"]) == pytest.approx(alpha_rad, rel=2e-3)
-    assert found["elevator"] == pytest.approx(elevator_deg, rel=2e-3)
+    quantities = {quantity["name"]: quantity["value"] for quantity in json.loads(as_json)["quantities"]}
+    assert np.deg2rad(quantities["angle of attack"]) == pytest.approx(alpha_rad, rel=2e-3)
+    assert quantities["elevator"] == pytest.approx(elevator_deg, rel=2e-3)
 
 
 @pytest.mark.long
-def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
+def test_the_pull_up_of_the_textbook_exceeds_the_engine(anser):
     code, printed, err = anser(*PULL_UP, "17.188734", "--cg", "0.30")
     assert (code, printed) == (1, "")
     assert "pitch rate 17.2 deg/s" in err
@@ -50,7 +50,7 @@ def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("arguments", "message"),
     [
         ((*PULL_UP, "inf"), "--pitch-rate-deg-s: arrived inf; expected a number from -60 to 60"),
         ((*PULL_UP, "90"), "--pitch-rate-deg-s: arrived 90; expected a number from -60 to 60"),
@@ -63,7 +63,7 @@ def test_the_textbooks_pull_up_takes_more_than_the_engine_has(anser):
         ),
     ],
 )
-def test_bad_input_ends_with_2(anser, words, message):
-    code, printed, err = anser(*words)
+def test_bad_input_ends_with_2(anser, arguments, message):
+    code, printed, err = anser(*arguments)
     assert (code, printed) == (2, "")
     assert message in err

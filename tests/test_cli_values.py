@@ -1,4 +1,4 @@
-"""Values of options that cannot be read are told as what is wrong in a file: place, what arrived, what would be right."""
+"""Invalid option values are reported like invalid values in files: option, value, expected value."""
 
 import pytest
 
@@ -6,7 +6,7 @@ BY_RATES = ("step", "--loop", "rates", "--at", "150,1000")
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "said"),
     [
         (
             ("trim", "--speed-m-s", "fast", "--altitude-m", "0"),
@@ -27,5 +27,5 @@ BY_RATES = ("step", "--loop", "rates", "--at", "150,1000")
         (("campaign", "report", "x", "--worst", "5000"), "--worst: arrived '5000'; expected 1000 or less"),
     ],
 )
-def test_the_option_what_arrived_and_what_would_be_right_are_told(anser, words, said):
-    assert anser(*words) == (2, "", said + "\n")
+def test_an_invalid_value_is_reported_with_option_and_expected_value(anser, arguments, said):
+    assert anser(*arguments) == (2, "", said + "\n")

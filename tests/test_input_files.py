@@ -1,4 +1,4 @@
-"""Input files: what is too large is refused before it fills the memory, and XML is read in its encoding."""
+"""Input files: size limits before reading, and the encoding of XML."""
 
 import codecs
 import resource
@@ -26,8 +26,8 @@ def test_a_file_is_read_up_to_its_greatest_size_only(tmp_path):
         read_file(path, 99)
 
 
-def test_files_of_a_terabyte_are_refused_without_memory(tmp_path, capsys):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+def test_files_of_a_terabyte_are_refused_without_reading(tmp_path, capsys):
+    memory_before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(OSError, match="more than 33,554,432 bytes"):
         read_document(_sparse(tmp_path / "summary.json"))
     assert _main([str(_sparse(tmp_path / "verification.json")), str(tmp_path)]) == 2
@@ -39,7 +39,7 @@ def test_files_of_a_terabyte_are_refused_without_memory(tmp_path, capsys):
     (tmp_path / "named.toml").write_text('format = 1\nname = "x"\n[dave_ml]\naerodynamics = "model.dml"\n')
     with pytest.raises(ScenarioError, match="more than 8,388,608 bytes"):
         read_airframe(tmp_path / "named.toml")
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 400_000  # KiB
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory_before < 400_000  # KiB
 
 
 TEXT = "<a>caf\u00e9</a>"

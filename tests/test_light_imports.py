@@ -1,4 +1,4 @@
-"""What a command does not use, it does not import: help, check and new do without JAX; float64 holds all the same."""
+"""Imports: help, check and new run without JAX; float64 is enabled in any order of imports."""
 
 import subprocess
 import sys
@@ -11,9 +11,9 @@ SCENARIO = str(ROOT / "scenarios" / "three-aircraft.toml")
 
 
 def _run(program, folder):
-    done = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout.splitlines()[-1]
+    completed = subprocess.run([sys.executable, "-c", program], cwd=folder, capture_output=True, text=True, check=False)
+    assert completed.returncode == 0, completed.stderr
+    return completed.stdout.splitlines()[-1]
 
 
 @pytest.mark.parametrize(
@@ -37,11 +37,11 @@ print("jax" in sys.modules)
     assert _run(program, tmp_path) == "False"
 
 
-@pytest.mark.parametrize("first", ["import anser, jax", "import jax, anser"])
-def test_arrays_are_float64_in_either_order_of_import(first, tmp_path):
-    assert _run(f"{first}\nimport jax.numpy as jnp\nprint(jnp.zeros(3).dtype)", tmp_path) == "float64"
+@pytest.mark.parametrize("first_import", ["import anser, jax", "import jax, anser"])
+def test_arrays_are_float64_in_either_order_of_import(first_import, tmp_path):
+    assert _run(f"{first_import}\nimport jax.numpy as jnp\nprint(jnp.zeros(3).dtype)", tmp_path) == "float64"
 
 
-def test_how_much_xla_says_is_left_to_the_user(tmp_path, monkeypatch):
+def test_the_verbosity_of_xla_is_left_to_the_user(tmp_path, monkeypatch):
     monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL", raising=False)
     assert _run('import os, anser\nprint("TF_CPP_MIN_LOG_LEVEL" in os.environ)', tmp_path) == "False"

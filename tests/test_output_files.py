@@ -1,4 +1,4 @@
-"""Output files and folders: complete or not there, whatever ends the writing."""
+"""Output files and folders: complete or absent, however the writing ends."""
 
 import os
 import signal
@@ -37,8 +37,8 @@ def test_files_of_the_same_names_are_replaced_and_all_others_stay(folder):
     assert content(folder) == expected
 
 
-def test_what_fails_on_the_way_changes_nothing(folder):
-    before = content(folder)
+def test_a_failed_write_changes_nothing(folder):
+    original = content(folder)
 
     def stopped():
         with staged_folder(folder) as into:
@@ -47,11 +47,11 @@ def test_what_fails_on_the_way_changes_nothing(folder):
 
     with pytest.raises(KeyboardInterrupt):
         stopped()
-    assert content(folder) == before
+    assert content(folder) == original
 
 
-def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_replaced(folder):
-    before = content(folder)
+def test_a_folder_with_a_file_s_name_is_refused_before_any_replacement(folder):
+    original = content(folder)
 
     def in_the_way():
         with staged_folder(folder) as into:
@@ -60,7 +60,7 @@ def test_a_folder_in_the_place_of_a_file_is_refused_before_anything_is_replaced(
 
     with pytest.raises(FileExistsError, match="deep is a folder"):
         in_the_way()
-    assert content(folder) == before
+    assert content(folder) == original
 
 
 def _figure(path):
@@ -86,14 +86,14 @@ def _array(path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_leaves_no_file_and_names_the_one_that_was_to_be_written(tmp_path, name):
+def test_a_full_disk_leaves_no_file_and_the_error_names_the_target(tmp_path, name):
     with full_disk(), pytest.raises(OSError, match=name.replace(".", r"\.")) as refused:
         WRITERS[name](tmp_path / name)
     assert refused.value.filename == str(tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_is_replaced_only_if_it_may_be_and_only_by_a_complete_one(tmp_path):
+def test_a_file_is_replaced_only_on_request_by_a_complete_file(tmp_path):
     path = tmp_path / "file.json"
     write_file(path, "old")
     with pytest.raises(FileExistsError, match="not overwritten"):
@@ -116,28 +116,28 @@ def test_no_device_is_replaced():
         write_file(Path(os.devnull), "x", overwrite=True)
 
 
-def test_a_new_folder_and_its_parents_stay_only_whole(tmp_path):
+def test_a_new_folder_and_its_parents_stay_only_if_complete(tmp_path):
     def failing(error):
-        with new_folder(tmp_path / "deep" / "new") as beside:
-            (beside / "file").write_text("half")
+        with new_folder(tmp_path / "deep" / "new") as staging:
+            (staging / "file").write_text("half")
             raise error
 
     for error in (OSError("full"), KeyboardInterrupt()):
         with pytest.raises(type(error)):
             failing(error)
         assert list(tmp_path.iterdir()) == []
-    with new_folder(tmp_path / "deep" / "new") as beside:
-        (beside / "inner").mkdir()
-        (beside / "inner" / "file").write_text("whole")
+    with new_folder(tmp_path / "deep" / "new") as staging:
+        (staging / "inner").mkdir()
+        (staging / "inner" / "file").write_text("whole")
     assert content(tmp_path) == {"deep/new/inner/file": "whole"}
     with pytest.raises(FileExistsError), new_folder(tmp_path / "deep"):
         pass
 
 
-def test_an_error_within_a_new_folder_names_the_file_that_was_to_be_written(tmp_path):
+def test_an_error_within_a_new_folder_names_the_target(tmp_path):
     def written_on_a_full_disk():
-        with full_disk(), new_folder(tmp_path / "new") as beside:
-            write_file(beside / "file.json", "x" * 10_000)
+        with full_disk(), new_folder(tmp_path / "new") as staging:
+            write_file(staging / "file.json", "x" * 10_000)
 
     with pytest.raises(OSError, match=r"new/file\.json") as refused:
         written_on_a_full_disk()
@@ -146,10 +146,10 @@ def test_an_error_within_a_new_folder_names_the_file_that_was_to_be_written(tmp_
 
 @pytest.fixture
 def interruptible():
-    """SIGINT raises KeyboardInterrupt, also in a process that was started to ignore it, as in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Make SIGINT raise KeyboardInterrupt, also in a process started in the background, which ignores it."""
+    previous_handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
-    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, previous_handler)
 
 
 @pytest.mark.usefixtures("interruptible")
@@ -169,7 +169,7 @@ def test_an_interrupt_waits_for_steps_that_belong_together():
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_what_is_unfinished_is_removed_at_an_end_without_unwinding(tmp_path):
+def test_unfinished_files_are_removed_at_an_abrupt_exit(tmp_path):
     with new_file(tmp_path / "file") as partial:
         partial.write_text("half")
         remove_temporary_outputs()

@@ -1,4 +1,4 @@
-"""What Python offers: its names, their types, and scenarios by the path of their file."""
+"""The Python interface: names, types, and scenarios by path."""
 
 import json
 import re
@@ -27,16 +27,16 @@ ENTRIES = [
 ]
 
 
-def test_dir_names_what_there_is_and_each_is_documented():
+def test_dir_lists_documented_names():
     assert dir(anser) == ENTRIES
     assert all(getattr(anser, name).__doc__ for name in ENTRIES)
 
 
-def test_no_file_has_the_name_of_what_its_room_offers():
-    """Once it is imported it would stand in the room instead: `anser.campaigns.answers` a module, not the function."""
+def test_no_module_has_the_name_of_a_public_object_of_its_package():
+    """Importing the module would replace the object: `anser.campaigns.answers` would be a module, not the function."""
     for stub in files("anser").rglob("__init__.pyi"):
-        words = stub.read_text().partition("__all__")[2]
-        offered = set(re.findall(r'"(\w+)"', words))
+        exports = stub.read_text().partition("__all__")[2]
+        offered = set(re.findall(r'"(\w+)"', exports))
         assert offered
         assert not offered & {path.stem for path in stub.parent.glob("*.py")}, stub
 
@@ -47,24 +47,24 @@ def test_types_are_for_users_too():
 
 @pytest.mark.long
 def test_a_type_checker_sees_every_signature(tmp_path):
-    """What is unknown to it would pass; so each call has a wrong argument, and the checker must object to each."""
+    """Unknown types would pass. Each call has a wrong argument, and the checker must report each."""
     lines = ["import anser", *(f"anser.{name}(no_such_argument=1)" for name in ENTRIES)]
     lines += ['reveal_type(anser.run("x.toml"))', 'reveal_type(anser.run("x.toml").plot.tracks())']
     program = tmp_path / "mine.py"
     program.write_text("\n".join(lines))
     checker = Path(sys.executable).parent / "basedpyright"
     command = [str(checker), "--outputjson", "--pythonpath", sys.executable, str(program)]
-    told = json.loads(subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout)
-    found = told["generalDiagnostics"]
+    report = json.loads(subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout)
+    diagnostics = report["generalDiagnostics"]
     for number in range(1, 1 + len(ENTRIES)):
-        rules = {one.get("rule") for one in found if one["range"]["start"]["line"] == number}
+        rules = {d.get("rule") for d in diagnostics if d["range"]["start"]["line"] == number}
         assert "reportCallIssue" in rules, lines[number]
-    revealed = [one["message"] for one in found if one["severity"] == "information"]
-    assert [one.split('is "')[1].rstrip('"') for one in revealed] == ["Flown", "Figure"]
+    revealed = [d["message"] for d in diagnostics if d["severity"] == "information"]
+    assert [d.split('is "')[1].rstrip('"') for d in revealed] == ["Flown", "Figure"]
 
 
 @pytest.mark.parametrize("entry", [anser.plan, anser.run, lambda given: anser.sweep(given, {"seed": [1]})])
-def test_a_path_is_read_and_what_is_neither_is_refused(entry, tmp_path):
+def test_a_path_is_read_and_other_types_are_refused(entry, tmp_path):
     with pytest.raises(ScenarioError, match="arrived no file of this name"):
         entry(tmp_path / "none.toml")
     with pytest.raises(ScenarioError, match="arrived no file of this name"):

@@ -1,4 +1,4 @@
-"""Unit factors against their exact decimal definitions and NIST SP 811; constants against [WGS84] TR8350.2."""
+"""Unit factors compared with their exact decimal definitions and NIST SP 811; constants with [WGS84] TR8350.2."""
 
 import math
 from fractions import Fraction

@@ -108,7 +108,7 @@ def test_the_standard_surfaces_have_their_own_entries():
     assert default == STANDARD_SURFACES
 
 
-def test_a_surface_of_another_name_has_an_entry_like_theirs():
+def test_a_surface_of_another_name_has_a_similar_entry():
     position, command = surface_variables(["left_elevon"])
     assert position == Variable(
         "left_elevon_deg", "left_elevon", "degree", 180.0 / math.pi, "body FRD", "δ_le", "Left elevon"
@@ -126,15 +126,15 @@ def test_symbols_of_surfaces_differ():
     assert len(set(symbols)) == 10
 
 
-def test_the_catalogue_of_other_surfaces_has_all_else_as_it_was():
+def test_the_catalogue_of_other_surfaces_keeps_all_other_variables():
     names = ("left_elevon", "right_elevon")
-    found = catalogue(names)
+    variables = catalogue(names)
     of_surfaces = surface_variables(names)
-    assert [v for v in found if v not in of_surfaces] == [
+    assert [v for v in variables if v not in of_surfaces] == [
         v for v in CATALOGUE if v not in surface_variables(STANDARD_SURFACES)
     ]
-    at = found.index(of_surfaces[0])
-    assert found[at : at + 4] == of_surfaces
+    at = variables.index(of_surfaces[0])
+    assert variables[at : at + 4] == of_surfaces
     assert CATALOGUE[at].key == "elevator"
     keys = recorded_keys(names)
     assert set(RECORDED_KEYS) - set(keys) == {v.key for v in surface_variables(STANDARD_SURFACES)}

@@ -1,4 +1,4 @@
-"""The built wheel holds every file of the package, and, installed unpinned on the newest Python here, plans and flies."""
+"""The built wheel: complete, and able to plan and fly when installed unpinned on the newest local Python."""
 
 import json
 import os
@@ -18,34 +18,36 @@ _PIP = ("-m", "pip", "--quiet", "--disable-pip-version-check")
 
 
 def _version_of(python):
-    """(major, minor) of an interpreter that can make environments; None for what is none, as a shim without one."""
-    done = subprocess.run([python, "-c", _ASK], capture_output=True, text=True, check=False)
-    return tuple(map(int, done.stdout.split())) if done.returncode == 0 else None
+    """(major, minor) of an interpreter with venv; None otherwise, such as for a shim without a version."""
+    completed = subprocess.run([python, "-c", _ASK], capture_output=True, text=True, check=False)
+    return tuple(map(int, completed.stdout.split())) if completed.returncode == 0 else None
 
 
 def _newest_python():
     folders = [Path(folder) for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
     folders += Path.home().glob(".pyenv/versions/*/bin")
-    named = {
+    interpreters = {
         path
         for folder in folders
         if folder.is_dir()
         for path in folder.iterdir()
         if re.fullmatch(r"python3\.\d+", path.name)
     }
-    versions = {version: str(path) for path in sorted(named) if (version := _version_of(path))}
+    versions = {version: str(path) for path in sorted(interpreters) if (version := _version_of(path))}
     return max({sys.version_info[:2]: sys.executable, **versions}.items())
 
 
-def _run(*words, **options):
-    done = subprocess.run(words, capture_output=True, text=True, check=False, **options)
-    assert done.returncode == 0, f"{words} ended with {done.returncode}:\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
-    return done.stdout
+def _run(*arguments, **options):
+    completed = subprocess.run(arguments, capture_output=True, text=True, check=False, **options)
+    assert completed.returncode == 0, (
+        f"{arguments} ended with {completed.returncode}:\n{completed.stdout[-4000:]}\n{completed.stderr[-4000:]}"
+    )
+    return completed.stdout
 
 
 @pytest.fixture(scope="module", name="wheel")
 def built(tmp_path_factory):
-    """The wheel and the environment variables of its commands: nothing of this one's paths and flags."""
+    """The wheel, and environment variables for its commands, without paths and flags of this environment."""
     folder = tmp_path_factory.mktemp("wheel")
     environment = {
         key: value
@@ -67,28 +69,28 @@ def built(tmp_path_factory):
 
 @pytest.fixture(scope="module", name="anser")
 def installed(wheel):
-    """The command of a fresh environment."""
+    """Command of a fresh environment."""
     wheel, environment = wheel
     folder = wheel.parent
     _, python = _newest_python()
     _run(python, "-m", "venv", folder / "env", env=environment)
     _run(folder / "env" / "bin" / "python", *_PIP, "install", wheel, env=environment)
 
-    def call(*words):
-        return _run(folder / "env" / "bin" / "anser", *words, env=environment, cwd=folder)
+    def call(*arguments):
+        return _run(folder / "env" / "bin" / "anser", *arguments, env=environment, cwd=folder)
 
     call.folder = folder
     return call
 
 
-def test_it_holds_every_file_of_the_package(wheel):
+def test_the_wheel_contains_every_file_of_the_package(wheel):
     packed = {name for name in zipfile.ZipFile(wheel[0]).namelist() if name.startswith("anser/")}
-    there = {
+    contents = {
         str(path.relative_to(ROOT / "src"))
         for path in (ROOT / "src" / "anser").rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert packed == there
+    assert packed == contents
 
 
 @pytest.mark.long
@@ -99,13 +101,13 @@ def test_the_wheel_plans_and_flies_the_starter_scenario(anser):
     assert len(planned["aircraft"]) == text.count("\n[[aircraft]]") > 0
     anser("run", "mine.toml", "--out", "flown", "--quiet")
     summary = json.loads((anser.folder / "flown" / "summary.json").read_text())
-    assert [row["status"] for row in summary["aircraft"]] == ["arrived"] * len(planned["aircraft"])
+    assert [aircraft["status"] for aircraft in summary["aircraft"]] == ["arrived"] * len(planned["aircraft"])
     assert summary["fleet"]["arrival_spread_s"] < 0.05
     assert 'planner = "certified"' in text
 
 
 @pytest.mark.long
-def test_its_published_planner_which_is_compiled_another_way_plans_too(anser):
+def test_the_published_planner_of_the_wheel_plans(anser):
     anser("new", "another.toml")
     text = (anser.folder / "another.toml").read_text()
     (anser.folder / "published.toml").write_text(text.replace('planner = "certified"', 'planner = "published"'))

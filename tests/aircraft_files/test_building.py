@@ -1,4 +1,4 @@
-"""What aircraft files make: coefficients, tables, actuators, engines, surfaces."""
+"""Airframes built from aircraft files: coefficients, tables, actuators, engines, surfaces."""
 
 import math
 
@@ -15,7 +15,7 @@ from support.aerosonde_file import AEROSONDE, TABLE, built
 AIR = AirData(*(jnp.asarray(x) for x in (25.0, 0.1, 0.06, 1.1, 343.75, 0.07, 1000.0)))
 
 
-def test_a_table_takes_the_place_of_a_coefficient():
+def test_a_table_replaces_a_coefficient():
     airframe = built(("Cm0 = 0.0135\nCm_alpha = -2.74\n", ""), ("Cm = -0.99\n", ""), text=AEROSONDE + TABLE)
     for alpha, elevator, expected in ((0.0, 0.0, 0.0), (5.0, 0.0, -0.25), (10.0, 15.0, -0.75), (40.0, -40.0, -1.0)):
         air = AirData(*(getattr(AIR, name) for name in ("V",)), jnp.deg2rad(alpha), *(jnp.zeros(()),), AIR.density,
@@ -24,7 +24,7 @@ def test_a_table_takes_the_place_of_a_coefficient():
         assert float(airframe.coefficients(air, jnp.zeros(3), surfaces)[4]) == pytest.approx(expected, abs=1e-12)
 
 
-def test_derivatives_per_degree_are_those_per_rad():
+def test_derivatives_per_degree_are_converted():
     text = AEROSONDE
     for name, value in (
         ("CL_alpha", 5.61),
@@ -44,19 +44,19 @@ def test_derivatives_per_degree_are_those_per_rad():
 
 def test_kinds_of_actuators_and_engines():
     assert isinstance(built().actuators, FirstOrderActuators)
-    second = built(*[("lag_s = 0.05", "frequency_rad_s = 40.0\ndamping = 0.7")] * 3)
-    assert isinstance(second.actuators, SecondOrderActuators)
+    second_order = built(*[("lag_s = 0.05", "frequency_rad_s = 40.0\ndamping = 0.7")] * 3)
+    assert isinstance(second_order.actuators, SecondOrderActuators)
     with pytest.raises(ScenarioError, match="all actuators are of one order"):
         built(("lag_s = 0.05", "frequency_rad_s = 40.0\ndamping = 0.7"))
     assert isinstance(built().engine, ElectricPropeller)
-    head, _, rest = AEROSONDE.partition("[engine.electric_propeller]")
-    rest = rest[rest.index("[validity]") : rest.index("[[check.forces]]")]
-    assert isinstance(built(text=head + rest).engine, NoEngine)
+    head, _, tail = AEROSONDE.partition("[engine.electric_propeller]")
+    tail = tail[tail.index("[validity]") : tail.index("[[check.forces]]")]
+    assert isinstance(built(text=head + tail).engine, NoEngine)
     jet = "[engine.jet]\nidle_N = [[0, 0], [0, 0]]\nfull_N = [[90, 80], [70, 60]]\naltitude_m = [0, 1000]\nmach = [0, 0.2]\n"
-    engine = built(text=head + jet + "lag_s = 1.0\n" + rest).engine
+    engine = built(text=head + jet + "lag_s = 1.0\n" + tail).engine
     assert isinstance(engine, JetEngine)
     assert float(engine.propulsion(100.0, AIR).force_b[0]) == pytest.approx(66.5)
-    constant = built(text=head + "[engine.jet]\nfull_N = 50\nlag_s = 1\n" + rest).engine
+    constant = built(text=head + "[engine.jet]\nfull_N = 50\nlag_s = 1\n" + tail).engine
     assert float(constant.propulsion(50.0, AIR).force_b[0]) == pytest.approx(25.0)
 
 
@@ -73,7 +73,7 @@ Cl = SIGN0.1
 """
 
 
-def test_elevons_are_as_good_as_any_surfaces():
+def test_elevons_replace_elevator_and_aileron():
     head, tail = AEROSONDE.index("[[surface]]"), AEROSONDE.index("[engine.electric")
     pair = ELEVONS.replace("SIDE", "left").replace("SIGN", "") + ELEVONS.replace("SIDE", "right").replace("SIGN", "-")
     text = AEROSONDE[:head] + pair + AEROSONDE[tail:].partition("# The source's own checks")[0]
@@ -89,8 +89,8 @@ def test_elevons_are_as_good_as_any_surfaces():
     assert float(roll) > 0.0
 
 
-def test_files_of_one_content_are_one_airframe():
-    """So that aircraft of a fleet that share a file are of one kind, compiled once."""
+def test_files_of_equal_content_share_an_airframe():
+    """Aircraft with a shared file form one aircraft group, compiled once."""
     assert built() is load_airframe("aerosonde")
 
 

@@ -1,4 +1,4 @@
-"""The check data of an aircraft file against what the file makes."""
+"""Check data of aircraft files compared with computed values."""
 
 import tomllib
 
@@ -11,20 +11,20 @@ from support.aerosonde_file import changed
 
 
 def test_the_library_has_the_aerosonde_and_its_checks_agree():
-    found = compare_check_data(library_file("aerosonde"))
-    assert len(found) == 24
-    assert all(one.passed for one in found)
-    assert max(abs(one.expected - one.obtained) for one in found) < 1e-12
+    checked_values = compare_check_data(library_file("aerosonde"))
+    assert len(checked_values) == 24
+    assert all(v.passed for v in checked_values)
+    assert max(abs(v.expected - v.obtained) for v in checked_values) < 1e-12
 
 
-def test_check_data_that_disagree_say_where():
+def test_disagreeing_check_data_are_located():
     file = validate_airframe(changed(("Cm_q = -38.21", "Cm_q = -38.0")), "test")
-    wrong = [one for one in compare_check_data(file) if not one.passed]
-    assert {one.location for one in wrong} == {"check.forces[1].moment_Nm[1]", "check.forces[2].moment_Nm[1]"}
+    wrong = [v for v in compare_check_data(file) if not v.passed]
+    assert {v.location for v in wrong} == {"check.forces[1].moment_Nm[1]", "check.forces[2].moment_Nm[1]"}
 
 
-def test_the_starter_is_valid_flies_and_looks_right():
+def test_the_starter_is_valid_and_without_findings():
     file = validate_airframe(tomllib.loads(airframe_starter()), "starter")
     assert isinstance(build_airframe(file).engine, PistonPropeller)
-    assert all(one.passed for one in compare_check_data(file))
+    assert all(v.passed for v in compare_check_data(file))
     assert collect_findings(file) == ()

@@ -1,4 +1,4 @@
-"""Aircraft files that name DAVE-ML files: what they make, what the hash knows, what is refused in which words."""
+"""Aircraft files that refer to DAVE-ML files: airframes, hash, and refusals."""
 
 import tomllib
 from importlib import resources
@@ -65,40 +65,38 @@ def changed(folder, *pairs):
     return path
 
 
-def test_nasa_s_files_are_the_built_in_variant_and_all_their_check_shots_agree():
-    """The one suspect point, Cnr at 40 deg, is printed so in the textbook, too."""
+def test_nasa_files_equal_the_built_in_variant_and_pass_their_shots():
+    """The suspect point, Cnr at 40 deg, is printed with this value in the textbook, too."""
     file = library_file("nasa-f16")
-    airframe, known = load_airframe("nasa-f16"), load_f16("s119")
+    airframe, built_in = load_airframe("nasa-f16"), load_f16("s119")
     assert isinstance(airframe, DaveMlAircraft)
     assert isinstance(airframe.engine, DaveMlEngine)
     for name in ("span", "wing_area", "mean_chord"):
-        np.testing.assert_allclose(getattr(airframe, name), getattr(known, name), rtol=1e-12)
-    for one, other in zip(
-        jax.tree.leaves(airframe.mass_properties), jax.tree.leaves(known.mass_properties), strict=True
-    ):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+        np.testing.assert_allclose(getattr(airframe, name), getattr(built_in, name), rtol=1e-12)
+    for x, y in zip(jax.tree.leaves(airframe.mass_properties), jax.tree.leaves(built_in.mass_properties), strict=True):
+        np.testing.assert_allclose(x, y, rtol=1e-12, atol=1e-9)
     compared = compare_check_data(file)
     assert len(compared) > 1000
-    assert all(one.passed for one in compared)
-    assert ["Cnr_table_def" in one.location for one in collect_findings(file)] == [True]
+    assert all(x.passed for x in compared)
+    assert ["Cnr_table_def" in x.location for x in collect_findings(file)] == [True]
 
 
-def test_a_scenario_holds_the_texts_and_its_hash_knows_them(folder):
+def test_a_scenario_contains_the_texts_and_hashes_them(folder):
     scenario = load(folder / "one.toml")
     file = scenario.aircraft[0].airframe
     assert isinstance(file, DaveMlFile)
-    again = validate(scenario.model_dump(mode="json"), "again")
-    assert again.hash == scenario.hash
-    assert build_airframe(again.aircraft[0].airframe) is build_airframe(file)
+    reread = validate(scenario.model_dump(mode="json"), "again")
+    assert reread.hash == scenario.hash
+    assert build_airframe(reread.aircraft[0].airframe) is build_airframe(file)
     inertia = folder / "F16_inertia.dml"
     inertia.write_text(inertia.read_text(encoding="utf-8").replace("637.1595", "637.2"), encoding="utf-8")
     heavier = load(folder / "one.toml")
     assert heavier.hash != scenario.hash
-    mass = [float(build_airframe(one.aircraft[0].airframe).mass_properties.mass) for one in (scenario, heavier)]
+    mass = [float(build_airframe(s.aircraft[0].airframe).mass_properties.mass) for s in (scenario, heavier)]
     assert mass[1] > mass[0]
 
 
-def test_what_is_given_and_the_parts_beside_the_files_are_used(folder):
+def test_defaults_mass_and_engine_of_the_aircraft_file_are_used(folder):
     forward = read_airframe(changed(folder, ("vrsPositionOfCM = 25.0", "vrsPositionOfCM = 30.0")))
     shift = load_airframe("nasa-f16").centre_b[0] - build_airframe(forward).centre_b[0]
     np.testing.assert_allclose(shift, 0.05 * 11.32 * 0.3048, rtol=1e-9)
@@ -112,7 +110,7 @@ full_N = 60000
 lag_s = 2.0
 [[surface]]
 name = "elevator\""""
-    own = read_airframe(
+    file = read_airframe(
         changed(
             folder,
             ('inertia = "F16_inertia.dml"\n', "cg_offset_m = [1.0, 0.0, 0.0]\n"),
@@ -121,13 +119,13 @@ name = "elevator\""""
             ('[[surface]]\nname = "elevator"', body),
         )
     )
-    airframe = build_airframe(own)
+    airframe = build_airframe(file)
     assert isinstance(airframe.engine, JetEngine)
     assert float(airframe.mass_properties.mass) == 9000
     assert airframe.centre_b.tolist() == [1.0, 0.0, 0.0]
 
 
-def test_names_of_one_s_own_stand_for_the_standard_ones(folder):
+def test_names_in_the_aircraft_file_replace_standard_names(folder):
     aero = folder / "F16_aero.dml"
     text = aero.read_text(encoding="utf-8")
     aero.write_text(
@@ -141,21 +139,21 @@ def test_names_of_one_s_own_stand_for_the_standard_ones(folder):
         ScenarioError, match="has no aeroBodyForceCoefficient_X; expected variables of these standard names"
     ):
         read_airframe(folder / "my-f16.toml")
-    named = read_airframe(
+    file = read_airframe(
         changed(
             folder,
             ("[dave_ml]", '[dave_ml]\nnames = { aeroBodyForceCoefficient_X = "axial" }'),
             ('name = "elevator"', 'name = "elevator"\ninput = "tail"'),
         )
     )
-    assert all(one.passed for one in compare_check_data(named))
-    one, other = build_airframe(named), load_airframe("nasa-f16")
-    assert one.inputs[0] == "tail"
-    assert other.inputs[0] == "elevatorDeflection"
+    assert all(renamed.passed for renamed in compare_check_data(file))
+    renamed, standard = build_airframe(file), load_airframe("nasa-f16")
+    assert renamed.inputs[0] == "tail"
+    assert standard.inputs[0] == "elevatorDeflection"
 
 
 @pytest.mark.parametrize(
-    ("pair", "words"),
+    ("pair", "message"),
     [
         (("F16_prop.dml", "none.dml"), r"dave_ml.propulsion: arrived .*, which cannot be read \(No such file"),
         (('"F16_aero.dml"', '"F16_prop.dml"'), 'dave_ml.aerodynamics: arrived "F16_prop.dml", which has no aeroBody'),
@@ -169,12 +167,12 @@ def test_names_of_one_s_own_stand_for_the_standard_ones(folder):
         (("[dave_ml]", "[dave_ml]\ncg_offset_m = [0, 0, 0]"), "dave_ml.cg_offset_m: arrived .* expected nothing"),
     ],
 )
-def test_what_is_refused_names_its_place(folder, pair, words):
-    with pytest.raises(ScenarioError, match=words):
+def test_a_refusal_names_the_key(folder, pair, message):
+    with pytest.raises(ScenarioError, match=message):
         read_airframe(changed(folder, pair))
 
 
-def test_a_file_that_is_no_dave_ml_is_told_with_its_line(folder):
+def test_an_invalid_dave_ml_file_is_refused_with_its_line(folder):
     (folder / "F16_aero.dml").write_text("<DAVEfunc>\n<variableDef>", encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"dave_ml.aerodynamics \(F16_aero.dml, line 2, column \d+\): arrived"):
         read_airframe(folder / "my-f16.toml")
@@ -198,46 +196,49 @@ coefficients = { CZ = 0.8, Cm = 1.5 }
 
 
 def test_a_side_force_at_rest_is_found(folder):
-    """In the whole of the trainer's file, at one angle of attack alone, and in none of it."""
+    """In the trainer's file, at one angle of attack only, and nowhere."""
     text = TRAINER.with_suffix(".dml").read_text(encoding="utf-8")
-    row = "<apply><plus/><apply><times/><cn>-0.393</cn><ci>BR</ci></apply>"
-    assert row in text
-    for put in ("", "<cn>0.001</cn>", "<apply><times/><cn>0.001</cn><ci>AR</ci></apply>"):
+    side_force_term = "<apply><plus/><apply><times/><cn>-0.393</cn><ci>BR</ci></apply>"
+    assert side_force_term in text
+    for addition in ("", "<cn>0.001</cn>", "<apply><times/><cn>0.001</cn><ci>AR</ci></apply>"):
         (folder / "trainer.dml").write_text(
-            text.replace(row, row.replace("<plus/>", "<plus/>" + put)), encoding="utf-8"
+            text.replace(side_force_term, side_force_term.replace("<plus/>", "<plus/>" + addition)), encoding="utf-8"
         )
         (folder / "trainer.toml").write_text(TRAINER.read_text(encoding="utf-8"), encoding="utf-8")
-        assert load_airframe(str(folder / "trainer.toml")).symmetric == (not put)
+        assert load_airframe(str(folder / "trainer.toml")).symmetric == (not addition)
 
 
 @pytest.mark.long
-def test_a_deviation_reaches_what_flies(folder):
+def test_a_deviation_reaches_the_flown_aircraft(folder):
     vehicle = build_flight(loads(FLEET + DEVIATION, str(folder / "one.toml"))).aircraft(0)[0]
-    known = load_airframe(str(folder / "my-f16.toml"))
-    np.testing.assert_allclose(vehicle.airframe.mass_properties.mass, 1.1 * known.mass_properties.mass)
+    nominal = load_airframe(str(folder / "my-f16.toml"))
+    np.testing.assert_allclose(vehicle.airframe.mass_properties.mass, 1.1 * nominal.mass_properties.mass)
 
 
 def test_a_deviation_makes_another_aircraft(folder):
     deviation = loads(FLEET + DEVIATION, str(folder / "one.toml")).aircraft[0].deviation
-    known = load_airframe(str(folder / "my-f16.toml"))
-    flown = disperse_airframe(known, deviation)
-    np.testing.assert_allclose(flown.mass_properties.mass, 1.1 * known.mass_properties.mass)
-    Jxx, Jyy, Jzz = np.diag(known.mass_properties.inertia_b)
+    nominal = load_airframe(str(folder / "my-f16.toml"))
+    flown = disperse_airframe(nominal, deviation)
+    np.testing.assert_allclose(flown.mass_properties.mass, 1.1 * nominal.mass_properties.mass)
+    Jxx, Jyy, Jzz = np.diag(nominal.mass_properties.inertia_b)
     higher = 0.21 * 0.5 * (Jxx + Jyy - Jzz)
-    expected = np.array(known.mass_properties.inertia_b) + np.diag([higher, higher, 0.0])
+    expected = np.array(nominal.mass_properties.inertia_b) + np.diag([higher, higher, 0.0])
     expected[0, 2] = expected[2, 0] = 1.1 * expected[0, 2]
     np.testing.assert_allclose(flown.mass_properties.inertia_b, expected, rtol=1e-12)
     air = air_data(jnp.array([150.0, 4.0, 12.0]), 1000.0, StandardAtmosphere().at(1000.0))
     surfaces = jnp.array([-0.03, 0.02, -0.01])
-    before, after = (one.aerodynamics(air, jnp.zeros(3), surfaces) for one in (known, flown))
+    nominal_wrench, dispersed_wrench = (one.aerodynamics(air, jnp.zeros(3), surfaces) for one in (nominal, flown))
     scale = np.array([1.0, 1.0, 0.8])
-    np.testing.assert_allclose(after.force_b, np.asarray(before.force_b) * scale, rtol=1e-12)
+    np.testing.assert_allclose(dispersed_wrench.force_b, np.asarray(nominal_wrench.force_b) * scale, rtol=1e-12)
     # Moments about the reference: those of the known one put back from its own centre of mass to it.
-    about = [np.asarray(w.moment_b) + np.cross(a.centre_b, w.force_b) for w, a in ((before, known), (after, flown))]
-    np.testing.assert_allclose(about[1], about[0] * [1.0, 1.5, 1.0], rtol=1e-10)
-    aft = np.asarray(known.centre_b - flown.centre_b)
-    np.testing.assert_allclose(aft, [0.05 * float(known.mean_chord), 0.0, 0.0], rtol=1e-12)
-    thrust, less = (one.engine.propulsion(60.0, air) for one in (known, flown))
+    reference_moments = [
+        np.asarray(w.moment_b) + np.cross(a.centre_b, w.force_b)
+        for w, a in ((nominal_wrench, nominal), (dispersed_wrench, flown))
+    ]
+    np.testing.assert_allclose(reference_moments[1], reference_moments[0] * [1.0, 1.5, 1.0], rtol=1e-10)
+    aft = np.asarray(nominal.centre_b - flown.centre_b)
+    np.testing.assert_allclose(aft, [0.05 * float(nominal.mean_chord), 0.0, 0.0], rtol=1e-12)
+    thrust, less = (one.engine.propulsion(60.0, air) for one in (nominal, flown))
     np.testing.assert_allclose(less.force_b, 0.9 * thrust.force_b, rtol=1e-12)
     np.testing.assert_allclose(
         less.moment_b, 0.9 * np.asarray(thrust.moment_b) + np.cross(aft, less.force_b), atol=1e-6
@@ -245,7 +246,7 @@ def test_a_deviation_makes_another_aircraft(folder):
 
 
 @pytest.mark.parametrize(
-    ("text", "location", "words"),
+    ("text", "location", "message"),
     [
         (
             "coefficients = { Cm_alpha = 0.8 }",
@@ -255,13 +256,13 @@ def test_a_deviation_makes_another_aircraft(folder):
         ("coefficients = { CX0 = 0.8 }", "deviation.coefficients.CX0", "a coefficient of nasa-f16: CX, CY, CZ"),
     ],
 )
-def test_a_deviation_of_what_a_file_has_not_is_refused(folder, text, location, words):
-    with pytest.raises(ScenarioError, match=words) as refused:
+def test_a_deviation_of_a_missing_coefficient_is_refused(folder, text, location, message):
+    with pytest.raises(ScenarioError, match=message) as refused:
         loads(f"{FLEET}[aircraft.deviation]\n{text}\n", str(folder / "one.toml"))
     assert location in str(refused.value)
 
 
-def test_a_deviation_of_the_thrust_asks_for_an_engine(folder):
+def test_a_deviation_of_the_thrust_needs_an_engine(folder):
     glider = (('propulsion = "F16_prop.dml"\npropulsion_lag_s = 1.0\n', ""),)
     text = FLEET.replace("my-f16.toml", changed(folder, *glider).name) + "[aircraft.deviation]\nthrust = 0.9\n"
     with pytest.raises(ScenarioError, match=r"deviation.thrust .* expected 1: nasa-f16 has no engine"):
@@ -274,10 +275,10 @@ def test_values_without_texts_are_refused():
         validate_airframe(values, "test")
 
 
-def test_the_shipped_trainer_agrees_with_its_data_and_looks_right():
-    """Its second steady flight is one to which the search comes back from beyond full power."""
+def test_the_shipped_trainer_agrees_with_its_check_data():
+    """The search for the second trim returns from beyond full power."""
     file = read_airframe(TRAINER)
     compared = compare_check_data(file)
-    assert {one.location.partition("[")[0] for one in compared} >= {"dave_ml.aerodynamics.CX", "check.trim"}
-    assert all(one.passed for one in compared)
+    assert {v.location.partition("[")[0] for v in compared} >= {"dave_ml.aerodynamics.CX", "check.trim"}
+    assert all(v.passed for v in compared)
     assert collect_findings(file) == ()

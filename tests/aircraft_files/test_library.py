@@ -1,4 +1,4 @@
-"""The airframes that come with anser."""
+"""Airframes of the library."""
 
 import jax
 import numpy as np
@@ -13,10 +13,10 @@ from anser.aircraft_files.sources import VARIANTS
     ("name", "variant"), [(name, variant) for name in AIRFRAMES for variant in VARIANTS.get(name, ("textbook",))]
 )
 def test_every_listed_variant_loads_twice_alike(name, variant):
-    one, other = load_airframe(name, variant), load_airframe(name, variant)
-    assert isinstance(one, AbstractAirframe)
-    assert jax.tree.structure(one) == jax.tree.structure(other)
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+    first_airframe, second_airframe = load_airframe(name, variant), load_airframe(name, variant)
+    assert isinstance(first_airframe, AbstractAirframe)
+    assert jax.tree.structure(first_airframe) == jax.tree.structure(second_airframe)
+    for a, b in zip(jax.tree.leaves(first_airframe), jax.tree.leaves(second_airframe), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -30,12 +30,12 @@ def test_every_number_of_an_airframe_is_a_float64_array():
 
 def test_variants_differ():
     leaves = [np.concatenate([np.ravel(x) for x in jax.tree.leaves(load_airframe("f16", v))]) for v in VARIANTS["f16"]]
-    for k, one in enumerate(leaves):
-        for other in leaves[k + 1 :]:
-            assert not np.array_equal(one, other)
+    for k, numbers in enumerate(leaves):
+        for other_numbers in leaves[k + 1 :]:
+            assert not np.array_equal(numbers, other_numbers)
 
 
-def test_centre_of_gravity_is_taken():
+def test_the_centre_of_gravity_can_be_set():
     assert float(load_airframe("f16", "textbook", 0.38).x_cg) == 0.38
 
 

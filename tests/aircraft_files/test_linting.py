@@ -1,4 +1,4 @@
-"""What looks wrong in an aircraft file is found, and nothing in one that is right."""
+"""Findings for errors in aircraft files, and none for correct files."""
 
 import numpy as np
 import pytest
@@ -10,12 +10,12 @@ from anser.aircraft_files.sources import library_file, validate_airframe
 from support.aerosonde_file import AEROSONDE, changed
 
 
-def test_nothing_is_found_in_the_library():
+def test_the_library_is_without_findings():
     assert collect_findings(library_file("aerosonde")) == ()
 
 
 @pytest.mark.parametrize(
-    ("pair", "location", "words"),
+    ("pair", "location", "message"),
     [
         (("Cm_q = -38.21", "Cm_q = 38.21"), "aerodynamics.Cm_q", "damping is negative"),
         (("Cl_p = -0.51", "Cl_p = 0.51"), "aerodynamics.Cl_p", "damping is negative"),
@@ -32,44 +32,40 @@ def test_nothing_is_found_in_the_library():
         (("mean_chord_m = 0.18994", "mean_chord_m = 0.6"), "geometry.mean_chord_m", "area over span"),
     ],
 )  # fmt: skip
-def test_the_linter_finds_what_was_put_there(pair, location, words):
-    found = collect_findings(validate_airframe(changed(pair), "test"))
-    assert [words for one in found if one.location == location and words in one.text] == [words]
+def test_the_linter_finds_each_error(pair, location, message):
+    findings = collect_findings(validate_airframe(changed(pair), "test"))
+    assert [message for f in findings if f.location == location and message in f.text] == [message]
 
 
 def table_of(values, points=tuple(range(-30, 31, 5)), over="beta", name="Cl"):
     return f'\n[[table]]\nreplaces = "{name}"\nover = ["{over}"]\nbreakpoints_deg = [{list(points)}]\nvalues = {list(values)}\n'
 
 
-def with_rolling(values, **more):
+def with_rolling(values, **options):
     pairs = [("Cl_beta = -0.13\n", "")]
-    return validate_airframe(changed(*pairs, text=AEROSONDE + table_of(values, **more)), "test")
+    return validate_airframe(changed(*pairs, text=AEROSONDE + table_of(values, **options)), "test")
 
 
 @given(where=st.integers(1, 11), size=st.floats(0.02, 0.2), sign=st.sampled_from([-1, 1]))
 @settings(max_examples=10, deadline=None)
 @pytest.mark.long
-def test_the_linter_finds_a_point_out_of_line(where, size, sign):
+def test_the_linter_finds_a_point_out_of_line(index, size, sign):
     points = np.arange(-30, 31, 5)
     smooth = -0.13 * np.radians(points) + 0.02 * np.radians(points) ** 3
-    assert not [one for one in collect_findings(with_rolling(smooth.tolist())) if one.location.startswith("table")]
+    assert not [f for f in collect_findings(with_rolling(smooth.tolist())) if f.location.startswith("table")]
     wrong = smooth.copy()
-    wrong[where] += sign * size
-    found = {
-        one.location
-        for one in collect_findings(with_rolling(wrong.tolist()))
-        if one.location.startswith("table[0].values")
+    wrong[index] += sign * size
+    locations = {
+        f.location for f in collect_findings(with_rolling(wrong.tolist())) if f.location.startswith("table[0].values")
     }
-    assert f"table[0].values[{where}] (Cl)" in found
-    assert found <= {f"table[0].values[{k}] (Cl)" for k in (where, 12 - where)}
+    assert f"table[0].values[{index}] (Cl)" in locations
+    assert locations <= {f"table[0].values[{k}] (Cl)" for k in (index, 12 - index)}
 
 
 def test_the_linter_finds_gaps_and_ends_inside_the_limits():
     points = (-20, -15, -10, -5, 0, 5, 10, 40)
     values = (-0.002 * np.array(points)).tolist()
-    texts = [
-        one.text for one in collect_findings(with_rolling(values, points=points)) if one.location.startswith("table")
-    ]
+    texts = [f.text for f in collect_findings(with_rolling(values, points=points)) if f.location.startswith("table")]
     assert any("a gap in beta from 10 to 40 deg" in text for text in texts)
     assert any("beta begins at -20 deg, but the data are said to hold from -25 deg" in text for text in texts)
     assert not any("beta ends" in text for text in texts)

@@ -1,4 +1,4 @@
-"""A DAVE-ML file by itself: its check data, what looks wrong in it, and how it is refused."""
+"""Check of a DAVE-ML file alone: check shots, findings, refusals."""
 
 import re
 from pathlib import Path
@@ -23,18 +23,18 @@ def checked(folder, *pairs):
     return check_model(path)
 
 
-def test_its_own_check_data_are_computed(tmp_path):
+def test_check_shots_are_computed(tmp_path):
     good = check_model(TRAINER)
     assert (len(good.checked_values), good.findings) == (120, ())
-    assert all(one.passed for one in good.checked_values)
-    other = checked(tmp_path, ('varID="C" units="ft" initialValue="4.9"', 'varID="C" units="ft" initialValue="5.0"'))
-    assert {"C", "CM"} <= {one.location for one in other.checked_values if not one.passed}
+    assert all(v.passed for v in good.checked_values)
+    modified = checked(tmp_path, ('varID="C" units="ft" initialValue="4.9"', 'varID="C" units="ft" initialValue="5.0"'))
+    assert {"C", "CM"} <= {v.location for v in modified.checked_values if not v.passed}
 
 
 def test_inputs_and_outputs_have_their_names():
-    names = [one.name for one in check_model(TRAINER).inputs]
+    names = [v.name for v in check_model(TRAINER).inputs]
     assert names[:2] == ["trueAirspeed", "angleOfAttack"]
-    assert "aeroBodyMomentCoefficient_Pitch" in [one.name for one in check_model(TRAINER).outputs]
+    assert "aeroBodyMomentCoefficient_Pitch" in [v.name for v in check_model(TRAINER).outputs]
 
 
 @pytest.mark.parametrize(
@@ -47,11 +47,11 @@ def test_inputs_and_outputs_have_their_names():
         ([("<isOutput/>", ""), NO_SHOTS], None, "no variable is marked <isOutput/>"),
     ],
 )  # fmt: skip
-def test_what_looks_wrong_is_told_with_its_line(tmp_path, pairs, line, text):
+def test_a_finding_has_its_line(tmp_path, pairs, line, text):
     findings = checked(tmp_path, *pairs).findings
-    found = [one for one in findings if re.search(text, one.text)]
-    assert len(found) == 1
-    assert line is None or found[0].location == f"line {line}"
+    matches = [f for f in findings if re.search(text, f.text)]
+    assert len(matches) == 1
+    assert line is None or matches[0].location == f"line {line}"
 
 
 def test_a_table_and_an_input_without_use(tmp_path):
@@ -63,12 +63,12 @@ def test_a_table_and_an_input_without_use(tmp_path):
         '<bpRef bpID="b"/></breakpointRefs><dataTable>0 1</dataTable></griddedTableDef></DAVEfunc>',
         encoding="utf-8",
     )
-    texts = [one.text for one in check_model(path).findings]
+    texts = [f.text for f in check_model(path).findings]
     assert texts == ["table t: no function uses it", "input x (x): no output depends on it"]
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         ("<DAVEfunc>", "no XML"),
         (
@@ -83,13 +83,13 @@ def test_a_table_and_an_input_without_use(tmp_path):
         ),
     ],
 )
-def test_what_cannot_be_read_is_refused(tmp_path, content, words):
+def test_an_unreadable_file_is_refused(tmp_path, content, message):
     path = tmp_path / "mine.dml"
     path.write_text(content, encoding="utf-8")
-    with pytest.raises(ScenarioError, match=words):
+    with pytest.raises(ScenarioError, match=message):
         check_model(path)
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match="cannot be read"):
         check_model(tmp_path / "none.dml")

@@ -1,4 +1,4 @@
-"""What is refused of an aircraft file, in which words; every key is shown somewhere."""
+"""Refusals of aircraft files, and keys of the documented examples."""
 
 import re
 from typing import get_args
@@ -13,8 +13,8 @@ from anser.config import ScenarioError
 from support.aerosonde_file import AEROSONDE, TABLE, built, changed
 
 
-def test_every_key_is_shown_in_the_starter_or_the_aerosonde():
-    """Both stand in the reference; derivatives are named by a rule."""
+def test_every_key_occurs_in_the_starter_or_the_aerosonde():
+    """Both files are in the reference; derivative names follow a rule."""
 
     def keys_of(model):
         inner = (keys_of(child) for field in model.model_fields.values() for child in models_in(field.annotation))
@@ -57,19 +57,19 @@ def models_in(annotation):
         (("source = ", "sauce = "), "sauce", "the unknown key", 'perhaps "source"'),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_told_with_its_place(pair, path, arrived, expected):
+def test_a_problem_is_reported_with_its_key(pair, path, arrived, expected):
     with pytest.raises(ScenarioError) as caught:
         validate_airframe(changed(pair), "uav.toml")
-    first = next(one for one in caught.value.problems if one.path == path)
-    assert arrived in first.arrived
-    assert expected in first.expected
+    problem = next(p for p in caught.value.problems if p.path == path)
+    assert arrived in problem.arrived
+    assert expected in problem.expected
     assert str(caught.value).startswith("uav.toml: ")
 
 
 def test_a_derivative_beside_the_table_that_replaces_it_is_refused():
     with pytest.raises(ScenarioError) as caught:
         built(text=AEROSONDE + TABLE)
-    assert {one.path for one in caught.value.problems} == {
+    assert {p.path for p in caught.value.problems} == {
         "aerodynamics.Cm0", "aerodynamics.Cm_alpha", "surface[0].Cm"
     }  # fmt: skip
 
@@ -84,8 +84,8 @@ def test_a_derivative_beside_the_table_that_replaces_it_is_refused():
         (("[-10, 0, 10, 30]", "[-10, 10, 0, 30]"), "table[0].breakpoints_deg[0][2]"),
     ],
 )
-def test_what_is_wrong_with_a_table(pair, path):
+def test_a_problem_of_a_table_is_reported_with_its_key(pair, path):
     bare = changed(("Cm0 = 0.0135\nCm_alpha = -2.74\n", ""), ("Cm = -0.99\n", ""), pair, text=AEROSONDE + TABLE)
     with pytest.raises(ScenarioError) as caught:
         validate_airframe(bare, "test")
-    assert path in [one.path for one in caught.value.problems]
+    assert path in [p.path for p in caught.value.problems]

@@ -38,7 +38,7 @@ def test_schemas_are_of_draft_7_without_references(model):
         assert word not in text
 
 
-@pytest.mark.parametrize(("model", "path"), FILES, ids=lambda of: getattr(of, "stem", ""))
+@pytest.mark.parametrize(("model", "path"), FILES, ids=lambda parameter: getattr(parameter, "stem", ""))
 def test_shipped_files_are_valid(model, path):
     assert schema_errors(model, tomllib.loads(path.read_text())) == []
 
@@ -53,19 +53,22 @@ def test_the_starters_are_valid_and_name_the_schema_in_their_first_line():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "expected"),
     [
-        (lambda of: of["fleet"].update(sped_m_s=150.0), "'sped_m_s' was unexpected"),
-        (lambda of: of["aircraft"][1]["start"].update(hight_m=1.0), "'hight_m' was unexpected"),
-        (lambda of: of["fleet"].update(speed_m_s="fast"), "'fast' is not of type 'number'"),
-        (lambda of: of["fleet"].update(planner="certifed"), "'certifed' is not one of"),
-        (lambda of: of["limits"].update(bank_max_deg=99), "99 is greater than the maximum of 85"),
-        (lambda of: of.pop("timing"), "'timing' is a required property"),
-        (lambda of: of["aircraft"][0].update(gains={"rates": {"proportional": [1.0, 2.0]}}), "[1.0, 2.0] is not valid"),
-        (lambda of: of.update(earth="round"), "'round' is not valid under any"),
+        (lambda values: values["fleet"].update(sped_m_s=150.0), "'sped_m_s' was unexpected"),
+        (lambda values: values["aircraft"][1]["start"].update(hight_m=1.0), "'hight_m' was unexpected"),
+        (lambda values: values["fleet"].update(speed_m_s="fast"), "'fast' is not of type 'number'"),
+        (lambda values: values["fleet"].update(planner="certifed"), "'certifed' is not one of"),
+        (lambda values: values["limits"].update(bank_max_deg=99), "99 is greater than the maximum of 85"),
+        (lambda values: values.pop("timing"), "'timing' is a required property"),
+        (
+            lambda values: values["aircraft"][0].update(gains={"rates": {"proportional": [1.0, 2.0]}}),
+            "[1.0, 2.0] is not valid",
+        ),
+        (lambda values: values.update(earth="round"), "'round' is not valid under any"),
     ],
 )
-def test_an_invalid_key_is_reported(change, words):
+def test_an_invalid_key_is_reported(change, expected):
     values = copy.deepcopy(THREE)
     change(values)
     (error,) = schema_errors(Scenario, values)
@@ -75,9 +78,11 @@ def test_an_invalid_key_is_reported(change, words):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda of: of["aircraft"][0].update(gains={"rates": {"proportional": 8.0, "integral": [0.1, 0.2, 0.3]}}),
-        lambda of: of.update(earth="wgs84"),
-        lambda of: of["aircraft"][0].update(airframe="my-uav.toml"),
+        lambda values: values["aircraft"][0].update(
+            gains={"rates": {"proportional": 8.0, "integral": [0.1, 0.2, 0.3]}}
+        ),
+        lambda values: values.update(earth="wgs84"),
+        lambda values: values["aircraft"][0].update(airframe="my-uav.toml"),
     ],
 )
 def test_alternative_values_are_valid(change):

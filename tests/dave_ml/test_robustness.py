@@ -13,7 +13,7 @@ from anser.dave_ml import DaveMlError, read_dave_ml, write_dave_ml
 from anser.dave_ml.elements import FILE_BYTES_MAX
 
 SECONDS_MAX = 5.0
-"""Of the processor, for the slowest file: the worst that is known takes about 2 s on an idle machine of 2026."""
+"""Processor time for the slowest file, s; the worst known file takes about 2 s on an idle machine of 2026."""
 MEGABYTES_MAX = 1500
 """Permitted memory growth of the process: twenty times that of the worst file, since the files are generated here too."""
 
@@ -23,7 +23,7 @@ def resident_max():
 
 
 def survive(seeds):
-    """Read mutated files; how many could be."""
+    """Read mutated files and return the number of readable files."""
     read = 0
     memory_before = resident_max()
     for seed in seeds:
