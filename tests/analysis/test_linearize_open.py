@@ -14,8 +14,7 @@ import pytest
 from anser.aircraft import AircraftState, Controls
 from anser.aircraft.actuators import Deflections
 from anser.aircraft_files import load_airframe
-from anser.analysis import linearize
-from anser.analysis.linearization import coordinates_of, state_at
+from anser.analysis.linearization import coordinates_of, linearize, state_at
 from anser.environment import Environment, LayeredWind, StandardAtmosphere, standard_environment, wgs84_earth
 from support.light_aircraft import light_aircraft
 from support.states import condition_of, derivative, make_state

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import anser
 from anser.aircraft_files import load_airframe
 from anser.analysis import margins_at, survey_margins
 from anser.analysis.loop_margins import breakpoints

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+import anser
 from anser.analysis import robustness_study
 from anser.analysis.robustness import CONDITIONS, FACTORS, FlightPoint, dispersed_cases, single_factor_cases
 from anser.analysis.survey_outcomes import OUTCOMES

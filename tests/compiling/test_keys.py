@@ -44,6 +44,6 @@ def test_a_file_of_another_name_is_another_source(package):
 
 def test_programs_of_kernels_depend_on_kernels_only():
     for program in (fly_segment, _open_model, _start_flight):
-        assert keys._sources_of(keys.described(program._function)) == keys._KERNEL_SOURCES
+        assert keys._sources_of(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
     for function in (to_dataset, (solve_trim, to_dataset)):
-        assert keys._sources_of(keys.described(function)) == keys._ALL_SOURCES
+        assert keys._sources_of(keys.describe_value(function)) == keys._ALL_SOURCES

@@ -30,7 +30,7 @@ def turn(trim) -> Case:
 def test_memory_keeps_its_shape_and_holds_the_trim(trim, turn):
     memory = memory_of(trim)
     np.testing.assert_array_equal(memory.velocity_integral, np.zeros(3))
-    np.testing.assert_array_equal(memory.rates_filter.memory, trim.state.rates_b)
+    np.testing.assert_array_equal(memory.rates_filter.state, trim.state.rates_b)
     np.testing.assert_array_equal(memory.surfaces_slow, trim.state.surfaces)
     (_, _, after), _ = eqx.filter_eval_shape(control, turn, turn.state, memory, published_gains(), default_limits())
     assert jax.tree.structure(after) == jax.tree.structure(memory)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from anser.control import dave_ml_law
-from anser.control.dave_ml_law import named_signals
+from anser.control.dave_ml_laws import named_signals
 from anser.dave_ml import read_dave_ml
 from anser.units import DEG_RAD, KNOT_M_S, RAD_DEG
 from anser.verification.nasa_f16 import published_model

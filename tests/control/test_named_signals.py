@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from anser.control.dave_ml_law import named_signals
+from anser.control.dave_ml_laws import named_signals
 from support.law_cases import FLAT, belief_of
 
 

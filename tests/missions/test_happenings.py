@@ -39,7 +39,7 @@ def searches(monkeypatch, found):
         asked.append(number)
         return found
 
-    monkeypatch.setattr(happenings, "planned_anew", anew)
+    monkeypatch.setattr(happenings, "replan_fleet", anew)
     return asked
 
 

@@ -75,7 +75,7 @@ def test_what_float32_does_not_fit_is_a_row_with_the_reason():
     assert [row.met for row in rows] == [False, False]
     assert 'precision: arrived "float32" of a round Earth' in rows[0].reason
     assert 'precision: arrived "float32" of one with events' in rows[1].reason
-    with pytest.raises(anser.scenario.ScenarioError, match="without a centre"):
+    with pytest.raises(anser.config.ScenarioError, match="without a centre"):
         anser.run(lost, precision="float32")
 
 

@@ -19,7 +19,7 @@ AT = ArrivalRequest("at", 600.0, times_s=np.full(3, 92.0))
 
 @pytest.fixture(autouse=True)
 def no_limit_named(monkeypatch):
-    monkeypatch.setattr(refusal, "_binding", lambda *about: "")
+    monkeypatch.setattr(refusal, "_binding_constraint", lambda *about: "")
 
 
 def fleet_of(request_):

@@ -92,8 +92,8 @@ def taken_over(monkeypatch, events, refused=()):
 
     tried.append([])
     monkeypatch.setattr(takeover, "snapshot_at", lambda *of: FleetSnapshot)
-    monkeypatch.setattr(takeover, "_handed_over", handed)
-    monkeypatch.setattr(takeover, "planned_anew", anew)
+    monkeypatch.setattr(takeover, "_hand_over_goal", handed)
+    monkeypatch.setattr(takeover, "replan_fleet", anew)
     return takeover.reassign_goals(scenario, flight, State, 2000, scenario.event, tuple(OF.values()))
 
 

@@ -71,7 +71,7 @@ def late():
     def all_of(periods):
         def one(readings, k):
             readings = readings.with_sample(k, jax.tree.map(lambda leaf: leaf[k], samples))
-            return readings, readings.late(k, periods)
+            return readings, readings.delayed_sample(k, periods)
 
         return jax.lax.scan(one, ring(), jnp.arange(30))[1]
 
@@ -104,7 +104,7 @@ def test_between_samples_it_is_linear(late):
 def test_the_memory_holds_the_largest_delay():
     """Whole and broken delays up to the largest need the sample before the oldest wanted."""
     for delay_max, rows in ((0.0, 2), (0.1, 12), (0.105, 13), (0.2, 22)):
-        assert steady(delay_max).rows.specific_force_b.shape == (rows, 3)
+        assert steady(delay_max).buffer.specific_force_b.shape == (rows, 3)
 
 
 @pytest.mark.parametrize("periods", [0.0, 3.0, 2.5])

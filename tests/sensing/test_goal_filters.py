@@ -76,7 +76,7 @@ def simulate(tracker, normals, uniforms, seen=None):
         number = k + 1
         mode = jnp.where(uniforms[k, 0] < stay, mode, 1 - mode) if len(models) > 1 else mode
         moved = jnp.stack([model.predict_state(state, STEP) for model in models])
-        roots = jnp.stack([cholesky(model.noise(jnp.asarray(STEP))) for model in models])
+        roots = jnp.stack([cholesky(model.process_noise(jnp.asarray(STEP))) for model in models])
         state = moved[mode] + jnp.sum(roots[mode] * normals[k, None, :n], axis=1)
         own, instant = own_at(number), instant_at(number)
         empty = GoalReading(jnp.zeros(6), SIGMAS, MEASURED, number, "sight")
@@ -208,7 +208,7 @@ def test_dropouts_leave_what_is_predicted():
     track = tracker.init(START, START_SIGMAS)
     nothing = GoalReading(jnp.full(6, 1e9), SIGMAS, jnp.zeros(6, dtype=bool), jnp.asarray(5, dtype=jnp.int32), "sight")
     after, found = tracker.step(track, nothing, own_at(5), instant_at(jnp.asarray(5, dtype=jnp.int32)))
-    assert not found.seen
+    assert not found.is_measured
     assert found.status == 1  # never seen
     np.testing.assert_array_equal(after.means, track.means)
     np.testing.assert_allclose(found.mean[:3], START[:3] + 5 * STEP * START[3:], rtol=1e-12)
@@ -324,7 +324,7 @@ class TestStoneSoup:
 
             # its axes x, y, z are ours north, east, up; the order of the states is ours: the points depend on it
             flip = np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0])
-            moved, noise = np.eye(6), np.asarray(STEADY.noise(jnp.asarray(STEP)))
+            moved, noise = np.eye(6), np.asarray(STEADY.process_noise(jnp.asarray(STEP)))
             moved[:3, 3:] = STEP * np.eye(3)
             motion = LinearGaussianTimeInvariantTransitionModel(transition_matrix=moved, covariance_matrix=noise)
             points = {"alpha": 0.5, "beta": 2.0, "kappa": 0.0}

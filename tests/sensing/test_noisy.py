@@ -74,7 +74,9 @@ def test_outages_come_in_bursts_of_the_mean_duration():
         after = jax.vmap(drop.next_outage, in_axes=(0, None, 0))(outage, 0.1, u[:, 0])
         return after, (after, jax.vmap(drop.is_lost)(after, u[:, 1]))
 
-    outage, lost = (np.asarray(x) for x in jax.lax.scan(step, jax.vmap(drop.first)(numbers[0, :, 0]), numbers)[1])
+    outage, lost = (
+        np.asarray(x) for x in jax.lax.scan(step, jax.vmap(drop.initial_outage)(numbers[0, :, 0]), numbers)[1]
+    )
     np.testing.assert_allclose(outage.mean(), 0.05, rtol=0.1)
     begins = np.sum(outage[1:] & ~outage[:-1])
     np.testing.assert_allclose(outage.sum() * 0.1 / begins, 1.0, rtol=0.12)  # 0.05 of it is the sampling

@@ -53,7 +53,7 @@ def with_the_plan_standing(three):
 @pytest.fixture(scope="module")
 def filled_up():
     """The same with a fourth that does not fly, as `anser.run` has it: these programs are compiled already."""
-    flight = build_flight(load(SCENARIOS / "three-aircraft.toml"), filled_up=True)
+    flight = build_flight(load(SCENARIOS / "three-aircraft.toml"), pad_fleet=True)
     return flight, started(flight)
 
 

@@ -75,4 +75,4 @@ def test_a_flight_without_trim_is_named():
 def test_a_wrong_figure_is_told():
     rows = [{"V_ft_s": 300, "throttle": 0.122, "alpha_deg": 8.48, "elevator_deg": -0.591}]
     found = [{"throttle": 0.12197, "alpha_deg": 8.49255, "elevator_deg": -0.59104}]
-    assert [c.passes for c in textbook_checks._level(rows, found)] == [True, False, True]
+    assert [c.passes for c in textbook_checks._compare_level(rows, found)] == [True, False, True]

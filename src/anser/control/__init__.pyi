@@ -1,4 +1,4 @@
-from .dave_ml_law import DaveMlLaw, NamedCommands, dave_ml_law
+from .dave_ml_laws import DaveMlLaw, NamedCommands, dave_ml_law
 from .gains import AutopilotGains, automatic_gains, published_gains
 from .guidance import FollowPlan, GuidanceSettings
 from .inversion_autopilot import InversionAutopilot, LoopCommand

@@ -13,7 +13,7 @@ from anser.aircraft.airframe import AircraftState, Controls
 from anser.aircraft.f16 import F16
 from anser.aircraft.motion import EarthFixedState, earth_fixed_state, flight_condition, local_state, require_round_earth
 from anser.compiling.options import compiled_quickly
-from anser.control.dave_ml_law import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
+from anser.control.dave_ml_laws import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
 from anser.environment.environment import Environment
 from anser.numerics.arrays import as_array, stack_rows
 from anser.numerics.least_squares import Solution, levenberg_marquardt

@@ -1,7 +1,6 @@
 from .certified_plan import CertifiedPlan
-from .path_bounds import path_bounds
 from .planner import CertifiedPlanner
-from .search import SearchOutcome, search
+from .search import SearchOutcome
 from .task import Airspace, ArrivalRequest, KeepOuts
 
 __all__ = [
@@ -11,6 +10,4 @@ __all__ = [
     "CertifiedPlanner",
     "KeepOuts",
     "SearchOutcome",
-    "path_bounds",
-    "search",
 ]
