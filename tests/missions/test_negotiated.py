@@ -7,7 +7,7 @@ import pytest
 
 import anser
 from anser.missions import read_plan, write_plan
-from anser.planning.certified.search import search
+from anser.planning.certified import search
 from anser.planning.certified.timed_profiles import MINIMAL
 from anser.scenario import load, loads
 
