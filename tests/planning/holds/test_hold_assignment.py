@@ -12,7 +12,7 @@ from anser.environment import LayeredWind, SteadyWind
 from anser.parts import make_rendezvous
 from anser.planning import PathLimits, Separation, TimedPath
 from anser.planning.certified.task import AircraftTask, Airspace, KeepOuts
-from anser.planning.holds.assignment import _circles, assign_holds
+from anser.planning.holds.assignment import _candidate_circles, assign_holds
 from anser.planning.holds.hold_paths import (
     GOAL_VELOCITY_TOLERANCE,
     broadcast_holds,
@@ -119,7 +119,7 @@ def own_circles(paths, tasks, space):
 
     def one(path, task):
         arrival = path.times[-1]
-        circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, space, SETTINGS))
+        circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, space, SETTINGS))
         goal = task.goal_position_n + arrival * task.goal_velocity_n, task.goal_velocity_n
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
         return hold_path(task, begin, goal, circle, space.wind, END, SETTINGS, GRAVITY, CELLS)
@@ -180,7 +180,7 @@ def steep_hold(climb, load_factor_max):
     task = eqx.tree_at(lambda t: t.limits.load_factor_max, task, number(load_factor_max))
     still = SteadyWind(jnp.zeros(3))
     begin = number([0.0, 0.0, -500.0]), number([170.0, 0.0, -climb]), number(90.0)
-    circle = jax.tree.map(lambda leaf: leaf[0], _circles(task, airspace(500.0, 150.0), SETTINGS))
+    circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, airspace(500.0, 150.0), SETTINGS))
     made = hold_path(task, begin, (jnp.zeros(3), jnp.zeros(3)), circle, still, END, SETTINGS, GRAVITY, CELLS)
     times = jnp.linspace(90.0, END, 2001)
     return -np.asarray(jax.vmap(made.position_n)(times))[:, 2], np.asarray(jax.vmap(made.acceleration_n)(times))[:, 2]
@@ -264,7 +264,7 @@ def test_reference_goes_with_the_goal_and_ends_where_it_moves_otherwise(assigned
 def test_derivatives_are_finite():
     own = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
     space = airspace(500.0, 150.0)
-    circle = jax.tree.map(lambda leaf: leaf[0], _circles(own, space, SETTINGS))
+    circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(own, space, SETTINGS))
 
     def end(goal_velocity_n):
         goal = jnp.zeros(3), goal_velocity_n
