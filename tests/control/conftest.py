@@ -1,4 +1,4 @@
-"""What the flights of this folder share: compiled once for all its files."""
+"""Shared flights of the control tests, compiled once for all files."""
 
 import equinox as eqx
 import jax
@@ -17,6 +17,6 @@ def trims() -> list[TrimPoint]:
 
 
 @pytest.fixture(scope="module")
-def turned():
+def turn_outputs():
     """`turned_after_100_steps`, compiled; a second trace fails."""
     return eqx.filter_jit(eqx.debug.assert_max_traces(turned_after_100_steps, max_traces=1))

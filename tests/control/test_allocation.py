@@ -1,4 +1,4 @@
-"""Allocation: surfaces whose moment is the wanted one (theory section 5, item 1)."""
+"""Allocation: surface deflections for a target moment (theory section 5, item 1)."""
 
 import equinox as eqx
 import jax
@@ -44,35 +44,37 @@ def _allocate(condition, rates_b, surfaces, moment_b):
 
 @jax.jit
 def allocated(x, target):
-    """Allocation of the moment of `target` surfaces, twice in a row; errors of the moments as coefficients."""
+    """Allocation of the moment of the `target` deflections, twice in a row; moment errors as coefficients."""
     setting = setting_of(x)
     rates_b = setting.state.rates_b
-    wanted_b = _moment(setting, target)
-    first = _allocate(setting.condition, rates_b, setting.state.surfaces, wanted_b)
-    second = _allocate(setting.condition, rates_b, first.surfaces, wanted_b)
-    errors = [(_moment(setting, demand.surfaces) - wanted_b) / _scale(setting) for demand in (first, second)]
-    return first, second, errors
+    target_b = _moment(setting, target)
+    first_demand = _allocate(setting.condition, rates_b, setting.state.surfaces, target_b)
+    second_demand = _allocate(setting.condition, rates_b, first_demand.surfaces, target_b)
+    errors = [
+        (_moment(setting, demand.surfaces) - target_b) / _scale(setting) for demand in (first_demand, second_demand)
+    ]
+    return first_demand, second_demand, errors
 
 
 def _piece(elevator_rad):
-    """Piece of the elevator axis (breakpoints at -12, 0, 12 deg; [SL] appendix A) on which a deflection lies."""
+    """Index of the deflection's piece of the elevator table (breakpoints at -12, 0, 12 deg; [SL] appendix A)."""
     return np.floor(elevator_rad / DEGREE / 12)
 
 
 @modest
 @given(conditions, inside)
-def test_the_wanted_moment_is_reached_from_any_deflection(x, target):
-    first, second, (error, later) = allocated(x, target)
+def test_the_target_moment_is_reached_from_any_deflection(x, target):
+    first_demand, second_demand, (error, second_error) = allocated(x, target)
     # the moments are linear in aileron and rudder, and in the elevator within a piece of its table: rounding only
     assert np.abs(error[jnp.array([0, 2])]).max() < 1e-13
     if _piece(x[9]) == _piece(target[0]):
         assert np.abs(error).max() < 1e-13
-        np.testing.assert_allclose(first.surfaces, target, atol=1e-11)
+        np.testing.assert_allclose(first_demand.surfaces, target, atol=1e-11)
     # across breakpoints (measured on 20,000 cases): at most 0.051 of pitching moment is left at first, none at the next
     assert np.abs(error).max() < 0.06
-    assert np.abs(later).max() < 1e-13
-    within = (np.asarray(second.surfaces) >= LOWER) & (np.asarray(second.surfaces) <= UPPER)
-    np.testing.assert_array_equal(np.asarray(second.saturated), ~within)
+    assert np.abs(second_error).max() < 1e-13
+    within = (np.asarray(second_demand.surfaces) >= LOWER) & (np.asarray(second_demand.surfaces) <= UPPER)
+    np.testing.assert_array_equal(np.asarray(second_demand.saturated), ~within)
 
 
 LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 20, 1000, 0, 0, 0])
@@ -83,8 +85,8 @@ MOMENT_B = np.array([500.0, -1000.0, 200.0])
 
 def _demand(x, moment_b, push_b):
     setting = setting_of(x)
-    now = eqx.tree_at(lambda condition: condition.propulsive.moment_b, setting.condition, push_b)
-    return _allocate(now, setting.state.rates_b, setting.state.surfaces, moment_b)
+    condition = eqx.tree_at(lambda c: c.propulsive.moment_b, setting.condition, push_b)
+    return _allocate(condition, setting.state.rates_b, setting.state.surfaces, moment_b)
 
 
 demand_of = jax.jit(_demand)
@@ -100,7 +102,7 @@ slopes_of = jax.jit(jax.jacrev(_surfaces, argnums=(0, 1)), compiler_options=QUIC
 @pytest.mark.parametrize(("channel", "roll_pitch_yaw"), [(0, (0, 1, 0)), (1, (1, 0, 0)), (2, (0, 0, 1))])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_moments_beyond_the_stops_are_flagged_and_stay_bounded(channel, roll_pitch_yaw, sign):
-    """A coefficient of 1, ten times what full deflection gives; the iterate stays within the slack of 0.2 rad."""
+    """A coefficient of 1 is ten times the moment of full deflection; the iterate stays within the slack of 0.2 rad."""
     qbar = 0.5 * 1.1117 * 150.0**2  # 1000 m, [USSA76]
     demand = demand_of(LEVEL, sign * qbar * 27.87 * 9.144 * np.array(roll_pitch_yaw, dtype=float), np.zeros(3))
     assert demand.saturated[channel]
@@ -109,7 +111,7 @@ def test_moments_beyond_the_stops_are_flagged_and_stay_bounded(channel, roll_pit
     assert sign * demand.surfaces[channel] < 0
 
 
-def test_moments_of_the_engine_are_not_asked_of_the_surfaces():
+def test_engine_moments_are_not_demanded_from_the_surfaces():
     push_b = np.array([100.0, 2000.0, -300.0])
     relieved = demand_of(LEVEL, MOMENT_B, push_b).surfaces
     np.testing.assert_allclose(relieved, demand_of(LEVEL, MOMENT_B - push_b, np.zeros(3)).surfaces, atol=1e-13)
@@ -131,13 +133,13 @@ def test_gradient_with_respect_to_the_condition_is_finite(V):
     assert np.isfinite(slopes_of(x, MOMENT_B)[0]).all()
 
 
-def test_no_dynamic_pressure_gives_no_deflection_instead_of_no_number():
+def test_zero_dynamic_pressure_keeps_the_deflections_finite():
     x = LEVEL.copy()
     x[0] = 0.0
     np.testing.assert_array_equal(demand_of(x, MOMENT_B, np.zeros(3)).surfaces, x[9:12])
 
 
-def test_batched_equals_single():
+def test_a_batch_equals_single_demands():
     batch, nothing = np.stack([LEVEL, LEVEL * 1.1]), np.zeros(3)
     together = jax.jit(jax.vmap(lambda x: _demand(x, MOMENT_B, nothing).surfaces), compiler_options=QUICK)(batch)
     for x, surfaces in zip(batch, together, strict=True):

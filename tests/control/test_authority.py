@@ -1,4 +1,4 @@
-"""Authority: what the surfaces can give, against flying them to their limits."""
+"""Control authority against flights of the surfaces to their limits."""
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ from support.control_cases import AIRFRAME, QUICK, setting_of
 LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 20, 1000, 0, 0, 0])
 SLOW = np.array([-5.0, 2.0, -3.0]) * DEG_RAD
 SHARE = 0.3
-"""Part of the authority that one command may ask for."""
+"""Fraction of the authority available to one command."""
 
 
 def _authority(x, surfaces_slow):
@@ -33,12 +33,12 @@ def acceleration_of(x, surfaces):
 
 
 def test_jerk_is_that_of_the_first_surface_at_its_rate_limit():
-    """Each axis alone: the surfaces that accelerate it and no other move in proportion until one is at its limit."""
-    found = authority_of(LEVEL, SLOW)
+    """One axis at a time: the surfaces move in proportion until the first reaches its rate limit."""
+    authority = authority_of(LEVEL, SLOW)
     time = 1e-3
     for axis in range(3):
-        jerk = float(found.rates_jerk[axis]) / SHARE
-        rate = np.asarray(found.deflection)[:, axis] * jerk
+        jerk = float(authority.rates_jerk[axis]) / SHARE
+        rate = np.asarray(authority.deflection)[:, axis] * jerk
         assert np.max(np.abs(rate) / np.asarray(AIRFRAME.actuators.rate_limit)) == pytest.approx(1.0)
         # moments are linear in small deflections within one piece of the tables: rounding only
         gained = acceleration_of(LEVEL, LEVEL[9:12] + time * rate) - acceleration_of(LEVEL, LEVEL[9:12])
@@ -46,13 +46,13 @@ def test_jerk_is_that_of_the_first_surface_at_its_rate_limit():
 
 
 def test_acceleration_is_that_of_the_first_surface_at_its_stop():
-    """With G the unit matrix the outputs are the body axes themselves; the stop is counted from the slow deflections."""
-    found = authority_of(LEVEL, SLOW)
+    """With the unit matrix for G, the outputs are the body axes; margins are measured from the slow deflections."""
+    authority = authority_of(LEVEL, SLOW)
     upper = np.asarray(AIRFRAME.actuators.upper)
-    np.testing.assert_allclose(found.margin, upper - np.abs(SLOW))
+    np.testing.assert_allclose(authority.margin, upper - np.abs(SLOW))
     for axis in range(3):
-        acceleration = float(found.attitude_acceleration(jnp.eye(3))[axis]) / SHARE
-        used = np.abs(np.asarray(found.deflection)[:, axis]) * acceleration / np.asarray(found.margin)
+        acceleration = float(authority.attitude_acceleration(jnp.eye(3))[axis]) / SHARE
+        used = np.abs(np.asarray(authority.deflection)[:, axis]) * acceleration / np.asarray(authority.margin)
         assert used.max() == pytest.approx(1.0)
 
 
@@ -66,13 +66,13 @@ def test_authority_grows_with_dynamic_pressure_and_outputs_that_turn_more():
     np.testing.assert_allclose(doubled, 2.0)
 
 
-def test_a_surface_at_its_stop_leaves_a_little_authority():
-    """A tenth of the half range is counted at least: the loops stay alive."""
+def test_a_surface_at_its_stop_keeps_a_little_authority():
+    """The margin is at least a tenth of the half range, which keeps the loops active."""
     at_stop = authority_of(LEVEL, np.asarray(AIRFRAME.actuators.upper))
     np.testing.assert_allclose(at_stop.margin, 0.1 * np.asarray(AIRFRAME.actuators.upper))
 
 
-def test_vmap_and_gradient_are_finite():
+def test_batches_and_gradients_are_finite():
     slow = jnp.stack([jnp.asarray(SLOW), jnp.zeros(3)])
     batch = jax.jit(jax.vmap(_authority, in_axes=(None, 0)), compiler_options=QUICK)(LEVEL, slow)
     np.testing.assert_allclose(batch.margin[0], authority_of(LEVEL, SLOW).margin)

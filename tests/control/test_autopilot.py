@@ -1,4 +1,4 @@
-"""The autopilot as a function: its memory, its parts alone, and what compiled and differentiated code needs."""
+"""The autopilot as a function: state, single loops, compilation and derivatives."""
 
 import functools
 
@@ -23,24 +23,26 @@ def trim(trims) -> TrimPoint:
 
 @pytest.fixture(scope="module")
 def turn(trim) -> Case:
-    """2 s of a small turn, climb and acceleration that reach no limit."""
+    """2 s of a small turn, climb and acceleration within the limits."""
     return arrays(Case(trim.state, memory_of(trim), 151.0, 0.005, 0.02, 0.02))
 
 
-def test_memory_keeps_its_shape_and_holds_the_trim(trim, turn):
+def test_the_state_keeps_its_shape_and_the_trim(trim, turn):
     memory = memory_of(trim)
     np.testing.assert_array_equal(memory.velocity_integral, np.zeros(3))
     np.testing.assert_array_equal(memory.rates_filter.state, trim.state.rates_b)
     np.testing.assert_array_equal(memory.surfaces_slow, trim.state.surfaces)
-    (_, _, after), _ = eqx.filter_eval_shape(control, turn, turn.state, memory, published_gains(), default_limits())
-    assert jax.tree.structure(after) == jax.tree.structure(memory)
-    for leaf in jax.tree.leaves((memory, after)):
+    (_, _, next_memory), _ = eqx.filter_eval_shape(
+        control, turn, turn.state, memory, published_gains(), default_limits()
+    )
+    assert jax.tree.structure(next_memory) == jax.tree.structure(memory)
+    for leaf in jax.tree.leaves((memory, next_memory)):
         assert leaf.shape == (3,)
         assert leaf.dtype == jnp.float64
 
 
-def test_inner_loops_can_be_commanded_alone(trim):
-    """Trim held by the rate loop and by the attitude loop: the trim's own surfaces."""
+def test_inner_loops_can_be_commanded_directly(trim):
+    """Trim commanded to the rate loop and to the attitude loop gives the trimmed surfaces."""
     memory = memory_of(trim)
 
     @functools.partial(jax.jit, compiler_options=QUICK)
@@ -58,14 +60,16 @@ def test_inner_loops_can_be_commanded_alone(trim):
     np.testing.assert_allclose(fast, trim.state.surfaces, atol=1e-6)
 
 
-def test_gains_and_limits_are_data(turn, turned):
-    """Other values run the same compiled code, and change the flight."""
+def test_gains_and_limits_are_data(turn, turn_outputs):
+    """Changed values use the same compiled code, and change the flight."""
     gains, limits = published_gains(), default_limits()
-    first = turned(turn, gains, limits)
-    softer = turned(turn, eqx.tree_at(lambda g: g.velocity.proportional, gains, jnp.array([0.5, 0.5, 0.5])), limits)
-    tighter = turned(turn, gains, eqx.tree_at(lambda v: v.bank_max, limits, jnp.asarray(0.05, dtype=float)))
-    assert np.abs(softer - first).max() > 1e-3
-    assert np.abs(tighter - first).max() > 1e-3
+    nominal = turn_outputs(turn, gains, limits)
+    softer = turn_outputs(
+        turn, eqx.tree_at(lambda g: g.velocity.proportional, gains, jnp.array([0.5, 0.5, 0.5])), limits
+    )
+    tighter = turn_outputs(turn, gains, eqx.tree_at(lambda v: v.bank_max, limits, jnp.asarray(0.05, dtype=float)))
+    assert np.abs(softer - nominal).max() > 1e-3
+    assert np.abs(tighter - nominal).max() > 1e-3
 
 
 @pytest.fixture(scope="module")
@@ -80,14 +84,14 @@ def slope():
 
 @pytest.mark.long
 @pytest.mark.parametrize("loop", ["velocity", "attitude", "rates"])
-def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, slope, loop):
+def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turn_outputs, slope, loop):
     gains, limits = published_gains(), default_limits()
     direction = eqx.tree_at(
         lambda g: getattr(g, loop).proportional, jax.tree.map(jnp.zeros_like, gains), jnp.array([1.0, 0.7, 1.3])
     )
 
     def moved(amount):
-        return turned(turn, jax.tree.map(lambda g, d: g + amount * d, gains, direction), limits)
+        return turn_outputs(turn, jax.tree.map(lambda g, d: g + amount * d, gains, direction), limits)
 
     difference = (moved(1e-4) - moved(-1e-4)) / 2e-4
     exact = slope(turn, gains, limits, direction)
@@ -99,7 +103,7 @@ def test_gradient_with_respect_to_gains_agrees_with_differences(turn, turned, sl
 @pytest.mark.long
 @pytest.mark.parametrize("chi", [0.0, 3.0])
 def test_gradients_are_finite_in_trim_and_at_the_limits(trim, slope, chi):
-    """At 3 rad the bank and the roll rate are at their limits, at 0 every error is exactly zero."""
+    """At 3 rad the bank and the roll rate are at their limits; at 0 the errors are exactly zero."""
     case = arrays(Case(trim.state, memory_of(trim), 150.0, 0.0, chi, 0.01))
     gains = published_gains()
     assert np.isfinite(slope(case, gains, default_limits(), jax.tree.map(jnp.ones_like, gains))).all()
@@ -107,11 +111,13 @@ def test_gradients_are_finite_in_trim_and_at_the_limits(trim, slope, chi):
 
 @pytest.mark.long
 def test_reverse_gradient_of_one_step_is_finite(trim):
-    """Through all three loops, with respect to state, memory, command, gains and limits."""
+    """Through the three loops, with respect to state, command, gains and limits."""
 
     def used(case, gains, limits):
-        (controls, _, after), _ = control(case, case.state, case.memory, gains, limits)
-        return jnp.sum(controls.surfaces) + controls.throttle + sum(jnp.sum(leaf) for leaf in jax.tree.leaves(after))
+        (controls, _, next_memory), _ = control(case, case.state, case.memory, gains, limits)
+        return (
+            jnp.sum(controls.surfaces) + controls.throttle + sum(jnp.sum(leaf) for leaf in jax.tree.leaves(next_memory))
+        )
 
     slope_of = jax.jit(jax.grad(used, argnums=(0, 1, 2)), compiler_options=QUICK)
     for chi in (0.0, 3.0):

@@ -1,4 +1,4 @@
-"""A controller from a DAVE-ML file: NASA's F-16 control law against its gains evaluated by hand, and what is refused."""
+"""Controller from a DAVE-ML file: NASA's F-16 control law against gains evaluated by hand, and refusals."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +20,13 @@ def law():
     return dave_ml_law(published_model("F16_control"))
 
 
-def commands(**others):
-    on = {"stabilityAugmentationOn_disc": 1.0, "autopilotOn_disc": 1.0}
-    values = {**HANDS_OFF, **TRIM, **on, "lateralDeviationError": 0.0, **others}
+def commands(**changes):
+    switches = {"stabilityAugmentationOn_disc": 1.0, "autopilotOn_disc": 1.0}
+    values = {**HANDS_OFF, **TRIM, **switches, "lateralDeviationError": 0.0, **changes}
     return {name: jnp.asarray(value) for name, value in values.items()}
 
 
-def test_the_autopilot_by_hand(law):
+def test_the_autopilot_equals_gains_by_hand(law):
     belief = belief_of()
     s = {name: float(value) for name, value in named_signals(belief).items()}
     keas = s["equivalentAirspeed"] + 0.05 * KNOT_M_S
@@ -53,14 +53,14 @@ def test_the_autopilot_by_hand(law):
     assert float(belief.airframe.engine.gearing(controls.throttle)) == pytest.approx(power, rel=1e-9)
 
 
-def test_switched_off_it_holds_the_trim(law):
-    off = {"stabilityAugmentationOn_disc": 0.0, "autopilotOn_disc": 0.0}
-    command = commands(equivalentAirspeedCommand=150.0, altitudeMslCommand=3e3, trueBaseCourseCommand=0.1, **off)
+def test_a_law_switched_off_holds_the_trim(law):
+    switches = {"stabilityAugmentationOn_disc": 0.0, "autopilotOn_disc": 0.0}
+    command = commands(equivalentAirspeedCommand=150.0, altitudeMslCommand=3e3, trueBaseCourseCommand=0.1, **switches)
     controls, _, _ = law.control(law.init(belief_of().state, jnp.zeros(3)), belief_of(environment=FLAT), command, 0.01)
     np.testing.assert_allclose(controls.surfaces * RAD_DEG, [-25 * 0.13, 0.0, 0.0], atol=1e-12)
 
 
-def test_a_command_that_the_law_does_not_know_is_refused(law):
+def test_an_unknown_command_is_refused(law):
     with pytest.raises(ValueError, match="bankCommand"):
         law.control(None, belief_of(), commands(bankCommand=0.1), 0.01)
 
@@ -70,12 +70,12 @@ def test_a_missing_command_is_named(law):
         law.control(None, belief_of(), commands(), 0.01)
 
 
-def test_surfaces_that_the_law_does_not_move_are_refused():
+def test_surfaces_without_an_output_are_refused():
     with pytest.raises(ValueError, match="flapDeflection"):
         dave_ml_law(published_model("F16_control"), ("elevator", "flap"))
 
 
-def test_states_of_the_law_itself_are_refused():
+def test_a_law_with_states_is_refused():
     text = """<?xml version="1.0"?>
 <DAVEfunc xmlns="http://daveml.org/2010/DAVEML">
   <fileHeader name="law"><author name="N" org="O"/><creationDate date="2026-11-25"/></fileHeader>

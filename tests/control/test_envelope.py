@@ -55,7 +55,7 @@ def _cases(trims) -> dict[str, Case]:
 
 
 class Flown(eqx.Module):
-    """One flight's history as NumPy arrays."""
+    """History of one flight as NumPy arrays."""
 
     state: AircraftState
     motion: dict
@@ -69,20 +69,20 @@ class Flown(eqx.Module):
 
 @pytest.fixture(scope="module")
 def flights(trims):
-    """All flights as one compiled batch."""
+    """The flights as one compiled batch."""
     cases = _cases(trims)
     batch = jax.jit(jax.vmap(lambda case: fly(case, published_gains(), default_limits(), STEPS)))
-    _, rows = batch(jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(arrays, cases.values())))
+    _, batch_rows = batch(jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(arrays, cases.values())))
     history = {}
     for k, (name, case) in enumerate(cases.items()):
-        state, controls, signals, memory, load = jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), rows)
+        state, controls, signals, memory, load = jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), batch_rows)
         motion = {n: getattr(signals.motion, n) for n in ("V", "gamma", "chi", "mu", "alpha", "beta")}
         history[name] = Flown(state, motion, controls.surfaces, controls.throttle, signals, memory, load, case.step)
     return history
 
 
 def test_trimmed_flight_is_a_fixed_point(flights, trims):
-    """20 s; what remains is the trim's residual (1e-8 g, integrated) and rounding."""
+    """20 s; only the trim's residual (1e-8 g, integrated) and rounding remain."""
     flown, trim = flights["trimmed"], trims[0]
     assert STEPS * flown.step == 20.0
     np.testing.assert_allclose(flown.surfaces, np.tile(trim.controls.surfaces, (STEPS, 1)), atol=1e-6)
@@ -96,7 +96,7 @@ def test_trimmed_flight_is_a_fixed_point(flights, trims):
 
 
 def test_every_flight_stays_finite(flights):
-    """From rest in the air, too: nothing divides by an airspeed of zero, whatever becomes of the aircraft."""
+    """Also in air at rest: no division by a zero airspeed, for any motion of the aircraft."""
     for name, flown in flights.items():
         for leaf in jax.tree.leaves((flown.state, flown.memory, flown.surfaces, flown.throttle)):
             assert np.isfinite(leaf).all(), name
@@ -104,24 +104,24 @@ def test_every_flight_stays_finite(flights):
         assert np.all(np.abs(flown.surfaces) <= np.asarray(AIRFRAME.actuators.upper) + 1e-12), name
 
 
-def test_the_course_may_cross_south(flights):
-    """170 to -170 deg is flown as 0 to 20 deg is: the same bank, to rounding that the loops amplify a little."""
+def test_a_turn_may_cross_south(flights):
+    """A turn from 170 to -170 deg equals a turn from 0 to 20 deg, up to rounding that the loops amplify a little."""
     north, south = flights["right"], flights["across south"]
     np.testing.assert_allclose(south.motion["mu"], north.motion["mu"], atol=1e-9)
-    turned = np.unwrap(south.motion["chi"]) - 170 * DEGREE
-    np.testing.assert_allclose(turned, north.motion["chi"], atol=1e-9)
+    course_change = np.unwrap(south.motion["chi"]) - 170 * DEGREE
+    np.testing.assert_allclose(course_change, north.motion["chi"], atol=1e-9)
     assert np.ptp(south.motion["chi"]) > 6.0
 
 
 def test_left_and_right_turns_differ_by_the_engine_only(flights):
     """The airframe is symmetric; the spinning engine (216.9 kg m^2/s) is not: a fraction of a degree of bank."""
-    right, left = flights["right"].motion, flights["left"].motion
-    assert 0.0 < np.abs(right["mu"] + left["mu"]).max() < 1.0 * DEGREE
-    np.testing.assert_allclose(right["chi"], -left["chi"], atol=0.2 * DEGREE)
+    right_turn, left_turn = flights["right"].motion, flights["left"].motion
+    assert 0.0 < np.abs(right_turn["mu"] + left_turn["mu"]).max() < 1.0 * DEGREE
+    np.testing.assert_allclose(right_turn["chi"], -left_turn["chi"], atol=0.2 * DEGREE)
 
 
 def test_the_bank_limit_holds_in_a_long_turn(flights):
-    """Saturated for many seconds, the bank neither overshoots 60 deg nor does the course overshoot on leaving it."""
+    """In many seconds of saturation, the bank does not overshoot 60 deg, nor the course afterwards."""
     flown = flights["about"]
     assert flown.signals.attitude.bank_saturated.mean() > 0.3
     assert flown.motion["mu"].max() < 60.5 * DEGREE
@@ -131,9 +131,9 @@ def test_the_bank_limit_holds_in_a_long_turn(flights):
     np.testing.assert_allclose(flown.motion["V"], 150.0, atol=1.0)
 
 
-def test_batched_equals_single(flights, trims, turned):
+def test_a_batched_flight_equals_a_single_flight(flights, trims, turn_outputs):
     """The first second of a flight of the batch; vectorized code sums in another order."""
-    single = turned(arrays(_cases(trims)["right"]), published_gains(), default_limits())
+    single = turn_outputs(arrays(_cases(trims)["right"]), published_gains(), default_limits())
     batched = flights["right"]
     assert float(single[0]) == pytest.approx(batched.state.position_n[100, 1], abs=1e-9)
     for value, name in zip(single[1:], ("V", "gamma", "chi"), strict=True):
@@ -142,7 +142,7 @@ def test_batched_equals_single(flights, trims, turned):
 
 @pytest.mark.parametrize(("name", "limit"), [("too fast", 240.0), ("too slow", 90.0)])
 def test_speed_commands_are_kept_within_the_limits(flights, name, limit):
-    """What is asked for is 300 and 60 m/s. Full throttle and idle on the way do not wind the integral up."""
+    """The commands are 300 and 60 m/s. Full throttle and idle on the way do not wind up the integral."""
     V = flights[name].motion["V"]
     assert flights[name].signals.speed_limited.all()
     assert not flights["right"].signals.speed_limited.any()
@@ -152,9 +152,9 @@ def test_speed_commands_are_kept_within_the_limits(flights, name, limit):
 
 
 def test_load_factor_and_alpha_are_limited_in_a_pull_up(flights):
-    """20 deg of path angle at once ask for 6.3 g; 5 g and 25 deg of alpha are allowed, exceeded by 5 % at most.
+    """A path-angle step of 20 deg demands 6.3 g; 5 g and 25 deg of alpha are allowed, exceeded by at most 5 %.
 
-    By the time the elevator has brought alpha up, the path angle needs less.
+    When the elevator has increased alpha, the path angle demands less.
     """
     flown = flights["climb"]
     assert flown.signals.attitude.alpha_saturated.any()
@@ -165,7 +165,7 @@ def test_load_factor_and_alpha_are_limited_in_a_pull_up(flights):
 
 
 def test_a_push_over_does_not_turn_the_wrong_way(flights):
-    """While lift points down a right bank would turn left: the bank waits, then turns right."""
+    """With downward lift, a right bank would turn left: the bank waits, then turns right."""
     flown = flights["dive and turn"]
     assert flown.load.min() < -0.3
     assert flown.motion["chi"].min() > -0.2 * DEGREE
@@ -187,20 +187,20 @@ def test_unusual_attitudes_are_recovered(flights, name):
 
 @pytest.mark.parametrize("step", SAMPLING)
 def test_the_surfaces_are_quiet_at_every_sampling_period(flights, step):
-    """The derivative gain of the fast loop makes a sampled loop of its own, unstable beyond 0.026 s if left alone.
+    """The derivative gain of the rate loop forms a sampled loop, unstable beyond 0.026 s without reduction.
 
-    The last 5 s: all transients but the integral's (40 s) are over; the surfaces move by hundredths of a degree. What
-    the integral gathered on the way, 2 percent of the step, is still there.
+    In the last 5 s, the transients except the integral's (40 s) are over; the surfaces move by hundredths of a degree.
+    The integral still holds 2 percent of the step.
     """
     flown = flights[f"sampled at {step} s"]
-    last = slice(STEPS - int(5 / step), STEPS)
-    assert np.ptp(flown.surfaces[last], axis=0).max() < 0.05 * DEGREE
+    final_part = slice(STEPS - int(5 / step), STEPS)
+    assert np.ptp(flown.surfaces[final_part], axis=0).max() < 0.05 * DEGREE
     assert flown.motion["chi"][-1] == pytest.approx(10 * DEGREE, abs=0.2 * DEGREE)
 
 
 def test_saturated_channels_do_not_integrate(flights):
-    """Exactly the product of error and period is added where not saturated, nothing where saturated."""
-    seen = set()
+    """The integral grows by exactly error times period without saturation, and not at all with saturation."""
+    saturated_channels = set()
     for name, target in (
         ("too fast", (240.0, 0, 0)),
         ("climb", (150.0, 20 * DEGREE, 0)),
@@ -215,5 +215,5 @@ def test_saturated_channels_do_not_integrate(flights):
         ).astype(bool)
         expected = np.where(saturated, 0.0, (np.array(target) - measured) * flown.step)
         np.testing.assert_allclose(np.diff(integral, axis=0), expected[:-1], atol=1e-12)
-        seen |= {k for k in range(3) if saturated[:, k].any()}
-    assert seen == {0, 1, 2}
+        saturated_channels |= {k for k in range(3) if saturated[:, k].any()}
+    assert saturated_channels == {0, 1, 2}

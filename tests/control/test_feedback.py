@@ -1,4 +1,4 @@
-"""The linear part of each loop: theory section 5 and section 9 no. 4."""
+"""Linear part of the loops: theory section 5 and section 9 no. 4."""
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +27,7 @@ def ramp_rates(slope, offset, bandwidth, step, times):
 @modest
 @given(triples, triples, st.floats(2.0, 40.0), st.sampled_from([0.005, 0.01, 0.05]))
 def test_rate_of_a_ramp_is_exact_once_the_filter_has_settled(slope, offset, bandwidth, step):
-    """A sampled ramp has the same rate for every period: the mean of x_dot over a step, not its value at the start."""
+    """A sampled ramp has the same rate for every period: the mean of x_dot over a step, not the initial value."""
     rates = ramp_rates(slope, offset, bandwidth, step, step * np.arange(6000))
     # settled: at least 6000 * 0.005 s * 2 / s = 60 time constants; then rounding of the ramp (up to 1500) over the step
     np.testing.assert_allclose(rates[-1], slope, rtol=0, atol=1500 * 1e-15 / step * 40)
@@ -35,15 +35,15 @@ def test_rate_of_a_ramp_is_exact_once_the_filter_has_settled(slope, offset, band
 
 @modest
 @given(triples, triples, st.floats(2.0, 40.0))
-def test_filter_is_exact_for_a_held_reference_at_any_step(start, reference, bandwidth):
-    """x(t) = r + (x_0 - r) exp(-N t), however the time is cut into steps."""
-    once = Differentiator(jnp.asarray(start)).advance(jnp.asarray(reference), bandwidth, 0.06)
-    thrice = Differentiator(jnp.asarray(start))
+def test_the_filter_is_exact_for_a_constant_reference_at_any_step(start, reference, bandwidth):
+    """x(t) = r + (x_0 - r) exp(-N t), for any division of the time into steps."""
+    single_step = Differentiator(jnp.asarray(start)).advance(jnp.asarray(reference), bandwidth, 0.06)
+    three_steps = Differentiator(jnp.asarray(start))
     for _ in range(3):
-        thrice = thrice.advance(jnp.asarray(reference), bandwidth, 0.02)
+        three_steps = three_steps.advance(jnp.asarray(reference), bandwidth, 0.02)
     exact = reference + (start - reference) * np.exp(-bandwidth * 0.06)
-    np.testing.assert_allclose(once.state, exact, rtol=0, atol=1e-13)
-    np.testing.assert_allclose(thrice.state, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(single_step.state, exact, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(three_steps.state, exact, rtol=0, atol=1e-13)
 
 
 def test_rate_tends_to_the_filter_equation_for_short_steps():
@@ -79,7 +79,7 @@ def test_virtual_control_closes_an_integrator_onto_a_ramp():
 
 @modest
 @given(vectors(*((-50.0, 50.0),) * 3))
-def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
+def test_a_wrapped_angle_is_the_same_angle_within_half_a_turn(angle):
     result = np.asarray(wrap_angle(jnp.asarray(angle)))
     assert np.all(np.abs(result) <= np.pi)
     turns = (angle - result) / (2 * np.pi)
@@ -87,17 +87,17 @@ def test_wrapped_is_the_same_angle_within_half_a_turn(angle):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1.0, -2.5, 6.5, 3.0 - 2 * np.pi])
-def test_wrapped_has_unit_slope(angle):
+def test_a_wrapped_angle_has_unit_slope(angle):
     assert jax.grad(wrap_angle)(angle) == pytest.approx(1.0, abs=1e-14)
 
 
 @modest
 @given(triples, triples, st.tuples(*[st.booleans()] * 3))
-def test_saturated_channels_stand_still_and_the_others_go_on(integral, error, saturated):
-    after = advance_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
+def test_only_saturated_channels_stop_integrating(integral, error, saturated):
+    advanced = advance_integral(jnp.asarray(integral), jnp.asarray(error), jnp.array(saturated), 0.01)
     # Exact, but for products below the least normal number: XLA makes them zero.
     tiny = np.finfo(float).tiny
-    np.testing.assert_allclose(after, np.where(saturated, integral, integral + 0.01 * error), rtol=0.0, atol=tiny)
+    np.testing.assert_allclose(advanced, np.where(saturated, integral, integral + 0.01 * error), rtol=0.0, atol=tiny)
 
 
 def test_one_flag_stops_all_channels():
@@ -121,20 +121,20 @@ LIMIT = jnp.array([3.0, 0.5, 1.0])
 
 @modest
 @given(triples)
-def test_brakeable_error_is_the_error_near_zero_and_the_law_of_a_stop_beyond(error):
-    seen = np.asarray(limit_to_braking(GAINS, jnp.asarray(error), LIMIT))
+def test_the_limited_error_is_linear_near_zero_and_follows_the_stopping_law_beyond(error):
+    limited = np.asarray(limit_to_braking(GAINS, jnp.asarray(error), LIMIT))
     edge = np.asarray(LIMIT) / BANDWIDTH**2
-    near = np.abs(error) <= edge
-    np.testing.assert_array_equal(seen[near], error[near])
+    is_linear = np.abs(error) <= edge
+    np.testing.assert_array_equal(limited[is_linear], error[is_linear])
     # v = K e' with v^2 / 2 L = |e| - edge / 2: the way to a stop from v, up to where the linear law takes over
-    speed = BANDWIDTH * np.abs(seen)
-    np.testing.assert_allclose((speed**2 / (2 * np.asarray(LIMIT)))[~near], (np.abs(error) - edge / 2)[~near])
-    assert np.all(np.sign(seen) == np.sign(error))
-    assert np.all(np.abs(seen) <= np.abs(error))
+    speed = BANDWIDTH * np.abs(limited)
+    np.testing.assert_allclose((speed**2 / (2 * np.asarray(LIMIT)))[~is_linear], (np.abs(error) - edge / 2)[~is_linear])
+    assert np.all(np.sign(limited) == np.sign(error))
+    assert np.all(np.abs(limited) <= np.abs(error))
 
 
-def test_following_the_brakeable_error_never_asks_for_more_acceleration():
-    """e_dot = -K e': |e_ddot| stays at L on the way, and the error still goes to zero."""
+def test_the_limited_error_never_demands_more_acceleration():
+    """e_dot = -K e': |e_ddot| stays at L on the way, and the error still converges to zero."""
     step = 1e-3
 
     def one(error, _):
@@ -148,7 +148,7 @@ def test_following_the_brakeable_error_never_asks_for_more_acceleration():
     assert np.abs(np.asarray(errors)[-1]).max() < 1e-3
 
 
-def test_brakeable_has_a_continuous_finite_slope():
+def test_the_limited_error_has_a_continuous_finite_slope():
     slope = jax.vmap(jax.grad(lambda e: limit_to_braking(GAINS, jnp.full(3, e), LIMIT)[0]))
     edge = 3.0 / 25
     values = slope(jnp.array([-2.0, 0.0, edge - 1e-9, edge + 1e-9, 5.0]))
@@ -158,9 +158,9 @@ def test_brakeable_has_a_continuous_finite_slope():
     assert np.isfinite(jax.jacfwd(lambda e: limit_to_braking(none, e, LIMIT))(jnp.ones(3))).all()
 
 
-def test_feed_forward_is_held_to_what_the_filter_can_follow():
+def test_the_feed_forward_is_limited_to_the_rate_of_the_filter():
     filtered = Differentiator(jnp.zeros(3))
     reference = jnp.array([1e-3, 1.0, -1.0])
-    free = filtered.rate(reference, 4.0, 0.01)
-    held = filtered.limited_rate(reference, 4.0, 0.01, jnp.array([0.5, 0.5, 0.2]))
-    np.testing.assert_allclose(held, [free[0], 0.5 / 4, -0.2 / 4])
+    unlimited_rate = filtered.rate(reference, 4.0, 0.01)
+    limited_rate = filtered.limited_rate(reference, 4.0, 0.01, jnp.array([0.5, 0.5, 0.2]))
+    np.testing.assert_allclose(limited_rate, [unlimited_rate[0], 0.5 / 4, -0.2 / 4])

@@ -1,4 +1,4 @@
-"""Gains from bandwidth and damping: the published ones come out, the poles lie where they were wanted."""
+"""Gains from bandwidth and damping: the published gains are reproduced, and the poles are as required."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,16 +17,16 @@ three = jnp.ones(3)
     ("loop", "bandwidth", "damping", "derivative"),
     [("rates", 5.0, np.sqrt(50.0), 1.0), ("attitude", 2.0, np.inf, 0.0), ("velocity", 1.0, np.sqrt(10.0), 0.0)],
 )
-def test_published_gains_are_designs(loop, bandwidth, damping, derivative):
-    found, published = design_gains(bandwidth * three, damping * three, derivative), getattr(published_gains(), loop)
+def test_published_gains_follow_from_bandwidth_and_damping(loop, bandwidth, damping, derivative):
+    designed, published = design_gains(bandwidth * three, damping * three, derivative), getattr(published_gains(), loop)
     for name in ("proportional", "integral", "derivative", "feed_forward"):
-        np.testing.assert_allclose(getattr(found, name), getattr(published, name), rtol=1e-14, err_msg=name)
+        np.testing.assert_allclose(getattr(designed, name), getattr(published, name), rtol=1e-14, err_msg=name)
     np.testing.assert_allclose(loop_bandwidth(published), bandwidth)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.1, 50.0), st.floats(0.2, 10.0), st.floats(0.0, 3.0))
-def test_poles_have_the_wanted_sum_and_damping(bandwidth, damping, derivative):
+def test_poles_have_the_required_sum_and_damping(bandwidth, damping, derivative):
     gains = design_gains(bandwidth * three, damping * three, derivative)
     poles = np.roots([1.0 + derivative, float(gains.proportional[0]), float(gains.integral[0])])
     assert -np.sum(poles).real == pytest.approx(bandwidth, rel=1e-9)
@@ -34,7 +34,7 @@ def test_poles_have_the_wanted_sum_and_damping(bandwidth, damping, derivative):
     assert -np.sum(poles).real / (2 * frequency) == pytest.approx(damping, rel=1e-9)
 
 
-def test_separation_of_the_published_loops():
+def test_published_loops_are_separated():
     ratios = {(pair.outer, pair.inner): float(pair.ratio) for pair in loop_separations(published_gains())}
     expected = {
         ("V", "engine"): 5.0,

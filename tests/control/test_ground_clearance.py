@@ -1,4 +1,4 @@
-"""Ground clearance: every descent that is broken off when the guard says so ends above the floor."""
+"""Ground clearance: a descent broken off at the guard's command ends above the floor."""
 
 from pathlib import Path
 
@@ -30,7 +30,7 @@ def three():
 
 
 def quaternion(roll, pitch):
-    """Of a roll about the path that is pitched; North is ahead."""
+    """Quaternion of a roll about a pitched path; north is ahead."""
     cosines, sines = np.cos([roll / 2, pitch / 2]), np.sin([roll / 2, pitch / 2])
     return np.array([cosines[0] * cosines[1], sines[0] * cosines[1], cosines[0] * sines[1], -sines[0] * sines[1]])
 
@@ -54,7 +54,7 @@ def placed(state, dives, heights):
 
 
 def first_trigger(three, dives):
-    """Least height, to 2 m, at which the guard lets each dive go on for its first step."""
+    """Least height, to 2 m, at which the guard does not stop the dive in its first step."""
     flight, state = three
     low, high = np.full(3, FLOOR), np.full(3, FLOOR + 5000.0)
     while np.max(high - low) > 2.0:
@@ -70,11 +70,11 @@ def first_trigger(three, dives):
 def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, dives):
     flight, state = three
     heights = first_trigger(three, dives)
-    after, lowest = placed(state, dives, heights), np.full(3, np.inf)
+    final_state, lowest = placed(state, dives, heights), np.full(3, np.inf)
     for number in range(6):
-        after, history = segment(flight, after, number)
+        final_state, history = segment(flight, final_state, number)
         lowest = np.minimum(lowest, np.asarray(history["altitude"]).min(axis=0))
-    np.testing.assert_array_equal(own(after).status, BREAKAWAY)
+    np.testing.assert_array_equal(own(final_state).status, BREAKAWAY)
     # Measured: of the height reckoned with 0.29 to 0.94 is used.
     assert np.all(lowest > FLOOR), (heights, lowest)
     # and it goes to its hold 300 m above its goal
@@ -83,9 +83,11 @@ def test_a_descent_broken_off_at_the_last_moment_ends_above_the_floor(three, div
 
 
 @pytest.mark.long
-def test_a_level_flight_at_the_least_altitude_goes_on(three):
+def test_level_flight_at_the_least_altitude_continues(three):
     flight, state = three
-    after, _ = segment(flight, placed(state, [(150, 0, 0, 4), (150, 1, 0, 4), (150, 10, 60, 5)], [90.0, 75.0, 75.0]))
-    assert AT_GROUND not in np.asarray(own(after).status)
+    final_state, _ = segment(
+        flight, placed(state, [(150, 0, 0, 4), (150, 1, 0, 4), (150, 10, 60, 5)], [90.0, 75.0, 75.0])
+    )
+    assert AT_GROUND not in np.asarray(own(final_state).status)
     _, history = segment(flight, placed(state, [(150, 0, 0, 4)] * 3, [90.0] * 3))
     assert np.all(np.asarray(history["status"][:5]) == FLYING)

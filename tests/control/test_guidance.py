@@ -1,4 +1,4 @@
-"""Guidance: the plan's velocity with feedback of position, and the hold around a moving goal."""
+"""Guidance: planned velocity with position feedback, and the hold around a moving goal."""
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +42,7 @@ def _plan(wind_n):
 
 @jax.jit
 def followed(time, offset_n, slip_n, wind_n, gain):
-    """Command of an aircraft that is off its plan by given position and velocity errors."""
+    """Command to an aircraft with a position and a velocity error."""
     plan = _plan(wind_n)
     position_n, velocity_n = plan.position_n(time) - offset_n, plan.velocity_n(time) - slip_n
     return follow(plan.at(time), position_n, velocity_n, wind_n, settings_of(gain)), plan.velocity_n(time)
@@ -50,7 +50,7 @@ def followed(time, offset_n, slip_n, wind_n, gain):
 
 @jax.jit
 def followed_later(time, later, offset_n, slip_n, wind_n):
-    """The same aircraft a moment later, its velocity unchanged."""
+    """Command to the same aircraft a moment later, with the same velocity."""
     plan = _plan(wind_n)
     velocity_n = plan.velocity_n(time) - slip_n
     position_n = plan.position_n(time) - offset_n + later * velocity_n
@@ -65,7 +65,7 @@ slips = vectors(*((-10.0, 10.0),) * 3)
 
 @modest
 @given(times, offsets, slips, winds)
-def test_without_gain_the_command_is_the_planned_velocity_through_the_air(time, offset_n, slip_n, wind_n):
+def test_the_command_without_gain_is_the_planned_velocity_through_the_air(time, offset_n, slip_n, wind_n):
     command, planned_n = followed(time, offset_n, slip_n, wind_n, 0.0)
     np.testing.assert_allclose(cartesian(command.V, command.gamma, command.chi), planned_n - wind_n, atol=1e-10)
 
@@ -75,21 +75,21 @@ def test_without_gain_the_command_is_the_planned_velocity_through_the_air(time, 
 def test_correction_points_to_the_plan_and_is_limited(time, offset_n, slip_n, wind_n):
     command, planned_n = followed(time, offset_n, slip_n, wind_n, 0.3)
     added_n = cartesian(command.V, command.gamma, command.chi) - (planned_n - wind_n)
-    wanted = 0.3 * np.linalg.norm(offset_n)
-    assert np.linalg.norm(added_n) <= min(20.0, wanted) + 1e-9
+    correction = 0.3 * np.linalg.norm(offset_n)
+    assert np.linalg.norm(added_n) <= min(20.0, correction) + 1e-9
     # k d / sqrt(1 + (k d / max)^2), along the error
-    np.testing.assert_allclose(added_n, 0.3 * offset_n / np.sqrt(1 + (wanted / 20.0) ** 2), atol=1e-9)
+    np.testing.assert_allclose(added_n, 0.3 * offset_n / np.sqrt(1 + (correction / 20.0) ** 2), atol=1e-9)
 
 
 @modest
 @given(times, offsets, slips, winds)
 def test_rates_of_the_command_agree_with_differences(time, offset_n, slip_n, wind_n):
-    now = followed_later(time, 0.0, offset_n, slip_n, wind_n)
-    before, after = (followed_later(time, h, offset_n, slip_n, wind_n) for h in (-1e-3, 1e-3))
+    command = followed_later(time, 0.0, offset_n, slip_n, wind_n)
+    earlier, later_command = (followed_later(time, h, offset_n, slip_n, wind_n) for h in (-1e-3, 1e-3))
     for name in ("V", "gamma", "chi"):
-        difference = (float(getattr(after, name)) - float(getattr(before, name))) / 2e-3
+        difference = (float(getattr(later_command, name)) - float(getattr(earlier, name))) / 2e-3
         # central differences: h^2 / 6 times third derivatives of order 1, and 1e-13 of rounding over h
-        assert getattr(now, f"{name}_dot") == pytest.approx(difference, abs=2e-6), name
+        assert getattr(command, f"{name}_dot") == pytest.approx(difference, abs=2e-6), name
 
 
 # --- the hold
@@ -106,8 +106,8 @@ drifts = vectors((-25.0, 25.0), (-25.0, 25.0), (0.0, 0.0))
 
 @modest
 @given(courses, st.floats(-0.5, 0.0), drifts, winds, st.sampled_from([1.0, -1.0]))
-def test_the_arrival_is_flown_straight_through(course, gamma, goal_velocity_n, wind_n, turn):
-    """At the goal the motion relative to it points along the arrival's direction, and does not turn."""
+def test_the_path_through_the_goal_is_straight(course, gamma, goal_velocity_n, wind_n, turn):
+    """At the goal, the relative motion points in the arrival direction, without turning."""
     arrival_n = cartesian(120.0, gamma, course)
     above_n = np.array([0.0, 0.0, -HEIGHT])
     level_n = arrival_n * [1.0, 1.0, 0.0] + goal_velocity_n
@@ -146,7 +146,7 @@ def test_rates_of_the_hold_agree_with_differences(relative_n, course, goal_veloc
 
 
 def _fly(relative_0_n, goal_velocity_n, wind_n, arrival_n, turn, count, step):
-    """Fly the commanded velocity as a point; rows of position seen from the goal, command."""
+    """Fly the commanded velocity as a point; rows of position relative to the goal, and command."""
 
     def velocity_of(relative_n, velocity_n):
         command = held(relative_n, velocity_n, goal_velocity_n, wind_n, arrival_n, turn)
@@ -182,7 +182,7 @@ CASES = {
 
 @pytest.fixture(scope="module")
 def held_flights():
-    """All cases in one compiled batch: 300 s each."""
+    """The cases in one compiled batch: 300 s each."""
     columns = [jnp.asarray(np.array(column, dtype=float)) for column in zip(*CASES.values(), strict=True)]
     flown = jax.jit(jax.vmap(lambda *case: _fly(*case, 6000, 0.05)))(*columns)
     return {name: jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), flown) for k, name in enumerate(CASES)}
@@ -192,12 +192,12 @@ def held_flights():
 def test_the_hold_ends_on_the_circle_at_its_height_in_its_sense(held_flights, name):
     relative_n, command = held_flights[name]
     turn = CASES[name][4]
-    last = slice(-1000, None)
-    distance = np.hypot(relative_n[last, 0], relative_n[last, 1])
+    final_part = slice(-1000, None)
+    distance = np.hypot(relative_n[final_part, 0], relative_n[final_part, 1])
     # the field's attraction, 1.5 V / R = 0.056 1/s, has faded to exp(-14); midpoint steps of 7.5 m are exact to 1e-5
     np.testing.assert_allclose(distance, RADIUS, rtol=1e-3)
-    np.testing.assert_allclose(relative_n[last, 2], -HEIGHT, atol=0.5)
-    north, east = relative_n[last, 0], relative_n[last, 1]
+    np.testing.assert_allclose(relative_n[final_part, 2], -HEIGHT, atol=0.5)
+    north, east = relative_n[final_part, 0], relative_n[final_part, 1]
     sense = north[:-1] * east[1:] - east[:-1] * north[1:]  # positive: clockwise seen from above
     assert np.all(turn * sense > 0)
     # the given speed is that over the level; a climb comes on top of it
@@ -213,7 +213,7 @@ def test_heights_are_reached_within_the_climb_limit(held_flights):
 
 
 def test_levelling_off_after_a_steep_arrival_is_gradual(held_flights):
-    """The path angle asked for differs by at most (6 m/s^2)(1 s)/V from the present one: a dive is not stopped at once."""
+    """The commanded path angle differs by at most (6 m/s^2)(1 s)/V from the present angle: dives end gradually."""
     _, command = held_flights["steeply, to the east"]
     air_n = SPEED * np.array([0.0, 130.0, 75.0]) / np.hypot(130, 75) - np.array([0.0, 15.0, 0.0])
     airspeed = np.linalg.norm(air_n)
@@ -221,8 +221,8 @@ def test_levelling_off_after_a_steep_arrival_is_gradual(held_flights):
     assert np.all(np.diff(command.gamma) <= 6.0 / airspeed + 1e-9)
 
 
-def test_an_arrival_faster_than_its_hold_is_not_asked_to_descend_more_steeply():
-    """It was: the vertical speed of the hold went into a path angle at the speed of the hold, 150 of 200 m/s."""
+def test_a_fast_arrival_does_not_descend_more_steeply():
+    """The vertical speed of the hold must not be converted to a path angle at the speed of the hold, 150 of 200 m/s."""
     velocity_n = cartesian(200.0, np.radians(-9.0), 0.6)
     command = held(np.array([0.0, 0.0, -HEIGHT]), velocity_n, ZERO, ZERO, velocity_n, 1)
     # before: -9.6 deg
@@ -230,8 +230,8 @@ def test_an_arrival_faster_than_its_hold_is_not_asked_to_descend_more_steeply():
 
 
 @pytest.mark.parametrize("name", ["from above the goal, right", "from above the goal, left"])
-def test_curvature_inside_is_bounded(held_flights, name):
-    """As `hold` promises: below 3 / radius, none at the start, so that the arrival itself is straight."""
+def test_the_curvature_inside_the_circle_is_bounded(held_flights, name):
+    """As documented in `hold`: below 3 / radius, zero at the start, so that the arrival is straight."""
     relative_n, command = held_flights[name]
     curvature = np.abs(command.chi_dot) / SPEED * RADIUS
     assert curvature.max() < 3.0
@@ -278,8 +278,8 @@ def test_values_and_gradients_are_finite(relative_n, goal_velocity_n, arrival_n)
         assert np.isfinite(slope).all()
 
 
-def test_follow_has_finite_gradients_on_its_plan():
-    """Position and velocity errors zero, as at the start of every flight."""
+def test_the_command_has_finite_gradients_on_the_plan():
+    """Zero position and velocity errors, as at the start of every flight."""
 
     def numbers(time, offset_n, wind_n):
         return jnp.stack(jax.tree.leaves(followed(time, offset_n, jnp.zeros(3), wind_n, 0.3)[0]))
@@ -294,7 +294,7 @@ _hold_point = jax.jit(lambda relative_n, goal_n: hold_point(relative_n, goal_n, 
 
 @modest
 @given(vectors((-9000.0, 9000.0), (-9000.0, 9000.0), (-1500.0, 0.0)), vectors(*((-5000.0, 5000.0),) * 3))
-def test_hold_point_is_the_circles_nearest(relative_n, goal_n):
+def test_the_hold_point_is_the_nearest_point_of_the_circle(relative_n, goal_n):
     point_n = np.asarray(_hold_point(relative_n, goal_n)) - goal_n
     assume(np.hypot(*relative_n[:2]) >= 1.0)
     assert np.hypot(*point_n[:2]) == pytest.approx(RADIUS)
@@ -305,17 +305,17 @@ def test_hold_point_is_the_circles_nearest(relative_n, goal_n):
     assert np.hypot(*(point_n - relative_n)[:2]) <= nearest + 1e-9
 
 
-def test_batched_equals_single():
+def test_a_batch_equals_single_commands():
     batch = jnp.array([[100.0, 50.0, -300.0], [5000.0, -900.0, -200.0]])
     batched = jax.jit(jax.vmap(_hold_numbers, in_axes=(0, None, None)), compiler_options=QUICK)
     together = batched(batch, jnp.zeros(3), jnp.asarray(LEVEL_N))
-    for relative_n, row in zip(batch, together, strict=True):
-        np.testing.assert_allclose(row, _hold_numbers(relative_n, jnp.zeros(3), LEVEL_N), rtol=1e-12, atol=1e-14)
+    for relative_n, batch_row in zip(batch, together, strict=True):
+        np.testing.assert_allclose(batch_row, _hold_numbers(relative_n, jnp.zeros(3), LEVEL_N), rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("turn", [1.0, -1.0])
-def test_an_arrival_that_heads_for_the_goal_turns_one_way(turn):
-    """700 m short of the goal and flying at it, the field points back: both sides of it give the hold's own turn."""
+def test_an_arrival_towards_the_goal_turns_in_the_direction_of_the_hold(turn):
+    """700 m before the goal and flying towards it, the field points back: both sides turn as the hold does."""
     velocity_n = jnp.array([160.0, 0.0, 0.0])
     for aside in (-30.0, 0.0, 30.0):
         relative_n = jnp.array([-700.0, aside, -300.0])

@@ -1,4 +1,4 @@
-"""Height that the end of a descent takes: against the integrated motion, and its edges."""
+"""Height needed to end a descent: against integrated motion, and special cases."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ height = jax.jit(level_off_height)
 
 
 def integrated(speed, gamma, pull, step=1e-4):
-    """Reaction at a steady sink without thrust or drag, then V gamma_dot = pull; the height lost until level."""
+    """Height lost until level: reaction time at constant sink without thrust or drag, then V gamma_dot = pull."""
     fallen = speed * np.sin(gamma) * REACTION_S
     V, angle, lost = np.sqrt(speed**2 + 2 * GRAVITY * fallen), 0.0, fallen
     angle = np.arcsin(speed * np.sin(gamma) / V)
@@ -27,7 +27,7 @@ def integrated(speed, gamma, pull, step=1e-4):
 @pytest.mark.parametrize("speed", [95.0, 150.0, 240.0])
 @pytest.mark.parametrize("gamma_deg", [5.0, 20.0, 45.0, 70.0])
 @pytest.mark.parametrize("pull", [6.0, 20.0])
-def test_the_height_is_that_of_the_integrated_motion(speed, gamma_deg, pull):
+def test_the_height_equals_that_of_the_integrated_motion(speed, gamma_deg, pull):
     gamma = np.radians(gamma_deg)
     # Euler steps of 0.1 ms: 1e-4 of the height
     assert height(speed, speed * np.sin(gamma), 0.0, 0.0, pull) == pytest.approx(
@@ -44,22 +44,22 @@ def test_a_short_arc_is_a_circle():
     )
 
 
-def test_what_does_not_sink_needs_nothing():
+def test_an_aircraft_without_sink_needs_no_height():
     for sink, bank in ((0.0, 0.0), (-20.0, 0.0), (0.0, 1.0), (-30.0, 2.0)):
         assert height(150.0, sink, 0.0, bank, 5.0) == 0.0
 
 
 def test_bank_push_and_weak_pull_cost_height():
-    least = height(150.0, 30.0, 0.0, 0.0, 20.0)
-    assert height(150.0, 30.0, 0.0, 1.0, 20.0) > least + 29.9  # a second more of sinking
-    assert height(150.0, 30.0, 5.0, 0.0, 20.0) > least + 2.5
-    assert height(150.0, 30.0, 0.0, 0.0, 10.0) > least
+    nominal_height = height(150.0, 30.0, 0.0, 0.0, 20.0)
+    assert height(150.0, 30.0, 0.0, 1.0, 20.0) > nominal_height + 29.9  # a second more of sinking
+    assert height(150.0, 30.0, 5.0, 0.0, 20.0) > nominal_height + 2.5
+    assert height(150.0, 30.0, 0.0, 0.0, 10.0) > nominal_height
     # on its back: 4 s, of which all without lift
     assert height(150.0, 30.0, 0.0, np.pi, 20.0) > 30.0 * 4.1 + 0.5 * GRAVITY * 4.1**2
 
 
 @pytest.mark.parametrize("bank", [0.0, 0.8])
-def test_the_pull_that_is_asked_for_ends_the_descent_in_its_room(bank):
+def test_the_required_pull_ends_the_descent_within_the_height(bank):
     speed, sink, room = 150.0, 40.0, 250.0
     pull = required_pull(speed, sink, bank, room)
     # without the speed that is gained on the way, which the pull of the next instant makes up for
@@ -75,7 +75,7 @@ def test_values_and_gradients_are_finite(sink):
     for function, count in ((level_off_height, 5), (required_pull, 4)):
         assert np.isfinite(function(*numbers[:count]))
         assert np.isfinite(jax.jit(jax.grad(lambda x, f=function: f(*x)))(numbers[:count])).all()
-    many = jax.vmap(level_off_height, in_axes=(None, 0, None, None, None))(
+    batch = jax.vmap(level_off_height, in_axes=(None, 0, None, None, None))(
         150.0, jnp.array([10.0, sink]), 1.0, 0.2, 9.0
     )
-    np.testing.assert_allclose(many[1], height(150.0, sink, 1.0, 0.2, 9.0), rtol=1e-12)
+    np.testing.assert_allclose(batch[1], height(150.0, sink, 1.0, 0.2, 9.0), rtol=1e-12)

@@ -1,4 +1,4 @@
-"""The incremental inversion: nothing on a perfect model, all that the model lacks on a wrong one."""
+"""Incremental inversion: no residual with a perfect model, the complete model error with a wrong model."""
 
 import dataclasses
 
@@ -32,21 +32,21 @@ def gains(bandwidth):
     return eqx.tree_at(lambda g: g.sensor_bandwidth, published_gains(), jnp.asarray(bandwidth))
 
 
-def test_filter_takes_in_the_mean_over_the_sample():
-    """Constant model error: the filter's memory goes to it with exp(-bandwidth t); with no bandwidth it stays zero."""
+def test_the_filter_uses_the_mean_over_the_sample():
+    """Constant model error: the filter converges with exp(-bandwidth t); with zero bandwidth, it stays zero."""
     model, error, force = jnp.array([0.1, -0.2, 0.3]), jnp.array([1.0, 2.0, -3.0]), jnp.array([5.0, -6.0, 7.0])
-    for bandwidth, reached in ((BANDWIDTH, 1 - np.exp(-BANDWIDTH * 0.5)), (0.0, 0.0)):
+    for bandwidth, expected_share in ((BANDWIDTH, 1 - np.exp(-BANDWIDTH * 0.5)), (0.0, 0.0)):
         memory = dataclasses.replace(no_residual(jnp.zeros(3)), model_acceleration_b=model)
         for k in range(1, 51):
             rates = (model + error) * k * STEP
             memory = memory.advance(force, rates, model, bandwidth, STEP)
         assert isinstance(memory, ModelResidual)
-        np.testing.assert_allclose(memory.acceleration_b, reached * error, atol=1e-12)
-        np.testing.assert_allclose(memory.force_b, reached * force, atol=1e-12)
+        np.testing.assert_allclose(memory.acceleration_b, expected_share * error, atol=1e-12)
+        np.testing.assert_allclose(memory.force_b, expected_share * force, atol=1e-12)
 
 
 class Offset(AbstractAirframe):
-    """The F-16 with a constant moment added: a model that is wrong in its moments and right in their slopes."""
+    """The F-16 with an added constant moment: a model with wrong moments and correct slopes."""
 
     mass_properties: MassProperties
     actuators: FirstOrderActuators
@@ -64,13 +64,13 @@ class Offset(AbstractAirframe):
 
 
 @pytest.mark.long
-def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone():
-    """u = u_0 + G^-1 (nu - y_dot measured): a model whose moments are off by a constant gives the same surfaces."""
+def test_surfaces_depend_only_on_the_measurement_and_the_slopes_of_the_model():
+    """u = u_0 + G^-1 (nu - y_dot measured): a model with constant moment errors gives the same surfaces."""
     state = make_state(V=150.0, alpha=0.08, beta=0.01, rates=(0.05, 0.02, -0.01), surfaces=(-0.03, 0.0, 0.0))
     memory_0 = memory_of(trim(AIRFRAME, ENVIRONMENT, trim_target(150.0, 2500.0)))
     J_inverse = AIRFRAME.mass_properties.inertia_inverse_b
 
-    def surfaces(moment_b, *, seen):
+    def surfaces(moment_b, *, with_residual):
         model = Offset(
             AIRFRAME.mass_properties,
             AIRFRAME.actuators,
@@ -80,7 +80,7 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
             moment_b,
         )
         residual = no_residual(state.rates_b)
-        if seen:
+        if with_residual:
             residual = dataclasses.replace(residual, acceleration_b=-(J_inverse @ moment_b))
         memory = eqx.tree_at(lambda m: m.residual, memory_0, residual)
         model = onboard_model(exact_belief(model, ENVIRONMENT, state), LIMITS, gains(0.0), memory, STEP)
@@ -93,7 +93,7 @@ def test_surfaces_rest_on_the_measurement_and_on_the_slopes_of_the_model_alone()
 
 
 def _wrong_aircraft():
-    """Lift and drag 30 % less, damping 30 % more, controls 30 % weaker than the autopilot believes."""
+    """Lift and drag 30 % less, damping 30 % more, controls 30 % weaker than in the autopilot's model."""
     return eqx.tree_at(
         lambda a: (a.tables.cells[0], a.tables.cells[2], a.normal_force_elevator),
         AIRFRAME,
@@ -109,7 +109,7 @@ def _wrong_aircraft():
 def _climb_and_turn(truth, bandwidth, start, memory):
     """40 s of a climb of 3 deg and a turn by 30 deg, flown by the autopilot of the nominal aircraft."""
 
-    def one(carry, k):
+    def model_based(carry, k):
         state, memory = carry
         felt_b = exact_belief(truth, ENVIRONMENT, state).specific_force_b
         belief = eqx.tree_at(lambda b: b.specific_force_b, exact_belief(AIRFRAME, ENVIRONMENT, state), felt_b)
@@ -119,10 +119,14 @@ def _climb_and_turn(truth, bandwidth, start, memory):
         command = PathCommand(jnp.asarray(155.0), jnp.asarray(3 * DEGREE), jnp.asarray(30 * DEGREE), zero, zero, zero)
         controls, _, memory = velocity_control(model, setting, memory, command)
         motion = model.motion
-        row = jnp.stack([motion.V - 155.0, motion.gamma - 3 * DEGREE, motion.chi - 30 * DEGREE, motion.beta])
-        return (advance(truth, ENVIRONMENT, 0.0, state, controls, STEP), memory), (row, state.surfaces, memory.residual)
+        errors = jnp.stack([motion.V - 155.0, motion.gamma - 3 * DEGREE, motion.chi - 30 * DEGREE, motion.beta])
+        return (advance(truth, ENVIRONMENT, 0.0, state, controls, STEP), memory), (
+            errors,
+            state.surfaces,
+            memory.residual,
+        )
 
-    return jax.lax.scan(one, (start, memory), length=4000)[1]
+    return jax.lax.scan(model_based, (start, memory), length=4000)[1]
 
 
 @pytest.fixture(scope="module")
@@ -136,17 +140,17 @@ def flown():
 
 
 @pytest.mark.long
-def test_on_a_perfect_model_both_inversions_fly_the_same(flown):
-    """What is left of the measured minus the modelled acceleration is the curvature within a sample."""
-    one, other = flown["nominal", 0.0][0], flown["nominal", BANDWIDTH][0]
-    np.testing.assert_allclose(other[:, 1:3], one[:, 1:3], atol=0.01 * DEGREE)
-    np.testing.assert_allclose(other[:, 0], one[:, 0], atol=0.02)
+def test_both_inversions_fly_alike_with_a_perfect_model(flown):
+    """The measured minus the modelled acceleration is only the curvature within a sample."""
+    model_based, incremental = flown["nominal", 0.0][0], flown["nominal", BANDWIDTH][0]
+    np.testing.assert_allclose(incremental[:, 1:3], model_based[:, 1:3], atol=0.01 * DEGREE)
+    np.testing.assert_allclose(incremental[:, 0], model_based[:, 0], atol=0.02)
     assert np.abs(flown["nominal", 0.0][2].acceleration_b).max() == 0.0
 
 
 @pytest.mark.long
-def test_on_a_wrong_model_the_incremental_inversion_does_not_feel_it(flown):
-    """The path angle, whose lift is off by 30 %: model-based inversion sags and needs its slow integral."""
+def test_the_incremental_inversion_is_insensitive_to_model_errors(flown):
+    """The path angle, with 30 % lift error: model-based inversion sags and needs the slow integral."""
     _, _, sensed = flown["wrong", BANDWIDTH]
     assert np.abs(sensed.force_b[-1][2]) > 0.1 * 9295 * 9.8  # the model's lift is off, and the sensors say so
     sag = {bandwidth: np.abs(flown["wrong", bandwidth][0][2000:, 1]).max() for bandwidth in (0.0, BANDWIDTH)}
@@ -154,8 +158,8 @@ def test_on_a_wrong_model_the_incremental_inversion_does_not_feel_it(flown):
     assert sag[0.0] > 3 * nominal
     assert sag[BANDWIDTH] < 1.2 * nominal
     for bandwidth in (0.0, BANDWIDTH):
-        rows, surfaces, _ = flown["wrong", bandwidth]
-        assert np.isfinite(rows).all()
+        errors, surfaces, _ = flown["wrong", bandwidth]
+        assert np.isfinite(errors).all()
         # no chatter: at the end the surfaces move by less than a thousandth of a degree a sample
         assert np.abs(np.diff(surfaces[-500:], axis=0)).max() < 1e-3 * DEGREE
 

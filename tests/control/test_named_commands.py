@@ -1,4 +1,4 @@
-"""Commands by name: their change, the deviation from a line over ground, the place."""
+"""Commands by name: the change, the deviation from a line over ground, the position."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,33 +18,33 @@ def guidance(follows=1.0, with_position=False):
     )
 
 
-def test_commands_change_at_their_time():
+def test_commands_change_at_the_change_time():
     for time_s, expected in ((19.99, 0.0), (20.0, -600.0), (30.0, -600.0)):
-        given, _, _ = guidance(0.0).command(jnp.zeros(()), belief_of(), None, instant_of(time_s))
-        assert float(given["lateralDeviationError"]) == expected
-        assert float(given["trueBaseCourseCommand"]) == 0.5
+        commands, _, _ = guidance(0.0).command(jnp.zeros(()), belief_of(), None, instant_of(time_s))
+        assert float(commands["lateralDeviationError"]) == expected
+        assert float(commands["trueBaseCourseCommand"]) == 0.5
 
 
-def test_the_deviation_is_the_distance_flown_across_the_line_since_the_change():
-    """Level flight with heading and course 0.8 rad: sin(0.3) of the way lies to the right of the line of 0.5 rad."""
+def test_the_deviation_is_the_cross_track_distance_since_the_change():
+    """Level flight with heading and course 0.8 rad: sin(0.3) of the distance is to the right of the line of 0.5 rad."""
     belief, memory = belief_of((0.0, 0.0, 0.8), (170.0, 0.0, 0.0), environment=FLAT), jnp.zeros(())
     for k in range(1900, 2100):
-        given, _, memory = guidance().command(memory, belief, None, instant_of(0.01 * k, FLAT))
+        commands, _, memory = guidance().command(memory, belief, None, instant_of(0.01 * k, FLAT))
         if k == 2000:
-            assert float(given["lateralDeviationError"]) == -600.0
-    assert float(given["lateralDeviationError"]) == pytest.approx(-600.0 + 0.99 * 170.0 * np.sin(0.3), rel=1e-12)
-    _, _, kept = guidance(0.0).command(jnp.asarray(3.0), belief, None, instant_of(30.0, FLAT))
-    assert float(kept) == 3.0
+            assert float(commands["lateralDeviationError"]) == -600.0
+    assert float(commands["lateralDeviationError"]) == pytest.approx(-600.0 + 0.99 * 170.0 * np.sin(0.3), rel=1e-12)
+    _, _, deviation = guidance(0.0).command(jnp.asarray(3.0), belief, None, instant_of(30.0, FLAT))
+    assert float(deviation) == 3.0
 
 
-def test_the_place_is_given_across_the_date_line():
-    """80 km East of 3.14 rad East."""
-    given, _, _ = guidance(with_position=True).command(jnp.zeros(()), belief_of(), None, instant_of(0.0))
+def test_the_position_is_correct_across_the_date_line():
+    """80 km east of 3.14 rad east."""
+    commands, _, _ = guidance(with_position=True).command(jnp.zeros(()), belief_of(), None, instant_of(0.0))
     east = 3.14 + 80_000 / (6_385_000 * np.cos(0.6))
-    assert float(given["geLongitude"]) == pytest.approx(east - 2 * np.pi, abs=1e-4)
-    assert float(given["geLatitude"]) == pytest.approx(0.6 + 1000 / 6.36e6, abs=1e-6)
+    assert float(commands["geLongitude"]) == pytest.approx(east - 2 * np.pi, abs=1e-4)
+    assert float(commands["geLatitude"]) == pytest.approx(0.6 + 1000 / 6.36e6, abs=1e-6)
 
 
-def test_over_a_flat_earth_there_is_no_place():
+def test_a_flat_earth_has_no_geodetic_position():
     with pytest.raises(TypeError, match="RotatingEarth"):
         guidance(with_position=True).command(jnp.zeros(()), belief_of(environment=FLAT), None, instant_of(0.0, FLAT))

@@ -1,4 +1,4 @@
-"""What an aircraft measures, by standard names."""
+"""Measured signals by standard names."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from anser.control.dave_ml_laws import named_signals
 from support.law_cases import FLAT, belief_of
 
 
-def test_attitude_flow_and_speed():
+def test_attitude_flow_and_speed_are_those_of_the_belief():
     belief = belief_of()
     signals = {name: float(value) for name, value in named_signals(belief).items()}
     names = ("Roll", "Pitch", "Yaw")
@@ -24,11 +24,11 @@ def test_body_rates_are_those_relative_to_the_rotating_earth():
     flat, still = named_signals(belief_of(environment=FLAT)), (0.02, -0.01, 0.03)
     np.testing.assert_allclose([flat[f"bodyAngularRate_{n}"] for n in names], still, rtol=1e-12)
     # heading North, level, at rest in the local axes: these turn with the Earth, and by V/R about -East on the way
-    seen = named_signals(belief_of((0.0, 0.0, 0.0), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert float(seen["bodyAngularRate_Roll"]) == 0.0
-    assert float(seen["bodyAngularRate_Yaw"]) == 0.0
-    assert float(seen["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.36e6, rel=1e-2)
+    signals = named_signals(belief_of((0.0, 0.0, 0.0), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert float(signals["bodyAngularRate_Roll"]) == 0.0
+    assert float(signals["bodyAngularRate_Yaw"]) == 0.0
+    assert float(signals["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.36e6, rel=1e-2)
     # heading East the local axes turn about North, and about down by V tan(latitude)/R
-    seen = named_signals(belief_of((0.0, 0.0, np.pi / 2), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert float(seen["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.39e6, rel=1e-2)
-    assert float(seen["bodyAngularRate_Yaw"]) == pytest.approx(-170.0 * np.tan(0.60016) / 6.39e6, rel=1e-2)
+    signals = named_signals(belief_of((0.0, 0.0, np.pi / 2), (170.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert float(signals["bodyAngularRate_Pitch"]) == pytest.approx(-170.0 / 6.39e6, rel=1e-2)
+    assert float(signals["bodyAngularRate_Yaw"]) == pytest.approx(-170.0 * np.tan(0.60016) / 6.39e6, rel=1e-2)

@@ -1,4 +1,4 @@
-"""The plant of the outer loops against the rigid body itself (theory section 2), differentiated along the motion."""
+"""Path motion of the onboard model against the rigid body (theory section 2), differentiated along the motion."""
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +25,7 @@ modest = settings(deadline=None, max_examples=40)
 
 @jax.jit
 def rates_two_ways(x):
-    """Rates of (mu, alpha, beta) and (V, gamma, chi): by the equations of motion's derivative, and as published."""
+    """Rates of (mu, alpha, beta) and (V, gamma, chi): by derivatives of the equations of motion, and as published."""
     state = state_of(x)
     controls = Controls(state.surfaces, jnp.asarray(0.5))
     moving = state_derivative(AIRFRAME, environment_of(x), 0.0, state, controls)
@@ -51,17 +51,17 @@ def test_published_rates_are_the_rates_of_the_simulated_motion(x):
 
 
 @jax.jit
-def inverted(x, wanted):
+def inverted(x, target):
     motion = setting_of(x).motion
-    rates_b = solve3(motion.effectiveness, wanted - motion.drift)
+    rates_b = solve3(motion.effectiveness, target - motion.drift)
     return motion.drift + jnp.sum(motion.effectiveness * rates_b[None, :], axis=1)
 
 
 @modest
 @given(flights)
-def test_effectiveness_can_be_inverted_everywhere_in_the_envelope(x):
-    wanted = np.array([0.3, -0.1, 0.2])
-    np.testing.assert_allclose(inverted(x, wanted), wanted, atol=1e-12)
+def test_the_effectiveness_is_invertible_in_the_whole_envelope(x):
+    target = np.array([0.3, -0.1, 0.2])
+    np.testing.assert_allclose(inverted(x, target), target, atol=1e-12)
 
 
 def _outputs(x):
@@ -99,8 +99,8 @@ def test_values_and_gradients_are_finite_outside_the_domain_too(x):
     assert np.isfinite(_jacobian(x)).all()
 
 
-def test_batched_equals_single():
+def test_a_batch_equals_single_evaluations():
     batch = np.stack([_LEVEL, _changed(mu=1.0, gamma=0.3), _changed(beta=0.2, V=200.0)])
     together = jax.jit(jax.vmap(_outputs), compiler_options=QUICK)(batch)
-    for x, row in zip(batch, together, strict=True):
-        np.testing.assert_allclose(row, _outputs_jit(x), rtol=1e-12, atol=1e-12)
+    for x, batch_row in zip(batch, together, strict=True):
+        np.testing.assert_allclose(batch_row, _outputs_jit(x), rtol=1e-12, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Bank against the side force of an aircraft that is not symmetric."""
+"""Bank against the side force of an asymmetric aircraft."""
 
 import functools
 
@@ -52,8 +52,8 @@ def banked(state, mu, alpha, surfaces):
     )
 
 
-def test_the_f16_of_tp1538_is_banked_until_its_course_stands():
-    """Its wind-tunnel tables leave 0.12 m/s^2 to the left without sideslip: 0.7 deg of bank."""
+def test_the_bank_of_the_f16_of_tp1538_stops_the_drift_of_the_course():
+    """The wind-tunnel tables leave 0.12 m/s^2 to the left without sideslip: 0.7 deg of bank."""
     airframe = load_airframe("f16", "tp1538")
     trim = anser.trim("f16", V, ALTITUDE_M, variant="tp1538").point
     force, (mu, alpha, beta) = demanded(airframe, trim.state)
@@ -62,27 +62,31 @@ def test_the_f16_of_tp1538_is_banked_until_its_course_stands():
 
     def turning(lateral):
         surfaces = np.array([steady[0], *lateral, steady[3]])
-        now = flight_condition(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
-        return np.asarray(now.wrench.moment_b)[[0, 2]]
+        condition = flight_condition(airframe, ENVIRONMENT, 0.0, banked(trim.state, mu, alpha, surfaces))
+        return np.asarray(condition.wrench.moment_b)[[0, 2]]
 
     surfaces = np.array([steady[0], *fsolve(turning, steady[1:3]), steady[3]])
     state = banked(trim.state, mu, alpha, surfaces)
-    now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+    condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
     # Aileron and rudder against its moments change it by 1 % here, by 17 % at 220 m/s.
-    assert float(force) == pytest.approx(float(now.wrench.force_b[1]), rel=0.03)
+    assert float(force) == pytest.approx(float(condition.wrench.force_b[1]), rel=0.03)
     mass = airframe.mass_properties.mass
-    chi_dot = float(path_motion(now, now.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2])
+    chi_dot = float(
+        path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
+    )
     level = banked(trim.state, 0.0 * mu, alpha, surfaces)
-    now = flight_condition(airframe, ENVIRONMENT, 0.0, level)
-    before = float(path_motion(now, now.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2])
-    assert before == pytest.approx(-0.123 / V, rel=0.01)
-    assert abs(chi_dot) < 0.05 * abs(before)
+    condition = flight_condition(airframe, ENVIRONMENT, 0.0, level)
+    level_chi_dot = float(
+        path_motion(condition, condition.wrench.force_b, level.velocity_b, mass, ENVIRONMENT.gravity).path_rates[2]
+    )
+    assert level_chi_dot == pytest.approx(-0.123 / V, rel=0.01)
+    assert abs(chi_dot) < 0.05 * abs(level_chi_dot)
     assert float(mu) == pytest.approx(np.radians(0.73), rel=0.03)
 
 
 @pytest.mark.parametrize("turn", [-0.06, 0.06])
-def test_turns_to_both_sides_are_level_and_as_fast_as_asked(turn):
-    """At 43 deg of bank the side force lifts: unless the lift gives way, one turn rises and the other sinks."""
+def test_turns_to_both_sides_are_level_and_at_the_commanded_rate(turn):
+    """At 43 deg of bank the side force adds to the lift: without correction, one turn climbs, the other descends."""
     airframe = load_airframe("f16", "tp1538")
     state = anser.trim("f16", V, ALTITUDE_M, variant="tp1538").point.state
     still = np.asarray(state.surfaces) * np.array([1.0, 0.0, 0.0, 1.0])
@@ -90,18 +94,18 @@ def test_turns_to_both_sides_are_level_and_as_fast_as_asked(turn):
     for _ in range(6):  # the lift for a bank is that for the present one
         state = banked(state, mu, alpha, still)
         _, (mu, alpha, _) = demanded(airframe, state, turn)
-    now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+    condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
     mass, gravity = airframe.mass_properties.mass, ENVIRONMENT.gravity
-    _, gamma_dot, chi_dot = path_motion(now, now.wrench.force_b, state.velocity_b, mass, gravity).path_rates
-    lost = 0.123 / V
-    assert abs(float(gamma_dot)) < 0.1 * lost
-    assert abs(float(chi_dot) - turn) < 0.1 * lost
+    _, gamma_dot, chi_dot = path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, gravity).path_rates
+    rate_without_bank = 0.123 / V
+    assert abs(float(gamma_dot)) < 0.1 * rate_without_bank
+    assert abs(float(chi_dot) - turn) < 0.1 * rate_without_bank
 
 
 @pytest.mark.parametrize(
     ("name", "variant"), [("f16", "textbook"), ("nasa-f16", None), ("aerosonde", None), ("f16", "tp1538")]
 )
-def test_who_says_that_it_is_symmetric_has_no_side_force(name, variant):
+def test_a_symmetric_airframe_has_no_side_force(name, variant):
     airframe = load_airframe(name) if variant is None else load_airframe(name, variant)
     alphas = np.linspace(*(float(end) for end in airframe.alpha_range), 50)
     zero = jnp.zeros(())

@@ -56,29 +56,29 @@ def _start(V, alpha, beta, mu, gamma, P, Q, R):
 @jax.jit
 @jax.vmap
 def _recover(start):
-    """Fly with level flight to the north commanded; what is seen at each step."""
+    """Fly with level flight to the north commanded; samples of every step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    now = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, start)
-    motion = path_motion(now, now.wrench.force_b, start.velocity_b, AIRFRAME.mass_properties.mass, gravity)
+    condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, start)
+    motion = path_motion(condition, condition.wrench.force_b, start.velocity_b, AIRFRAME.mass_properties.mass, gravity)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     command = PathCommand(jnp.asarray(SPEED_M_S), zero, zero, zero, zero, zero)
 
     def one(carry, _):
         state, memory = carry
-        now = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state)
+        condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state)
         model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), limits, gains, memory, STEP_S)
         controls, signals, memory = velocity_control(model, gains, memory, command)
         motion = model.motion
-        row = {
+        sample = {
             "altitude": -state.position_n[2],
             "off": jnp.stack([motion.mu, motion.gamma, motion.beta]),
             "V": motion.V,
-            "outside": AIRFRAME.outside_tables(now.air_data),
-            "load": -now.wrench.force_b[2] / (AIRFRAME.mass_properties.mass * gravity),
+            "outside": AIRFRAME.outside_tables(condition.air_data),
+            "load": -condition.wrench.force_b[2] / (AIRFRAME.mass_properties.mass * gravity),
             "lift_limited": signals.attitude.alpha_saturated,
         }
-        return (advance(AIRFRAME, ENVIRONMENT, 0.0, state, controls, STEP_S), memory), row
+        return (advance(AIRFRAME, ENVIRONMENT, 0.0, state, controls, STEP_S), memory), sample
 
     memory = initial_autopilot_state(attitude, start.rates_b, start.surfaces)
     return jax.lax.scan(one, (start, memory), length=STEPS)[1]
@@ -93,21 +93,21 @@ def recoveries():
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", UPSETS)
-def test_recovers_to_level_flight_within_the_tables(recoveries, name):
+def test_an_upset_ends_in_level_flight_within_the_tables(recoveries, name):
     flown = recoveries[name]
     assert not flown["outside"].any()
     # Measured: 10 s at most until bank, path angle and sideslip stay small, 450 m lost at most (out of the dives).
     level = np.all(np.abs(flown["off"]) < [3 * DEGREE, 2 * DEGREE, 1 * DEGREE], axis=1)
-    last = np.flatnonzero(~level)
-    assert last.size == 0 or (last[-1] + 1) * STEP_S < 12.0
+    unsettled = np.flatnonzero(~level)
+    assert unsettled.size == 0 or (unsettled[-1] + 1) * STEP_S < 12.0
     assert flown["altitude"].min() > ALTITUDE_M - 500.0
     assert flown["V"][-1] == pytest.approx(SPEED_M_S, abs=3.0)
     assert flown["load"].min() > -3.5
     assert flown["load"].max() < 7.0
 
 
-def test_the_back_is_left_by_unloading_and_rolling(recoveries):
-    """No push that holds the altitude upside down: the lift is let go, and said to be limited, until the bank is near."""
+def test_inverted_flight_is_left_by_unloading_and_rolling(recoveries):
+    """No push to hold the altitude upside down: the lift is unloaded and flagged until the bank error is small."""
     flown = recoveries["inverted"]
     rolling = np.abs(flown["off"][:, 0]) > 100 * DEGREE
     assert rolling.sum() > 30

@@ -1,4 +1,4 @@
-"""Recovery of the F-16 of TP-1538 from beyond the stall; one deep stall that it cannot leave, and why."""
+"""Recovery of the F-16 of TP-1538 from beyond the stall, and one unrecoverable deep stall with the reason."""
 
 import numpy as np
 import pytest
@@ -13,8 +13,8 @@ FEW = ("alpha 55, sinking", "inverted, alpha 50, rotating")
 
 
 @pytest.mark.long
-def test_a_few_recover():
-    """Measured: 15.1 s and 1,061 m at most, each surface cut at its own stop."""
+def test_selected_upsets_are_recovered():
+    """Measured: at most 15.1 s and 1,061 m, with surfaces limited at their individual stops."""
     for name, history in flown({name: UPSETS[name] for name in FEW}, steps=2500).items():
         assert recovery_s(history) < 20.0, name
         assert history["altitude"].min() > UPSETS[name][8] - 1100.0
@@ -26,15 +26,15 @@ def histories():
 
 
 @pytest.mark.long
-def test_twelve_are_listed_and_eleven_recover(histories):
+def test_eleven_of_twelve_upsets_are_recovered(histories):
     assert len(UPSETS) == 12
     assert [name for name in UPSETS if np.isfinite(recovery_s(histories[name]))] == RECOVER
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RECOVER)
-def test_recovers_to_level_flight_above_the_ground(histories, name):
-    """Measured: 29.4 s and 2.2 km at most, out of the flat spin; 22.4 s and 1.6 km out of the others."""
+def test_an_upset_ends_in_level_flight_above_the_ground(histories, name):
+    """Measured: at most 29.4 s and 2.2 km for the flat spin; 22.4 s and 1.6 km for the other upsets."""
     history = histories[name]
     assert recovery_s(history) < 34.0
     assert history["altitude"].min() > UPSETS[name][8] - 2550.0
@@ -51,7 +51,7 @@ def test_the_deep_stall_is_not_left_by_the_autopilot(histories):
 
 @pytest.mark.long
 def test_no_elevator_pitches_down_out_of_the_deep_stall():
-    """With the c.g. at 0.40 the moment of the full elevator is up from 30 to 62.8 deg, and flown so alpha stays there."""
+    """With the c.g. at 0.40 the full elevator gives nose-up moments from 30 to 62.8 deg, and alpha stays there."""
     up = deep_stall(x_cg_over_c=(0.40,))["pitching_moment"].sel(alpha=slice(30.5, 62.5))
     assert (up.values > 0.0).all()
     any_elevator = [

@@ -1,4 +1,4 @@
-"""Slowest loop: what it demands, put into the aircraft, flies what was wanted (theory section 5, item 3)."""
+"""Velocity loop: a demand applied to the aircraft gives the commanded motion (theory section 5, item 3)."""
 
 import equinox as eqx
 import jax
@@ -32,29 +32,35 @@ MASS = AIRFRAME.mass_properties.mass
 
 @jax.jit
 def thrust_case(x, V_dot):
-    """Demand, the V_dot and thrust missing once the engine has followed, the engine's response to its throttle."""
+    """Demand, V_dot and missing thrust after the engine has responded, and the engine's response to the throttle."""
     setting = setting_of(x)
     power = setting.state.power
     demand = thrust_demand(model_of(setting.state, x), ENGINE_BANDWIDTH, V_dot)
     data = setting.condition.air_data
     steady = AIRFRAME.engine.power_for_thrust(demand.thrust, data)
-    short = demand.thrust - AIRFRAME.engine.propulsion(steady, data).force_b[0]
+    missing_thrust = demand.thrust - AIRFRAME.engine.propulsion(steady, data).force_b[0]
     later = eqx.tree_at(lambda s: s.power, setting.state, steady)
-    flown = believed_motion(later, x)[1].path_rates[0]
-    return demand, flown, steady - power, AIRFRAME.engine.rate(setting.state.engine, demand.throttle, data).power, short
+    actual = believed_motion(later, x)[1].path_rates[0]
+    return (
+        demand,
+        actual,
+        steady - power,
+        AIRFRAME.engine.rate(setting.state.engine, demand.throttle, data).power,
+        missing_thrust,
+    )
 
 
 @modest
 @given(flights, st.floats(-3.0, 3.0))
 def test_thrust_demand_inverts_the_motion(x, V_dot):
-    demand, flown, gap, power_rate, short = thrust_case(x, V_dot)
+    demand, actual, gap, power_rate, missing_thrust = thrust_case(x, V_dot)
     assert 0.0 <= demand.throttle <= 1.0
     if not demand.saturated:
         # V_dot is linear in the thrust and the tables are inverted exactly; the flag's own tolerance is 1 N of 9.3 t
-        assert flown == pytest.approx(V_dot, abs=1.1e-4)
+        assert actual == pytest.approx(V_dot, abs=1.1e-4)
     else:
         # the engine gives its utmost: too little at full power, too much at idle
-        assert (short > 0) == (flown < V_dot)
+        assert (missing_thrust > 0) == (actual < V_dot)
     # the throttle drives the engine toward the power wanted, never away
     assert gap * power_rate >= -1e-9
 
@@ -81,18 +87,18 @@ setting_of_jit = jax.jit(setting_of)
 
 @jax.jit
 def V_dot_for_thrust(x, thrust):
-    """Acceleration along the path that a thrust along body x gives; the equation of motion is linear in it."""
+    """Acceleration along the path for a thrust along body x; the equation of motion is linear in the thrust."""
     setting = setting_of(x)
-    ahead = jnp.cos(setting.motion.alpha) * jnp.cos(setting.motion.beta)
-    return setting.motion.path_rates[0] + (thrust - setting.condition.propulsive.force_b[0]) * ahead / MASS
+    thrust_share = jnp.cos(setting.motion.alpha) * jnp.cos(setting.motion.beta)
+    return setting.motion.path_rates[0] + (thrust - setting.condition.propulsive.force_b[0]) * thrust_share / MASS
 
 
 @pytest.mark.parametrize(("V_dot", "throttle"), [(20.0, 1.0), (-20.0, 0.0)])
-def test_what_no_engine_gives_is_flagged(V_dot, throttle):
+def test_thrust_beyond_the_engine_is_flagged(V_dot, throttle):
     x = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 60, 1000, 0, 0, 0])
-    demand, flown, *_ = thrust_case(x, V_dot)
+    demand, actual, *_ = thrust_case(x, V_dot)
     assert demand.saturated
-    assert abs(flown) < abs(V_dot)
+    assert abs(actual) < abs(V_dot)
     assert demand.throttle == pytest.approx(throttle)
 
 
@@ -121,20 +127,20 @@ def _attitude(state, x, gamma_dot, chi_dot):
 
 @jax.jit
 def attitude_case(x, gamma_dot, chi_dot):
-    """Demand; demand at its own bank; path rates flown with alpha at the present bank, and with both angles."""
+    """Demand; demand at the demanded bank; path rates with the demanded alpha only, and with both angles."""
     demand = _attitude(state_of(x), x, gamma_dot, chi_dot)
     banked = x.at[3].set(demand.angles[0])
     at_bank = _attitude(state_of(banked), x, gamma_dot, chi_dot)
-    flown = believed_motion(state_of(banked.at[1].set(at_bank.angles[1])), x)[1].path_rates
+    actual = believed_motion(state_of(banked.at[1].set(at_bank.angles[1])), x)[1].path_rates
     at_present_bank = believed_motion(state_of(x.at[1].set(demand.angles[1])), x)[1].path_rates
-    return demand, at_bank, at_present_bank, flown
+    return demand, at_bank, at_present_bank, actual
 
 
 @modest
 @given(straight, st.floats(-0.03, 0.1), st.floats(-0.12, 0.12))
 def test_attitude_demand_inverts_the_motion(x, gamma_dot, chi_dot):
     """Both path rates come true with both angles; gamma_dot comes true at the present bank already."""
-    demand, at_bank, at_present_bank, flown = attitude_case(jnp.asarray(x), gamma_dot, chi_dot)
+    demand, at_bank, at_present_bank, actual = attitude_case(jnp.asarray(x), gamma_dot, chi_dot)
     assert demand.angles[2] == 0.0
     for values in (demand, at_bank):
         assert LIMITS.alpha_min <= values.angles[1] <= LIMITS.alpha_max
@@ -144,7 +150,7 @@ def test_attitude_demand_inverts_the_motion(x, gamma_dot, chi_dot):
     if not demand.alpha_saturated:
         assert at_present_bank[1] == pytest.approx(gamma_dot, abs=3e-3)
     if not (demand.alpha_saturated or demand.bank_saturated or at_bank.alpha_saturated):
-        assert flown[1:] == pytest.approx(np.array([gamma_dot, chi_dot]), abs=3e-3)
+        assert actual[1:] == pytest.approx(np.array([gamma_dot, chi_dot]), abs=3e-3)
 
 
 LEVEL = np.array([150, 0.05, 0, 0, 0, 0, 0, 0, 0, -0.04, 0.0, 0.0, 10, 1000, 0, 0, 0])
@@ -157,7 +163,7 @@ def _demand_at(gamma_dot, chi_dot, bank=0.0, V=150.0):
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_bank_limit_is_kept_and_flagged(side):
+def test_the_bank_limit_is_respected_and_flagged(side):
     demand = _demand_at(0.0, side * 0.5)
     assert demand.angles[0] == pytest.approx(side * 60 * DEG_RAD)
     assert demand.bank_saturated
@@ -174,7 +180,7 @@ def test_load_factor_limit_is_flagged_and_gives_five_g():
     assert (230.0 * at_present_bank[1] + G) / G == pytest.approx(5.0, rel=1e-2)
 
 
-def test_alpha_limits_are_kept_and_flagged_at_low_speed():
+def test_alpha_limits_are_respected_and_flagged_at_low_speed():
     pull, push = _demand_at(0.5, 0.0, V=90.0), _demand_at(-0.5, 0.0, V=90.0)
     assert pull.angles[1] == pytest.approx(25 * DEG_RAD)
     assert push.angles[1] == pytest.approx(-5 * DEG_RAD)
@@ -182,8 +188,8 @@ def test_alpha_limits_are_kept_and_flagged_at_low_speed():
     assert push.alpha_saturated
 
 
-def test_more_bank_asks_for_more_lift_and_an_upset_for_none():
-    """L cos(mu) = m g in a turn: alpha rises with bank. Far from the wanted bank the lift is let go."""
+def test_the_lift_demand_grows_with_bank_and_vanishes_in_an_upset():
+    """L cos(mu) = m g in a turn: alpha increases with bank. Far from the commanded bank the lift is unloaded."""
     turns = [(b * DEGREE, G * np.tan(b * DEGREE) / 150.0) for b in (0, 30, 60, 75)]
     alpha = [float(_demand_at(0.0, chi_dot, bank=bank).angles[1]) for bank, chi_dot in turns]
     assert np.all(np.diff(alpha) > 0)
@@ -202,10 +208,10 @@ def _up(up_g, chi_dot):
     return _demand_at((up_g - 1.0) * G / 150.0, chi_dot)
 
 
-def test_bank_fades_out_with_the_lift_that_is_wanted():
-    """Lift that points down turns the wrong way: no bank is asked for then, and the course's integral stands still.
+def test_the_bank_fades_out_with_the_demanded_lift():
+    """Downward lift turns the wrong way: no bank is demanded, and the integral of the course is frozen.
 
-    A slight turn: a share r = side / 0.5 g of the way up to 0.5 g is kept for it.
+    A slight turn: a share r = side / 0.5 g of the acceleration up to 0.5 g is reserved for it.
     """
     side_g = 150 * 0.002 / G
     r = side_g / 0.5
@@ -220,7 +226,7 @@ def test_bank_fades_out_with_the_lift_that_is_wanted():
 
 
 @pytest.mark.parametrize("up_g", [0.3, 0.0, -1.0, -5.0])
-def test_in_a_turn_the_path_is_pushed_down_no_faster_than_leaves_half_a_g(up_g):
+def test_a_push_over_in_a_turn_leaves_half_a_g(up_g):
     chi_dot = np.deg2rad(3.0)
     demand = _up(up_g, chi_dot)
     assert demand.angles[0] == pytest.approx(np.arctan2(150 * chi_dot, 0.5 * G))
@@ -231,29 +237,29 @@ def test_in_a_turn_the_path_is_pushed_down_no_faster_than_leaves_half_a_g(up_g):
 @modest
 @given(st.floats(75.0, 130.0), st.floats(0.05, 0.6), st.floats(-0.05, 0.15), st.sampled_from([1.0, -1.0]))
 @example(75.0, 0.25, -0.03125, 1.0)  # a path bent down leaves lift for more bank than level flight does
-def test_no_more_bank_is_asked_for_than_the_lift_can_hold(V, chi_dot, gamma_dot, side):
-    """At the bank that is asked for, 0.9 of the lift at alpha_max holds the path level, or bends it down as was wanted.
+def test_the_bank_demand_stays_within_the_available_lift(V, chi_dot, gamma_dot, side):
+    """At the demanded bank, 0.9 of the lift at alpha_max keeps the path level, or bends it down as commanded.
 
-    The limit on alpha is not hit then. Down no faster than a turn allows: half a g upward is left to turn with.
+    The limit of alpha is then not reached. A push-over leaves half a g upward for the turn.
     """
     x = LEVEL.copy()
     x[0] = V
     demand = attitude_case(jnp.asarray(x), gamma_dot, side * chi_dot)[0]
     x[3] = demand.angles[0]
     down = np.clip(gamma_dot, -0.499 * G / V, 0.0)
-    held = attitude_case(jnp.asarray(x), down, side * chi_dot)[0]
-    assume(float(held.angles[0]) != 0.0)  # slower than the stall at 0.9 of the lift: no bank at all
-    assert not held.alpha_saturated
-    assert held.angles[1] < LIMITS.alpha_max
+    level_demand = attitude_case(jnp.asarray(x), down, side * chi_dot)[0]
+    assume(float(level_demand.angles[0]) != 0.0)  # slower than the stall at 0.9 of the lift: no bank at all
+    assert not level_demand.alpha_saturated
+    assert level_demand.angles[1] < LIMITS.alpha_max
     if demand.bank_saturated and abs(demand.angles[0]) < LIMITS.bank_max - 1e-9:
         # what is there is used: (g + s V gamma_dot, s V chi_dot) is as long as 0.9 of the lift at alpha_max over mass
-        most = 0.9 * _greatest_lift(x) / float(MASS)
+        acceleration_max = 0.9 * _greatest_lift(x) / float(MASS)
         share = np.tan(abs(demand.angles[0])) * G / (V * chi_dot - np.tan(abs(demand.angles[0])) * V * gamma_dot)
-        assert np.hypot(G + share * V * gamma_dot, share * V * chi_dot) == pytest.approx(most, rel=1e-6)
+        assert np.hypot(G + share * V * gamma_dot, share * V * chi_dot) == pytest.approx(acceleration_max, rel=1e-6)
 
 
 def _greatest_lift(x):
-    """Lift at the limit on alpha, the rest of the condition as it is; thrust has its part in it."""
+    """Lift at the limit of alpha in the same condition, including the component of thrust."""
     setting = setting_of_jit(x)
     data = eqx.tree_at(lambda d: d.alpha, setting.condition.air_data, LIMITS.alpha_max)
     force_b = AIRFRAME.aerodynamics(data, setting.state.rates_b, setting.state.surfaces).force_b
@@ -281,14 +287,14 @@ def test_values_and_gradients_are_finite(change):
     assert np.isfinite(_slopes(x)).all()
 
 
-def test_batched_equals_single():
+def test_a_batch_equals_single_demands():
     batch = np.stack([LEVEL, LEVEL * 1.1])
-    for x, row in zip(batch, jax.jit(jax.vmap(_all_demands), compiler_options=QUICK)(batch), strict=True):
-        np.testing.assert_allclose(row, _demands_jit(x), rtol=1e-12)
+    for x, batch_row in zip(batch, jax.jit(jax.vmap(_all_demands), compiler_options=QUICK)(batch), strict=True):
+        np.testing.assert_allclose(batch_row, _demands_jit(x), rtol=1e-12)
 
 
 def _demand(bank):
-    """A demand of a bank angle, rad, and nothing else."""
+    """Demand of a bank angle (rad) without saturation."""
     false = jnp.asarray(False)
     return AttitudeDemand(jnp.array([bank, 0.1, 0.0]), false, false, false, false)
 
@@ -299,32 +305,32 @@ STEP = 0.01
 
 @modest
 @given(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
-def test_commanded_bank_changes_no_faster_than_its_limit(before, wanted):
-    limited, now = limit_bank_rate(_demand(wanted), jnp.asarray(before), SLOW, STEP)
-    assert limited.angles[0] == now
-    assert abs(now - before) <= 5.0 * DEGREE * STEP * (1 + 1e-12)
-    assert min(before, wanted) - 1e-15 <= now <= max(before, wanted) + 1e-15  # rounding
-    assert limited.bank_saturated == (now != wanted)
-    np.testing.assert_array_equal(limited.angles[1:], _demand(wanted).angles[1:])
+def test_the_commanded_bank_changes_within_the_rate_limit(previous_bank, target_bank):
+    limited, bank = limit_bank_rate(_demand(target_bank), jnp.asarray(previous_bank), SLOW, STEP)
+    assert limited.angles[0] == bank
+    assert abs(bank - previous_bank) <= 5.0 * DEGREE * STEP * (1 + 1e-12)
+    assert min(previous_bank, target_bank) - 1e-15 <= bank <= max(previous_bank, target_bank) + 1e-15  # rounding
+    assert limited.bank_saturated == (bank != target_bank)
+    np.testing.assert_array_equal(limited.angles[1:], _demand(target_bank).angles[1:])
 
 
-def test_commanded_bank_gets_there():
-    now = jnp.zeros(())
+def test_the_commanded_bank_reaches_the_target():
+    bank = jnp.zeros(())
     for _ in range(200):
-        limited, now = limit_bank_rate(_demand(0.15), now, SLOW, STEP)
-    assert now == 0.15
+        limited, bank = limit_bank_rate(_demand(0.15), bank, SLOW, STEP)
+    assert bank == 0.15
     assert not limited.bank_saturated
 
 
-@pytest.mark.parametrize("before", [3.0, -2.0])
-def test_after_an_upset_the_bank_command_is_within_its_limit_at_once(before):
-    _, now = limit_bank_rate(_demand(0.0), jnp.asarray(before), SLOW, STEP)
-    assert abs(abs(now) - (LIMITS.bank_max - 5.0 * DEGREE * STEP)) < 1e-12
-    assert now * before > 0.0
+@pytest.mark.parametrize("previous_bank", [3.0, -2.0])
+def test_the_bank_command_after_an_upset_is_within_the_limit_at_once(previous_bank):
+    _, bank = limit_bank_rate(_demand(0.0), jnp.asarray(previous_bank), SLOW, STEP)
+    assert abs(abs(bank) - (LIMITS.bank_max - 5.0 * DEGREE * STEP)) < 1e-12
+    assert bank * previous_bank > 0.0
 
 
-def test_without_a_limit_the_bank_command_is_free():
+def test_the_bank_command_without_a_rate_limit_is_unchanged():
     demand = _demand(0.9)
-    limited, now = limit_bank_rate(demand, None, LIMITS, STEP)
+    limited, bank = limit_bank_rate(demand, None, LIMITS, STEP)
     assert limited is demand
-    assert now is None
+    assert bank is None
