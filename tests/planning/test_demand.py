@@ -1,4 +1,4 @@
-"""What coordinated flight demands, against the rates of speed, path angle and course (theory section 6)."""
+"""Demand of coordinated flight, against the rates of speed, path angle and course (theory section 6)."""
 
 import jax
 import jax.numpy as jnp
@@ -14,13 +14,13 @@ from anser.planning.demand import coordinated_demand, demand, side_force_max, tu
 GRAVITY = 9.81
 
 
-def numbers(demanded):
+def array_of(demanded):
     return np.array([demanded.speed, demanded.side, demanded.lift, demanded.along])
 
 
 @settings(max_examples=50, deadline=None)
 @given(st.integers(0, 100_000))
-def test_forces_are_those_of_the_polar_rates(seed):
+def test_forces_match_the_polar_rates(seed):
     rng = np.random.default_rng(seed)
     velocity, acceleration = jnp.asarray(rng.normal(0.0, 100.0, 3)), jnp.asarray(rng.normal(0.0, 10.0, 3))
     p = polar(velocity, acceleration)
@@ -30,14 +30,14 @@ def test_forces_are_those_of_the_polar_rates(seed):
         p.V * p.gamma_dot + GRAVITY * jnp.cos(p.gamma),
         p.V_dot + GRAVITY * jnp.sin(p.gamma),
     ]
-    found = demand(velocity, acceleration, GRAVITY)
-    np.testing.assert_allclose(numbers(found), expected, rtol=1e-9, atol=1e-9)  # steep ones lose digits
+    required = demand(velocity, acceleration, GRAVITY)
+    np.testing.assert_allclose(array_of(required), expected, rtol=1e-9, atol=1e-9)  # steep ones lose digits
     # Lift, side force and the force along are all of the specific force.
     specific = np.asarray(acceleration) - [0.0, 0.0, GRAVITY]
-    np.testing.assert_allclose(found.normal**2 + found.along**2, np.sum(specific**2), rtol=1e-12)
+    np.testing.assert_allclose(required.normal**2 + required.along**2, np.sum(specific**2), rtol=1e-12)
 
 
-def test_a_level_turn_banks_as_the_textbook_says():
+def test_a_level_turn_has_the_textbook_bank():
     speed, radius = 150.0, float(turn_radius(150.0, 0.6, GRAVITY))
     turning = coordinated_demand(*(jnp.asarray(x) for x in (speed, 0.0, -(speed**2) / radius, 0.0, GRAVITY)))
     np.testing.assert_allclose(turning.bank, -0.6, rtol=1e-12)
@@ -47,7 +47,7 @@ def test_a_level_turn_banks_as_the_textbook_says():
 
 
 @pytest.mark.parametrize("load", [1.1, 2.0, np.inf])
-def test_the_greatest_side_force_just_keeps_bank_and_load_factor(load):
+def test_the_greatest_side_force_reaches_bank_or_load_factor(load):
     values = 50.0, 250.0, 1.0, 80.0, 0.0, 1e4, load, 2.0, 2.0
     limits = PathLimits(*(jnp.asarray(x) for x in values))
     side = side_force_max(jnp.asarray(9.0), jnp.asarray(10.0), limits, GRAVITY)
@@ -55,10 +55,10 @@ def test_the_greatest_side_force_just_keeps_bank_and_load_factor(load):
     np.testing.assert_allclose(side, min(by_bank, by_load), rtol=1e-12)
 
 
-def test_finite_at_rest_and_in_vertical_flight_under_jit_grad_and_vmap():
+def test_the_demand_is_finite_at_rest_and_in_vertical_flight():
     def normal(velocity):
-        found = demand(velocity, jnp.array([1.0, 2.0, 3.0]), GRAVITY)
-        return found.normal + found.along
+        required = demand(velocity, jnp.array([1.0, 2.0, 3.0]), GRAVITY)
+        return required.normal + required.along
 
     velocities = jnp.array([[0.0, 0.0, 0.0], [0.0, 0.0, 90.0], [100.0, 20.0, 5.0]])
     values, slopes = jax.jit(jax.vmap(jax.value_and_grad(normal)))(velocities)

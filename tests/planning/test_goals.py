@@ -24,7 +24,7 @@ slopes = jax.jit(jax.grad(lambda g, t: jnp.sum(g.position_n(t) ** 2 + g.velocity
 
 @settings(deadline=None, max_examples=20)
 @given(time=st.floats(0.0, 500.0))
-def test_straight_goal(time):
+def test_a_straight_goal_moves_at_constant_velocity(time):
     start, speed = jnp.array([100.0, -40.0, 0.0]), jnp.array([25.0, -3.0, 0.5])
     goal = straight_goal(start, speed)
     np.testing.assert_allclose(goal.position_n(time), start + time * speed, rtol=1e-13, atol=1e-11)
@@ -33,16 +33,16 @@ def test_straight_goal(time):
 
 @settings(deadline=None, max_examples=30)
 @given(time=st.floats(-20.0, 200.0))
-def test_waypoints_against_interpolation(time):
+def test_waypoint_motion_equals_interpolation(time):
     goal = ship()
-    after = np.array([3.0, 4.0, 0.0]) * max(time - 70.0, 0.0)
-    expected = [np.interp(time, TIMES, np.asarray(POINTS)[:, axis]) + after[axis] for axis in range(3)]
+    moved = np.array([3.0, 4.0, 0.0]) * max(time - 70.0, 0.0)
+    expected = [np.interp(time, TIMES, np.asarray(POINTS)[:, axis]) + moved[axis] for axis in range(3)]
     # Sums in another order: rounding of some 1e3 m.
     np.testing.assert_allclose(position(goal, time), expected, atol=1e-11)
     np.testing.assert_allclose(position(pad_waypoints(goal, 7), time), expected, atol=1e-11)
 
 
-def test_velocity_by_legs():
+def test_the_velocity_is_that_of_the_leg():
     goal = ship()
     expected = {
         5.0: [0, 0, 0],
@@ -58,7 +58,7 @@ def test_velocity_by_legs():
     assert jnp.all(waypoint_goal(TIMES, POINTS).velocity_n(71.0) == 0.0)
 
 
-def test_unlike_goals_stack_and_vmap():
+def test_different_goals_can_be_stacked_after_padding():
     goals = [straight_goal(jnp.array([5.0, 6.0, 0.0]), jnp.array([1.0, 0.0, 0.0])), ship()]
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *[pad_waypoints(goal, 4) for goal in goals])
     for time in (0.0, 30.0, 100.0):

@@ -1,4 +1,4 @@
-"""Dynamic limits on a whole path (theory section 6)."""
+"""Dynamic limits along a path (theory section 6)."""
 
 import equinox as eqx
 import jax
@@ -33,7 +33,7 @@ CHECKED = [limit for limit in LIMITS if limit.violation]
 
 
 @pytest.mark.parametrize(
-    ("changes", "key", "words"),
+    ("changes", "key", "message"),
     [
         ({}, None, "within all limits"),
         ({"speed_min": 155.0}, "airspeed_min", "less than the least airspeed"),
@@ -45,10 +45,10 @@ CHECKED = [limit for limit in LIMITS if limit.violation]
         ({"altitude_min": -1.0}, "level_off_min", "hold cannot level off"),
     ],
 )
-def test_each_limit_is_seen(changes, key, words):
+def test_each_limit_is_checked(changes, key, message):
     report = check(published_path(-30.0, 0.005), **changes)
-    assert words in LIMIT_MESSAGES[int(report.status)]
-    broken = {limit.key for limit, kept in zip(CHECKED, report.is_satisfied, strict=True) if not kept}
+    assert message in LIMIT_MESSAGES[int(report.status)]
+    broken = {limit.key for limit, is_satisfied in zip(CHECKED, report.is_satisfied, strict=True) if not is_satisfied}
     # a path that is too low ends too low
     assert broken == ({key} - {None}) | ({"level_off_min"} if key == "altitude_min" else set())
 
@@ -63,11 +63,11 @@ def test_every_limit_names_a_setting_of_a_scenario_and_a_variable():
         "idle",
         "bank_rate_max",
     }
-    loosened = {one.field for group in RELAXED_TOGETHER.values() for one in group}
-    assert loosened == {limit.field for limit in CERTIFIED_LIMITS}
+    relaxed_fields = {item.field for group in RELAXED_TOGETHER.values() for item in group}
+    assert relaxed_fields == {limit.field for limit in CERTIFIED_LIMITS}
 
 
-def test_what_is_loosened_asks_for_less():
+def test_a_relaxed_limit_is_less_strict():
     tight = limits(altitude_max=3e3, load_factor_max=4.0, acceleration_max=2.0, deceleration_max=2.0)
     for limit in CERTIFIED_LIMITS:
         value = getattr(tight, limit.field)
@@ -77,7 +77,7 @@ def test_what_is_loosened_asks_for_less():
         np.testing.assert_allclose(limit.relaxed(value, 1.0), value, rtol=1e-15)
 
 
-def test_extremes_against_dense_sampling():
+def test_extremes_equal_dense_sampling():
     path = published_path(-30.0, 0.005)
     report = check(path)
     t = np.linspace(0.0, 36.0, 20001)
@@ -109,7 +109,7 @@ def test_wind_moves_the_ground_track_only():
 
 
 @pytest.mark.long
-def test_gradient_jit_and_vmap_also_at_rest():
+def test_gradients_and_batches_are_finite_at_rest():
     path = published_path(-30.0, 0.005)
 
     def use(coefficients):
@@ -119,9 +119,9 @@ def test_gradient_jit_and_vmap_also_at_rest():
     for coefficients in (path.coefficients_n, jnp.zeros((3, 5))):
         assert jnp.all(jnp.isfinite(slopes(coefficients)))
     bends = jnp.array([0.0, 0.0025, 0.01])
-    many = jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_utilization_max)(bends)
+    batch = jax.vmap(lambda b_4: check(published_path(-30.0, b_4)).turn_utilization_max)(bends)
     np.testing.assert_allclose(
-        many, [check(published_path(-30.0, b_4)).turn_utilization_max for b_4 in bends], rtol=1e-12
+        batch, [check(published_path(-30.0, b_4)).turn_utilization_max for b_4 in bends], rtol=1e-12
     )
 
 
@@ -133,8 +133,8 @@ def _descending(gamma_deg, height):
     return fit_trajectory(0.0, 40.0, start_n, velocity_n, end_n, velocity_n)
 
 
-def test_the_end_state_is_what_a_hold_can_catch():
-    """A straight descent of 43 m/s at 150 m/s: in 1 s 43 m, then the arc of 1 g; before, it was within all limits."""
+def test_the_end_state_can_be_levelled_off_by_the_hold():
+    """A straight descent of 43 m/s at 150 m/s: 43 m in 1 s, then the arc with 1 g; the path is within the limits."""
     low, high = (check(_descending(16.66, height), altitude_min=100.0) for height in (220.0, 276.0))
     sink = 150.0 * np.sin(np.radians(16.66))
     # the arc, V^2 (1 - cos) / g, with the 7 percent that V^2 gains on the way

@@ -13,7 +13,7 @@ from support.planning_cases import fleet, plan_at, published_fleet, random_fleet
 
 choose = jax.jit(choose_sides)
 fit = jax.jit(fit_trajectory)
-least = jax.jit(separation_min, static_argnums=1)
+pair_distances = jax.jit(separation_min, static_argnums=1)
 
 
 def straight(start, speed_n, duration=40.0):
@@ -26,7 +26,7 @@ def stack(paths):
 
 
 def crossing():
-    """Two lines that cross with the closest approach of 300 sqrt(2) m in the middle; a third far above."""
+    """Two crossing lines with a closest approach of 300 sqrt(2) m in the middle; a third line far above."""
     return stack(
         [
             straight((-3000.0, 0.0, -1000.0), (150.0, 0.0, 0.0)),
@@ -36,8 +36,8 @@ def crossing():
     )
 
 
-def test_known_closest_approach():
-    distance = least(crossing())
+def test_the_closest_approach_of_two_lines_is_exact():
+    distance = pair_distances(crossing())
     # Both axes differ by 600 m in passage: relative motion along (1, -1), offset 600/sqrt 2.
     exact = 600.0 / np.sqrt(2.0)
     # Sampled every 0.625 s at 212 m/s: at the nearest sample no farther than 66 m along the line of relative motion.
@@ -46,30 +46,30 @@ def test_known_closest_approach():
     np.testing.assert_array_equal(distance, distance.T)
     assert np.all(np.isinf(np.diag(distance)))
     # Finer sampling converges to it.
-    np.testing.assert_allclose(least(crossing(), 4001)[0, 1], exact, atol=1e-2)
+    np.testing.assert_allclose(pair_distances(crossing(), 4001)[0, 1], exact, atol=1e-2)
 
 
-def test_gradient_is_finite_also_for_coincident_aircraft():
+def test_the_gradient_is_finite_for_coincident_aircraft():
     def closest(coefficients, paths):
         distance = separation_min(eqx.tree_at(lambda p: p.coefficients_n, paths, coefficients))
         return jnp.sum(jnp.where(jnp.isfinite(distance), distance, 0.0))
 
     slopes, paths = jax.jit(jax.grad(closest)), crossing()
     doubled = jax.tree.map(lambda leaf: leaf[jnp.array([0, 0, 1])], paths)
-    for some in (paths, doubled):
-        assert jnp.all(jnp.isfinite(slopes(some.coefficients_n, some)))
+    for case in (paths, doubled):
+        assert jnp.all(jnp.isfinite(slopes(case.coefficients_n, case)))
     # Lifting the third aircraft by 1 m widens 1000 m by 1 m, seen from both.
     shift = slopes(paths.coefficients_n, paths)[2, 2, 0]
-    np.testing.assert_allclose(shift, -2.0 - 2.0 * 1000.0 / least(paths)[1, 2], rtol=1e-9)
+    np.testing.assert_allclose(shift, -2.0 - 2.0 * 1000.0 / pair_distances(paths)[1, 2], rtol=1e-9)
 
 
-def test_vmap_over_fleets():
-    both = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), crossing())
-    distance = jax.jit(jax.vmap(separation_min))(both)
+def test_a_batch_of_fleets_equals_single_fleets():
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf[::-1]]), crossing())
+    distance = jax.jit(jax.vmap(separation_min))(batch)
     np.testing.assert_allclose(distance[1], distance[0][::-1, ::-1])
 
 
-def test_stated_sides_are_kept():
+def test_requested_sides_are_used():
     case = published_fleet()
     plan = plan_at(0.0, case, jnp.ones(3))
     for requested in ([1, -1, 1], [-1, 1, -1]):
@@ -79,15 +79,15 @@ def test_stated_sides_are_kept():
     assert set(np.abs(mixed).tolist()) == {1.0}
 
 
-def test_published_fleet_takes_the_milder_bends():
-    # Here the rendezvous points decide the least distances, whatever the sides.
+def test_the_published_fleet_takes_the_smaller_bends():
+    # Here the rendezvous points decide the pair_distances distances, whatever the sides.
     case = published_fleet()
     plan = plan_at(0.0, case, jnp.ones(3))
     sides = choose(plan, jnp.zeros(3))
-    other = plan_at(0.0, case, -sides)
+    opposite = plan_at(0.0, case, -sides)
     chosen = plan_at(0.0, case, sides)
-    np.testing.assert_allclose(least(chosen.trajectories), least(other.trajectories), atol=1.0)
-    assert jnp.all(jnp.abs(chosen.lateral_bends) <= jnp.abs(other.lateral_bends))
+    np.testing.assert_allclose(pair_distances(chosen.trajectories), pair_distances(opposite.trajectories), atol=1.0)
+    assert jnp.all(jnp.abs(chosen.lateral_bends) <= jnp.abs(opposite.lateral_bends))
 
 
 @pytest.mark.long
@@ -98,14 +98,14 @@ def test_two_aircraft_take_the_wider_side(seed):
     sides = choose(plan_at(0.0, case, jnp.ones(2)), jnp.zeros(2))
 
     def gap(sides):
-        return float(least(plan_at(0.0, case, sides).trajectories)[0, 1])
+        return float(pair_distances(plan_at(0.0, case, sides).trajectories)[0, 1])
 
     # Choices within 1 m count as equal.
     assert gap(sides) >= max(gap(jnp.array([a, b])) for a in (1.0, -1.0) for b in (1.0, -1.0)) - 1.0
 
 
 @pytest.mark.long
-def test_abreast_pair_detours_away_from_its_neighbour():
+def test_an_abreast_pair_detours_away_from_its_neighbour():
     # The second has the shorter way, on the first one's right: it must bend right. Mirrored: left.
     for mirror in (1.0, -1.0):
         case = fleet(
@@ -119,15 +119,15 @@ def test_abreast_pair_detours_away_from_its_neighbour():
 
 
 @pytest.mark.parametrize(
-    ("asked", "ratios"),
+    ("required", "ratios"),
     [
         ((500.0, 150.0), [0.8, 2.0, 1.5]),
         ((500.0, 0.0), [0.8, 0.2, 1.5]),
         ((0.0, 0.0), [np.inf, np.inf, np.inf]),
     ],
 )
-def test_ratio_is_the_better_of_both_in_numpy_and_jax(asked, ratios):
+def test_the_ratio_is_the_larger_of_both_directions_in_numpy_and_jax(required, ratios):
     level, height = np.array([400.0, 100.0, 750.0]), np.array([60.0, 300.0, 0.0])
-    np.testing.assert_allclose(separation_ratio(level, height, *asked), ratios, rtol=1e-15)
-    found = jax.jit(separation_ratio)(*(jnp.asarray(x) for x in (level, height, *asked)))
-    np.testing.assert_allclose(found, ratios, rtol=1e-15)
+    np.testing.assert_allclose(separation_ratio(level, height, *required), ratios, rtol=1e-15)
+    ratio = jax.jit(separation_ratio)(*(jnp.asarray(x) for x in (level, height, *required)))
+    np.testing.assert_allclose(ratio, ratios, rtol=1e-15)

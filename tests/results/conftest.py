@@ -1,4 +1,4 @@
-"""A record with a number for every key: smooth, bounded and without meaning, for tests of labels and files."""
+"""A record with a number for every key: smooth, bounded and meaningless, for tests of labels and files."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The number that tells how well arrivals fit is the one that was asked for."""
+"""The arrival accuracy matches the arrival rule of the scenario."""
 
 import pytest
 
@@ -7,24 +7,24 @@ from anser.results.summary_format import format_fleet
 from support.made_scenario import made_scenario
 
 
-def told(rule, arrivals, spacing_s=None, late=0.0):
-    """Summary of aircraft that arrive so and were planned `late` seconds earlier."""
+def arrival_summary(rule, arrivals, spacing_s=None, late=0.0):
+    """Summary of aircraft with these arrivals, planned `late` seconds earlier."""
     count = len(arrivals)
-    asked = {"rule": rule} | ({} if spacing_s is None else {"spacing_s": spacing_s})
+    requirement = {"rule": rule} | ({} if spacing_s is None else {"spacing_s": spacing_s})
     names = [f"one-{k}" for k in range(count)]
-    tables = {"arrival": asked, "fleet": {"speed_m_s": 150.0, "planner": "certified"}}
+    tables = {"arrival": requirement, "fleet": {"speed_m_s": 150.0, "planner": "certified"}}
     scenario = made_scenario(names, ["mark"] * count, **tables)
-    rows = [
+    entries = [
         {"name": name, "arrival_s": at, "planned_arrival_s": at - late}
         for name, at in zip(names, arrivals, strict=True)
     ]
     spread = None if None in arrivals else max(arrivals) - min(arrivals)
     fleet = {"arrival_spread_s": spread, "separation_min_m": None if count == 1 else 250.0}
-    return {"aircraft": rows, "arrival": summarize_arrivals(scenario, rows), "fleet": fleet}
+    return {"aircraft": entries, "arrival": summarize_arrivals(scenario, entries), "fleet": fleet}
 
 
-def test_together_it_is_the_spread():
-    summary = told("together", [60.0, 60.25])
+def test_simultaneous_arrivals_have_a_spread():
+    summary = arrival_summary("together", [60.0, 60.25])
     assert arrival_accuracy(summary).kind == "spread"
     assert format_fleet(summary) == ["arrival spread 0.25 s", "least separation 250 m"]
 
@@ -32,33 +32,33 @@ def test_together_it_is_the_spread():
 @pytest.mark.parametrize(
     ("seconds", "text"), [(0.0, "0 ms"), (2.31e-5, "0.023 ms"), (0.0122, "12 ms"), (0.0994, "99 ms"), (0.25, "0.25 s")]
 )
-def test_short_times_are_told_in_milliseconds(seconds, text):
+def test_short_durations_are_formatted_in_milliseconds(seconds, text):
     assert format_duration(seconds) == text
 
 
-def test_of_a_sequence_it_is_the_error_of_the_spacing():
-    summary = told("sequence", [100.0, 40.0, 69.5], spacing_s=30.0)
+def test_a_sequence_has_a_spacing_error():
+    summary = arrival_summary("sequence", [100.0, 40.0, 69.5], spacing_s=30.0)
     assert summary["arrival"]["spacing_error_max_s"] == pytest.approx(0.5)
     assert format_fleet(summary)[0] == "arrivals 30 s apart, spacing error 0.50 s"
 
 
-def test_a_sequence_without_spacing_arrives_together():
-    assert arrival_accuracy(told("sequence", [60.0, 60.25], spacing_s=0.0)).kind == "spread"
+def test_a_sequence_without_spacing_has_a_spread():
+    assert arrival_accuracy(arrival_summary("sequence", [60.0, 60.25], spacing_s=0.0)).kind == "spread"
 
 
-def test_of_one_aircraft_it_is_how_far_it_was_off_and_nothing_of_others():
-    summary = told("together", [34.0], late=0.125)
+def test_a_single_aircraft_has_an_arrival_error():
+    summary = arrival_summary("together", [34.0], late=0.125)
     assert format_fleet(summary) == ["arrival 0.12 s off its planned time"]
 
 
-def test_without_an_arrival_there_is_no_number():
-    rows = told("together", [34.0])
-    rows["aircraft"][0]["arrival_s"] = None
-    assert arrival_accuracy(rows | {"arrival": {"common": True, "error_max_s": None}}).describe(1) == ""
+def test_a_missing_arrival_has_no_accuracy():
+    summary = arrival_summary("together", [34.0])
+    summary["aircraft"][0]["arrival_s"] = None
+    assert arrival_accuracy(summary | {"arrival": {"common": True, "error_max_s": None}}).describe(1) == ""
 
 
-def test_a_summary_that_does_not_say_what_was_asked_is_of_arrivals_together():
-    summary = told("together", [60.0, 60.25])
+def test_a_summary_without_requirement_has_simultaneous_arrivals():
+    summary = arrival_summary("together", [60.0, 60.25])
     del summary["arrival"]
     assert arrival_accuracy(summary).kind == "spread"
 
@@ -67,5 +67,5 @@ def test_a_summary_that_does_not_say_what_was_asked_is_of_arrivals_together():
     ("count", "last_s", "text"),
     [(1, 60.0, "arrives at 60.00 s"), (3, 60.0, "all arrive at 60.00 s"), (3, 61.0, "arrivals from 60.00 to 61.00 s")],
 )
-def test_planned_arrivals_go_by_their_number(count, last_s, text):
+def test_planned_arrivals_are_formatted_by_number(count, last_s, text):
     assert format_planned_arrivals(count, 60.0, last_s) == text

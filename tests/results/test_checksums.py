@@ -1,4 +1,4 @@
-"""Files of a run verified before they are believed: any changed byte of them is refused by name."""
+"""Files of a run are verified before use: any changed byte is refused with the file's name."""
 
 import json
 
@@ -51,7 +51,7 @@ def test_a_flight_of_another_program_or_format_is_refused_and_an_older_one_is_re
     np.testing.assert_array_equal(read_netcdf(flight)["north_m"], dataset["north_m"])
 
 
-def test_a_changed_value_of_a_document_is_refused_and_another_spacing_is_not(tmp_path):
+def test_a_changed_value_of_a_document_is_refused_unlike_a_changed_spacing(tmp_path):
     path, document = tmp_path / "some.json", {"b": [1.5, None], "a": {"text": "ü"}}
     path.write_text(json.dumps(add_checksum(document)))
     assert read_document(path) == (document, True)
@@ -74,7 +74,7 @@ def test_a_changed_value_of_a_document_is_refused_and_another_spacing_is_not(tmp
         (b'{"miss_m": NaN}', "NaN, which JSON has not"),
     ],
 )
-def test_what_is_no_document_is_refused(tmp_path, content, message):
+def test_a_file_without_document_is_refused(tmp_path, content, message):
     (tmp_path / "some.json").write_bytes(content)
     with pytest.raises(DamagedFileError, match=message):
         read_document(tmp_path / "some.json")
@@ -100,7 +100,7 @@ OLD = {
         ({"fleet": 3}, "arrived 3 in fleet"),
     ],
 )  # fmt: skip
-def test_a_summary_of_an_older_version_is_read_where_it_is_whole(tmp_path, change, message):
+def test_a_complete_summary_of_an_older_version_is_read(tmp_path, change, message):
     path = tmp_path / "summary.json"
     path.write_text(json.dumps(OLD))
     assert read_summary(path) == OLD

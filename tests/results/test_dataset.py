@@ -1,4 +1,4 @@
-"""A history becomes a dataset: nothing lost, nothing unlabelled, angles in one turn, places on the ellipsoid."""
+"""Conversion of a history to a dataset: complete, labelled, angles within one turn, positions on the ellipsoid."""
 
 import numpy as np
 import pymap3d
@@ -16,16 +16,19 @@ def test_every_variable_of_the_catalogue_is_labelled(time_s, history, names, att
     assert dataset.attrs == attributes | {"surfaces": "elevator aileron rudder"}
     assert dataset["time"].attrs["units"] == "s"
     for variable in CATALOGUE:
-        found = dataset[variable.name]
-        assert found.dims == ("time", "aircraft")
-        assert found.dtype == np.dtype(variable.dtype)
-        assert (found.attrs["units"], found.attrs["frame"]) == (variable.unit, variable.frame)
-        assert (found.attrs["long_name"], found.attrs["symbol"]) == (variable.long_name, variable.symbol)
+        variable_data = dataset[variable.name]
+        assert variable_data.dims == ("time", "aircraft")
+        assert variable_data.dtype == np.dtype(variable.dtype)
+        assert (variable_data.attrs["units"], variable_data.attrs["frame"]) == (variable.unit, variable.frame)
+        assert (variable_data.attrs["long_name"], variable_data.attrs["symbol"]) == (
+            variable.long_name,
+            variable.symbol,
+        )
     assert dataset["phase"].attrs["flag_meanings"] == "approach frozen hold"
     assert list(dataset["phase"].attrs["flag_values"]) == [0, 1, 2]
 
 
-def test_values_are_history_times_factor(time_s, history, names, attributes):
+def test_values_equal_history_times_factor(time_s, history, names, attributes):
     dataset = to_dataset(time_s, history, names, attributes)
     for variable in CATALOGUE:
         if variable.key not in DERIVED_KEYS:
@@ -52,11 +55,11 @@ def test_angles_are_wrapped_to_one_turn(time_s, history, names, attributes, angl
 
 def test_rates_are_not_wrapped(time_s, history, names, attributes):
     history["roll_rate"][0, 0] = 5.0
-    found = to_dataset(time_s, history, names, attributes)["roll_rate_deg_s"][0, 0]
-    assert found == pytest.approx(286.4788975654116)
+    roll_rate = to_dataset(time_s, history, names, attributes)["roll_rate_deg_s"][0, 0]
+    assert roll_rate == pytest.approx(286.4788975654116)
 
 
-def test_places_agree_with_pymap3d_near_the_reference(time_s, history, names, attributes):
+def test_positions_agree_with_pymap3d_near_the_reference(time_s, history, names, attributes):
     for key in ("north", "east", "altitude"):
         history[key] = history[key] * 1000.0
     dataset = to_dataset(time_s, history, names, attributes)
@@ -74,13 +77,13 @@ def test_places_agree_with_pymap3d_near_the_reference(time_s, history, names, at
     assert dataset["longitude_deg"].min() < -179.0
 
 
-def test_unknown_key_is_refused(time_s, history, names, attributes):
+def test_an_unknown_key_is_refused(time_s, history, names, attributes):
     history["altitud"] = history["altitude"]
     with pytest.raises(ValueError, match=r"unknown keys \['altitud'\]"):
         to_dataset(time_s, history, names, attributes)
 
 
-def test_missing_key_is_refused(time_s, history, names, attributes):
+def test_a_missing_key_is_refused(time_s, history, names, attributes):
     del history["thrust"]
     with pytest.raises(ValueError, match=r"missing keys \['thrust'\]"):
         to_dataset(time_s, history, names, attributes)
@@ -92,13 +95,13 @@ def test_latitude_cannot_be_recorded(time_s, history, names, attributes):
         to_dataset(time_s, history, names, attributes)
 
 
-def test_wrong_shape_is_refused(time_s, history, names, attributes):
+def test_a_wrong_shape_is_refused(time_s, history, names, attributes):
     history["thrust"] = history["thrust"].T
     with pytest.raises(ValueError, match="thrust has shape"):
         to_dataset(time_s, history, names, attributes)
 
 
-def test_wrong_kind_of_number_is_refused(time_s, history, names, attributes):
+def test_a_wrong_number_type_is_refused(time_s, history, names, attributes):
     history["phase"] = history["phase"] * 1.0
     with pytest.raises(TypeError, match="phase holds float64"):
         to_dataset(time_s, history, names, attributes)
@@ -110,12 +113,12 @@ def test_time_must_increase(time_s, history, names, attributes):
         to_dataset(time_s, history, names, attributes)
 
 
-def test_a_name_cannot_occur_twice(time_s, history, attributes):
+def test_a_repeated_name_is_refused(time_s, history, attributes):
     with pytest.raises(ValueError, match="each once"):
         to_dataset(time_s, history, ("anna", "bert", "anna"), attributes)
 
 
-def test_the_reference_is_needed(time_s, history, names, attributes):
+def test_a_missing_reference_is_refused(time_s, history, names, attributes):
     del attributes["reference_longitude_deg"]
     with pytest.raises(ValueError, match="reference_longitude_deg"):
         to_dataset(time_s, history, names, attributes)
@@ -130,9 +133,11 @@ ELEVONS = ("left_elevon", "right_elevon")
 
 
 def elevons_only(history):
-    """The history with two elevons in place of the standard surfaces."""
-    found = {key: values for key, values in history.items() if key.removesuffix("_command") not in STANDARD_SURFACES}
-    return found | {
+    """The history with two elevons instead of the standard surfaces."""
+    remaining = {
+        key: values for key, values in history.items() if key.removesuffix("_command") not in STANDARD_SURFACES
+    }
+    return remaining | {
         f"{name}{suffix}": history[f"{old}{suffix}"]
         for name, old in zip(ELEVONS, ("elevator", "aileron"), strict=True)
         for suffix in ("", "_command")
@@ -150,7 +155,7 @@ def test_a_fleet_may_have_other_surfaces(time_s, history, names, attributes):
     assert order.index("left_elevon_deg") == order.index("load_factor") + 1
 
 
-def test_its_surfaces_must_be_recorded_and_no_others(time_s, history, names, attributes):
+def test_the_recorded_surfaces_must_match_the_fleet(time_s, history, names, attributes):
     changed = elevons_only(history)
     del changed["right_elevon_command"]
     with pytest.raises(ValueError, match=r"missing keys \['right_elevon_command'\]"):
@@ -159,7 +164,7 @@ def test_its_surfaces_must_be_recorded_and_no_others(time_s, history, names, att
         to_dataset(time_s, elevons_only(history), names, attributes)
 
 
-def test_of_aircraft_with_different_surfaces_it_says_which_may_be_missing(time_s, history, names, attributes):
+def test_surfaces_that_may_be_missing_are_marked(time_s, history, names, attributes):
     mixed = history | elevons_only(history)
     dataset = to_dataset(time_s, mixed, names, attributes, [("elevator", *ELEVONS), STANDARD_SURFACES, ("elevator",)])
     assert surface_names(dataset) == ("elevator", *ELEVONS, "aileron", "rudder")
@@ -168,12 +173,12 @@ def test_of_aircraft_with_different_surfaces_it_says_which_may_be_missing(time_s
         assert dataset[f"{name}_command_deg"].attrs["comment"] == "NaN of an aircraft that has no such surface"
 
 
-def test_surfaces_are_told_of_each_aircraft(time_s, history, names, attributes):
+def test_surfaces_must_be_listed_for_each_aircraft(time_s, history, names, attributes):
     with pytest.raises(ValueError, match="surfaces are those of 1 aircraft; there are 3"):
         to_dataset(time_s, history, names, attributes, [STANDARD_SURFACES])
 
 
-def test_a_dataset_from_before_has_the_standard_surfaces(time_s, history, names, attributes):
+def test_an_older_dataset_has_the_standard_surfaces(time_s, history, names, attributes):
     dataset = to_dataset(time_s, history, names, attributes)
     del dataset.attrs["surfaces"]
     assert surface_names(dataset) == STANDARD_SURFACES

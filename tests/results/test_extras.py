@@ -1,4 +1,4 @@
-"""What is said where a library of an extra is not installed."""
+"""Messages for missing libraries of an extra."""
 
 import sys
 
@@ -15,13 +15,13 @@ def test_the_extra_is_named():
     assert install_hint("pyarrow", "parquet") == said
 
 
-def test_a_linear_model_without_python_control_says_so(monkeypatch):
+def test_a_linear_model_without_python_control_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "control", None)
     with pytest.raises(ImportError, match=r'python-control is not installed: pip install "anser\[control\]"'):
         LinearizationResult.state_space(object.__new__(LinearizationResult))
 
 
-def test_a_cluster_without_dask_says_so(monkeypatch):
+def test_a_cluster_without_dask_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(StoreError, match=r'dask is not installed: pip install "anser\[campaign\]"'),

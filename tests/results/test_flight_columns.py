@@ -1,4 +1,4 @@
-"""The worst of a fleet: a missing arrival makes a flight infinitely bad, unless the flight is good without it."""
+"""Worst value of a fleet: a missing arrival makes a flight infinitely bad, unless the flight meets its requirements."""
 
 import numpy as np
 import pytest
@@ -16,23 +16,25 @@ FLIGHTS = {
 }
 
 
-def test_an_aircraft_that_has_left_a_good_flight_does_not_count():
+def test_a_departed_aircraft_of_a_good_flight_does_not_count():
     np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, "miss_m"), [3.0, 2.0, np.inf])
     np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, "miss_m", upper=False), [1.0, 2.0, -np.inf])
     np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, "arrival_spread_s"), [0.1, -np.inf, np.inf])
 
 
-@pytest.mark.parametrize(("name", "kept"), [("clearance_min_m", [150.0, 170.0]), ("separation_min_m", [500.0, 600.0])])
-def test_a_flight_with_a_crash_does_not_improve_a_least_distance(name, kept):
-    np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, name, upper=False), [*kept, -np.inf])
+@pytest.mark.parametrize(
+    ("name", "expected"), [("clearance_min_m", [150.0, 170.0]), ("separation_min_m", [500.0, 600.0])]
+)
+def test_a_flight_with_a_crash_does_not_improve_a_least_distance(name, expected):
+    np.testing.assert_array_equal(worst_of_fleet(FLIGHTS, name, upper=False), [*expected, -np.inf])
 
 
 @pytest.mark.parametrize("share", [0.01, 0.5, 0.95, 1.0])
 @pytest.mark.parametrize("failed", [0, 1, 5, 10])
-def test_quantiles_of_flights_without_an_arrival_are_infinite_and_never_nan(share, failed):
+def test_quantiles_of_flights_without_arrival_are_infinite(share, failed):
     misses = np.arange(1.0, 11.0)[:, None]
     misses[10 - failed :] = NONE
     worst = worst_of_fleet({"miss_m": misses, "met": np.isfinite(misses[:, 0])}, "miss_m")
-    value, ends = quantile(worst, share), order_statistic_interval(worst, share)
+    value, bounds = quantile(worst, share), order_statistic_interval(worst, share)
     assert value == (max(np.ceil(10 * share), 1.0) if max(np.ceil(10 * share), 1.0) <= 10 - failed else np.inf)
-    assert not np.isnan(ends).any()
+    assert not np.isnan(bounds).any()

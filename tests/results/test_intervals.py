@@ -1,4 +1,4 @@
-"""Intervals hold what they promise: coverage over made-up campaigns of known distributions."""
+"""Coverage of confidence intervals over artificial campaigns with known distributions."""
 
 import numpy as np
 import pytest
@@ -12,19 +12,19 @@ from anser.results.sampling_statistics import order_statistic_interval, quantile
 CAMPAIGNS, FLIGHTS = 4000, 300
 
 
-def test_wilson_covers_the_truth_as_often_as_it_says():
+def test_wilson_intervals_have_the_nominal_coverage():
     probability = 0.93
-    found = np.random.default_rng(1).binomial(FLIGHTS, probability, CAMPAIGNS)
-    ends = np.array([wilson_interval(int(one), FLIGHTS) for one in found])
-    covered = np.mean((ends[:, 0] <= probability) & (probability <= ends[:, 1]))
+    success_counts = np.random.default_rng(1).binomial(FLIGHTS, probability, CAMPAIGNS)
+    bounds = np.array([wilson_interval(int(successes), FLIGHTS) for successes in success_counts])
+    covered = np.mean((bounds[:, 0] <= probability) & (probability <= bounds[:, 1]))
     assert 0.94 <= covered <= 0.96
 
 
 @pytest.mark.parametrize("share", [0.5, 0.95])
-def test_order_statistics_cover_the_quantile_as_often_as_they_say_or_more(share):
+def test_order_statistics_have_at_least_the_nominal_coverage(share):
     rng = np.random.default_rng(2)
-    ends = [order_statistic_interval(rng.exponential(size=FLIGHTS), share) for _ in range(CAMPAIGNS)]
-    low, high = np.array(ends).T
+    bounds = [order_statistic_interval(rng.exponential(size=FLIGHTS), share) for _ in range(CAMPAIGNS)]
+    low, high = np.array(bounds).T
     truth = stats.expon.ppf(share)
     # at least 95 %; four standard deviations of 4,000 campaigns are 1.4 %, of the whole 0.7 % below
     assert np.mean((low <= truth) & (truth <= high)) >= 0.943
@@ -40,7 +40,7 @@ def test_failures_count_as_the_worst():
 
 
 @given(values=arrays(float, st.integers(1, 60), elements=st.floats(-1e6, 1e6)), share=st.floats(0.01, 0.99))
-def test_an_interval_holds_its_quantile_and_widens_with_the_confidence(values, share):
+def test_an_interval_contains_its_quantile_and_widens_with_the_confidence(values, share):
     low, high = order_statistic_interval(values, share, 0.9)
     wider_low, wider_high = order_statistic_interval(values, share, 0.99)
     assert low <= quantile(values, share) <= high
@@ -48,7 +48,7 @@ def test_an_interval_holds_its_quantile_and_widens_with_the_confidence(values, s
     assert high <= wider_high
 
 
-def test_what_is_no_sample_is_refused():
+def test_invalid_samples_are_refused():
     with pytest.raises(ValueError, match="arrived NaN"):
         order_statistic_interval(np.array([1.0, np.nan]), 0.5)
     with pytest.raises(ValueError, match="arrived 3 successes of 2 flights"):

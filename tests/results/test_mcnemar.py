@@ -1,4 +1,4 @@
-"""McNemar's exact test: by hand where that is short, and no verdict without pairs that fall apart."""
+"""McNemar's exact test: against values by hand, and without discordant pairs."""
 
 import pytest
 
@@ -6,8 +6,8 @@ from anser.results.sampling_statistics import mcnemar_exact
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "expected"),
+    ("first_only", "second_only", "expected"),
     [(0, 0, 1.0), (3, 3, 1.0), (0, 5, 2.0 / 32.0), (5, 0, 2.0 / 32.0), (1, 9, 2.0 * 11.0 / 1024.0)],
 )
-def test_it_is_a_coins_toss_for_each_pair_that_falls_apart(first, second, expected):
-    assert mcnemar_exact(first, second) == pytest.approx(expected, rel=1e-12)
+def test_the_p_value_is_that_of_a_coin_toss_per_discordant_pair(first_only, second_only, expected):
+    assert mcnemar_exact(first_only, second_only) == pytest.approx(expected, rel=1e-12)

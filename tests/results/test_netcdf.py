@@ -1,4 +1,4 @@
-"""A flight on disk is the flight that was written."""
+"""A flight read from disk equals the written flight."""
 
 import netCDF4
 import numpy as np
@@ -15,7 +15,7 @@ def dataset(time_s, history, names, attributes):
     return to_dataset(time_s, history, names, attributes)
 
 
-def test_round_trip_is_exact(dataset, tmp_path):
+def test_a_round_trip_is_exact(dataset, tmp_path):
     path = tmp_path / "flight.nc"
     write_netcdf(dataset, path)
     read = read_netcdf(path)
@@ -27,7 +27,7 @@ def test_round_trip_is_exact(dataset, tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["flight.nc"]
 
 
-def test_truth_values_are_flags_on_disk(dataset, tmp_path):
+def test_booleans_are_flags_on_disk(dataset, tmp_path):
     path = tmp_path / "flight.nc"
     write_netcdf(dataset, path)
     with netCDF4.Dataset(path) as file:

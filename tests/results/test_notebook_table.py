@@ -1,11 +1,11 @@
-"""A table in a notebook: HTML of plain text."""
+"""HTML table for a notebook, from plain text."""
 
 import xml.etree.ElementTree as ElementTree
 
 from anser.results.documents import notebook_table
 
 
-def test_it_is_a_table_with_a_title_and_notes_and_text_stays_text():
+def test_a_table_has_title_and_notes_with_escaped_text():
     page = ElementTree.fromstring(
         notebook_table("<a> & b", [{"x": "1", "y<": "2"}, {"x": "3", "y<": "<b>"}], ["n > 1"])
     )
@@ -15,5 +15,5 @@ def test_it_is_a_table_with_a_title_and_notes_and_text_stays_text():
     assert page.findall("p")[-1].text == "n > 1"
 
 
-def test_without_rows_there_is_no_table():
+def test_a_table_without_rows_is_omitted():
     assert "<table>" not in notebook_table("no plan", [], ["why"])

@@ -1,4 +1,4 @@
-"""A plan as dataset, summary and table: units, labels, gaps after the arrival, margins, what is refused."""
+"""Plan as dataset, summary and table: units, labels, gaps after the arrival, margins, refusals."""
 
 import csv
 import dataclasses
@@ -16,10 +16,10 @@ from support.plan_case import CELL, SPEED, plan_case
 
 
 def _limits(summary, k):
-    return {row["name"]: row for row in summary["aircraft"][k]["limits"]}
+    return {entry["name"]: entry for entry in summary["aircraft"][k]["limits"]}
 
 
-def test_variables_carry_the_labels_of_the_catalogue():
+def test_variables_have_the_labels_of_the_catalogue():
     samples, details = plan_case(separation_m=(500.0, 150.0))
     dataset = plan_dataset(samples, details)
     by_name = {variable.name: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}
@@ -39,21 +39,26 @@ def test_plan_variables_do_not_collide_with_the_catalogue():
         assert len(set(values)) == len(values), field
 
 
-def test_nothing_is_shown_after_an_arrival():
+def test_values_after_an_arrival_are_missing():
     dataset = plan_dataset(*plan_case())
     times = dataset["time"].values
     for name in (*TRAJECTORY_COLUMNS, "goal_north_m"):
-        known = np.isfinite(dataset[name].values)
-        np.testing.assert_array_equal(known[:, 2], times <= 40.25)
-        assert known[:, 0].all()
+        is_finite = np.isfinite(dataset[name].values)
+        np.testing.assert_array_equal(is_finite[:, 2], times <= 40.25)
+        assert is_finite[:, 0].all()
 
 
-def test_summary_tells_margins_and_the_closest_pair():
+def test_the_summary_has_margins_and_the_closest_pair():
     samples, details = plan_case(separation_m=(500.0, 150.0), keep_outs=(CELL,), distance_min_m=100.0)
     summary = plan_summary(plan_dataset(samples, details))
-    row = summary["aircraft"][2]
-    assert (row["name"], row["goal"], row["arrival_s"], row["length_m"]) == ("carl", "buoy-1", 40.25, SPEED * 40.25)
-    assert row["status"] == summary["status"] == "planned"
+    entry = summary["aircraft"][2]
+    assert (entry["name"], entry["goal"], entry["arrival_s"], entry["length_m"]) == (
+        "carl",
+        "buoy-1",
+        40.25,
+        SPEED * 40.25,
+    )
+    assert entry["status"] == summary["status"] == "planned"
     limits = _limits(summary, 2)
     assert limits["airspeed_min_m_s"]["margin"] == SPEED - 90.0
     assert limits["airspeed_max_m_s"]["margin"] == 240.0 - SPEED
@@ -69,7 +74,7 @@ def test_summary_tells_margins_and_the_closest_pair():
     assert summary["arrival"] == {"rule": "together", "first_s": 40.25, "last_s": 60.0}
 
 
-def test_margins_are_those_of_what_is_proven():
+def test_margins_refer_to_proven_bounds():
     bounds = {limit.key: np.full(3, 100.0) for limit in LIMITS if limit.key == "airspeed_min"}
     samples, details = plan_case(
         keep_outs=(CELL,), bounds=bounds, separation_bound=1.25, keep_out_bounds_m=np.array([[240.0], [230.0], [260.0]])
@@ -86,13 +91,13 @@ def test_margins_are_those_of_what_is_proven():
     assert summary["separation"] is None
 
 
-def test_a_broken_plan_says_so_and_has_no_number_that_json_has_not(tmp_path):
+def test_a_defective_plan_is_reported_with_valid_json(tmp_path):
     samples, details = plan_case(messages=("too slow", None, None), problems=('aircraft "anna": too slow',))
     samples.extremes.values["bank_max"][0] = np.nan
     summary = plan_summary(plan_dataset(samples, details))
     assert summary["status"] == "not flyable"
     assert summary["problems"] == ['aircraft "anna": too slow']
-    assert [row["status"] for row in summary["aircraft"]] == ["too slow", "planned", "planned"]
+    assert [entry["status"] for entry in summary["aircraft"]] == ["too slow", "planned", "planned"]
     assert _limits(summary, 0)["bank_max_deg"]["margin"] is None
     write_summary(summary, tmp_path / "plan.json")
     stored = json.loads((tmp_path / "plan.json").read_text())
@@ -106,29 +111,30 @@ def test_one_aircraft_has_no_pair():
     assert summary["least_distance"]["value_m"] is None
 
 
-def test_table_has_every_even_instant_and_the_arrival(tmp_path):
+def test_the_table_has_every_regular_instant_and_the_arrival(tmp_path):
     samples, details = plan_case(names=("anna", "a, b", "carl"))
     dataset, path = plan_dataset(samples, details), tmp_path / "trajectories.csv"
     write_trajectories(dataset, path)
     text = path.read_bytes().decode()
     assert text.count("\r\n") == text.count("\n")  # RFC 4180
-    rows = list(csv.DictReader(io.StringIO(text, newline="")))
-    assert tuple(rows[0]) == ("time_s", "aircraft", *TRAJECTORY_COLUMNS)
+    table = list(csv.DictReader(io.StringIO(text, newline="")))
+    assert tuple(table[0]) == ("time_s", "aircraft", *TRAJECTORY_COLUMNS)
     times = {
-        name: [float(row["time_s"]) for row in rows if row["aircraft"] == name] for name in ("anna", "a, b", "carl")
+        name: [float(entry["time_s"]) for entry in table if entry["aircraft"] == name]
+        for name in ("anna", "a, b", "carl")
     }
     assert times["anna"] == list(np.arange(0.0, 60.25, 0.5))  # not at the arrival of carl
     assert times["carl"] == [*np.arange(0.0, 40.25, 0.5), 40.25]
-    last = rows[-1]
+    last_entry = table[-1]
     for name in TRAJECTORY_COLUMNS:
         # six decimals are written
-        assert float(last[name]) == pytest.approx(dataset[name].sel(time=40.25).values[2], abs=1e-6)
-    assert all(value not in ("", "nan") for row in rows for value in row.values())
+        assert float(last_entry[name]) == pytest.approx(dataset[name].sel(time=40.25).values[2], abs=1e-6)
+    assert all(value not in ("", "nan") for entry in table for value in entry.values())
     with pytest.raises(FileExistsError):
         write_trajectories(dataset, path)
 
 
-def test_what_does_not_fit_is_refused():
+def test_inconsistent_samples_are_refused():
     samples, details = plan_case()
     with pytest.raises(ValueError, match="altitud"):
         plan_dataset(dataclasses.replace(samples, history={"altitud": samples.history["altitude"]}), details)

@@ -1,4 +1,4 @@
-"""Requirements are judged by the worst aircraft, on the right side of the limit."""
+"""Evaluation of requirements by the worst aircraft, on the right side of the limit."""
 
 import pytest
 
@@ -39,27 +39,27 @@ WORST = {
 }
 
 
-def test_every_requirement_is_tried_here():
+def test_every_requirement_has_a_case():
     assert set(WORST) == set(REQUIREMENT_NAMES)
 
 
 @pytest.mark.parametrize("name", REQUIREMENT_NAMES)
-@pytest.mark.parametrize("off", [-0.1, 0.0, 0.1])
-def test_worst_value_against_the_limit(name, off):
-    limit = WORST[name] + off
+@pytest.mark.parametrize("offset", [-0.1, 0.0, 0.1])
+def test_the_worst_value_is_compared_with_the_limit(name, offset):
+    limit = WORST[name] + offset
     # What must stay below is one of these names; the rest must stay above.
     below = name not in {"separation_min_m", "separation_ratio_min", "clearance_min_m", "speed_min_m_s"}
-    met = off >= 0.0 if below else off <= 0.0
+    is_met = offset >= 0.0 if below else offset <= 0.0
     (entry,) = evaluate_requirements([Requirement(name, limit)], [ROW, WORSE], FLEET, [])
-    assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": met}
+    assert entry == {"name": name, "limit": limit, "value": WORST[name], "met": is_met}
 
 
-def test_each_kind_of_goal_has_its_clearance_by_the_least_margin():
+def test_each_kind_of_goal_has_the_clearance_with_the_least_margin():
     # ROW keeps 290 of 280 m, a margin of 10; WORSE keeps 160 of 100 m, a margin of 60.
-    both = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
-    assert both == [{"name": "clearance_surface_min_m", "limit": 280.0, "value": 290.0, "met": True}]
-    each = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
-    assert [(entry["name"], entry["met"]) for entry in each] == [
+    same_kind = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 280.0), ("surface", 100.0)])
+    assert same_kind == [{"name": "clearance_surface_min_m", "limit": 280.0, "value": 290.0, "met": True}]
+    different_kinds = evaluate_requirements([], [ROW, WORSE], FLEET, [("surface", 150.0), ("airborne", 161.0)])
+    assert [(entry["name"], entry["met"]) for entry in different_kinds] == [
         ("clearance_surface_min_m", True),
         ("clearance_airborne_min_m", False),
     ]

@@ -1,4 +1,4 @@
-"""How near two aircraft came: whether it was judged, and a warning below three spans."""
+"""Distance between two aircraft: evaluation, and the warning below three spans."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ SPAN_M = 9.144  # of the F-16: 30 ft
 NEAR = {"near_distance_m": 3.0 * SPAN_M}
 
 
-def two(**tables):
+def two_aircraft(**tables):
     return made_scenario(["anna", "bert"], ["buoy", "ship"], **tables)
 
 
@@ -22,23 +22,23 @@ def two(**tables):
     ("tables", "required"),
     [({}, 0), ({"separation": {"horizontal_m": 150.0}}, 1), ({"requirements": {"separation_min_m": 150.0}}, 1)],
 )
-def test_a_dataset_says_whether_a_separation_was_required_and_what_is_near(tables, required):
+def test_dataset_attributes_have_the_separation_requirement_and_the_near_distance(tables, required):
     tables = tables | {"fleet": {"speed_m_s": 150.0, "planner": "certified"}}
-    assert separation_attributes(two(**tables)) == {
+    assert separation_attributes(two_aircraft(**tables)) == {
         "separation_required": required,
         "near_distance_m": pytest.approx(3.0 * SPAN_M),
     }
-    found = [caution for caution in find_cautions(two(**tables)) if caution.startswith("separation: ")]
-    assert len(found) == 1 - required
+    cautions = [caution for caution in find_cautions(two_aircraft(**tables)) if caution.startswith("separation: ")]
+    assert len(cautions) == 1 - required
 
 
-def test_one_aircraft_has_none_to_keep_away_from():
-    one = made_scenario(["anna"], ["buoy"])
-    assert separation_attributes(one) == {}
-    assert not any(caution.startswith("separation: ") for caution in find_cautions(one))
+def test_a_single_aircraft_has_no_separation_attributes():
+    single = made_scenario(["anna"], ["buoy"])
+    assert separation_attributes(single) == {}
+    assert not any(caution.startswith("separation: ") for caution in find_cautions(single))
 
 
-def test_near_flights_are_counted_and_the_nearest_is_told():
+def test_close_flights_are_counted_with_the_least_distance():
     assert (
         proximity_warning([11.7], NEAR)
         == "two aircraft came within 11.7 m of each other, less than three spans (27.4 m)"
@@ -48,13 +48,13 @@ def test_near_flights_are_counted_and_the_nearest_is_told():
     assert proximity_warning([27.5], NEAR) == proximity_warning([None], NEAR) == proximity_warning([1.0], {}) == ""
 
 
-def test_a_verdict_without_a_separation_says_so_and_warns():
+def test_a_verdict_without_separation_requirement_has_a_warning():
     _, summary = make_flight()
     assert is_judged_by_separation(summary)
     assert "separation was required" not in format_summary(summary) + verdict_html(summary, {})
     summary["requirements"] = [e for e in summary["requirements"] if not e["name"].startswith("separation")]
     assert "all requirements met, no separation was required" in format_summary(summary)
-    told = verdict_html(summary, {}, warning=proximity_warning([11.7], NEAR))
-    assert "No separation was required." in told
-    assert "<b>Warning:</b> two aircraft came within 11.7 m" in told
-    assert 'class="answer mixed"' in told
+    html = verdict_html(summary, {}, warning=proximity_warning([11.7], NEAR))
+    assert "No separation was required." in html
+    assert "<b>Warning:</b> two aircraft came within 11.7 m" in html
+    assert 'class="answer mixed"' in html

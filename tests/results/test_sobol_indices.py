@@ -1,4 +1,4 @@
-"""Sobol indices by the path of a campaign, against a function whose indices are known exactly; what is refused."""
+"""Sobol indices along the path of a campaign, against a function with exactly known indices; refusals."""
 
 import numpy as np
 import pytest
@@ -30,12 +30,12 @@ def ishigami_study(seed):
 def test_indices_of_the_ishigami_function_are_within_two_hundredths(seed):
     x1, x2, x3 = sample_study(ishigami_study(seed), {}).values()
     assert x1.size == BLOCKS * 5
-    found = sobol_indices(np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1), 3)
-    np.testing.assert_allclose(found.first, FIRST, atol=0.02)
-    np.testing.assert_allclose(found.total, TOTAL, atol=0.02)
+    indices = sobol_indices(np.sin(x1) + A * np.sin(x2) ** 2 + B * x3**4 * np.sin(x1), 3)
+    np.testing.assert_allclose(indices.first, FIRST, atol=0.02)
+    np.testing.assert_allclose(indices.total, TOTAL, atol=0.02)
     # an interval of 95 % is not far from its truth
-    assert np.all(np.abs(found.first - FIRST) <= 2.0 * found.first_half_width + 1e-3)
-    assert np.all(np.abs(found.total - TOTAL) <= 2.0 * found.total_half_width + 1e-3)
+    assert np.all(np.abs(indices.first - FIRST) <= 2.0 * indices.first_half_width + 1e-3)
+    assert np.all(np.abs(indices.total - TOTAL) <= 2.0 * indices.total_half_width + 1e-3)
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,6 @@ def test_indices_of_the_ishigami_function_are_within_two_hundredths(seed):
         (np.full(6, 3.0), "all alike"),
     ],
 )
-def test_outputs_without_indices_are_refused(outputs, said):
+def test_constant_or_incomplete_outputs_are_refused(outputs, said):
     with pytest.raises(ValueError, match=said):
         sobol_indices(outputs, 1)

@@ -1,4 +1,4 @@
-"""The summary of a flight whose every number is known in closed form."""
+"""Summary of a flight with closed-form numbers."""
 
 import json
 
@@ -15,21 +15,21 @@ SPEED = 100.0
 
 
 def flight(arrivals=(50.1, 50.3), misses=(3.0, 4.0)):
-    """Aircraft that fly North at 100 m/s, 2 km apart, past rendezvous which rest at the origin's latitude.
+    """Aircraft that fly north at 100 m/s, 2 km apart, past rendezvous at rest at the latitude of the origin.
 
-    Aircraft i is nearest to its rendezvous at `arrivals[i]`, then `misses[i]` to the East of it.
+    Aircraft i is nearest to its rendezvous at `arrivals[i]`, `misses[i]` to the east.
     """
     columns = []
     for index, (at, miss) in enumerate(zip(arrivals, misses, strict=True)):
-        rest = np.zeros_like(TIME)
+        zero = np.zeros_like(TIME)
         columns.append(
             {
                 "north": SPEED * (TIME - at),
-                "east": rest + 2000.0 * index + miss,
-                "altitude": rest + 300.0,
-                "rendezvous_north": rest,
-                "rendezvous_east": rest + 2000.0 * index,
-                "rendezvous_altitude": rest + 300.0,
+                "east": zero + 2000.0 * index + miss,
+                "altitude": zero + 300.0,
+                "rendezvous_north": zero,
+                "rendezvous_east": zero + 2000.0 * index,
+                "rendezvous_altitude": zero + 300.0,
                 "clearance": np.hypot(SPEED * (TIME - at), 300.0),
                 # A ramp from 90 to 110 m/s over 50 s, then faster than ever before.
                 "airspeed": np.where(TIME <= 60.0, 90.0 + 0.4 * TIME, 200.0),
@@ -37,8 +37,8 @@ def flight(arrivals=(50.1, 50.3), misses=(3.0, 4.0)):
                 "phase": np.where(TIME < 50.0, 0, 2),  # they arrive after their planned time, in the hold
                 "lateral_bend": np.where(TIME < 20.0, 400.0 * index, 50.0),
                 "outside_tables": (TIME >= 10.0) & (TIME < 11.5) & (index == 1),
-                "arrival_time": rest + 50.0,
-                "status": rest.astype(int),
+                "arrival_time": zero + 50.0,
+                "status": zero.astype(int),
             }
         )
     return {key: np.stack([column[key] for column in columns], axis=1) for key in columns[0]}
@@ -49,7 +49,7 @@ def scenario(count=2, **tables):
     return made_scenario(names[:count], goals[:count], kinds[:count], "two", **tables)
 
 
-def test_the_contract_has_these_keys_and_no_others():
+def test_the_summary_has_exactly_the_keys_of_the_contract():
     summary = summarize(TIME, flight(), scenario(), wall_s=1.5)
     assert list(summary) == [
         "format_version",
@@ -66,8 +66,8 @@ def test_the_contract_has_these_keys_and_no_others():
     assert summary["versions"] == software_versions()
     assert set(software_versions()) == {"anser", "jax", "equinox", "numpy", "python"}
     assert set(summary["fleet"]) == {"arrival_spread_s", "separation_min_m", "wall_s", "simulated_s"}
-    for row in summary["aircraft"]:
-        assert set(row) == {
+    for entry in summary["aircraft"]:
+        assert set(entry) == {
             "name",
             "goal",
             "planned_arrival_s",
@@ -87,7 +87,7 @@ def test_the_contract_has_these_keys_and_no_others():
         }
 
 
-def test_numbers_of_a_known_flight():
+def test_the_numbers_of_a_known_flight_are_exact():
     summary = summarize(TIME, flight(), scenario(), wall_s=1.5)
     anna, bert = summary["aircraft"]
     # The record is linear between samples, so that only rounding of 5 km coordinates remains: relative 1e-6 (pytest's
@@ -101,8 +101,8 @@ def test_numbers_of_a_known_flight():
     assert (anna["position_error_max_m"], bert["position_error_max_m"]) == (2.0, 3.0)
     assert (anna["nominal"], anna["lateral_bend_m"]) == (True, 0.0)
     assert (bert["nominal"], bert["lateral_bend_m"]) == (False, 400.0)
-    told = summarize(TIME, flight(), scenario(), 0.0, ("nominal", "turns 83 deg"))["aircraft"]
-    assert [row["path"] for row in told] == ["nominal", "turns 83 deg"]
+    entries = summarize(TIME, flight(), scenario(), 0.0, ("nominal", "turns 83 deg"))["aircraft"]
+    assert [entry["path"] for entry in entries] == ["nominal", "turns 83 deg"]
     assert (anna["tables_left"], anna["tables_left_s"]) == (False, 0.0)
     assert (bert["tables_left"], bert["tables_left_s"]) == (True, pytest.approx(1.5))
     fleet = summary["fleet"]
@@ -112,7 +112,7 @@ def test_numbers_of_a_known_flight():
     assert (fleet["wall_s"], fleet["simulated_s"]) == (1.5, 80.0)
 
 
-def test_separation_is_found_between_samples():
+def test_the_separation_is_minimized_between_samples():
     history = flight()
     # They cross head on at 40.125 s, half way between two samples, 7 m apart.
     history["north"] = np.stack([200.0 * (TIME - 40.125), -200.0 * (TIME - 40.125)], axis=1)
@@ -121,47 +121,47 @@ def test_separation_is_found_between_samples():
 
 
 def test_one_aircraft_has_no_separation():
-    one = scenario(1, requirements={"separation_min_m": 100.0})
-    summary = summarize(TIME, flight((50.1,), (3.0,)), one, 0.0)
+    single = scenario(1, requirements={"separation_min_m": 100.0})
+    summary = summarize(TIME, flight((50.1,), (3.0,)), single, 0.0)
     assert summary["fleet"]["separation_min_m"] is None
     assert summary["fleet"]["arrival_spread_s"] == 0.0
     entry = {"name": "separation_min_m", "limit": 100.0, "value": None, "met": True}
     assert entry in summary["requirements"]
 
 
-def test_the_first_failure_is_the_status_and_the_last_how_it_ended():
+def test_the_status_has_the_first_and_the_last_failure():
     history = flight()
     history["status"][100:, 1] = 3
     history["status"][200:, 1] = 5
-    rows = summarize(TIME, history, scenario(), 0.0)["aircraft"]
-    assert [row["status"] for row in rows] == ["arrived", f"{STATUS_MESSAGES[3]}; then {STATUS_MESSAGES[5]}"]
+    entries = summarize(TIME, history, scenario(), 0.0)["aircraft"]
+    assert [entry["status"] for entry in entries] == ["arrived", f"{STATUS_MESSAGES[3]}; then {STATUS_MESSAGES[5]}"]
 
 
 @pytest.mark.parametrize("arrivals", [(50.1, 90.0), (50.1, 65.0)])
 def test_an_aircraft_that_is_still_closing_has_not_arrived(arrivals):
     # The one beyond the end of the record, the other beyond 10 s after its planned arrival.
-    row = summarize(TIME, flight(arrivals), scenario(), 0.0)["aircraft"][1]
-    assert row["status"].startswith("not arrived")
+    entry = summarize(TIME, flight(arrivals), scenario(), 0.0)["aircraft"][1]
+    assert entry["status"].startswith("not arrived")
 
 
-def test_what_does_not_exist_is_null():
+def test_missing_values_are_null():
     history = flight()
     for key in ("north", "airspeed", "clearance", "position_error", "lateral_bend"):
         history[key][:, 1] = np.nan
     history["arrival_time"][:, 1] = np.nan
     summary = summarize(TIME, history, scenario(), 0.0)
-    row = summary["aircraft"][1]
+    aircraft = summary["aircraft"][1]
     for key in ("planned_arrival_s", "arrival_s", "miss_m", "speed_mean_m_s", "clearance_min_m", "lateral_bend_m"):
-        assert row[key] is None
-    assert row["nominal"] is None  # a path without such a bend is not unbent, it has none
-    assert row["path"] is None
-    assert row["status"].startswith("not arrived")
+        assert aircraft[key] is None
+    assert aircraft["nominal"] is None  # a path without such a bend is not unbent, it has none
+    assert aircraft["path"] is None
+    assert aircraft["status"].startswith("not arrived")
     assert summary["fleet"]["arrival_spread_s"] is None
     assert [(entry["value"], entry["met"]) for entry in summary["requirements"][:2]] == [(None, False), (None, False)]
     json.dumps(summary, allow_nan=False)
 
 
-def test_the_record_must_fit_the_scenario():
+def test_the_record_must_match_the_scenario():
     with pytest.raises(ValueError, match="shape"):
         summarize(TIME, flight(), scenario(1), 0.0)
     with pytest.raises(ValueError, match="zip"):
@@ -178,7 +178,7 @@ def test_a_summary_survives_the_file_and_is_not_overwritten(tmp_path):
     assert read_summary(path) == summary
 
 
-def test_no_nan_reaches_a_file(tmp_path):
+def test_nan_is_refused_in_a_file(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         write_summary({"miss_m": float("nan")}, tmp_path / "summary.json")
     assert list(tmp_path.iterdir()) == []
@@ -191,20 +191,20 @@ def test_another_format_is_refused(tmp_path):
         read_summary(path)
 
 
-def test_each_aircraft_tells_how_far_its_own_surfaces_went():
-    """Up and down by 2 deg and 3 deg; no way is told of a surface that an aircraft has not."""
+def test_each_aircraft_has_the_travel_of_its_surfaces():
+    """Up and down by 2 deg and 3 deg; surfaces missing on an aircraft have no travel."""
     history, none = flight(), np.full(TIME.size, np.nan)
-    rest = np.zeros_like(TIME)
+    zero = np.zeros_like(TIME)
     swing = np.radians(np.interp(TIME, [0.0, 20.0, 40.0, 80.0], [0.0, 2.0, -1.0, -1.0]))
     for key in ("gust_u", "gust_v", "gust_w", "load_factor"):
-        history[key] = np.stack([rest, rest], axis=1)
+        history[key] = np.stack([zero, zero], axis=1)
     history["surfaces_limited"] = np.zeros((TIME.size, 2), dtype=bool)
     history |= {"flap": np.stack([swing, none], axis=1), "rudder": np.stack([none, 2.0 * swing], axis=1)}
     anna, bert = summarize(TIME, history, scenario(), 0.0, surfaces=[("flap",), ("rudder",)])["aircraft"]
     # the sum of 320 steps in rad
     assert anna["flap_travel_deg"] == pytest.approx(5.0, rel=1e-12)
     assert bert["rudder_travel_deg"] == pytest.approx(10.0, rel=1e-12)
-    assert [key for row in (anna, bert) for key in row if key.endswith("_travel_deg")] == [
+    assert [key for entry in (anna, bert) for key in entry if key.endswith("_travel_deg")] == [
         "flap_travel_deg",
         "rudder_travel_deg",
     ]

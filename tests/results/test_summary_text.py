@@ -1,4 +1,4 @@
-"""What a flight is printed as: a few lines, however many aircraft."""
+"""Text of a flight's summary: a few lines for any number of aircraft."""
 
 import copy
 
@@ -6,7 +6,7 @@ from anser.results.summary_format import format_summary, format_summary_html
 from support.made_flight import make_flight
 
 
-def test_it_says_who_arrived_when_and_what_was_not_met():
+def test_the_text_has_arrivals_and_unmet_requirements():
     _, summary = make_flight()
     summary["scenario"]["name"] = "three"
     lines = format_summary(summary).splitlines()
@@ -29,8 +29,8 @@ def test_it_says_who_arrived_when_and_what_was_not_met():
     assert f"<b>{lines[0]}</b>" in table
 
 
-def test_a_flight_that_failed_after_its_arrival_does_not_meet_all():
-    """Every number up to the arrival is as required; before, it said "2 of 3 aircraft arrived, all requirements met"."""
+def test_a_failure_after_the_arrival_is_not_reported_as_success():
+    """Every number up to the arrival meets its requirement; the verdict must not be "all requirements met"."""
     _, summary = make_flight()
     summary["aircraft"][1]["status"] = "the aircraft reached the ground"
     assert all(entry["met"] for entry in summary["requirements"])
@@ -39,7 +39,7 @@ def test_a_flight_that_failed_after_its_arrival_does_not_meet_all():
     assert lines[2] == "  bert: the aircraft reached the ground"
 
 
-def test_of_a_large_fleet_the_first_are_told():
+def test_the_text_of_a_large_fleet_has_the_first_aircraft():
     _, summary = make_flight()
     summary["aircraft"] = [copy.deepcopy(summary["aircraft"][0]) for _ in range(20)]
     summary["aircraft"][9]["status"] = "no plan"

@@ -1,6 +1,6 @@
-"""Descending arrivals: none flies into the ground, and the verdict says which could not go on as planned.
+"""Descending arrivals: no aircraft hits the ground, and the verdict reports the aircraft that left the plan.
 
-The hundred tasks of which these are some: trials/test_descents.py.
+The cases are some of the hundred tasks of trials/test_descents.py.
 """
 
 import pytest
@@ -22,39 +22,42 @@ def flown():
     return {seed: flown_descent(seed) for seed in (0, 4, 5, 6, 9)}
 
 
-def test_none_reaches_the_ground(flown):
-    """Before the guard seven of these fifteen aircraft did, two of them before their arrival."""
-    for found in flown.values():
-        assert not any("ground" in status for status in found["status"]), found
+def test_no_descent_reaches_the_ground(flown):
+    """Without the guard, seven of these fifteen aircraft hit the ground, two of them before their arrival."""
+    for outcome in flown.values():
+        assert not any("ground" in status for status in outcome["status"]), outcome
         # 30 m below the least altitude of 100 m is the floor
-        assert min(found["lowest_m"]) >= 70.0, found
+        assert min(outcome["lowest_m"]) >= 70.0, outcome
 
 
-def test_who_breaks_off_is_told_and_fails_the_run(flown):
-    broke = [found for found in flown.values() if BROKE in found["status"]]
-    assert broke
-    for found in broke:
-        assert not found["met"]
-        assert "all requirements met" not in found["text"]
+def test_a_break_off_is_reported_and_fails_the_run(flown):
+    broken_off = [outcome for outcome in flown.values() if BROKE in outcome["status"]]
+    assert broken_off
+    for outcome in broken_off:
+        assert not outcome["met"]
+        assert "all requirements met" not in outcome["text"]
 
 
-def test_an_arrival_that_can_be_levelled_off_is_held(flown):
-    """Descents of 45 and 32 m/s at arrival, 345 and 465 m above the sea, of aircraft 66 m/s faster than their hold.
+def test_a_feasible_level_off_ends_in_the_hold(flown):
+    """Descents of 45 and 32 m/s at arrival, 345 and 465 m above the sea, of aircraft 66 m/s faster than in the hold.
 
-    Both flew into the ground in the hold, and the run said "1 of 3 aircraft arrived, all requirements met".
+    Without the guard, both hit the ground in the hold, and the run reported "all requirements met".
     """
-    found = flown[9]
-    assert found["status"] == ["arrived"] * 3
-    assert found["met"]
+    outcome = flown[9]
+    assert outcome["status"] == ["arrived"] * 3
+    assert outcome["met"]
     # measured 554, 175, 358 m
-    assert min(found["lowest_m"]) > 150.0
+    assert min(outcome["lowest_m"]) > 150.0
 
 
-def test_an_arrival_that_cannot_be_is_announced_with_its_altitude():
-    """Of the task 0 the third aircraft arrives in a descent; the plan told its turns and altitudes alone."""
+def test_an_infeasible_level_off_is_reported_with_its_altitude():
+    """In task 0 the third aircraft arrives in a descent."""
     planned = anser.plan(anser.loads(descending_task(0)))
-    assert any("hold cannot level off" in one for one in planned.problems())
+    assert any("hold cannot level off" in problem for problem in planned.problems())
     assert float(planned.limits.level_off_altitude.min()) < 100.0
-    rows = record_published(planned).summary["aircraft"]
-    margins = [next(one for one in row["limits"] if one["name"] == "level_off_min_m")["margin"] for row in rows]
+    entries = record_published(planned).summary["aircraft"]
+    margins = [
+        next(problem for problem in entry["limits"] if problem["name"] == "level_off_min_m")["margin"]
+        for entry in entries
+    ]
     assert min(margins) == pytest.approx(float(planned.limits.level_off_altitude.min()) - 100.0)

@@ -1,4 +1,4 @@
-"""A fleet flies on without those of its aircraft that have stopped."""
+"""A fleet continues without its stopped aircraft."""
 
 from pathlib import Path
 
@@ -26,24 +26,24 @@ def three():
 
 
 def check_arrivals(history):
-    """The two others are at their rendezvous when they were to be, as closely as scenarios ask."""
+    """The two active aircraft are at their rendezvous at the planned time, within the scenario's requirements."""
     step = 0.01
     at = round(history["arrival_time"][-1, 1] / step)
     axes = ("north", "east", "altitude")
-    off = np.stack([history[f"rendezvous_{axis}"][at] - history[axis][at] for axis in axes], axis=-1)
-    assert np.max(np.linalg.norm(off, axis=-1)[OTHERS]) < 3.0 + 150.0 * step
+    distance = np.stack([history[f"rendezvous_{axis}"][at] - history[axis][at] for axis in axes], axis=-1)
+    assert np.max(np.linalg.norm(distance, axis=-1)[OTHERS]) < 3.0 + 150.0 * step
     assert all(np.all(np.isfinite(values)) for values in history.values())
 
 
-def test_the_others_keep_their_time_when_the_farthest_meets_the_ground(three):
+def test_a_crash_of_the_farthest_aircraft_keeps_the_arrival_time_of_the_fleet(three):
     flight, state = three
     assert state.planner.plan.farthest == 0
     # Half a metre above the sea, sinking at 30 m/s: it is there within a few hundredths of a second.
     low = own(state).aircraft.position_n.at[0, 2].set(-0.5)
     sinking = own(state).aircraft.velocity_b.at[0, 2].add(30.0)
     state = with_own(lambda s: (s.aircraft.position_n, s.aircraft.velocity_b), state, (low, sinking))
-    after, history = segments(flight, state, 14)
-    assert list(np.asarray(own(after).stopped)) == [True, False, False]
+    final_state, history = segments(flight, state, 14)
+    assert list(np.asarray(own(final_state).stopped)) == [True, False, False]
     assert set(history["status"][10:, 0]) == {AT_GROUND}
     assert set(history["status"][:, OTHERS].ravel()) == {0}
     # Before its end the plan was made with it; then that stands, and nothing of the plan waits for what lies there.
@@ -52,10 +52,10 @@ def test_the_others_keep_their_time_when_the_farthest_meets_the_ground(three):
     check_arrivals(history)
     # It shows the arrival time of the last plan that was made with it, and flies no farther.
     np.testing.assert_array_equal(history["arrival_time"][10:, 0], history["arrival_time"][10, 0])
-    assert after.planner.flown[0] < 10.0
+    assert final_state.planner.flown_length[0] < 10.0
 
 
-def test_a_fleet_sets_out_without_one_that_cannot_fly():
+def test_a_fleet_starts_without_an_untrimmed_aircraft():
     # 95 m/s at 14 km: no steady flight; from there it would also be the farthest.
     text = THREE.read_text().replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")
     flight = build_flight(loads(text))
@@ -64,21 +64,21 @@ def test_a_fleet_sets_out_without_one_that_cannot_fly():
     assert state.planner.plan.farthest in OTHERS
     # The two others are nearer than the first of the shipped scenario, which takes 60.36 s.
     assert float(state.planner.plan.arrival_time) < ARRIVAL_S - 1.0
-    after, history = segments(flight, state, 14)
+    final_state, history = segments(flight, state, 14)
     np.testing.assert_array_equal(history["status"], np.tile([[NO_TRIM, 0, 0]], (len(history["status"]), 1)))
     np.testing.assert_allclose(history["arrival_time"], state.planner.plan.arrival_time, atol=0.1)
     check_arrivals(history)
-    assert after.planner.flown[0] == 0.0
+    assert final_state.planner.flown_length[0] == 0.0
 
 
-def test_where_all_have_stopped_the_rest_of_the_flight_is_recorded_and_nothing_is_planned(three):
+def test_a_stopped_fleet_is_recorded_without_planning(three):
     flight, state = three
     all_stopped = jnp.ones_like(own(state).stopped), jnp.full_like(own(state).status, AT_GROUND)
     ended = with_own(lambda s: (s.stopped, s.status), state, all_stopped)
-    after, history = segments(flight, ended, 1)
+    final_state, history = segments(flight, ended, 1)
     assert set(history["status"].ravel()) == {AT_GROUND}
     for key in ("north", "east", "altitude", "arrival_time"):
         np.testing.assert_array_equal(history[key], np.tile(history[key][:1], (len(history[key]), 1)))
-    for one, other in zip(jax.tree.leaves(after.planner), jax.tree.leaves(state.planner), strict=True):
-        np.testing.assert_array_equal(one, other)
+    for leaf, previous_leaf in zip(jax.tree.leaves(final_state.planner), jax.tree.leaves(state.planner), strict=True):
+        np.testing.assert_array_equal(leaf, previous_leaf)
     assert all(np.all(np.isfinite(values)) for values in history.values())

@@ -1,4 +1,4 @@
-"""The closed loop with a control law that comes in a file: NASA's F-16 over a flat Earth."""
+"""Closed loop with a control law from a file: NASA's F-16 over a flat Earth."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ STEP_S = 0.0025
 
 
 def level(trim, airspeed, altitude):
-    """What the law is told: autopilot on, hands off the stick, the trim as feed-forward, 100 ft up after a second."""
+    """Inputs of the law: autopilot on, stick centred, trim as feed-forward, 100 ft up after one second."""
     return NamedCommands(
         initial_commands={
             **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
@@ -63,7 +63,7 @@ class Altitude(AbstractRecorder):
 
 
 @pytest.mark.long
-def test_the_altitude_is_changed():
+def test_the_commanded_altitude_is_reached():
     law = dave_ml_law(published_model("F16_control"))
     altitude = np.asarray(flown(law, prompt_f16(STEP_S), jnp.asarray(3052.0)))
     assert np.ptp(altitude[:10]) < 0.1

@@ -1,4 +1,4 @@
-"""Aircraft of different classes in one fleet: textbook F-16, S-119 F-16 and a light propeller aircraft."""
+"""A fleet of different aircraft: textbook F-16, S-119 F-16 and a light propeller aircraft."""
 
 import equinox as eqx
 import jax
@@ -48,18 +48,18 @@ def vehicle(airframe, speed, speed_min, goal_n, radius):
 
 
 def fleet(order):
-    """Flight of the three, each from the South to a goal of its own to the North; `order` is that of the fleet."""
-    made = {
+    """Flight of the three aircraft from the south to separate goals in the north; `order` is the order of the fleet."""
+    aircraft_by_name = {
         "light": (light_aircraft(), 55.0, 35.0, 500.0),
         "textbook": (load_airframe("f16", "textbook"), 150.0, 90.0, 3000.0),
         "s119": (load_airframe("f16", "s119"), 160.0, 90.0, 3000.0),
     }
     aircraft = []
     for name in order:
-        airframe, speed, speed_min, radius = made[name]
-        east = 2000.0 * list(made).index(name)
-        one = vehicle(airframe, speed, speed_min, jnp.array([speed * ARRIVAL, east, 0.0]), radius)
-        aircraft.append((one, trim_target(speed, 400.0), jnp.array([0.0, east, -400.0])))
+        airframe, speed, speed_min, radius = aircraft_by_name[name]
+        east = 2000.0 * list(aircraft_by_name).index(name)
+        member = vehicle(airframe, speed, speed_min, jnp.array([speed * ARRIVAL, east, 0.0]), radius)
+        aircraft.append((member, trim_target(speed, 400.0), jnp.array([0.0, east, -400.0])))
     planner = StraightLines(jnp.asarray(ARRIVAL), jnp.zeros(3))
     return assemble(ENVIRONMENT, aircraft, planner, STEP, 100)
 
@@ -80,17 +80,17 @@ def mixed():
     return order, flight, flown(flight)
 
 
-def test_two_kinds_make_a_fleet_of_three(mixed):
+def test_two_aircraft_groups_form_a_fleet_of_three(mixed):
     _, flight, _ = mixed
     assert flight.members == ((0, 2), (1,))
     assert flight.count == 3
-    first, other = (flight.aircraft(k)[0] for k in (0, 1))
-    assert tree_signature(first) != tree_signature(other)
+    first_vehicle, second_vehicle = (flight.aircraft(k)[0] for k in (0, 1))
+    assert tree_signature(first_vehicle) != tree_signature(second_vehicle)
     masses = [float(flight.aircraft(k)[0].airframe.mass_properties.mass) for k in range(3)]
     np.testing.assert_allclose(masses, [9295.44, 1247.4, 9298.6], rtol=2e-3)
 
 
-def test_all_meet_their_rendezvous_each_at_its_own_speed(mixed):
+def test_every_aircraft_meets_its_rendezvous_at_its_own_speed(mixed):
     _, _, (_, summary) = mixed
     np.testing.assert_array_equal(summary.last_status, 0)
     np.testing.assert_allclose(summary.pass_time, ARRIVAL, atol=1.0)
@@ -102,14 +102,19 @@ def test_all_meet_their_rendezvous_each_at_its_own_speed(mixed):
     assert np.all(np.asarray(summary.clearance_min) > 390.0)
 
 
-def test_the_order_of_the_fleet_does_not_matter(mixed):
+def test_results_are_independent_of_the_order_of_the_fleet(mixed):
     order, _, (_, summary) = mixed
-    other = ("light", "s119", "textbook")
-    _, again = flown(fleet(other))
-    rows = [other.index(name) for name in order]
-    for one, two in zip(
+    reordered = ("light", "s119", "textbook")
+    _, reordered_history = flown(fleet(reordered))
+    positions = [reordered.index(name) for name in order]
+    for nominal, two in zip(
         (summary.pass_time, summary.pass_distance, summary.clearance_min, *jax.tree.leaves(summary.speeds_until_pass)),
-        (again.pass_time, again.pass_distance, again.clearance_min, *jax.tree.leaves(again.speeds_until_pass)),
+        (
+            reordered_history.pass_time,
+            reordered_history.pass_distance,
+            reordered_history.clearance_min,
+            *jax.tree.leaves(reordered_history.speeds_until_pass),
+        ),
         strict=True,
     ):
-        np.testing.assert_allclose(one, np.asarray(two)[rows], rtol=1e-9)
+        np.testing.assert_allclose(nominal, np.asarray(two)[positions], rtol=1e-9)

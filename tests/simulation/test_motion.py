@@ -1,4 +1,4 @@
-"""One step of one aircraft with its controls held: order, an independent integrator, wind, jax."""
+"""One step of one aircraft with constant controls: order, an independent integrator, wind, JAX."""
 
 import diffrax
 import equinox as eqx
@@ -23,7 +23,7 @@ F16, LIGHT = load_airframe(), light_aircraft()
 
 
 def _doublet(point, elevator, aileron):
-    """Controls of a trim with elevator and aileron pulled, pushed, released: a second each, then eight seconds."""
+    """Controls of a trim with elevator and aileron pulled, pushed, released: one second each, then eight seconds."""
     hold = point.controls.surfaces
     deflection = jnp.array([elevator, aileron, 0.0])
     return [Controls(hold + sign * deflection, point.controls.throttle) for sign in (1, -1, 0)], (1.0, 1.0, 8.0)
@@ -63,12 +63,12 @@ def _adaptive_doublet(airframe, environment, state, doublet):
     return state
 
 
-def _assert_close(one, other, position, velocity, angle):
-    """Within m, m/s, and rad (attitude, rates, surfaces)."""
-    np.testing.assert_allclose(one.position_n, other.position_n, atol=position)
-    np.testing.assert_allclose(one.velocity_b, other.velocity_b, atol=velocity)
+def _assert_close(actual, expected, position, velocity, angle):
+    """Compare states within tolerances in m, m/s, and rad (attitude, rates, surfaces)."""
+    np.testing.assert_allclose(actual.position_n, expected.position_n, atol=position)
+    np.testing.assert_allclose(actual.velocity_b, expected.velocity_b, atol=velocity)
     for name in ("quaternion", "rates_b", "surfaces"):
-        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=angle, err_msg=name)
+        np.testing.assert_allclose(getattr(actual, name), getattr(expected, name), atol=angle, err_msg=name)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def f16_case():
     return point, _doublet(point, 0.03, 0.02)
 
 
-def test_f16_agrees_with_an_adaptive_integrator(f16_case):
+def test_the_f16_agrees_with_an_adaptive_integrator(f16_case):
     point, doublet = f16_case
     reference = _adaptive_doublet(F16, STILL, point.state, doublet)
     stepped, finer = (_fly_doublet(F16, STILL, point.state, doublet, step) for step in (0.01, 0.0025))
@@ -86,25 +86,27 @@ def test_f16_agrees_with_an_adaptive_integrator(f16_case):
     _assert_close(finer, reference, position=1e-3, velocity=2e-4, angle=5e-7)
     np.testing.assert_allclose(stepped.power, reference.power, atol=1e-6)
     # The doublet was one: the place is not that of the trim continued.
-    held = _last(fly(F16, STILL, point.state, point.controls, 0.01, 100))
-    assert float(jnp.linalg.norm(held.position_n - stepped.position_n)) > 10.0
+    constant = _last(fly(F16, STILL, point.state, point.controls, 0.01, 100))
+    assert float(jnp.linalg.norm(constant.position_n - stepped.position_n)) > 10.0
 
 
 @pytest.mark.long
-def test_smooth_airframe_agrees_with_an_adaptive_integrator_and_order_is_four():
+def test_a_smooth_airframe_agrees_with_an_adaptive_integrator_at_fourth_order():
     # The light aircraft's model has no kinks, and the doublet keeps its actuators off their limits.
     point = trim(LIGHT, STILL, target_deg(55.0, 1000.0, 0.0, 30.0, 2.0))
     doublet = _doublet(point, 0.02, 0.02)
     reference = _adaptive_doublet(LIGHT, STILL, point.state, doublet)
     flights = [_fly_doublet(LIGHT, STILL, point.state, doublet, step) for step in (0.025, 0.0125, 0.00625)]
-    errors = np.array([float(jnp.linalg.norm(after.position_n - reference.position_n)) for after in flights])
+    errors = np.array(
+        [float(jnp.linalg.norm(final_state.position_n - reference.position_n)) for final_state in flights]
+    )
     # The next order still shows at the largest step, where it adds 0.14.
     np.testing.assert_allclose(np.log2(errors[:-1] / errors[1:]), 4.0, atol=0.25)
     # 7e-9 m expected; the reference itself is good to 2e-11 m.
     _assert_close(flights[-1], reference, position=2e-8, velocity=2e-9, angle=1e-10)
 
 
-def test_quaternion_keeps_its_length(f16_case):
+def test_the_quaternion_keeps_its_length(f16_case):
     point, _ = f16_case
     path = fly(F16, STILL, point.state, make_controls((0.0, 0.3, 0.1)), 0.01, 50)
     assert float(jnp.max(jnp.abs(path.rates_b))) > 0.5
@@ -151,14 +153,14 @@ def test_gradient_through_flight_equals_difference_quotient():
     np.testing.assert_allclose(altitude_and_slope(0.01)[1], expected, rtol=1e-6)
 
 
-def test_vmap_over_a_fleet_equals_one_at_a_time():
+def test_a_batch_equals_single_steps():
     fleet = [make_state(V=V, beta=beta) for V, beta in ((50.0, 0.1), (70.0, -0.05))]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *fleet)
     controls = make_controls((0.0, 0.02, 0.0))
-    many = jax.jit(jax.vmap(advance, in_axes=(None, None, None, 0, None, None)))(
+    advanced = jax.jit(jax.vmap(advance, in_axes=(None, None, None, 0, None, None)))(
         LIGHT, STILL, 0.0, batch, controls, 0.01
     )
     for k, state in enumerate(fleet):
-        one = jax.tree.map(lambda leaf: leaf[0], fly(LIGHT, STILL, state, controls, 0.01, 1))
-        for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+        single = jax.tree.map(lambda leaf: leaf[0], fly(LIGHT, STILL, state, controls, 0.01, 1))
+        for a, b in zip(jax.tree.leaves(advanced), jax.tree.leaves(single), strict=True):
             np.testing.assert_allclose(a[k], b, rtol=1e-12, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Parts of a user's own, made outside the package, fly through the public API without a change inside it."""
+"""User-defined parts, made outside the package, fly through the public API without changes inside."""
 
 from pathlib import Path
 
@@ -33,7 +33,7 @@ KEYS = (
 
 
 class Proportional(AbstractController):
-    """Proportional control of roll angle and path angle about trim: no inversion, no integral."""
+    """Proportional control of roll angle and path angle around trim: no inversion, no integral."""
 
     surfaces: Vector3 = eqx.field(default_factory=lambda: jnp.array([-0.03, 0.0, 0.0]))
 
@@ -41,21 +41,21 @@ class Proportional(AbstractController):
         return {"surfaces": state.surfaces, "throttle": jnp.asarray(0.2), "alpha": attitude[1]}
 
     def control(self, memory, belief, command, step):
-        now, rates_b = belief.condition, belief.state.rates_b
-        velocity_n = now.R_bn.T @ belief.state.velocity_b - now.wind_n
+        condition, rates_b = belief.condition, belief.state.rates_b
+        velocity_n = condition.R_bn.T @ belief.state.velocity_b - condition.wind_n
         gamma = jnp.arctan2(-velocity_n[2], jnp.hypot(velocity_n[0], velocity_n[1]))
         chi = jnp.arctan2(velocity_n[1], velocity_n[0])
         turn = jnp.arctan2(jnp.sin(command.chi - chi), jnp.cos(command.chi - chi))
-        roll = jnp.arctan2(now.R_bn[1, 2], now.R_bn[2, 2])
+        roll = jnp.arctan2(condition.R_bn[1, 2], condition.R_bn[2, 2])
         bank = jnp.clip(2.0 * turn + belief.condition.air_data.V * command.chi_dot / 9.81, -0.9, 0.9)
         pitch = 0.35 * (command.gamma - gamma) - 0.4 * rates_b[1] + 0.03 * (jnp.cos(roll) ** -1 - 1.0)
         surfaces = memory["surfaces"] + jnp.stack([-pitch, -0.4 * (bank - roll) + 0.2 * rates_b[0], 0.4 * rates_b[2]])
-        throttle = jnp.clip(memory["throttle"] + 0.05 * (command.V - now.air_data.V), 0.0, 1.0)
+        throttle = jnp.clip(memory["throttle"] + 0.05 * (command.V - condition.air_data.V), 0.0, 1.0)
         return Controls(surfaces, throttle), None, memory
 
 
 class Biased(AbstractSensors):
-    """Ideal sensors whose range to the goal is wrong by a bias, m."""
+    """Ideal sensors with a bias of the range to the goal, m."""
 
     bias: Scalar
 
@@ -76,10 +76,10 @@ def rebuilt(flight, planner=None, **parts):
     (kind,) = flight.groups
     aircraft = []
     for k in range(flight.count):
-        vehicle, start, place = flight.aircraft(k)
+        vehicle, start, position_n = flight.aircraft(k)
         for name, part in parts.items():
             vehicle = eqx.tree_at(lambda v, name=name: getattr(v, name), vehicle, part)
-        aircraft.append((vehicle, start, place))
+        aircraft.append((vehicle, start, position_n))
     assert isinstance(kind.vehicles, Stacked)
     timing = flight.timing
     return assemble(
@@ -107,8 +107,8 @@ def ordinary():
     return flown(rebuilt(three(), lines()))
 
 
-def test_a_planner_a_controller_and_a_sensor_of_ones_own_fly_a_mission():
-    """Straight lines from 9 km away, proportional control, a range that is 40 m too long."""
+def test_user_defined_planner_controller_and_sensor_fly_a_mission():
+    """Straight lines from 9 km away, proportional control, a range 40 m too long."""
     flight = rebuilt(three(), lines(), controller=Proportional(), sensors=Biased(jnp.asarray(40.0)))
     state, history = flown(flight)
     np.testing.assert_array_equal(history["status"], 0)
@@ -124,7 +124,7 @@ def test_a_planner_a_controller_and_a_sensor_of_ones_own_fly_a_mission():
 
 
 @pytest.mark.long
-def test_straight_lines_under_the_autopilot_meet_their_rendezvous(ordinary):
+def test_straight_lines_with_the_autopilot_meet_the_rendezvous(ordinary):
     _, history = ordinary
     np.testing.assert_array_equal(history["status"], 0)
     at = round(50.0 / STEP)
@@ -132,8 +132,8 @@ def test_straight_lines_under_the_autopilot_meet_their_rendezvous(ordinary):
     np.testing.assert_allclose(history["clearance"][at], 300.0, atol=5.0)
 
 
-def test_a_plan_that_ends_too_near_is_refused_and_the_aircraft_holds():
-    """It would end 149 m above its goal."""
+def test_a_plan_that_ends_too_near_is_refused_for_a_hold():
+    """The plan ends 149 m above the goal."""
     _, history = flown(rebuilt(three(), lines((0.0, 0.0, 151.0))))
     np.testing.assert_array_equal(history["status"], PLAN_TOO_NEAR)
     np.testing.assert_array_equal(history["phase"], 2)
@@ -142,7 +142,7 @@ def test_a_plan_that_ends_too_near_is_refused_and_the_aircraft_holds():
 
 
 class Feint(AbstractReference):
-    """A line that leads through the goal, and says that it ends elsewhere."""
+    """A line through the goal with a false end point."""
 
     line: Line
     arrival: Scalar
@@ -156,7 +156,7 @@ class Feint(AbstractReference):
 
 
 class Feints(AbstractPlanner):
-    """Paths straight through the goals, whose ends are said to be 400 m above them."""
+    """Paths straight through the goals, with end points reported 400 m above the goals."""
 
     duration: Scalar
 
@@ -176,30 +176,30 @@ class Feints(AbstractPlanner):
 
 
 def airborne(flight, altitude):
-    """The flight with its goals in the air, where no ground stands in the way."""
+    """The flight with airborne goals, away from the ground."""
     aircraft = []
     for k in range(flight.count):
-        vehicle, start, place = flight.aircraft(k)
+        vehicle, start, position_n = flight.aircraft(k)
         lifted = vehicle.mission.goal.positions_n.at[:, 2].set(-altitude)
         vehicle = eqx.tree_at(
             lambda v: (v.mission.goal.positions_n, v.mission.airborne), vehicle, (lifted, jnp.asarray(True))
         )
-        aircraft.append((vehicle, start, place))
+        aircraft.append((vehicle, start, position_n))
     timing = flight.timing
     return assemble(flight.environment, aircraft, flight.planner, timing.step, int(timing.replan_steps), timing.freeze)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("on_surface", [True, False])
-def test_who_is_led_to_its_goal_breaks_off_into_its_hold_before_it_is_too_near(on_surface):
-    """Whatever the planner says: the loop turns the aircraft away, and the status says so."""
+def test_an_aircraft_led_to_its_goal_breaks_off_in_time(on_surface):
+    """For any planner, the closed loop turns the aircraft away and sets the status."""
     flight = rebuilt(three(), Feints(jnp.asarray(50.0)))
     _, history = flown(flight if on_surface else airborne(flight, 900.0))
     status, clearance = history["status"], history["clearance"]
     broke = {BREAKAWAY, TOO_NEAR} if on_surface else {TOO_NEAR}
     for k in range(3):
-        (left,) = np.nonzero(status[:, k] != 0)
-        assert set(status[left, k]) <= broke
-        assert np.array_equal(left, np.arange(left[0], len(status)))
-        assert np.all(history["phase"][left[0] :, k] == 2)
+        (event_indices,) = np.nonzero(status[:, k] != 0)
+        assert set(status[event_indices, k]) <= broke
+        assert np.array_equal(event_indices, np.arange(event_indices[0], len(status)))
+        assert np.all(history["phase"][event_indices[0] :, k] == 2)
         assert clearance[:, k].min() > (150.0 if on_surface else 100.0)

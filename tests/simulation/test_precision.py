@@ -1,4 +1,4 @@
-"""Flights in float32: what of a step is float64 all the same, and that no part of it brings more."""
+"""Flights in float32: the remaining float64 parts of a step."""
 
 from pathlib import Path
 
@@ -18,61 +18,61 @@ from anser.simulation.closed_loop import act, perceive
 from anser.simulation.precision import cast_flight
 from anser.simulation.start import trimmed_fleet
 
-PLACES = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[2]
 THREE = "scenarios/three-aircraft.toml"
-DRAWN = {"numerics/randomness.py"}
-"""Random numbers are drawn in float64, so that they are the same, and converted."""
-GUSTS = {"environment/gust_filters.py"}
-"""What a short span adds to turbulence is the root of a covariance, all of which float32 would cancel."""
+RANDOM_FILES = {"numerics/randomness.py"}
+"""Random numbers are generated in float64, to be independent of the precision, and converted."""
+GUST_FILES = {"environment/gust_filters.py"}
+"""The turbulence of a short step is the root of a covariance that would cancel completely in float32."""
 
 
 def float64_in(jaxpr, within="?"):
-    """Files of the package with equations that have a float64 result."""
-    found = set()
+    """Files of the package with equations with a float64 result."""
+    float64_files = set()
     for equation in jaxpr.eqns:
         frames = source_info_util.user_frames(equation.source_info.traceback)
         files = [frame.file_name.split("/anser/")[-1] for frame in frames if "/src/anser/" in frame.file_name]
         file = files[0] if files else within
-        inner = [one for value in equation.params.values() for one in _jaxprs(value)]
-        for one in inner:
-            found |= float64_in(one, file)
+        subgraphs = [item for value in equation.params.values() for item in _jaxprs(value)]
+        for item in subgraphs:
+            float64_files |= float64_in(item, file)
         # a choice between two plain numbers is weakly typed: it becomes what it meets
         results = [out.aval for out in equation.outvars]
-        if not inner and any(getattr(one, "dtype", None) == np.float64 and not one.weak_type for one in results):
-            found.add(file)
-    return found
+        if not subgraphs and any(getattr(item, "dtype", None) == np.float64 and not item.weak_type for item in results):
+            float64_files.add(file)
+    return float64_files
 
 
 def _jaxprs(value):
     values = value if isinstance(value, tuple | list) else [value]
-    return [getattr(one, "jaxpr", one) for one in values if hasattr(one, "jaxpr") or hasattr(one, "eqns")]
+    return [getattr(item, "jaxpr", item) for item in values if hasattr(item, "jaxpr") or hasattr(item, "eqns")]
 
 
 def certified_plan():
-    """Shapes of the plan of one aircraft by the certified planner, with a hold."""
+    """Shapes of the certified planner's plan for one aircraft, with a hold."""
     path = TimedPath(np.zeros(9), np.zeros((9, 3, 3)), np.zeros((9, 3, 3)))
-    zero, code, place = np.zeros(()), np.zeros((), np.int32), np.zeros(3)
-    hold = PlannedHolds(path, HoldCircle(zero, zero, zero), place, place, zero, place, np.zeros(0), np.array(True))
+    zero, code, vector = np.zeros(()), np.zeros((), np.int32), np.zeros(3)
+    hold = PlannedHolds(path, HoldCircle(zero, zero, zero), vector, vector, zero, vector, np.zeros(0), np.array(True))
     return AircraftPlan(path, zero, code, zero, zero, code, hold=hold)
 
 
 def published_plan(flight, fleet):
-    """Shapes of the plan of one aircraft by the published planner."""
-    state = jax.eval_shape(flight.planner.first, jnp.zeros(()), fleet.reports, fleet.performance)
-    return of_one(jax.eval_shape(flight.planner.plans, state))
+    """Shapes of the published planner's plan for one aircraft."""
+    state = jax.eval_shape(flight.planner.first_plan, jnp.zeros(()), fleet.reports, fleet.performance)
+    return single_row(jax.eval_shape(flight.planner.plans, state))
 
 
-def of_one(rows):
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), rows)
+def single_row(fleet_rows):
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), fleet_rows)
 
 
 def float64_of_a_step(path):
-    """Where one step of the aircraft of a scenario, flown in float32, is float64."""
-    scenario = anser.load(PLACES / path)
+    """Files with float64 results in one float32 step of a scenario's aircraft."""
+    scenario = anser.load(REPOSITORY / path)
     flight = build_flight(scenario)
     fleet = jax.eval_shape(trimmed_fleet, flight)
     plan = published_plan(flight, fleet) if scenario.fleet.planner == "published" else certified_plan()
-    flown, found = cast_flight(flight, "float32"), set()
+    flown, files = cast_flight(flight, "float32"), set()
     for kind, states in zip(flown.groups, cast_to_precision(fleet.vehicles, np.float32), strict=True):
 
         def step(vehicle, state, number, plan):
@@ -80,12 +80,12 @@ def float64_of_a_step(path):
             return act(vehicle, state, perceive(vehicle, state, instant), instant, plan, flown.timing.freeze)
 
         number = jnp.asarray(0, dtype=jnp.int32)
-        vehicle, state, plan = kind.vehicles.at(0), of_one(states), cast_to_precision(plan, np.float32)
-        found |= float64_in(jax.make_jaxpr(step)(vehicle, state, number, plan).jaxpr)
-    return found
+        vehicle, state, plan = kind.vehicles.at(0), single_row(states), cast_to_precision(plan, np.float32)
+        files |= float64_in(jax.make_jaxpr(step)(vehicle, state, number, plan).jaxpr)
+    return files
 
 
-def test_nothing_of_a_step_in_float32_is_float64():
+def test_a_float32_step_has_no_float64_part():
     assert float64_of_a_step(THREE) == set()
 
 
@@ -93,12 +93,12 @@ def test_nothing_of_a_step_in_float32_is_float64():
 @pytest.mark.parametrize(
     ("path", "float64"),
     [
-        ("studies/short-approach.toml", DRAWN | GUSTS),
-        ("scenarios/uncertain-world.toml", DRAWN | GUSTS),
+        ("studies/short-approach.toml", RANDOM_FILES | GUST_FILES),
+        ("scenarios/uncertain-world.toml", RANDOM_FILES | GUST_FILES),
         ("scenarios/mixed-fleet.toml", set()),
         ("scenarios/three-uavs.toml", set()),
     ],
 )
-def test_what_is_drawn_and_the_roots_of_turbulence_alone_are_float64(path, float64):
+def test_only_random_numbers_and_turbulence_roots_are_float64(path, float64):
     # what draws is told by whoever asked first: JAX keeps what it has traced
     assert float64_of_a_step(path) - {"sensing/interface.py"} == float64

@@ -1,7 +1,7 @@
 """Step responses of another airframe: the same autopilot, gains and code fly a light propeller aircraft.
 
-Each channel alone and all three of a loop together overshoot by less than 10 percent and end within 1 percent, as the
-published ones of the F-16 do (tests/analysis/test_stepping.py).
+Single channels and the three channels of a loop together overshoot by less than 10 percent and end within 1 percent,
+like the published responses of the F-16 (tests/analysis/test_stepping.py).
 """
 
 from typing import NamedTuple
@@ -32,7 +32,7 @@ ALONE_AND_TOGETHER = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [1.0, 1.0,
 
 
 class Figures(NamedTuple):
-    """What one channel of one response measures: 90 percent rise time (s), overshoot and end error (fractions)."""
+    """Metrics of one channel of a response: 90 percent rise time (s), overshoot and final error (fractions)."""
 
     rise_s: float
     overshoot: float
@@ -40,7 +40,7 @@ class Figures(NamedTuple):
 
 
 def figures(response, channel, size) -> Figures:
-    """Measure a channel; the end error is the mean over the last 0.1 s."""
+    """Measure a channel; the final error is the mean over the last 0.1 s."""
     measured = response.measured[:, channel]
     share = (measured - measured[0]) / size
     end = share[-round(0.1 / STEP) - 1 :].mean()
@@ -48,7 +48,7 @@ def figures(response, channel, size) -> Figures:
 
 
 def respond(airframe, limits, trim, loop, sizes, duration_s):
-    """Responses to each row of sizes, compiled once."""
+    """Responses to the rows of step sizes, compiled once."""
 
     def one(size):
         gains, count = published_gains(), round(duration_s / STEP)
@@ -85,20 +85,22 @@ def responses(light):
 
 
 @pytest.mark.parametrize("loop", SIZES)
-@pytest.mark.parametrize("row", range(4), ids=["first", "second", "third", "together"])
-def test_the_autopilot_flies_any_airframe(responses, loop, row):
-    """Same gains, no knowledge of the airframe but its interface."""
+@pytest.mark.parametrize("case", range(4), ids=["first", "second", "third", "together"])
+def test_the_autopilot_flies_another_airframe(responses, loop, case):
+    """Same gains, no knowledge of the airframe except its interface."""
     sizes = SIZES[loop]
-    found = {CHANNELS[loop][k]: figures(responses[loop][row], k, sizes[row, k]) for k in range(3) if sizes[row, k]}
-    assert found
-    for name, f in found.items():
-        assert f.rise_s > 0, f"{name} never rose: {found}"
-        assert f.overshoot < 0.10, f"{name} overshoots: {found}"
-        assert abs(f.end_error) < 0.01, f"{name} has a steady-state error: {found}"
+    measured = {
+        CHANNELS[loop][k]: figures(responses[loop][case], k, sizes[case, k]) for k in range(3) if sizes[case, k]
+    }
+    assert measured
+    for name, f in measured.items():
+        assert f.rise_s > 0, f"{name} never rose: {measured}"
+        assert f.overshoot < 0.10, f"{name} overshoots: {measured}"
+        assert abs(f.end_error) < 0.01, f"{name} has a steady-state error: {measured}"
 
 
 @pytest.mark.parametrize("loop", SIZES)
-def test_record_begins_in_trim_and_keeps_to_the_limits(light, responses, loop):
+def test_a_record_starts_in_trim_and_stays_within_the_limits(light, responses, loop):
     airframe, trim = light
     for response in responses[loop]:
         np.testing.assert_allclose(response.time, STEP * np.arange(round(DURATION_S[loop] / STEP)), atol=1e-12)

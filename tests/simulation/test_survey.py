@@ -1,4 +1,4 @@
-"""A survey's flight, summed up while it is flown, against the whole history of the same flight; and points of its map."""
+"""Survey flight with running summary, against the history of the same flight; and points of the trim map."""
 
 import equinox as eqx
 import jax
@@ -46,21 +46,21 @@ FLIGHTS = {
 
 @pytest.fixture(scope="module")
 def points():
-    """All points in one compiled call, by name."""
+    """The points in one compiled call, by name."""
     h, V, gamma, turn = (jnp.asarray(column) for column in np.array(list(POINTS.values())).T)
     zero = jnp.zeros_like(h)
     targets = TrimTarget(V, h, gamma, zero, turn, zero)
-    found = eqx.filter_jit(jax.vmap(lambda target: trim_map_point(AIRFRAME, ENVIRONMENT, target)))(targets)
-    return {name: jax.tree.map(lambda leaf, k=k: leaf[k], (found, targets)) for k, name in enumerate(POINTS)}
+    map_points = eqx.filter_jit(jax.vmap(lambda target: trim_map_point(AIRFRAME, ENVIRONMENT, target)))(targets)
+    return {name: jax.tree.map(lambda leaf, k=k: leaf[k], (map_points, targets)) for k, name in enumerate(POINTS)}
 
 
 def _history(trim, target, size):
-    """Time, outputs, state, deflections and so on of the same flight, one row per sample."""
+    """History of the same flight, one row per sample: time, outputs, state, deflections, ..."""
 
     def one(carry, k):
         state, memory = carry
         time = k * STEP
-        now = flight_condition(AIRFRAME, ENVIRONMENT, time, state)
+        condition = flight_condition(AIRFRAME, ENVIRONMENT, time, state)
         model = onboard_model(exact_belief(AIRFRAME, ENVIRONMENT, state), LIMITS, GAINS, memory, STEP)
         course = target.course + target.turn_rate * time
         zero = jnp.zeros(())
@@ -68,9 +68,9 @@ def _history(trim, target, size):
             target.speed + size[0], target.path_angle + size[1], course + size[2], zero, zero, target.turn_rate
         )
         controls, signals, memory = velocity_control(model, GAINS, memory, command)
-        after = advance(AIRFRAME, ENVIRONMENT, time, state, controls, STEP)
-        row = (time, state, now, controls, signals, course, AIRFRAME.outside_tables(now.air_data))
-        return (after, memory), row
+        next_state = advance(AIRFRAME, ENVIRONMENT, time, state, controls, STEP)
+        sample = (time, state, condition, controls, signals, course, AIRFRAME.outside_tables(condition.air_data))
+        return (next_state, memory), sample
 
     return jax.lax.scan(one, (trim.state, trimmed_autopilot_state(trim)), jnp.arange(COUNT))
 
@@ -88,21 +88,21 @@ def flights(points):
         )
         return summary, _history(trim, target, size)[1]
 
-    found = eqx.filter_jit(jax.vmap(both))(*batch)
-    return {name: jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), found) for k, name in enumerate(FLIGHTS)}
+    results = eqx.filter_jit(jax.vmap(both))(*batch)
+    return {name: jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), results) for k, name in enumerate(FLIGHTS)}
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_errors_equal_those_of_the_history(flights, name):
-    """Two programs of the same equations: rounding (1e-13), which the loops amplify a little."""
+def test_summary_errors_equal_the_history(flights, name):
+    """Two programs with the same equations: rounding (1e-13), which the loops amplify a little."""
     summary, (time, state, _, _, signals, course, _) = flights[name]
     motion, size = signals.motion, np.array(FLIGHTS[name])
     # from the steady turn: what is left is the step's own course
     chi = np.unwrap(motion.chi) - course
     measured = np.stack([motion.V, motion.gamma, chi], axis=1)
     start = np.stack([motion.V[0], motion.gamma[0], chi[0]])
-    ends = (AIRFRAME.actuators.lower, AIRFRAME.actuators.upper)
-    figures = step_metrics(*(jnp.asarray(x) for x in (time, measured, size, state.surfaces)), ends)
+    stops = (AIRFRAME.actuators.lower, AIRFRAME.actuators.upper)
+    figures = step_metrics(*(jnp.asarray(x) for x in (time, measured, size, state.surfaces)), stops)
     stepped = np.asarray(figures.stepped)
     share = np.where(stepped, np.asarray(summary.final_error) / np.where(stepped, size, 1.0), 0.0)
     np.testing.assert_allclose(share, figures.final_error, atol=1e-9)
@@ -115,12 +115,16 @@ def test_errors_equal_those_of_the_history(flights, name):
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_extremes_equal_those_of_the_history(flights, name):
-    summary, (_, state, now, controls, _, _, _) = flights[name]
-    data, actuators = now.air_data, jax.tree.map(np.asarray, AIRFRAME.actuators)
-    load = -(now.aerodynamic.force_b + now.propulsive.force_b)[:, 2] / (float(AIRFRAME.mass_properties.mass) * G)
-    wanted = (np.clip(controls.surfaces, actuators.lower, actuators.upper) - state.surfaces) / actuators.time_constant
-    rate = np.minimum(np.abs(wanted), actuators.rate_limit) / actuators.rate_limit
+def test_summary_extremes_equal_the_history(flights, name):
+    summary, (_, state, condition, controls, _, _, _) = flights[name]
+    data, actuators = condition.air_data, jax.tree.map(np.asarray, AIRFRAME.actuators)
+    load = -(condition.aerodynamic.force_b + condition.propulsive.force_b)[:, 2] / (
+        float(AIRFRAME.mass_properties.mass) * G
+    )
+    surface_rates = (
+        np.clip(controls.surfaces, actuators.lower, actuators.upper) - state.surfaces
+    ) / actuators.time_constant
+    rate = np.minimum(np.abs(surface_rates), actuators.rate_limit) / actuators.rate_limit
     for value, expected in (
         (summary.alpha_min, data.alpha.min()),
         (summary.alpha_max, data.alpha.max()),
@@ -135,8 +139,8 @@ def test_extremes_equal_those_of_the_history(flights, name):
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_times_at_limits_equal_those_of_the_history(flights, name):
-    """Sums of the sampling period in another order: 1e-12. The surface's rate limit is met to rounding or not at all."""
+def test_summary_limit_times_equal_the_history(flights, name):
+    """Sums of the sampling period in another order: 1e-12. The surface's rate limit is reached to rounding or not."""
     summary, (_, _, _, _, signals, _, outside) = flights[name]
     total = dict(zip(AUTOPILOT_LIMITS, np.asarray(summary.limited_time), strict=True))
     thrust, attitude = signals.thrust, signals.attitude
@@ -160,9 +164,8 @@ def test_times_at_limits_equal_those_of_the_history(flights, name):
     assert bool(summary.finite)
 
 
-def test_the_flights_meet_limits(flights):
-    """Otherwise the test above would compare zeros: 12 m/s more take full thrust for a while, 10 m/s less in a descent
-    idle."""
+def test_the_flights_reach_limits(flights):
+    """Otherwise the previous test compares zeros: +12 m/s needs full thrust, -10 m/s in a descent needs idle."""
     index = AUTOPILOT_LIMITS.index
     assert flights["level"][0].limited_time[index("thrust_max")] > 0.5
     assert flights["fast descent"][0].limited_time[index("thrust_idle")] > 0.5
@@ -182,16 +185,16 @@ def test_the_flights_meet_limits(flights):
         ("dive", {"thrust_idle"}),
     ],
 )
-def test_what_stops_a_point_is_named(points, name, stops):
+def test_obstacles_of_a_trim_point_are_named(points, name, stops):
     point, _ = points[name]
-    found = {stop for stop, stands in zip(TRIM_OBSTACLES, np.asarray(point.obstacles), strict=True) if stands}
+    obstacles = {stop for stop, stands in zip(TRIM_OBSTACLES, np.asarray(point.obstacles), strict=True) if stands}
     assert bool(point.trimmable) == (not stops)
-    assert found <= stops
-    assert bool(found) == bool(stops)
+    assert obstacles <= stops
+    assert bool(obstacles) == bool(stops)
 
 
-def test_reserves(points):
-    """A level turn banked 60 deg is flown at 2 g along the lift: nearly that along body z at small alpha."""
+def test_trim_reserves_match_the_load_factor(points):
+    """A level turn at 60 deg of bank has 2 g along the lift: nearly the same along body z at small alpha."""
     level, turn = points["level"][0], points["turn"][0]
     assert float(level.power_margin) == pytest.approx(1 - float(level.trim.power) / 100, abs=1e-12)
     assert float(level.power_margin + level.power_above_idle) == pytest.approx(1.0, abs=1e-12)

@@ -1,4 +1,4 @@
-"""A flight whose autopilot believes another airframe, and whose sensors are late."""
+"""A flight with model errors in the autopilot and delayed sensors."""
 
 import equinox as eqx
 import jax
@@ -42,7 +42,7 @@ def gains(incremental):
 
 @pytest.fixture(scope="module")
 def flown():
-    """Summaries by name, and of the survey's own flight of the nominal aircraft, with both inversions."""
+    """Summaries by case name, and of the survey flights of the nominal aircraft with both inversions."""
 
     def truth(lift):
         coefficients = no_dispersion().coefficients.at[0].set(lift)
@@ -68,29 +68,31 @@ def flown():
         step = jnp.asarray(STEP)
         return survey_flight(NOMINAL, ENVIRONMENT, gains, LIMITS, trim, TARGET, SIZE, TOLERANCE, step, COUNT)
 
-    def stacked(of):
-        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(gains, of))
+    def stacked(inversions):
+        return jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(gains, inversions))
 
-    rows = list(CASES.values())
-    lift, delay = (jnp.asarray([row[k] for row in rows]) for k in (1, 2))
+    cases = list(CASES.values())
+    lift, delay = (jnp.asarray([case[k] for case in cases]) for k in (1, 2))
     trims = jax.jit(jax.vmap(lambda lift: solve_trim(truth(lift), ENVIRONMENT, TARGET)))(lift)
-    found = jax.jit(jax.vmap(one), compiler_options=QUICK)(stacked(row[0] for row in rows), lift, delay * STEP, trims)
+    dispersed = jax.jit(jax.vmap(one), compiler_options=QUICK)(
+        stacked(case[0] for case in cases), lift, delay * STEP, trims
+    )
     nominal = jax.tree.map(lambda leaf: leaf[:2], trims)
-    known = jax.jit(jax.vmap(surveyed), compiler_options=QUICK)(stacked([False, True]), nominal)
-    by_name = {name: jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), found) for k, name in enumerate(CASES)}
-    return by_name, [jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), known) for k in range(2)]
+    reference = jax.jit(jax.vmap(surveyed), compiler_options=QUICK)(stacked([False, True]), nominal)
+    by_name = {name: jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), dispersed) for k, name in enumerate(CASES)}
+    return by_name, [jax.tree.map(lambda leaf, k=k: np.asarray(leaf[k]), reference) for k in range(2)]
 
 
 @pytest.mark.parametrize(("k", "name"), [(0, "model"), (1, "incremental")])
-def test_the_nominal_aircraft_flies_the_surveys_flight(flown, k, name):
-    """Two programs of the same equations: rounding, which 600 steps of the loops amplify to 1e-9 at most."""
+def test_a_nominal_aircraft_equals_the_survey_flight(flown, k, name):
+    """Two programs with the same equations: rounding, which 600 steps of the loops amplify to at most 1e-9."""
     ours, survey = flown[0][name], flown[1][k]
     for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(survey), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8)
 
 
-def test_only_the_incremental_law_flies_as_if_nothing_was_wrong(flown):
-    """Wanted from the idea of either law: a lift that the model lacks is measured, or left to a slow integral."""
+def test_the_incremental_law_is_insensitive_to_a_lift_error(flown):
+    """By design of the laws: the missing lift is measured, or left to a slow integral."""
     nominal, model, incremental = (
         abs(flown[0][name].final_error[1]) for name in ("model", "less lift, model", "less lift, incremental")
     )
@@ -101,8 +103,8 @@ def test_only_the_incremental_law_flies_as_if_nothing_was_wrong(flown):
     assert incremental < 0.05 * DEGREE
 
 
-def test_late_sensors_make_the_surfaces_busy(flown):
-    """Late by 15 ms it still flies; by 80 ms, the phase of the inner loop is gone: a limit cycle at the rate limit."""
+def test_delayed_sensors_cause_surface_activity(flown):
+    """With 15 ms delay, the aircraft still flies; with 80 ms, the rate loop is in a limit cycle at the rate limit."""
     prompt, late, too_late = (flown[0][name] for name in ("model", "late", "too late"))
     rates = -1  # of AUTOPILOT_LIMITS
     assert late.finite

@@ -1,4 +1,4 @@
-"""Sensors without errors are the perfect world, and flights by noisy sensors come to it as the noise vanishes."""
+"""Sensors without errors equal perfect knowledge, and flights with noisy sensors converge to it."""
 
 import dataclasses
 from pathlib import Path
@@ -55,7 +55,7 @@ def noisy(share):
 
 
 def with_estimator(flight, estimator):
-    """The same flight with one estimator for all."""
+    """The same flight with one estimator for every aircraft."""
     aircraft = [flight.aircraft(k) for k in range(flight.count)]
     aircraft = [(dataclasses.replace(vehicle, estimator=estimator), *start) for vehicle, *start in aircraft]
     timing = flight.timing
@@ -73,8 +73,8 @@ def with_estimator(flight, estimator):
 @eqx.filter_jit
 def flown(flight):
     state, _ = start_flight(flight)
-    _, _, rows = fly(flight, state, 0, STEPS)
-    return {key: rows[key] for key in SCALES}
+    _, _, history = fly(flight, state, 0, STEPS)
+    return {key: history[key] for key in SCALES}
 
 
 # of each recorded quantity, SI
@@ -96,29 +96,30 @@ def perfect():
     return jax.tree.map(np.asarray, flown(build_flight(loads(TEXT))))
 
 
-def farthest(one, other):
-    return max(float(np.max(np.abs(one[key] - other[key]))) / scale for key, scale in SCALES.items())
+def largest_deviation(history, reference):
+    return max(float(np.max(np.abs(history[key] - reference[key]))) / scale for key, scale in SCALES.items())
 
 
 @pytest.mark.parametrize("estimator", [DirectEstimator(), TrackingEstimator()], ids=["none", "no filters"])
-def test_sensors_without_errors_at_every_step_are_the_perfect_world(perfect, estimator):
+def test_error_free_sensors_equal_perfect_knowledge(perfect, estimator):
     flight = with_estimator(build_flight(loads(TEXT + noisy(0.0)[0])), estimator)
-    found = jax.tree.map(np.asarray, flown(flight))
-    assert farthest(found, perfect) < 1e-9
+    noisy_history = jax.tree.map(np.asarray, flown(flight))
+    assert largest_deviation(noisy_history, perfect) < 1e-9
 
 
-def test_flights_by_filters_come_to_the_perfect_one_over_three_decades(perfect):
-    """All noise vanishes, that of the goal's motion too, for which the filter allows: its gain stays as it is.
+def test_filtered_flights_converge_to_perfect_knowledge_over_three_decades(perfect):
+    """The process noise of the goal's motion vanishes with the sensor noise: the filter gain stays constant.
 
-    Were that part kept, errors of the goal's velocity would fall only with the fourth root of the sensor's noise.
+    With constant process noise, the error of the goal's velocity would fall only with the fourth root of the sensor
+    noise.
     """
-    off = []
+    largest_deviations = []
     for share in (0.1, 0.01, 0.001, 0.0001):
-        found = jax.tree.map(np.asarray, flown(build_flight(loads(TEXT + "".join(noisy(share))))))
-        places = [np.abs(found[key] - perfect[key]).max() for key in ("north", "east", "altitude")]
-        off.append(float(max(places)))
-    print("greatest departure from the perfect flight, m:", off)  # noqa: T201
+        noisy_history = jax.tree.map(np.asarray, flown(build_flight(loads(TEXT + "".join(noisy(share))))))
+        deviations = [np.abs(noisy_history[key] - perfect[key]).max() for key in ("north", "east", "altitude")]
+        largest_deviations.append(float(max(deviations)))
+    print("greatest departure from the perfect flight, m:", largest_deviations)  # noqa: T201
     # in proportion to the noise: a factor of 10, but for what is not linear in the largest of it
-    ratios = np.array(off[:-1]) / np.array(off[1:])
-    assert np.all(ratios > 7.0), off
-    assert off[-1] < 0.01
+    ratios = np.array(largest_deviations[:-1]) / np.array(largest_deviations[1:])
+    assert np.all(ratios > 7.0), largest_deviations
+    assert largest_deviations[-1] < 0.01
