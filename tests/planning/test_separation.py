@@ -80,7 +80,7 @@ def test_requested_sides_are_used():
 
 
 def test_the_published_fleet_takes_the_smaller_bends():
-    # Here the rendezvous points decide the pair_distances distances, whatever the sides.
+    # Here the rendezvous points decide the least distances, whatever the sides.
     case = published_fleet()
     plan = plan_at(0.0, case, jnp.ones(3))
     sides = choose(plan, jnp.zeros(3))
