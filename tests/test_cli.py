@@ -90,7 +90,7 @@ def test_the_time_of_an_aircraft_s_stop_is_printed(anser, tmp_path, monkeypatch)
     flown = SimpleNamespace(
         dataset=dataset, summary=summary, met=False, planned=planned, write_into=lambda folder: (folder / "x").touch()
     )
-    monkeypatch.setattr("anser.cli.flights.run", lambda *arguments: flown)
+    monkeypatch.setattr("anser.missions.runs.run", lambda *arguments: flown)
     code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
     assert code == 1
     assert "at 75.2 s: the aircraft reached the ground" in printed

@@ -71,7 +71,7 @@ def test_bad_folders_end_with_2(anser, folder, tmp_path):
 
 
 def test_parquet_without_its_library_is_refused_before_reading(anser, tmp_path, monkeypatch):
-    monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
+    monkeypatch.setattr("anser.report.exports.tables.has_parquet", lambda: False)
     code, _, err = anser("export", tmp_path / "none", "--format", "parquet")
     assert code == 2
     assert 'pyarrow is not installed: pip install "anser[parquet]"' in err
@@ -79,7 +79,7 @@ def test_parquet_without_its_library_is_refused_before_reading(anser, tmp_path, 
 
 
 def test_other_formats_are_written_without_the_library_of_one(anser, folder, tmp_path, monkeypatch):
-    monkeypatch.setattr("anser.report.exports.has_parquet", lambda: False)
+    monkeypatch.setattr("anser.report.exports.tables.has_parquet", lambda: False)
     out = tmp_path / "tables"
     code, printed, err = anser("export", folder, "--format", "czml,kml,csv,parquet,mat", "--out", out, "--json")
     assert code == 1

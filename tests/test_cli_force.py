@@ -135,7 +135,7 @@ def fake(monkeypatch):
         calls.append(scenario)
         return Flown()
 
-    monkeypatch.setattr("anser.cli.flights.run", fly)
+    monkeypatch.setattr("anser.missions.runs.run", fly)
     return calls
 
 

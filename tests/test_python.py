@@ -60,7 +60,7 @@ def test_a_type_checker_sees_every_signature(tmp_path):
         rules = {d.get("rule") for d in diagnostics if d["range"]["start"]["line"] == number}
         assert "reportCallIssue" in rules, lines[number]
     revealed = [d["message"] for d in diagnostics if d["severity"] == "information"]
-    assert [d.split('is "')[1].rstrip('"') for d in revealed] == ["Flown", "Figure"]
+    assert [d.split('is "')[1].rstrip('"') for d in revealed] == ["FlightResult", "Figure"]
 
 
 @pytest.mark.parametrize("entry", [anser.plan, anser.run, lambda given: anser.sweep(given, {"seed": [1]})])
