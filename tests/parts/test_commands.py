@@ -13,7 +13,7 @@ from support.planning_cases import angles, trajectories, velocity
 
 @settings(deadline=None, max_examples=30)
 @given(speed=st.floats(20.0, 400.0), course=angles, path_angle=st.floats(-1.5, 1.5))
-def test_angles_come_back(speed, course, path_angle):
+def test_the_polar_form_recovers_the_angles(speed, course, path_angle):
     command = polar(velocity(speed, course, path_angle), jnp.zeros(3))
     # cos(1.5) = 0.07 costs one digit in the course.
     np.testing.assert_allclose([command.V, command.gamma, command.chi], [speed, path_angle, course], atol=1e-12)
@@ -54,9 +54,9 @@ def test_vertical_path_angle_and_vmap():
     acceleration=st.tuples(*(st.floats(-30.0, 30.0),) * 3).map(jnp.array),
     scale=st.tuples(*(st.floats(0.5, 2.0),) * 3).map(jnp.array),
 )
-def test_rescaled_is_the_polar_form_of_the_scaled_velocity(speed, course, path_angle, acceleration, scale):
+def test_a_rescaled_command_is_the_polar_form_of_the_scaled_velocity(speed, course, path_angle, acceleration, scale):
     flown = velocity(speed, course, path_angle)
-    found = rescale_command(polar(flown, acceleration), scale)
+    rescaled = rescale_command(polar(flown, acceleration), scale)
     expected = polar(scale * flown, scale * acceleration)
     for name in ("V", "gamma", "chi", "V_dot", "gamma_dot", "chi_dot"):
-        assert float(getattr(found, name)) == pytest.approx(float(getattr(expected, name)), rel=1e-9, abs=1e-9), name
+        assert float(getattr(rescaled, name)) == pytest.approx(float(getattr(expected, name)), rel=1e-9, abs=1e-9), name

@@ -39,15 +39,15 @@ def test_time_to_go_solves_its_equation(distance, bearing, slope, course, goal_s
         np.testing.assert_allclose(jnp.linalg.norm(relative + w * time), 150.0 * time, rtol=1e-7)
 
 
-def test_outrunning_goals_are_reported():
-    ahead = jnp.array([1000.0, 0.0, 0.0])
-    assert not to_go(ahead, jnp.array([160.0, 0.0, 0.0]), 150.0)[1]
-    assert to_go(ahead, jnp.array([-160.0, 0.0, 0.0]), 150.0)[1]
+def test_goals_that_outrun_the_aircraft_are_reported():
+    relative = jnp.array([1000.0, 0.0, 0.0])
+    assert not to_go(relative, jnp.array([160.0, 0.0, 0.0]), 150.0)[1]
+    assert to_go(relative, jnp.array([-160.0, 0.0, 0.0]), 150.0)[1]
     # Equal speeds: met head-on after half the distance, never in a tail chase.
-    time, exists = to_go(ahead, jnp.array([-150.0, 0.0, 0.0]), 150.0)
+    time, exists = to_go(relative, jnp.array([-150.0, 0.0, 0.0]), 150.0)
     assert exists
     np.testing.assert_allclose(time, 1000.0 / 300.0)
-    assert not to_go(ahead, jnp.array([150.0, 0.0, 0.0]), 150.0)[1]
+    assert not to_go(relative, jnp.array([150.0, 0.0, 0.0]), 150.0)[1]
     assert to_go(jnp.zeros(3), jnp.array([20.0, 0.0, 0.0]), 150.0)[0] == 0.0
 
 
@@ -61,14 +61,14 @@ def test_prescribed_arrival_over_the_ground(bearing, slope, course, path_angle, 
         air, attainable = arrival(make_rendezvous(ABOVE, chi, gamma), line, 150.0, wind_n)
         assert attainable
         np.testing.assert_allclose(jnp.linalg.norm(air), 150.0, rtol=1e-13)
-        seen = polar(air + wind_n, jnp.zeros(3))
-        free = polar(150.0 * line / jnp.linalg.norm(line) + wind_n, jnp.zeros(3))
+        over_ground = polar(air + wind_n, jnp.zeros(3))
+        straight = polar(150.0 * line / jnp.linalg.norm(line) + wind_n, jnp.zeros(3))
         # The ground speed is at least 50 m/s: no loss of digits.
-        np.testing.assert_allclose(seen.chi, free.chi if chi is None else chi, atol=1e-12)
-        np.testing.assert_allclose(seen.gamma, free.gamma if gamma is None else gamma, atol=1e-12)
+        np.testing.assert_allclose(over_ground.chi, straight.chi if chi is None else chi, atol=1e-12)
+        np.testing.assert_allclose(over_ground.gamma, straight.gamma if gamma is None else gamma, atol=1e-12)
 
 
-def test_unattainable_direction_is_reported_and_left_free():
+def test_an_unattainable_direction_is_reported_and_ignored():
     line, storm = jnp.array([5e3, 0.0, 0.0]), jnp.array([0.0, 160.0, 0.0])
     air, attainable = final_air_velocity(make_rendezvous(ABOVE, 0.0), line, 150.0, storm)
     assert not attainable
@@ -89,9 +89,9 @@ def test_vmap_and_one_trace_for_any_numbers():
     traces = []
 
     @jax.jit
-    def final(how, lines):
+    def final(rendezvous, lines):
         traces.append(1)
-        return jax.vmap(lambda line: final_air_velocity(how, line, 150.0, jnp.zeros(3))[0])(lines)
+        return jax.vmap(lambda line: final_air_velocity(rendezvous, line, 150.0, jnp.zeros(3))[0])(lines)
 
     lines = jnp.array([[1e3, 0.0, 0.0], [0.0, 1e3, 0.0]])
     np.testing.assert_allclose(final(make_rendezvous(ABOVE), lines), 0.15 * lines, atol=1e-12)

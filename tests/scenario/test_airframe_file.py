@@ -1,4 +1,4 @@
-"""How scenarios take aircraft files in, and what of it they refuse."""
+"""Aircraft files in scenarios: relative paths, content in the hash, and refusals."""
 
 import types
 from pathlib import Path
@@ -50,7 +50,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_scenario_names_a_file_seen_from_itself(folder, monkeypatch):
+def test_an_aircraft_file_path_is_relative_to_the_scenario(folder, monkeypatch):
     monkeypatch.chdir("/")
     scenario = load(folder / "fleet.toml")
     assert scenario.aircraft[0].airframe == read_airframe(folder / "my-uav.toml")
@@ -58,15 +58,15 @@ def test_a_scenario_names_a_file_seen_from_itself(folder, monkeypatch):
     assert isinstance(kind.vehicles.at(0).airframe, DerivativeAircraft)
 
 
-def test_the_hash_knows_the_content_of_the_file(folder):
-    before = load(folder / "fleet.toml")
+def test_the_hash_depends_on_the_content_of_the_aircraft_file(folder):
+    original = load(folder / "fleet.toml")
     (folder / "my-uav.toml").write_text(AEROSONDE.replace("mass_kg = 11.0", "mass_kg = 11.5"), encoding="utf-8")
-    after = load(folder / "fleet.toml")
-    assert before.hash != after.hash
-    assert validate(before.model_dump(mode="json")).hash == before.hash  # a record flies without the file
-    assert before.replace("fleet.speed_m_s", 24.0).aircraft[0].airframe == before.aircraft[0].airframe
-    heavier = before.replace("aircraft[0].airframe.mass.mass_kg", 11.5)  # what a study varies
-    assert heavier.hash == after.hash
+    edited = load(folder / "fleet.toml")
+    assert original.hash != edited.hash
+    assert validate(original.model_dump(mode="json")).hash == original.hash  # a record flies without the file
+    assert original.replace("fleet.speed_m_s", 24.0).aircraft[0].airframe == original.aircraft[0].airframe
+    heavier = original.replace("aircraft[0].airframe.mass.mass_kg", 11.5)  # what a study varies
+    assert heavier.hash == edited.hash
 
 
 def test_a_study_that_makes_an_impossible_body_is_refused(folder):
@@ -77,7 +77,7 @@ def test_a_study_that_makes_an_impossible_body_is_refused(folder):
         fleet.replace(f"{path}.mass_kg", -1.0)
 
 
-def test_what_is_wrong_in_the_file_is_told_of_the_file(folder):
+def test_problems_of_an_aircraft_file_name_that_file(folder):
     (folder / "my-uav.toml").write_text(AEROSONDE.replace("CL_alpha", "CL_alfa"), encoding="utf-8")
     with pytest.raises(ScenarioError, match=r"my-uav\.toml: 1 problem\n  line 24, aerodynamics\.CL_alfa"):
         load(folder / "fleet.toml")
@@ -88,7 +88,7 @@ def test_what_is_wrong_in_the_file_is_told_of_the_file(folder):
 
 
 @pytest.mark.parametrize(
-    ("airframe", "path", "words"),
+    ("airframe", "path", "expected"),
     [
         (
             'airframe = "my-uav.toml"\ntype = "f16"',
@@ -103,12 +103,12 @@ def test_what_is_wrong_in_the_file_is_told_of_the_file(folder):
         ('type = "f16"\ndeviation.coefficients.CL_alpha = 1.1', "aircraft[0].deviation.coefficients.CL_alpha", "CZ0"),
     ],
 )
-def test_what_a_scenario_refuses(airframe, path, words):
+def test_invalid_airframes_are_refused(airframe, path, expected):
     with pytest.raises(ScenarioError) as caught:
         loads(fleet(airframe))
-    told = "\n".join(map(str, caught.value.problems))
-    assert words in told or words in str(caught.value.problems[0].arrived)
-    assert path in [one.path for one in caught.value.problems]
+    message = "\n".join(map(str, caught.value.problems))
+    assert expected in message or expected in str(caught.value.problems[0].arrived)
+    assert path in [problem.path for problem in caught.value.problems]
 
 
 @pytest.mark.parametrize(("speed", "refused"), [(12.0, True), (13.0, False), (40.0, False), (41.0, True)])
@@ -127,7 +127,7 @@ def test_an_f16_still_starts_at_30_m_s_or_faster():
         loads(text)
 
 
-def test_limits_that_are_left_out_are_the_aircraft_s():
+def test_limits_left_out_follow_from_the_aircraft():
     scenario = loads(fleet('type = "aerosonde"'))
     assert (scenario.limits.speed_min_m_s, scenario.limits.speed_max_m_s) == (13.0, 40.0)
     assert (scenario.limits.alpha_min_deg, scenario.limits.alpha_max_deg) == (-5.0, 25.0)
@@ -137,30 +137,32 @@ def test_limits_that_are_left_out_are_the_aircraft_s():
 
 
 def test_a_deviation_flies_another_aircraft_than_its_autopilot_knows():
-    more = 'type = "aerosonde"\ndeviation = {mass = 1.1, thrust = 0.9, cg_shift = 0.05, coefficients = {Cm_alpha = 0.8, Cm_elevator = 0.7}}'
-    airframe = build_flight(loads(fleet(more))).groups[0].vehicles.at(0).airframe
+    aircraft_keys = 'type = "aerosonde"\ndeviation = {mass = 1.1, thrust = 0.9, cg_shift = 0.05, coefficients = {Cm_alpha = 0.8, Cm_elevator = 0.7}}'
+    airframe = build_flight(loads(fleet(aircraft_keys))).groups[0].vehicles.at(0).airframe
     assert float(airframe.mass_properties.mass) == pytest.approx(12.1)
     assert float(airframe.engine.thrust_factor) == pytest.approx(0.9)
-    places = [derivative_index(name, airframe.actuators.names) for name in ("Cm_alpha", "Cm_elevator", "Cm_q")]
-    assert [float(airframe.derivatives[place]) for place in places] == pytest.approx([-2.74 * 0.8, -0.99 * 0.7, -38.21])
+    indices = [derivative_index(name, airframe.actuators.names) for name in ("Cm_alpha", "Cm_elevator", "Cm_q")]
+    assert [float(airframe.derivatives[index]) for index in indices] == pytest.approx(
+        [-2.74 * 0.8, -0.99 * 0.7, -38.21]
+    )
 
 
-class _Point:
-    """An entry point as an installed package would declare it."""
+class _EntryPoint:
+    """A fake entry point of an installed package."""
 
     name, value = "glider", "my_package:glider"
 
-    def __init__(self, made=None, version=None):
-        self.made = made
+    def __init__(self, airframe=None, version=None):
+        self.airframe = airframe
         self.dist = None if version is None else types.SimpleNamespace(name="my-package", version=version)
 
     def load(self):
-        return lambda: self.made
+        return lambda: self.airframe
 
 
 @pytest.fixture
 def offering(monkeypatch):
-    """Let the installed packages be those that offer these entry points."""
+    """Replace the entry points of the installed packages."""
 
     def offer(*points):
         monkeypatch.setattr(sources.importlib.metadata, "entry_points", lambda group: points)
@@ -176,7 +178,7 @@ _GLIDER_LIMITS = ("limits.climb", "limits.speed_min_m_s = 14\nlimits.speed_max_m
 
 def test_an_airframe_by_entry_point(offering):
     mine = built()
-    offering(_Point(mine))
+    offering(_EntryPoint(mine))
     assert "glider" in aircraft_types()
     assert load_airframe("glider") is mine
     scenario = loads(fleet('type = "glider"', limits=_GLIDER_LIMITS))
@@ -185,23 +187,23 @@ def test_an_airframe_by_entry_point(offering):
         loads(fleet('type = "glider"\ndeviation.mass = 1.1'))
 
 
-def test_the_hash_knows_which_code_an_entry_point_is(offering):
-    """Of another version of the package, or of another place in it, the same text is another scenario."""
+def test_the_hash_depends_on_the_code_of_an_entry_point(offering):
+    """Another package version or another object of the package changes the hash of the same text."""
     text, hashes = fleet('type = "glider"', limits=_GLIDER_LIMITS), []
     for version, value in (("1.0", "my_package:glider"), ("1.1", "my_package:glider"), ("1.0", "my_package:kite")):
-        point = _Point(version=version)
+        point = _EntryPoint(version=version)
         point.value = value
         offering(point)
         hashes.append(loads(text).hash)
         assert loads(text + "\n# a comment\n").hash == hashes[-1]
     assert len(set(hashes)) == 3
-    offering(_Point(version="1.0"))
+    offering(_EntryPoint(version="1.0"))
     assert loads(text).hash == hashes[0]
 
 
 def test_the_hash_of_the_library_s_own_does_not_depend_on_what_is_installed(offering):
     text = fleet('type = "aerosonde"')
     offering()
-    before = loads(text).hash
-    offering(_Point(version="1.0"))
-    assert loads(text).hash == before
+    original_hash = loads(text).hash
+    offering(_EntryPoint(version="1.0"))
+    assert loads(text).hash == original_hash

@@ -20,18 +20,18 @@ def storm():
     return scenario, build_flight(scenario)
 
 
-def test_units_and_signs(storm):
+def test_units_and_signs_are_converted(storm):
     scenario, flight = storm
-    parts, kind = parts_of(flight), flight.groups[0]
-    first = scenario.aircraft[0]
+    parts, group = parts_of(flight), flight.groups[0]
+    aircraft = scenario.aircraft[0]
     np.testing.assert_allclose(
-        kind.start_positions_n[0], [first.start.north_m, first.start.east_m, -first.start.altitude_m]
+        group.start_positions_n[0], [aircraft.start.north_m, aircraft.start.east_m, -aircraft.start.altitude_m]
     )
-    np.testing.assert_allclose(kind.starts.course[0], np.deg2rad(first.start.course_deg))
+    np.testing.assert_allclose(group.starts.course[0], np.deg2rad(aircraft.start.course_deg))
     # Stand-off up is negative down; the wind of 12 m/s from 240 deg blows toward 60 deg.
     np.testing.assert_allclose(parts.mission.rendezvous.stand_off_n[0], [0.0, -700.0, -600.0])
     toward = np.deg2rad(60.0)
-    wind_n = flight.environment.wind.at(kind.start_positions_n[0], 0.0)
+    wind_n = flight.environment.wind.at(group.start_positions_n[0], 0.0)
     np.testing.assert_allclose(wind_n, 12 * np.array([np.cos(toward), np.sin(toward), 0.0]), atol=1e-12)
     # The storm's points drift with the wind.
     np.testing.assert_allclose(parts.mission.goal.velocity_after_n[2], wind_n, atol=1e-12)
@@ -45,14 +45,14 @@ def test_gravity_is_that_of_the_latitude(storm):
     np.testing.assert_allclose(flight.environment.gravity, expected, rtol=1e-9)
 
 
-def test_everything_is_an_array_of_one_kind_per_leaf(storm):
+def test_every_leaf_of_a_flight_is_an_array_of_fixed_type(storm):
     _, flight = storm
     for leaf in jax.tree.leaves(flight):
         assert isinstance(leaf, jax.Array)
         assert not leaf.weak_type
 
 
-def test_per_aircraft_choices_arrive(storm):
+def test_settings_of_single_aircraft_reach_the_flight(storm):
     text = (SCENARIOS / "three-aircraft.toml").read_text()
     text = text.replace(
         'name = "aircraft-2"', 'name = "aircraft-2"\nbend = "right"\nvariant = "s119"\nx_cg_over_c = 0.31'
@@ -73,22 +73,22 @@ def test_per_aircraft_choices_arrive(storm):
     np.testing.assert_allclose(still.position_n(50.0), [0.0, 0.0, 0.0])
 
 
-def test_path_limits(storm):
+def test_path_limits_follow_from_the_scenario(storm):
     scenario, _ = storm
     limits = build_path_limits(scenario)
     np.testing.assert_allclose(limits.bank_max, np.deg2rad(scenario.limits.bank_max_deg))
 
 
 def test_the_roll_rate_reaches_planner_and_autopilot():
-    """The plan leaves its reserve of it; left out, nothing is limited and plans roll as ever."""
+    """The plan keeps a reserve of the limit; without a limit, plans use the default roll rate."""
     text = starter_scenario()
     gentle = build_flight(loads(text))
     np.testing.assert_allclose(gentle.planner.limits.bank_rate_max, 0.9 * np.deg2rad(5.0))
     np.testing.assert_allclose(parts_of(gentle).controller.limits.bank_rate_max, np.deg2rad(5.0))
-    free = build_flight(loads(text.replace("roll_rate_max_deg_s", "# roll_rate_max_deg_s")))
-    assert free.planner.limits.bank_rate_max is None
-    assert parts_of(free).controller.limits.bank_rate_max is None
-    np.testing.assert_allclose(free.planner.roll_rates_max, np.deg2rad(20.0))
+    unlimited = build_flight(loads(text.replace("roll_rate_max_deg_s", "# roll_rate_max_deg_s")))
+    assert unlimited.planner.limits.bank_rate_max is None
+    assert parts_of(unlimited).controller.limits.bank_rate_max is None
+    np.testing.assert_allclose(unlimited.planner.roll_rates_max, np.deg2rad(20.0))
 
 
 @pytest.mark.parametrize("seed", [0, 7, 2**31 + 5])

@@ -1,4 +1,4 @@
-"""What follows from the aircraft itself: gains, limits, airspeeds; what a scenario gives stands."""
+"""Gains, limits and airspeeds derived from the aircraft; values in the scenario take precedence."""
 
 import jax
 import numpy as np
@@ -37,15 +37,15 @@ course_deg = 90.0
 """
 
 
-def uav(**other):
+def uav(**changes):
     return AIRCRAFT.format(
-        **{"name": "uav", "type": "aerosonde", "north": 0.0, "speed": 25.0, "up": 200.0, "more": "", **other}
+        **{"name": "uav", "type": "aerosonde", "north": 0.0, "speed": 25.0, "up": 200.0, "more": "", **changes}
     )
 
 
-def jet(**other):
+def jet(**changes):
     return AIRCRAFT.format(
-        **{"name": "jet", "type": "f16", "north": -9000.0, "speed": 150.0, "up": 900.0, "more": "", **other}
+        **{"name": "jet", "type": "f16", "north": -9000.0, "speed": 150.0, "up": 900.0, "more": "", **changes}
     )
 
 
@@ -54,57 +54,61 @@ def scenario(*aircraft, speed=25.0, limits=""):
 
 
 @pytest.fixture(scope="module")
-def alone():
+def uav_scenario():
     return scenario(uav())
 
 
 @pytest.fixture(scope="module")
-def able(alone):
-    return derive_defaults(alone, alone.aircraft[0], build_airframe_of(alone.aircraft[0])).capability
+def capability(uav_scenario):
+    return derive_defaults(
+        uav_scenario, uav_scenario.aircraft[0], build_airframe_of(uav_scenario.aircraft[0])
+    ).capability
 
 
-def test_limits_left_out_are_those_of_the_trim_map(alone, capability):
-    found = resolve_limits(alone, alone.aircraft[0])
+def test_limits_left_out_follow_from_the_trim_map(uav_scenario, capability):
+    limits = resolve_limits(uav_scenario, uav_scenario.aircraft[0])
     # its data hold from 13 to 40 m/s; with a tenth of power and elevator left it flies level from 17 to 29
     assert 15.0 < capability.speed_min < 18.0
     assert 28.0 < capability.speed_max < 32.0
-    assert capability.speed_min < found.speed_min_m_s < 25.0 < found.speed_max_m_s == capability.speed_max
-    assert found.bank_max_deg == 45.0
-    assert found.climb_rate_max_m_s == pytest.approx(min(capability.climb_rate_max, capability.sink_rate_max))
+    assert capability.speed_min < limits.speed_min_m_s < 25.0 < limits.speed_max_m_s == capability.speed_max
+    assert limits.bank_max_deg == 45.0
+    assert limits.climb_rate_max_m_s == pytest.approx(min(capability.climb_rate_max, capability.sink_rate_max))
     # at the least airspeed the lift of that bank is the lift of level flight at the least trimmable one
-    assert found.speed_min_m_s == pytest.approx(capability.speed_min / np.sqrt(np.cos(np.radians(45.0))))
-    planner = build_flight(alone).planner
+    assert limits.speed_min_m_s == pytest.approx(capability.speed_min / np.sqrt(np.cos(np.radians(45.0))))
+    planner = build_flight(uav_scenario).planner
     np.testing.assert_allclose(planner.limits.bank_max, 0.9 * np.radians(45.0))
 
 
-def test_limits_that_are_given_stand_and_what_lies_beyond_is_told(capability):
-    asked = scenario(uav(), limits="limits = { bank_max_deg = 80.0, climb_rate_max_m_s = 2.0 }")
-    found = resolve_limits(asked, asked.aircraft[0])
-    assert (found.bank_max_deg, found.climb_rate_max_m_s) == (80.0, 2.0)
-    told = [text for text in find_cautions(asked) if text.startswith("limits.")]
-    assert len(told) == 1
-    assert f"banks in level turns at most {np.degrees(capability.bank_max):.1f} deg" in told[0]
+def test_limits_of_the_scenario_take_precedence_with_a_caution(capability):
+    limited = scenario(uav(), limits="limits = { bank_max_deg = 80.0, climb_rate_max_m_s = 2.0 }")
+    limits = resolve_limits(limited, limited.aircraft[0])
+    assert (limits.bank_max_deg, limits.climb_rate_max_m_s) == (80.0, 2.0)
+    cautions = [text for text in find_cautions(limited) if text.startswith("limits.")]
+    assert len(cautions) == 1
+    assert f"banks in level turns at most {np.degrees(capability.bank_max):.1f} deg" in cautions[0]
 
 
-def test_gains_follow_from_the_aircraft_and_given_ones_stand(alone):
-    found = resolve_gains(alone, alone.aircraft[0])
+def test_gains_derive_from_the_aircraft_unless_the_scenario_has_them(uav_scenario):
+    derived = resolve_gains(uav_scenario, uav_scenario.aircraft[0])
     # actuators of 0.05 s bear the published bandwidths, its sampling does not bear more; its stiffness asks for pitch
     published = published_gains().rates.proportional
-    np.testing.assert_allclose(found.rates.proportional[np.array([0, 2])], published[np.array([0, 2])])
-    assert published[1] < found.rates.proportional[1] < 1.5 * published[1]
-    given = scenario(uav(more="[aircraft.gains.velocity]\nproportional = [0.5, 0.4, 0.3]"))
-    own = resolve_gains(given, given.aircraft[0])
-    np.testing.assert_array_equal(own.velocity.proportional, [0.5, 0.4, 0.3])
-    np.testing.assert_array_equal(own.rates.proportional, found.rates.proportional)
+    np.testing.assert_allclose(derived.rates.proportional[np.array([0, 2])], published[np.array([0, 2])])
+    assert published[1] < derived.rates.proportional[1] < 1.5 * published[1]
+    scenario_with_gains = scenario(uav(more="[aircraft.gains.velocity]\nproportional = [0.5, 0.4, 0.3]"))
+    gains = resolve_gains(scenario_with_gains, scenario_with_gains.aircraft[0])
+    np.testing.assert_array_equal(gains.velocity.proportional, [0.5, 0.4, 0.3])
+    np.testing.assert_array_equal(gains.rates.proportional, derived.rates.proportional)
 
 
 def test_the_library_f16_keeps_its_gains_and_limits():
-    of = scenario(jet(), speed=150.0)
-    for one, other in zip(
-        jax.tree.leaves(resolve_gains(of, of.aircraft[0])), jax.tree.leaves(published_gains()), strict=True
+    jet_scenario = scenario(jet(), speed=150.0)
+    for gain, published in zip(
+        jax.tree.leaves(resolve_gains(jet_scenario, jet_scenario.aircraft[0])),
+        jax.tree.leaves(published_gains()),
+        strict=True,
     ):
-        np.testing.assert_array_equal(one, other)
-    assert resolve_limits(of, of.aircraft[0]) == of.limits
+        np.testing.assert_array_equal(gain, published)
+    assert resolve_limits(jet_scenario, jet_scenario.aircraft[0]) == jet_scenario.limits
 
 
 def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():
@@ -116,7 +120,7 @@ def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():
 
 
 @pytest.mark.parametrize(
-    ("make", "place", "words"),
+    ("make", "path", "expected"),
     [
         (lambda: scenario(jet(), uav(), speed=150.0), "fleet.speed_m_s", "those of aerosonde; aircraft\\[\\].speed_m_s"),
         (lambda: scenario(uav(more="speed_m_s = 60.0")), "aircraft\\[0\\].speed_m_s", "a speed between limits.speed_min"),
@@ -128,6 +132,6 @@ def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():
         (lambda: scenario(uav(speed=60.0)), "aircraft\\[0\\].start.speed_m_s", "13 to 40 m/s"),
     ],
 )  # fmt: skip
-def test_airspeeds_that_do_not_suit_an_aircraft_are_refused(make, place, words):
-    with pytest.raises(ScenarioError, match=f"(?s){place}.*{words}"):
+def test_airspeeds_that_do_not_suit_an_aircraft_are_refused(make, path, expected):
+    with pytest.raises(ScenarioError, match=f"(?s){path}.*{expected}"):
         make()

@@ -1,4 +1,4 @@
-"""Gains by bandwidth and damping in a scenario, and cautions about what is valid and unwise."""
+"""Gains by bandwidth and damping in a scenario, and cautions about valid but unwise settings."""
 
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def test_bandwidth_and_damping_become_gains():
         ('[aircraft.gains]\ninversion = "incremantal"', 'expected "model" or "incremental"'),
     ],
 )
-def test_what_is_refused_says_what_would_be_right(gains, message):
+def test_a_refusal_names_the_expected_value(gains, message):
     with pytest.raises(ScenarioError) as refused:
         loads(_with(gains))
     assert message in str(refused.value)

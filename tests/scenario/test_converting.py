@@ -1,4 +1,4 @@
-"""Formats of scenario files: what is meant where no planner is named, and one format written as the other."""
+"""Formats of scenario files: the default planner of each format, and conversion between formats."""
 
 import tomllib
 from pathlib import Path
@@ -35,7 +35,7 @@ east_m = 0.0
 """
 
 
-def test_a_file_of_before_flies_as_it_did_and_is_told_of_the_new_default():
+def test_a_file_of_format_1_keeps_its_planner_with_a_caution():
     old, new = loads(BARE), loads(BARE.replace("format = 1", "format = 2"))
     assert (old.fleet.planner, new.fleet.planner) == ("published", "certified")
     (said,) = find_cautions(old)
@@ -46,13 +46,13 @@ def test_a_file_of_before_flies_as_it_did_and_is_told_of_the_new_default():
     assert find_cautions(loads(BARE.replace("150.0\n\n[[air", '150.0\nplanner = "published"\n\n[[air'))) == ()
 
 
-def test_the_hash_of_a_file_of_before_is_what_it_was():
-    """Files of format 1 are named in results that exist: the planner was published, written out or not."""
-    named = BARE.replace("speed_m_s = 150.0\n\n[[", 'speed_m_s = 150.0\nplanner = "published"\n\n[[')
-    assert loads(BARE).hash == loads(named).hash
+def test_the_hash_of_a_file_of_format_1_is_unchanged():
+    """Existing results refer to hashes of format 1, with the published planner explicit or by default."""
+    explicit = BARE.replace("speed_m_s = 150.0\n\n[[", 'speed_m_s = 150.0\nplanner = "published"\n\n[[')
+    assert loads(BARE).hash == loads(explicit).hash
 
 
-def test_converted_it_is_the_same_and_keeps_its_comments():
+def test_a_converted_file_is_equivalent_and_keeps_its_comments():
     text = convert(BARE)
     assert "format = 2  # of before" in text
     assert "[fleet]  # common\nplanner = " in text
@@ -64,11 +64,11 @@ def test_converted_it_is_the_same_and_keeps_its_comments():
 
 
 @pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
-def test_every_scenario_there_and_back(path):
+def test_every_scenario_converts_back_and_forth(path):
     text, scenario = path.read_text(), load(path)
-    there = convert(text, target_format=1)
-    assert loads(there).model_dump(exclude={"format"}) == scenario.model_dump(exclude={"format"})
-    assert loads(convert(there)).hash == scenario.hash
+    converted = convert(text, target_format=1)
+    assert loads(converted).model_dump(exclude={"format"}) == scenario.model_dump(exclude={"format"})
+    assert loads(convert(converted)).hash == scenario.hash
 
 
 def test_the_starter_is_of_the_newest_format_with_its_default():
@@ -85,11 +85,11 @@ def test_the_starter_is_of_the_newest_format_with_its_default():
     ],
     ids=["fleet in one line"],
 )
-def test_what_cannot_be_changed_line_by_line_is_refused(text):
+def test_a_text_without_editable_lines_is_refused(text):
     with pytest.raises(ScenarioError, match="both written out"):
         convert(text, "mine.toml")
 
 
-def test_what_is_no_scenario_is_refused():
+def test_an_invalid_scenario_is_not_converted():
     with pytest.raises(ScenarioError, match="format: arrived 3"):
         convert(BARE.replace("format = 1", "format = 3"))

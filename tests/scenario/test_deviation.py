@@ -1,4 +1,4 @@
-"""An aircraft that differs from what its autopilot and planner know of it."""
+"""Aircraft with deviations from the nominal airframe of autopilot and planner."""
 
 from pathlib import Path
 
@@ -25,23 +25,27 @@ def test_every_coefficient_of_the_build_up_has_a_factor():
     assert F16_FACTORS == F16_COEFFICIENTS
 
 
-def test_what_flies_differs_and_what_is_believed_does_not():
-    known = vehicle_with()
+def test_a_deviation_changes_the_airframe_but_not_the_belief():
+    nominal = vehicle_with()
     path = "aircraft[0].deviation."
     flown = vehicle_with(
         path + "mass", 1.1, path + "second_moment_x", 1.3, path + "cg_shift", 0.02, path + "thrust", 0.9
     )
-    assert known.estimator.model is None
-    properties, published = flown.airframe.mass_properties, known.airframe.mass_properties
+    assert nominal.estimator.model is None
+    properties, published = flown.airframe.mass_properties, nominal.airframe.mass_properties
     np.testing.assert_allclose(properties.mass, 1.1 * published.mass, rtol=1e-14)
     Jxx, Jyy, Jzz = np.diag(published.inertia_b)
     longer = 0.3 * 0.5 * (Jyy + Jzz - Jxx)
     np.testing.assert_allclose(np.diag(properties.inertia_b), [Jxx, Jyy + longer, Jzz + longer], rtol=1e-14)
-    np.testing.assert_allclose(flown.airframe.x_cg, known.airframe.x_cg + 0.02, rtol=1e-14)
-    thrust, full = (one.airframe.engine.propulsion(90.0, air_at(1000.0, 0.5)).force_b[0] for one in (flown, known))
+    np.testing.assert_allclose(flown.airframe.x_cg, nominal.airframe.x_cg + 0.02, rtol=1e-14)
+    thrust, full = (
+        vehicle.airframe.engine.propulsion(90.0, air_at(1000.0, 0.5)).force_b[0] for vehicle in (flown, nominal)
+    )
     np.testing.assert_allclose(thrust, 0.9 * full, rtol=1e-12)
-    for believed, one in zip(jax.tree.leaves(flown.estimator.model), jax.tree.leaves(known.airframe), strict=True):
-        np.testing.assert_array_equal(believed, one)
+    for believed, vehicle in zip(
+        jax.tree.leaves(flown.estimator.model), jax.tree.leaves(nominal.airframe), strict=True
+    ):
+        np.testing.assert_array_equal(believed, vehicle)
 
 
 @pytest.mark.parametrize("name", ["Cm0", "Cnp", "CYdr"])
@@ -58,17 +62,17 @@ def test_a_coefficient_is_multiplied(name):
 
 
 def test_factors_on_moments_of_inertia_of_earlier_versions():
-    """One of 1, as every recorded scenario has it, says nothing; another one is refused with what there is now."""
+    """Factors of 1, as in older records, are accepted; other factors are refused with the replacement keys."""
     path = "aircraft[0].deviation."
     values = load(SCENARIOS / "three-aircraft.toml").model_dump()
     values["aircraft"][0]["deviation"] |= {"roll_inertia": 1.0, "pitch_inertia": 1.0, "yaw_inertia": 1.0}
     assert validate(values, "older").aircraft[0].deviation == Deviation()
-    words = "second_moment_x and second_moment_z, make Jyy"
-    with pytest.raises(ScenarioError, match=rf"deviation.pitch_inertia .*: arrived 1.2; expected nothing: .*{words}"):
+    remedy = "second_moment_x and second_moment_z, make Jyy"
+    with pytest.raises(ScenarioError, match=rf"deviation.pitch_inertia .*: arrived 1.2; expected nothing: .*{remedy}"):
         vehicle_with(path + "pitch_inertia", 1.2)
 
 
-def test_what_is_no_aircraft_is_refused():
+def test_an_impossible_deviation_is_refused():
     with pytest.raises(
         ScenarioError, match=r"deviation.mass \(aircraft .aircraft-1.\): arrived 0.0; expected a number from 0.1"
     ):

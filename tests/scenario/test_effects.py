@@ -1,4 +1,4 @@
-"""Keys and varied paths without effect: refused by name, with what would give them one; every key of the schema."""
+"""Keys and varied paths without effect are refused with a remedy; the test covers every key of the schema."""
 
 import functools
 
@@ -140,7 +140,7 @@ IDLE = {
 
 
 @pytest.mark.parametrize("path", IDLE)
-def test_a_key_without_effect_is_refused_with_what_would_give_it_one(path):
+def test_a_key_without_effect_is_refused_with_a_remedy(path):
     text, remedy = IDLE[path]
     with pytest.raises(ScenarioError) as refusal:
         loads(text)
@@ -151,15 +151,15 @@ def test_a_key_without_effect_is_refused_with_what_would_give_it_one(path):
 
 
 @pytest.mark.parametrize(
-    ("path", "more"),
+    ("path", "lines"),
     [
         ("wind.from_deg", "[wind]\nfrom_deg = 90.0"),
         ("goal[0].course_deg", "course_deg = 90.0"),
         ("goal[1].name", '[[goal]]\nname = "spare"\nkind = "surface"\nnorth_m = 0.0\neast_m = 9.0'),
     ],
 )
-def test_a_direction_of_rest_and_a_goal_of_no_aircraft_are_a_caution(path, more):
-    (caution,) = find_cautions(loads(PLAIN + more))
+def test_a_direction_of_rest_and_a_goal_of_no_aircraft_are_a_caution(path, lines):
+    (caution,) = find_cautions(loads(PLAIN + lines))
     assert caution.startswith(f"{path}: ")
 
 
@@ -219,7 +219,7 @@ def test_a_varied_path_with_an_effect_is_flown(path, values):
     vary(path, values)
 
 
-def test_a_path_counts_that_has_an_effect_in_some_flights_only():
+def test_an_effect_in_some_flights_is_enough_for_a_varied_path():
     swept = {"turbulence.intensity": ["none", "light"], "turbulence.spectrum": ["dryden", "von-karman"]}
     assert len(swept_scenarios(loads(PLAIN), swept)) == 4
     with pytest.raises(ScenarioError, match=r"sweep of plain(.|\n)*turbulence\.spectrum"):

@@ -1,4 +1,4 @@
-"""Few shapes: another number of aircraft, waypoints, layers of wind or keep-outs is another number, not another program."""
+"""Bucket sizes: other numbers of aircraft, waypoints, wind layers or keep-outs do not compile another program."""
 
 import re
 from pathlib import Path
@@ -28,13 +28,13 @@ POINT = "{{ time_s = {0}, north_m = 0, east_m = {0}, altitude_m = 0 }}"
 
 
 def shape(text):
-    """What a program depends on: all that is no array, and of arrays what they are like."""
-    arrays, rest = eqx.partition(build_flight(loads(text), pad_fleet=True), eqx.is_array)
-    return jax.tree.structure(arrays), jax.tree.map(lambda a: (a.shape, a.dtype, a.weak_type), arrays), rest
+    """Everything a compiled program depends on: static fields, and shapes and types of the arrays."""
+    arrays, static_fields = eqx.partition(build_flight(loads(text), pad_fleet=True), eqx.is_array)
+    return jax.tree.structure(arrays), jax.tree.map(lambda a: (a.shape, a.dtype, a.weak_type), arrays), static_fields
 
 
-def like(one, other):
-    return eqx.tree_equal(shape(one), shape(other))
+def like(text, other_text):
+    return eqx.tree_equal(shape(text), shape(other_text))
 
 
 def keep_outs(count):
@@ -61,8 +61,8 @@ def _without(*numbers):
     aircraft, goals = parts[:-1], parts[-1].partition("[[goal]]")
     if len(numbers) == 2:  # one aircraft has no separation
         head = re.sub(r"separation_min_m = .*\n", "", head)
-    kept = [part for part in [*aircraft, goals[0]] if not any(f'"aircraft-{k}"' in part for k in numbers)]
-    return "[[aircraft]]".join([head, *kept]) + goals[1] + goals[2]
+    remaining_parts = [part for part in [*aircraft, goals[0]] if not any(f'"aircraft-{k}"' in part for k in numbers)]
+    return "[[aircraft]]".join([head, *remaining_parts]) + goals[1] + goals[2]
 
 
 def _fifth():
@@ -76,31 +76,33 @@ def test_up_to_four_aircraft_are_one_shape(count):
     assert like(*certified)
 
 
-def test_a_fifth_is_another():
+def test_a_fifth_aircraft_has_another_shape():
     assert not like(fleet(5), THREE)
 
 
-@pytest.mark.parametrize(("made", "one", "same", "more"), [(keep_outs, 1, 2, 3), (layers, 2, 4, 5), (route, 2, 4, 5)])
-def test_other_numbers_of_other_things(made, one, same, more):
-    assert like(made(one), made(same))
-    assert not like(made(one), made(more))
+@pytest.mark.parametrize(
+    ("make_text", "count", "same_bucket", "next_bucket"), [(keep_outs, 1, 2, 3), (layers, 2, 4, 5), (route, 2, 4, 5)]
+)
+def test_numbers_in_one_bucket_have_one_shape(make_text, count, same_bucket, next_bucket):
+    assert like(make_text(count), make_text(same_bucket))
+    assert not like(make_text(count), make_text(next_bucket))
 
 
-def test_what_fills_up_changes_nothing():
+def test_padding_changes_nothing():
     exact, filled = build_flight(loads(THREE)), build_flight(loads(THREE), pad_fleet=True)
     assert (exact.count, filled.count) == (3, 4)
-    for one, other in zip(jax.tree.leaves(exact.groups), jax.tree.leaves(filled.groups), strict=True):
-        if np.ndim(one):
-            np.testing.assert_array_equal(one, np.asarray(other)[: np.shape(one)[0]])
+    for exact_leaf, padded_leaf in zip(jax.tree.leaves(exact.groups), jax.tree.leaves(filled.groups), strict=True):
+        if np.ndim(exact_leaf):
+            np.testing.assert_array_equal(exact_leaf, np.asarray(padded_leaf)[: np.shape(exact_leaf)[0]])
 
 
-def test_wind_is_that_of_the_layers_given():
+def test_padded_layers_do_not_change_the_wind():
     for height in (0.0, 250.0, 1000.0, 5000.0):
-        found = [
+        winds_n = [
             build_flight(loads(layers(count)), pad_fleet=True).environment.wind.at(jnp.array([0.0, 0.0, -height]), 0.0)
             for count in (3, 4)
         ]
         if height <= 1000.0:
-            np.testing.assert_allclose(*found, atol=1e-12)
+            np.testing.assert_allclose(*winds_n, atol=1e-12)
         else:
-            np.testing.assert_allclose([np.linalg.norm(one) for one in found], [4.0, 6.0], rtol=1e-12)
+            np.testing.assert_allclose([np.linalg.norm(wind_n) for wind_n in winds_n], [4.0, 6.0], rtol=1e-12)

@@ -1,4 +1,4 @@
-"""Several aircraft that are in each other's way are told of once."""
+"""Conflicts of several aircraft are reported as one problem."""
 
 from pathlib import Path
 
@@ -11,21 +11,21 @@ from anser.scenario.schema_checks import connected_groups
 THREE = load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
 
 
-def test_groups_hold_what_is_together_directly_or_through_others():
-    near = {(1, 4), (4, 5), (2, 3)}
-    assert connected_groups(7, lambda i, j: (j, i) in near or (i, j) in near) == [[1, 4, 5], [2, 3]]
+def test_connected_groups_are_the_connected_components():
+    links = {(1, 4), (4, 5), (2, 3)}
+    assert connected_groups(7, lambda i, j: (j, i) in links or (i, j) in links) == [[1, 4, 5], [2, 3]]
     assert connected_groups(4, lambda i, j: False) == []
     assert connected_groups(4, lambda i, j: True) == [[0, 1, 2, 3]]
 
 
 def four(**change):
-    """Four aircraft far from each other, each with a goal of its own, but for what is changed in all."""
-    one = THREE.aircraft[0].model_dump(mode="json", exclude_unset=True)
+    """Four distant aircraft, each with its own goal, with the same changes to all four."""
+    template = THREE.aircraft[0].model_dump(mode="json", exclude_unset=True)
     goal = {"kind": "surface", "east_m": 0.0}
     aircraft, goals = [], []
     for k in range(4):
-        start = {**one["start"], "north_m": 1000.0 + 3000.0 * k}
-        aircraft.append({**one, "name": f"a{k}", "goal": f"g{k}", "start": start} | change)
+        start = {**template["start"], "north_m": 1000.0 + 3000.0 * k}
+        aircraft.append({**template, "name": f"a{k}", "goal": f"g{k}", "start": start} | change)
         goals.append({**goal, "name": f"g{k}", "north_m": 500.0 * k})
     return THREE.replace("aircraft", aircraft, "goal", goals)
 
@@ -51,8 +51,8 @@ def test_four_aircraft_at_one_start_are_one_problem_that_names_all():
 
 def test_starts_closer_than_the_separation_are_one_problem_with_the_closest_pair():
     certified = four().replace("fleet.planner", "certified")
-    apart = certified.replace("separation.horizontal_m", 2900.0)
-    assert apart.separation.horizontal_m == 2900.0
+    separated = certified.replace("separation.horizontal_m", 2900.0)
+    assert separated.separation.horizontal_m == 2900.0
     with pytest.raises(ScenarioError) as caught:
         certified.replace("separation.horizontal_m", 3100.0)
     (problem,) = caught.value.problems

@@ -1,4 +1,4 @@
-"""Files that can and cannot be read, and the scenarios that come with anser."""
+"""Readable and unreadable files, and the scenarios distributed with anser."""
 
 import math
 import pickle
@@ -52,58 +52,58 @@ def test_the_published_fleet() -> None:
     assert velocities[2] == pytest.approx((0.0, 15.0, 0.0), abs=1e-14)  # rounding of cos 90 deg
 
 
-def test_the_twenty_are_what_their_file_says() -> None:
+def test_the_twenty_aircraft_match_the_description_of_their_file() -> None:
     scenario = load(shipped("twenty-aircraft"))
     assert (len(scenario.aircraft), len(scenario.goal)) == (20, 12)
-    starts = np.array([one.start.position_m for one in scenario.aircraft])
-    goals = [scenario.goal_of(one) for one in scenario.aircraft]
-    offsets = np.array([one.rendezvous.stand_off_m for one in scenario.aircraft])
-    ahead = np.array([goal.position_m(0.0) for goal in goals]) + offsets - starts
+    starts = np.array([aircraft.start.position_m for aircraft in scenario.aircraft])
+    goals = [scenario.goal_of(aircraft) for aircraft in scenario.aircraft]
+    offsets = np.array([aircraft.rendezvous.stand_off_m for aircraft in scenario.aircraft])
+    relative_m = np.array([goal.position_m(0.0) for goal in goals]) + offsets - starts
     through_air = np.array([goal.velocity_m_s() for goal in goals]) - scenario.wind.velocity_m_s(0.0)
     assert np.hypot(starts[:, 0], starts[:, 1]).min() >= 12e3
     assert np.hypot(starts[:, 0], starts[:, 1]).max() < 25.1e3
-    inward = np.rad2deg(np.arctan2(ahead[:, 1], ahead[:, 0]))
-    courses = np.array([one.start.course_deg for one in scenario.aircraft])
+    inward = np.rad2deg(np.arctan2(relative_m[:, 1], relative_m[:, 0]))
+    courses = np.array([aircraft.start.course_deg for aircraft in scenario.aircraft])
     assert np.abs((courses - inward + 180.0) % 360.0 - 180.0).max() <= 60.0
     # at the time of the farthest all rendezvous points are well outside each other's 500 m or 150 m
-    times = [time_to_go_s((*r,), (*w,), scenario.fleet.speed_m_s) for r, w in zip(ahead, through_air, strict=True)]
+    times = [time_to_go_s((*r,), (*w,), scenario.fleet.speed_m_s) for r, w in zip(relative_m, through_air, strict=True)]
     arrival_s = max(time for time in times if time is not None)
     assert 40.0 < arrival_s - min(time for time in times if time is not None) < 60.0
     points = np.array([goal.position_m(arrival_s) for goal in goals]) + offsets
-    for index, here in enumerate(points):
-        apart = np.abs(points[:index] - here)
-        assert np.all((np.hypot(apart[:, 0], apart[:, 1]) >= 700.0) | (apart[:, 2] >= 200.0))
+    for index, point in enumerate(points):
+        distances = np.abs(points[:index] - point)
+        assert np.all((np.hypot(distances[:, 0], distances[:, 1]) >= 700.0) | (distances[:, 2] >= 200.0))
 
 
 def test_the_published_tracking_case() -> None:
     # theory section 5, end: the path ends at N 5000, E 2000, 2000 m, level, course 60 deg
     scenario = load(shipped("climb-and-turn"))
-    (one,) = scenario.aircraft
-    place = zip(scenario.goal_of(one).position_m(30.0), one.rendezvous.stand_off_m, strict=True)
-    assert tuple(a + b for a, b in place) == (5000.0, 2000.0, 2000.0)
-    assert (one.rendezvous.course_deg, one.rendezvous.path_angle_deg) == (60.0, 0.0)
+    (aircraft,) = scenario.aircraft
+    coordinate_pairs = zip(scenario.goal_of(aircraft).position_m(30.0), aircraft.rendezvous.stand_off_m, strict=True)
+    assert tuple(a + b for a, b in coordinate_pairs) == (5000.0, 2000.0, 2000.0)
+    assert (aircraft.rendezvous.course_deg, aircraft.rendezvous.path_angle_deg) == (60.0, 0.0)
     assert (scenario.timing.replan_period_s, scenario.guidance.position_gain_per_s) == (0.0, 0.0)
 
 
-def test_the_storm_stands_still_in_its_wind_and_all_ways_are_alike() -> None:
+def test_the_storm_drifts_with_its_wind_and_the_paths_have_similar_lengths() -> None:
     scenario = load(shipped("storm-sampling"))
     wind = scenario.wind.velocity_m_s(0.0)
     lengths_m = []
-    for one in scenario.aircraft:
-        goal = scenario.goal_of(one)
+    for aircraft in scenario.aircraft:
+        goal = scenario.goal_of(aircraft)
         drift = tuple(v - w for v, w in zip(goal.velocity_m_s(), wind, strict=True))
         assert drift == pytest.approx((0.0, 0.0, 0.0), abs=1e-13)  # rounding of sine and cosine
-        parts = zip(goal.position_m(0.0), one.rendezvous.stand_off_m, one.start.position_m, strict=True)
+        parts = zip(goal.position_m(0.0), aircraft.rendezvous.stand_off_m, aircraft.start.position_m, strict=True)
         relative = tuple(g + s - a for g, s, a in parts)
         time_s = time_to_go_s(relative, drift, scenario.fleet.speed_m_s)
         assert time_s is not None
         lengths_m.append(time_s * scenario.fleet.speed_m_s)
-        assert 10_000 <= math.hypot(one.start.north_m, one.start.east_m) <= 16_000
+        assert 10_000 <= math.hypot(aircraft.start.north_m, aircraft.start.east_m) <= 16_000
     # more than a fifth apart would ask for extreme detours
     assert max(lengths_m) / min(lengths_m) < 1.2
 
 
-def test_missing_file(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     (problem,) = refused(tmp_path / "none.toml").problems
     assert problem.arrived == "no file of this name"
     assert problem.expected == "the path of a scenario file"
@@ -114,24 +114,24 @@ def test_missing_file(tmp_path: Path) -> None:
     assert problem.expected == "the path of a scenario file"
 
 
-def test_folder(tmp_path: Path) -> None:
+def test_a_folder_is_refused(tmp_path: Path) -> None:
     (problem,) = refused(tmp_path).problems
     assert problem.arrived == "a folder"
     assert "scenario file" in problem.expected
 
 
-def test_path_through_a_file(tmp_path: Path) -> None:
+def test_a_path_through_a_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
     (problem,) = refused(tmp_path / "file" / "case.toml").problems
     assert problem.arrived == "a path that cannot be read (Not a directory)"
 
 
-def test_path_that_no_system_takes() -> None:
+def test_an_invalid_path_is_refused() -> None:
     with pytest.raises(ScenarioError, match="a path that cannot be read"):
         load("case\0.toml")
 
 
-def test_not_utf8(tmp_path: Path) -> None:
+def test_a_file_that_is_not_utf8_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "latin.toml"
     path.write_bytes('format = 1\nname = "Zürich"\n'.encode("latin-1"))
     (problem,) = refused(path).problems
@@ -155,7 +155,7 @@ def test_syntax_error_at_the_end() -> None:
     assert str(caught.value).startswith("<string>: ")
 
 
-def test_key_given_twice() -> None:
+def test_a_duplicate_key_is_refused() -> None:
     with pytest.raises(ScenarioError) as caught:
         loads("format = 1\nformat = 1\n")
     assert caught.value.problems[0].path == "line 2, column 11"
@@ -176,7 +176,7 @@ def test_key_given_twice() -> None:
         ("x = {a = -12,0, b = 3}\n", "; with a decimal point, -12.0"),
     ],
 )
-def test_what_toml_refuses_is_told_in_the_words_of_a_scenario(text: str, said: str) -> None:
+def test_toml_errors_are_explained_in_terms_of_a_scenario(text: str, said: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         loads(text)
     (problem,) = caught.value.problems
@@ -184,28 +184,28 @@ def test_what_toml_refuses_is_told_in_the_words_of_a_scenario(text: str, said: s
     assert "('" not in problem.expected
 
 
-def test_a_table_of_an_aircraft_without_its_name() -> None:
+def test_a_table_of_an_aircraft_without_its_prefix_is_explained() -> None:
     with pytest.raises(ScenarioError) as caught:
         loads('format = 1\n[[aircraft]]\nname = "a"\n[start]\nnorth_m = 1.0\n')
-    (problem,) = (one for one in caught.value.problems if one.path == "start")
+    (problem,) = (finding for finding in caught.value.problems if finding.path == "start")
     assert problem.expected.startswith("perhaps the table [aircraft.start]; the keys here are format, name")
 
 
-def test_beyond_what_python_reads() -> None:
+def test_text_beyond_the_limits_of_python_is_refused() -> None:
     with pytest.raises(ScenarioError, match="more than 32 levels"):
         loads("x = " + "[" * 100_000)
     with pytest.raises(ScenarioError, match="text that cannot be read"):
         loads("x = " + "1" * 10_000)
 
 
-def test_mark_and_line_ends_of_windows(tmp_path: Path) -> None:
+def test_byte_order_mark_and_windows_line_ends_are_read(tmp_path: Path) -> None:
     original = shipped("three-aircraft")
     path = tmp_path / "case.toml"
     path.write_bytes(b"\xef\xbb\xbf" + original.read_bytes().replace(b"\n", b"\r\n"))
     assert load(path).hash == load(original).hash
 
 
-def test_values_at_hand() -> None:
+def test_nested_values_are_validated() -> None:
     text = shipped("single-aircraft").read_text(encoding="utf-8")
     values = tomllib.loads(text)
     assert validate(values).hash == loads(text).hash
@@ -217,9 +217,9 @@ def test_values_at_hand() -> None:
 def test_error_survives_another_process() -> None:
     with pytest.raises(ScenarioError) as caught:
         loads("format = 3", "case.toml")
-    again = pickle.loads(pickle.dumps(caught.value))
-    assert str(again) == str(caught.value)
-    assert again.problems == caught.value.problems
+    unpickled = pickle.loads(pickle.dumps(caught.value))
+    assert str(unpickled) == str(caught.value)
+    assert unpickled.problems == caught.value.problems
 
 
 LINES = """\
@@ -262,8 +262,8 @@ waypoints = [
 def test_each_problem_names_the_line_of_its_key() -> None:
     with pytest.raises(ScenarioError) as caught:
         loads(LINES, "lines.toml")
-    told = {one.path: one.line for one in caught.value.problems}
-    assert told == {
+    lines_by_path = {problem.path: problem.line for problem in caught.value.problems}
+    assert lines_by_path == {
         "fleet.sped_m_s": 10,
         "aircraft[0].start.altitude_m": 15,
         "aircraft[1].start.speed_m_s": 24,
@@ -286,10 +286,10 @@ def test_a_missing_key_names_the_line_of_its_table() -> None:
 def test_values_without_a_file_have_no_lines() -> None:
     with pytest.raises(ScenarioError) as caught:
         validate(tomllib.loads(LINES))
-    assert {one.line for one in caught.value.problems} == {None}
+    assert {problem.line for problem in caught.value.problems} == {None}
 
 
-def test_a_unit_behind_a_bare_number_is_told() -> None:
+def test_a_unit_after_a_number_is_reported() -> None:
     text = shipped("three-aircraft").read_text().replace("speed_m_s = 150.0", "speed_m_s = 150 m/s", 1)
     with pytest.raises(ScenarioError, match="150 alone, in the unit that the key's name ends with"):
         loads(text)

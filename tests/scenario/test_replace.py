@@ -1,4 +1,4 @@
-"""Other values by path: validated as a file is; the ways around the validation are closed."""
+"""Scenario.replace validates like a file; the ways around the validation are closed."""
 
 import copy
 from pathlib import Path
@@ -16,22 +16,22 @@ THREE = load(FOLDER / "three-aircraft.toml")
 TWENTY = load(FOLDER / "twenty-aircraft.toml")
 
 
-def refused(*changes, of=THREE):
+def refused(*changes, scenario=THREE):
     with pytest.raises(ScenarioError) as caught:
-        of.replace(*changes)
+        scenario.replace(*changes)
     return str(caught.value)
 
 
-def test_a_number_by_its_path():
-    before = THREE.hash
-    other = THREE.replace("wind.speed_m_s", 8.0)  # the table [wind] is not written out in the file
-    assert other.wind.speed_m_s == 8.0
-    assert (THREE.wind.speed_m_s, THREE.hash) == (0.0, before)
+def test_a_number_is_replaced_by_its_path():
+    original_hash = THREE.hash
+    changed = THREE.replace("wind.speed_m_s", 8.0)  # the table [wind] is not written out in the file
+    assert changed.wind.speed_m_s == 8.0
+    assert (THREE.wind.speed_m_s, THREE.hash) == (0.0, original_hash)
     text = (FOLDER / "three-aircraft.toml").read_text()
-    assert other.hash == loads(f"{text}\n[wind]\nspeed_m_s = 8.0\n").hash
+    assert changed.hash == loads(f"{text}\n[wind]\nspeed_m_s = 8.0\n").hash
 
 
-def test_items_by_number_and_by_name():
+def test_items_are_selected_by_number_or_name():
     by_number = THREE.replace("aircraft[1].start.speed_m_s", 149.0, "goal[0].course_deg", 10.0)
     by_name = THREE.replace('aircraft["aircraft-2"].start.speed_m_s', 149.0, "goal[boat-north].course_deg", 10.0)
     assert by_number.aircraft[1].start.speed_m_s == 149.0
@@ -40,11 +40,13 @@ def test_items_by_number_and_by_name():
     assert numbers.goal[0].speed_m_s == 3.0
 
 
-def test_several_are_validated_together():
+def test_several_replacements_are_validated_together():
     """Rule and time belong together: neither is valid alone."""
-    both = TWENTY.replace("arrival", {"rule": "at", "time_s": 250.0})
-    assert both == TWENTY.replace("arrival", {}, "arrival.rule", "at", "arrival.time_s", 250.0)
-    assert "arrival.time_s: arrived nothing; expected a number (s)" in refused("arrival", {"rule": "at"}, of=TWENTY)
+    timed = TWENTY.replace("arrival", {"rule": "at", "time_s": 250.0})
+    assert timed == TWENTY.replace("arrival", {}, "arrival.rule", "at", "arrival.time_s", 250.0)
+    assert "arrival.time_s: arrived nothing; expected a number (s)" in refused(
+        "arrival", {"rule": "at"}, scenario=TWENTY
+    )
 
 
 def test_whole_tables_lists_and_numbers_of_arrays():
@@ -59,18 +61,18 @@ def test_whole_tables_lists_and_numbers_of_arrays():
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_replacing_by_the_same_is_the_same(path):
+def test_replacement_by_the_same_value_changes_nothing(path):
     scenario = load(path)
-    again = scenario.replace("name", scenario.name)
-    assert again == scenario
-    assert again.hash == scenario.hash
-    assert again.fleet.model_fields_set == scenario.fleet.model_fields_set
+    replaced = scenario.replace("name", scenario.name)
+    assert replaced == scenario
+    assert replaced.hash == scenario.hash
+    assert replaced.fleet.model_fields_set == scenario.fleet.model_fields_set
     starter = loads(starter_scenario())
     assert starter.replace("format", 2).hash == starter.hash
 
 
-def test_everything_is_checked():
-    """A fleet speed of -5 was flown into the ground; a stand-off below the least is refused here as in a file."""
+def test_replaced_values_are_validated():
+    """A fleet speed of -5 once flew into the ground; a stand-off below the minimum is refused as in a file."""
     said = refused("fleet.speed_m_s", -5.0)
     assert "three-aircraft with fleet.speed_m_s replaced: 1 problem" in said
     assert "fleet.speed_m_s: arrived -5.0; expected a number from 1 to 340 m/s" in said
@@ -98,24 +100,24 @@ def test_everything_is_checked():
         (3, "arrived 3 as a path"),
     ],
 )
-def test_a_path_to_nowhere_is_told(path, said):
+def test_an_unknown_path_is_refused_with_a_suggestion(path, said):
     assert said in refused(path, 1.0)
 
 
-def test_a_path_without_a_value():
+def test_a_path_without_a_value_is_a_type_error():
     with pytest.raises(TypeError, match=r"the path 'seed' has no value"):
         THREE.replace("fleet.speed_m_s", 160.0, "seed")
 
 
-def test_the_unchecked_ways_are_closed():
+def test_methods_without_validation_are_closed():
     tables = (THREE, THREE.fleet, THREE.aircraft[0].start, THREE.wind)
-    for one in tables:
-        name = type(one).__name__
+    for table in tables:
+        name = type(table).__name__
         with pytest.raises(TypeError, match=rf"{name}\.model_copy\(update=\.\.\.\).*scenario\.replace\("):
-            one.model_copy(update={"speed_m_s": -5.0})
+            table.model_copy(update={"speed_m_s": -5.0})
         with pytest.raises(TypeError, match=rf"{name}\.copy\(\).*scenario\.replace\("):
-            one.copy(update={"speed_m_s": -5.0})
+            table.copy(update={"speed_m_s": -5.0})
         with pytest.raises(TypeError, match=rf"{name}\.model_construct\(\).*scenario\.replace\("):
-            type(one).model_construct(speed_m_s=-5.0)
-        for same in (one.model_copy(), one.model_copy(deep=True), copy.copy(one), copy.deepcopy(one)):
-            assert same == one
+            type(table).model_construct(speed_m_s=-5.0)
+        for duplicate in (table.model_copy(), table.model_copy(deep=True), copy.copy(table), copy.deepcopy(table)):
+            assert duplicate == table

@@ -1,4 +1,4 @@
-"""Keys, types and ranges that the schema refuses: each refusal says where, what arrived and what would be right."""
+"""Keys, types and ranges refused by the schema: each refusal gives the path, the value and the expected value."""
 
 import copy
 import tomllib
@@ -80,40 +80,40 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
+def test_a_refusal_names_the_key_its_value_and_the_expected_value(case: str) -> None:
     assert_told(*CASES[case])
 
 
-def test_the_good_scenario_loads() -> None:
+def test_the_reference_scenario_loads() -> None:
     scenario = loads(GOOD)
     assert scenario.aircraft[0].gains.rates.proportional == (10.0, 10.0, 10.0)
     assert scenario.goal_of(scenario.aircraft[1]).name == "balloon"
 
 
-def test_no_aircraft() -> None:
-    before, after = GOOD.index("[[aircraft]]"), GOOD.index("[[goal]]")
-    (problem,) = refusal(GOOD[:before] + GOOD[after:]).problems
+def test_a_scenario_without_aircraft_is_refused() -> None:
+    start, end = GOOD.index("[[aircraft]]"), GOOD.index("[[goal]]")
+    (problem,) = refusal(GOOD[:start] + GOOD[end:]).problems
     assert (problem.path, problem.arrived) == ("aircraft", "nothing")
     assert "[[aircraft]]" in problem.expected
-    (problem,) = refusal("aircraft = []\n" + GOOD[:before] + GOOD[after:]).problems
+    (problem,) = refusal("aircraft = []\n" + GOOD[:start] + GOOD[end:]).problems
     assert (problem.path, problem.arrived) == ("aircraft", "a list of 0")
 
 
-def test_single_brackets_for_a_list_of_tables() -> None:
-    before, after = GOOD.index("[[goal]]"), len(GOOD)
-    text = GOOD[:before] + '[goal]\nname = "ship"\nkind = "surface"\n' + GOOD[after:]
+def test_single_brackets_for_a_list_of_tables_are_refused() -> None:
+    start, end = GOOD.index("[[goal]]"), len(GOOD)
+    text = GOOD[:start] + '[goal]\nname = "ship"\nkind = "surface"\n' + GOOD[end:]
     (problem,) = refusal(text).problems
     assert (problem.path, problem.arrived) == ("goal", "a table")
     assert "double brackets" in problem.expected
 
 
-def test_a_value_where_a_table_belongs() -> None:
+def test_a_value_in_place_of_a_table_is_refused() -> None:
     text = GOOD.replace("[hold]\nradius_m = 4000.0\n", "").replace("seed = 0", "hold = 3")
     (problem,) = refusal(text).problems
     assert (problem.path, problem.arrived, problem.expected) == ("hold", "3", "a table [hold]")
 
 
-def test_all_problems_are_told_together() -> None:
+def test_all_problems_are_reported_together() -> None:
     text = changed(("speed_m_s = 151.0", "speed_m_s = nan"), ('"surface"', '"sea"'), ("step_s = 0.01", "step = 0.01"))
     error = refusal(text)
     assert [problem.path for problem in error.problems] == [
@@ -127,14 +127,14 @@ def test_all_problems_are_told_together() -> None:
     assert [problem.path for problem in error.problems] == ["aircraft[1].start.speed_m_s", "aircraft[1].rendezvous"]
 
 
-def test_frozen() -> None:
+def test_a_scenario_is_frozen() -> None:
     scenario = loads(GOOD)
     with pytest.raises(ValidationError):
         scenario.wind.speed_m_s = 3.0  # type: ignore[misc]
 
 
 def leaves(value: object, path: tuple = ()) -> list[tuple]:
-    """List the paths of all values and tables."""
+    """Paths of all values and tables."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     return [path, *(leaf for key, child in items for leaf in leaves(child, (*path, key)))]
 
@@ -154,7 +154,7 @@ junk = st.one_of(
 
 @given(st.sampled_from(leaves(VALUES)[1:]), junk)
 @settings(deadline=None, max_examples=150)
-def test_whatever_arrives_anywhere_is_loaded_or_refused_in_plain_words(path: tuple, value: object) -> None:
+def test_any_value_anywhere_is_loaded_or_refused_with_a_plain_message(path: tuple, value: object) -> None:
     values = copy.deepcopy(VALUES)
     table = values
     for key in path[:-1]:
@@ -174,7 +174,7 @@ def test_hash_ignores_the_way_of_writing() -> None:
     reference = scenario_hash(loads(GOOD))
     assert len(reference) == 64
     assert loads(GOOD).hash == reference
-    same = [
+    equivalent_texts = [
         "# a comment\n" + GOOD,
         changed(("seed = 0\n", "")),  # the default, left out
         changed(("freeze_s = 4.0", "freeze_s = 4")),
@@ -182,7 +182,7 @@ def test_hash_ignores_the_way_of_writing() -> None:
         changed(("north_m = 9000.0\neast_m = 0.0", "east_m = 0.0\nnorth_m = 9000.0")),
         changed(('name = "ship"\nkind = "surface"', 'kind = "surface"\nname = "ship"')),
     ]
-    assert {scenario_hash(loads(text)) for text in same} == {reference}
+    assert {scenario_hash(loads(text)) for text in equivalent_texts} == {reference}
 
 
 @pytest.mark.parametrize(

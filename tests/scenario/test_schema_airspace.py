@@ -1,4 +1,4 @@
-"""Separation and keep-outs of a scenario: each refusal, what may stand, and what apart and inside mean."""
+"""Separation and keep-outs of a scenario: refusals, accepted cases, and the geometry of both."""
 
 import itertools
 
@@ -92,7 +92,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
+def test_a_refusal_names_the_key_its_value_and_the_expected_value(case: str) -> None:
     changes, problem = CASES[case]
     check_refusal(changes, *problem)
 
@@ -114,23 +114,23 @@ ALLOWED = {
 
 
 @pytest.mark.parametrize("case", ALLOWED)
-def test_allowed_and_loads_again_from_its_record(case: str) -> None:
+def test_an_accepted_scenario_loads_again_from_its_record(case: str) -> None:
     check_allowed(ALLOWED[case])
 
 
-place = st.tuples(st.floats(-3e3, 3e3), st.floats(-3e3, 3e3), st.floats(0.0, 3e3))
+positions = st.tuples(st.floats(-3e3, 3e3), st.floats(-3e3, 3e3), st.floats(0.0, 3e3))
 
 
-@given(place, place, st.floats(1.0, 3e3), st.floats(0.0, 2e3))
+@given(positions, positions, st.floats(1.0, 3e3), st.floats(0.0, 2e3))
 @settings(deadline=None, max_examples=60)
-def test_separation_is_that_of_a_cylinder(one, other, horizontal_m: float, vertical_m: float) -> None:
-    """Apart is symmetric, and means outside an upright cylinder around the other, of endless height without vertical_m."""
+def test_separation_is_that_of_a_cylinder(position_a, position_b, horizontal_m: float, vertical_m: float) -> None:
+    """Separation is symmetric: outside an upright cylinder, of infinite height without vertical_m."""
     separation = Separation(horizontal_m=horizontal_m, vertical_m=vertical_m)
-    kept = separation.is_satisfied(one, other)
-    assert separation.is_satisfied(other, one) is kept
-    in_plane = (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2 < horizontal_m**2
-    in_height = vertical_m == 0.0 or abs(one[2] - other[2]) < vertical_m
-    assert kept is not (in_plane and in_height)
+    is_separated = separation.is_satisfied(position_a, position_b)
+    assert separation.is_satisfied(position_b, position_a) is is_separated
+    in_plane = (position_a[0] - position_b[0]) ** 2 + (position_a[1] - position_b[1]) ** 2 < horizontal_m**2
+    in_height = vertical_m == 0.0 or abs(position_a[2] - position_b[2]) < vertical_m
+    assert is_separated is not (in_plane and in_height)
 
 
 def test_a_keep_out_holds_its_inside_and_not_its_surface() -> None:

@@ -1,4 +1,4 @@
-"""The certified planner's keys without it, its limits and the rules of arrival: each refusal, and what may stand."""
+"""Keys of the certified planner, its limits, and the arrival rules: refusals and accepted cases."""
 
 import pytest
 
@@ -214,7 +214,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
+def test_a_refusal_names_the_key_its_value_and_the_expected_value(case: str) -> None:
     changes, problem = CASES[case]
     check_refusal(changes, *problem)
 
@@ -248,7 +248,7 @@ ALLOWED = {
 
 
 @pytest.mark.parametrize("case", ALLOWED)
-def test_allowed_and_loads_again_from_its_record(case: str) -> None:
+def test_an_accepted_scenario_loads_again_from_its_record(case: str) -> None:
     check_allowed(ALLOWED[case])
 
 
@@ -261,7 +261,7 @@ STEERED = (
 
 
 def _earliest_s(changes) -> float:
-    """The time that the message asks for, of an arrival of alpha at 5 s."""
+    """Earliest arrival time in the refusal of an arrival of alpha at 5 s."""
     with pytest.raises(ScenarioError) as refused:
         loads(changed([*TIMES, ("arrive_s = 80", "arrive_s = 5"), *changes]))
     (problem,) = refused.value.problems
@@ -278,8 +278,8 @@ def test_the_earliest_time_is_the_same_along_waypoints_and_less_in_a_tail_wind()
     check_allowed([*TIMES, ("arrive_s = 80", f"arrive_s = {still_s}")])
 
 
-def test_the_hash_knows_every_way_of_asking() -> None:
-    asked = [
+def test_the_hash_depends_on_every_setting_of_arrival_and_airspace() -> None:
+    variants = [
         [],
         [('planner = "certified"', 'planner = "certified"\nreserve = 0.2')],
         *(
@@ -311,11 +311,11 @@ def test_the_hash_knows_every_way_of_asking() -> None:
             for line in ("bottom_m = 1", "top_m = 9000", "speed_m_s = 1", "course_deg = 1")
         ),
     ]
-    hashes = [loads(changed(changes)).hash for changes in asked]
-    assert len(set(hashes)) == len(asked)
+    hashes = [loads(changed(changes)).hash for changes in variants]
+    assert len(set(hashes)) == len(variants)
 
 
-def test_several_unread_keys_are_told_together() -> None:
+def test_several_unsupported_keys_are_reported_together() -> None:
     text = changed([('planner = "certified"\n', ""), *and_cell()])
     with pytest.raises(ScenarioError) as refused:
         loads(text)
@@ -324,7 +324,7 @@ def test_several_unread_keys_are_told_together() -> None:
 
 
 @pytest.mark.parametrize(("rule", "together"), [("together", True), ("earliest", True), ("windows", False)])
-def test_who_meets(rule: str, together: bool) -> None:
+def test_the_rule_decides_whether_two_aircraft_arrive_together(rule: str, together: bool) -> None:
     changes = WINDOWS if rule == "windows" else [(TOGETHER, f'rule = "{rule}"')]
     scenario = loads(changed(changes))
     assert scenario.arrival.is_common is together

@@ -1,4 +1,4 @@
-"""Origins from which a fleet cannot be planned in the Earth's chart: refused, with an origin that would do."""
+"""Origins unsuitable for planning in the Earth's chart are refused with a suitable latitude."""
 
 import math
 import re
@@ -33,7 +33,7 @@ def _refusal(*args, **options):
 
 @pytest.mark.parametrize("model", ["flat", "wgs84"])
 @pytest.mark.parametrize("latitude_deg", [0.0, 45.0, -70.0, 80.0])
-def test_most_of_the_earth_is_open(latitude_deg, model):
+def test_most_origins_are_accepted(latitude_deg, model):
     for longitude_deg in (-180.0, 0.0, 180.0):
         assert _at(latitude_deg, model, longitude_deg=longitude_deg).earth.latitude_deg == latitude_deg
 
@@ -49,20 +49,20 @@ def test_an_origin_too_near_to_a_pole_is_refused_and_the_one_advised_is_not(lati
     _refusal(best + math.copysign(0.1, best))
 
 
-def test_places_over_the_pole_say_so():
+def test_positions_beyond_the_pole_are_reported():
     assert "at or beyond the pole" in _refusal(89.99).arrived
     assert "where its lengths are wrong by 17 %" in _refusal(89.5).arrived
 
 
 def test_a_place_too_far_from_the_origin_is_refused():
-    far = TEXT.replace("north_m = 1000.0", "north_m = 300000.0").replace("duration_s = 150", "duration_s = 3600")
-    assert far != TEXT
-    assert "aircraft[" in _refusal(60.0, text=far).arrived
-    assert _at(30.0, text=far).earth.latitude_deg == 30.0
+    distant = TEXT.replace("north_m = 1000.0", "north_m = 300000.0").replace("duration_s = 150", "duration_s = 3600")
+    assert distant != TEXT
+    assert "aircraft[" in _refusal(60.0, text=distant).arrived
+    assert _at(30.0, text=distant).earth.latitude_deg == 30.0
 
 
 def test_an_origin_where_north_turns_too_fast_is_refused():
-    """150 m/s * tan(87 deg) / 6335 km is 0.0259 deg/s; the fleet that is slower by a quarter may be there."""
+    """150 m/s * tan(87 deg) / 6335 km is 0.0259 deg/s; a fleet slower by a quarter is accepted."""
     problem = _refusal(87.0)
     assert "where north turns by 0.026 deg/s under a flight east at 150 m/s" in problem.arrived
     assert problem.expected.startswith("86.1 or nearer to the equator")
@@ -72,7 +72,7 @@ def test_an_origin_where_north_turns_too_fast_is_refused():
 
 @pytest.mark.parametrize("model", ["flat", "wgs84"])
 def test_a_flight_that_can_reach_the_pole_is_refused(model):
-    """Two hours at 240 m/s, back included, are 864 km; over either Earth, whose places need a latitude."""
+    """Two hours at 240 m/s with return are 864 km; both Earth models need a latitude."""
     long = TEXT.replace("duration_s = 150", "duration_s = 7200")
     for moving in ("speed_m_s = 25.0", "speed_m_s = 15.0"):
         assert moving in long
@@ -82,21 +82,21 @@ def test_a_flight_that_can_reach_the_pole_is_refused(model):
     assert _at(float(problem.expected.split()[0]), model, text=long)
 
 
-def test_a_flat_earth_needs_a_place_too():
+def test_a_flat_earth_needs_a_latitude_too():
     assert "can cross the pole or the meridian" in _refusal(89.99, "flat").arrived
     assert _at(89.5, "flat").earth.latitude_deg == 89.5
 
 
-def test_beyond_the_range_is_the_range():
+def test_a_latitude_outside_the_range_is_refused_with_the_range():
     with pytest.raises(ScenarioError, match=r"earth\.latitude_deg: arrived 90; expected .*-89\.99 to 89\.99"):
         _at(90)
 
 
 @pytest.mark.parametrize("latitude_deg", [0.0, 45.0, -70.0, 88.0])
-def test_the_error_reckoned_with_is_that_of_the_chart(latitude_deg):
-    """On the sphere of least curvature 1 % of it more; heights up to 5 km, which do not enter, are 0.1 %."""
+def test_the_scale_error_bounds_the_error_of_the_chart(latitude_deg):
+    """The sphere of smallest curvature radius adds 1 % to the error; heights up to 5 km, which are neglected, 0.1 %."""
     earth = wgs84_earth(latitude_deg * DEG_RAD, 0.3)
-    local = jax.jit(lambda place: earth.local_earth(place, jnp.zeros(3)).chart_scale)
+    local = jax.jit(lambda position_n: earth.local_earth(position_n, jnp.zeros(3)).chart_scale)
     for reach_m in (5e3, 5e4, 2e5):
         for angle in np.linspace(0.0, 2.0 * np.pi, 9):
             north_m, east_m = reach_m * np.cos(angle), reach_m * np.sin(angle)

@@ -1,4 +1,4 @@
-"""What is refused between the tables of a scenario, and what is allowed at the edge of that."""
+"""Refusals between the tables of a scenario, and accepted boundary cases."""
 
 import pytest
 
@@ -204,7 +204,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
+def test_a_refusal_names_the_key_its_value_and_the_expected_value(case: str) -> None:
     assert_told(*CASES[case])
 
 
@@ -232,5 +232,5 @@ def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
         ],
     ],
 )
-def test_allowed_at_the_edge(changes: list[tuple[str, str]]) -> None:
+def test_boundary_cases_are_accepted(changes: list[tuple[str, str]]) -> None:
     loads(changed(*changes))

@@ -1,4 +1,4 @@
-"""Goals: which are refused, and how one with waypoints moves."""
+"""Goals: refusals, and motion along waypoints."""
 
 import pytest
 
@@ -43,7 +43,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_refusal_says_where_what_and_what_would_be_right(case: str) -> None:
+def test_a_refusal_names_the_key_its_value_and_the_expected_value(case: str) -> None:
     assert_told(*CASES[case])
 
 

@@ -1,4 +1,4 @@
-"""The table of a fleet without a centre: what is refused, where and why; what it builds."""
+"""The table of a fleet without a centre: refusals with key paths and reasons, and the planner built from it."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')
 
 
 @pytest.mark.parametrize(
-    ("more", "place", "words"),
+    ("lines", "path", "expected"),
     [
         ("[network]\nloss = 1.5", "network.loss", "from 0 to 1"),
         ("[network]\nrange_m = -1.0", "network.range_m", "above 0"),
@@ -27,55 +27,55 @@ ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')
         ('[[event]]\ntime_s = 30.0\nkind = "aircraft-leaves"\naircraft = "alpha"', "event[0].kind", "goal-sensor-lost"),
     ],
 )
-def test_what_is_refused(more, place, words):
+def test_invalid_networks_are_refused(lines, path, expected):
     with pytest.raises(ScenarioError) as caught:
-        loads(f"{ALONE}\n{more}\n")
-    told = [problem for problem in caught.value.problems if problem.path == place]
-    assert len(told) == 1, caught.value
-    assert words in str(told[0])
+        loads(f"{ALONE}\n{lines}\n")
+    problems = [problem for problem in caught.value.problems if problem.path == path]
+    assert len(problems) == 1, caught.value
+    assert expected in str(problems[0])
 
 
 @pytest.mark.parametrize("planner", ["certified", "published"])
-def test_a_network_that_nobody_belongs_to_is_refused(planner):
+def test_a_network_without_a_decentralised_planner_is_refused(planner):
     text = TEXT.replace("[fleet]", f'[fleet]\nplanner = "{planner}"')
     with pytest.raises(ScenarioError, match="nobody else talks over it"):
         loads(text + "[network]\nloss = 0.1\n")
 
 
-def test_plans_must_be_renewed():
+def test_a_decentralised_fleet_needs_replanning():
     with pytest.raises(ScenarioError, match=r"timing\.replan_period_s"):
         loads(ALONE.replace("duration_s = 200.0", "duration_s = 200.0\nreplan_period_s = 0.0"))
 
 
-def test_too_many_aircraft():
+def test_too_many_aircraft_are_refused():
     head, tail = ALONE.split("[[aircraft]]", 1)
-    one = tail[: tail.index("[[aircraft]]")]
-    more = "".join(
+    aircraft_text = tail[: tail.index("[[aircraft]]")]
+    further_aircraft = "".join(
         "[[aircraft]]"
-        + one.replace("alpha", f"a{k}")
+        + aircraft_text.replace("alpha", f"a{k}")
         .replace("north_m = 9000.0", f"north_m = {9000 + 500 * k}.0")
         .replace("400", f"{400 + 10 * k}")
         for k in range(AIRCRAFT_MAX)
     )
     with pytest.raises(ScenarioError, match=f"at most {AIRCRAFT_MAX}"):
-        loads(f"{head}{more}[[aircraft]]{tail}")
+        loads(f"{head}{further_aircraft}[[aircraft]]{tail}")
 
 
 def test_a_clock_as_fast_as_allowed_keeps_the_limits():
-    """What the reserve leaves is enough for a path flown at either end of the range, by hand for its four causes."""
+    """The reserve suffices for a path flown at either end of the clock range, by hand for its four causes."""
     scenario = loads(ALONE)
     fleet, limits = scenario.fleet, scenario.limits
-    most = greatest_rate_range(fleet, limits, 12.0)
-    assert (1.0 + most) ** 2 * (1.0 - fleet.reserve) <= 1.0 + 1e-12
+    rate_range = greatest_rate_range(fleet, limits, 12.0)
+    assert (1.0 + rate_range) ** 2 * (1.0 - fleet.reserve) <= 1.0 + 1e-12
     slow = limits.speed_min_m_s + fleet.reserve * (fleet.speed_m_s - limits.speed_min_m_s)
     fast = limits.speed_max_m_s - fleet.reserve * (limits.speed_max_m_s - fleet.speed_m_s)
     # over the ground, in a wind against or along the flight
     for wind in (-12.0, 12.0):
-        assert (1.0 - most) * (slow + wind) - wind >= limits.speed_min_m_s - 1e-9
-        assert (1.0 + most) * (fast + wind) - wind <= limits.speed_max_m_s + 1e-9
+        assert (1.0 - rate_range) * (slow + wind) - wind >= limits.speed_min_m_s - 1e-9
+        assert (1.0 + rate_range) * (fast + wind) - wind <= limits.speed_max_m_s + 1e-9
 
 
-def test_what_it_builds():
+def test_the_network_table_builds_a_decentralised_planner():
     scenario = loads(
         f"{ALONE}\n[network]\ndelay_s = 0.5\nloss = 0.3\ntube_m = 40.0\n[separation]\nhorizontal_m = 300.0\n"
     )

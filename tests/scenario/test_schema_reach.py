@@ -1,4 +1,4 @@
-"""The shortest time to what moves: a meeting, and the first."""
+"""The shortest time to a moving point: an interception, and the first."""
 
 import math
 
@@ -18,7 +18,7 @@ distance = st.floats(-2e4, 2e4)
     st.floats(50.0, 300.0),
 )
 @settings(deadline=None, max_examples=50)
-def test_time_to_go_is_a_meeting_and_the_first(relative, velocity, speed) -> None:
+def test_time_to_go_is_the_first_interception(relative, velocity, speed) -> None:
     time_s = time_to_go_s(relative, velocity, speed)
 
     def gap_m(t: float) -> float:
@@ -33,7 +33,7 @@ def test_time_to_go_is_a_meeting_and_the_first(relative, velocity, speed) -> Non
     assert all(gap_m(share * time_s) > -1e-8 * speed * time_s for share in (0.1, 0.5, 0.9))
 
 
-def test_time_to_go_by_hand() -> None:
+def test_time_to_go_equals_hand_calculations() -> None:
     # standing: distance/speed; equal speeds, head on: closing at twice the speed; equal speeds, tail chase: never
     assert time_to_go_s((3000.0, 4000.0, 0.0), (0.0, 0.0, 0.0), 100.0) == 50.0
     assert time_to_go_s((1000.0, 0.0, 0.0), (-100.0, 0.0, 0.0), 100.0) == 5.0

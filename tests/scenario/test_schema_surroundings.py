@@ -1,4 +1,4 @@
-"""Wind as a scenario writes it."""
+"""Wind in a scenario file."""
 
 import math
 

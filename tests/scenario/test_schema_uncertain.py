@@ -1,4 +1,4 @@
-"""Tables of an uncertain world: what is refused, where and why; what they build."""
+"""Tables of turbulence, sensors and events: refusals with key paths and reasons, and the parts built from them."""
 
 import equinox as eqx
 import jax
@@ -54,7 +54,7 @@ def event(lines):
 
 
 @pytest.mark.parametrize(
-    ("more", "place", "words"),
+    ("lines", "path", "expected"),
     [
         ('[turbulence]\nintensity = "rough"', "turbulence.intensity", '"light" or "moderate"'),
         ("[navigation]\nposition_m = -1.0", "navigation.position_m", "from 0 to 1000 m"),
@@ -92,12 +92,12 @@ def event(lines):
         ),
     ],
 )
-def test_what_is_wrong_is_named_with_its_place(more, place, words):
+def test_problems_are_named_with_their_key_paths(lines, path, expected):
     with pytest.raises(ScenarioError) as refused:
-        loads(TEXT + more)
-    told = [problem for problem in refused.value.problems if problem.path == place]
-    assert len(told) == 1, refused.value
-    assert words in str(told[0])
+        loads(TEXT + lines)
+    problems = [problem for problem in refused.value.problems if problem.path == path]
+    assert len(problems) == 1, refused.value
+    assert expected in str(problems[0])
 
 
 def test_events_need_the_certified_planner():
@@ -120,23 +120,23 @@ def test_a_perfect_world_is_the_default():
 
 def test_each_table_builds_its_part():
     gust = '[[gust]]\ntime_s = 9.0\nup_m_s = 5.0\naircraft = "bravo"\n'
-    both = parts(TEXT + '[turbulence]\nintensity = "severe"\nspectrum = "von-karman"\n' + gust)
-    assert isinstance(both.gusts, SummedGusts)
-    turbulence, single = both.gusts.parts
+    gusty = parts(TEXT + '[turbulence]\nintensity = "severe"\nspectrum = "von-karman"\n' + gust)
+    assert isinstance(gusty.gusts, SummedGusts)
+    turbulence, single = gusty.gusts.parts
     assert isinstance(turbulence, Turbulence)
     assert turbulence.family == "von-karman"
     np.testing.assert_allclose(turbulence.wind_20ft, 45 * 1852.0 / 3600.0, rtol=1e-6)
     assert isinstance(single, DiscreteGust)
     np.testing.assert_array_equal(single.amplitudes, np.zeros(3))  # bravo alone meets it
-    assert isinstance(both.estimator, TrackingEstimator)
-    assert both.estimator.goal is None
+    assert isinstance(gusty.estimator, TrackingEstimator)
+    assert gusty.estimator.goal is None
     for preset in PRESETS:
-        seen = parts(
+        sensing = parts(
             TEXT + f'[goal_sensor]\npreset = "{preset}"\n[estimator]\nmotion = "changing"\nmargin_sigma = 0.0\n'
         )
-        assert isinstance(seen.sensors, NoisySensors)
-        assert seen.sensors.goal.kind == goal_sensor_presets()[preset]["kind"]
-        assert len(seen.estimator.goal.models) == 2
+        assert isinstance(sensing.sensors, NoisySensors)
+        assert sensing.sensors.goal.kind == goal_sensor_presets()[preset]["kind"]
+        assert len(sensing.estimator.goal.models) == 2
     lost = parts(TEXT + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.4'))
     assert float(lost.faults.thrust(29.99)) == 1.0
     assert float(lost.faults.thrust(30.0)) == pytest.approx(0.4)
@@ -155,16 +155,16 @@ def test_a_goal_that_turns_turns():
     np.testing.assert_allclose(still.position_n(90.0), [0.0, 240.0, 0.0], atol=1e-9)
 
 
-def test_a_stand_off_keeps_its_margin_for_what_is_not_known():
-    near = TEXT.replace("stand_off_up_m = 400.0", "stand_off_up_m = 160.0")
-    loads(near)
+def test_a_stand_off_has_a_margin_for_goal_uncertainty():
+    close_text = TEXT.replace("stand_off_up_m = 400.0", "stand_off_up_m = 160.0")
+    loads(close_text)
     with pytest.raises(ScenarioError, match="standard deviations of the goal's place"):
-        loads(near + CAMERA + "angle_bias_mrad = 10.0\n")
-    loads(near + CAMERA + "angle_bias_mrad = 10.0\n[estimator]\nmargin_sigma = 0.0\n")
+        loads(close_text + CAMERA + "angle_bias_mrad = 10.0\n")
+    loads(close_text + CAMERA + "angle_bias_mrad = 10.0\n[estimator]\nmargin_sigma = 0.0\n")
 
 
-def test_the_margin_is_that_of_the_filter():
-    """Of a still goal, whose filter averages: the error of one measurement over the root of their number."""
+def test_the_margin_follows_from_the_filter():
+    """For a goal at rest the filter averages: the error of one measurement over the root of their number."""
     sensor = GoalSensor(preset="ais", position_m=10.0, velocity_m_s=5.0, period_s=1.0)
     estimator = Estimator(acceleration_m_s2=1e-9, briefed_position_m=1e5, briefed_velocity_m_s=1e-9)
     timing, fleet = Timing(duration_s=100.0, freeze_s=0.0), Fleet(speed_m_s=150.0)
@@ -185,7 +185,7 @@ def test_the_margin_is_that_of_the_filter():
         pytest.param('[turbulence]\nintensity = "light"\n' + CAMERA, marks=pytest.mark.long),
     ],
 )
-def test_any_of_the_tables_alone_makes_a_flight_whose_aircraft_report_a_goal(tables, monkeypatch):
+def test_each_table_alone_builds_a_flight_with_goal_reports(tables, monkeypatch):
     monkeypatch.setattr("anser.simulation.start.solve_trim", TRIM_ONCE)
     flight = build_flight(loads(TEXT + tables))
     fleet = jax.eval_shape(trimmed_fleet, flight)

@@ -1,4 +1,4 @@
-"""The Earth and the wind of a scenario: both ways to write them, what is refused, what is built."""
+"""The Earth and the wind of a scenario: both notations, refusals, and the environment built from them."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def _with(text):
     return TEXT.replace("[timing]", f"{text}\n\n[timing]", 1)
 
 
-def test_flat_by_default_and_round_by_word_or_table():
+def test_the_earth_is_flat_by_default_and_round_by_word_or_table():
     assert isinstance(build_environment(loads(TEXT)).earth, FlatEarth)
     word = loads(_with('earth = "wgs84"'))
     table = loads(_with('[earth]\nmodel = "wgs84"'))
@@ -49,7 +49,7 @@ def test_flat_by_default_and_round_by_word_or_table():
         (LAYERS.replace("from_deg = 180", "from = 180"), 'perhaps "from_deg"'),
     ],
 )
-def test_what_is_refused_says_what_would_be_right(text, message):
+def test_a_refusal_names_the_expected_value(text, message):
     with pytest.raises(ScenarioError) as refused:
         loads(_with(text))
     assert message in str(refused.value)
@@ -57,7 +57,7 @@ def test_what_is_refused_says_what_would_be_right(text, message):
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(-1000.0, 5000.0))
-def test_the_checks_reckon_with_the_wind_that_is_flown(altitude):
+def test_the_wind_of_the_checks_equals_the_wind_of_the_flight(altitude):
     scenario = loads(_with(LAYERS))
     wind = build_environment(scenario).wind
     assert isinstance(wind, LayeredWind)

@@ -23,7 +23,7 @@ def models_in(annotation: object) -> list[type[BaseModel]]:
 
 
 def keys_of(model: type[BaseModel]) -> set[str]:
-    """Keys of a table and those within it, but for what has a starter of its own, and factors named by a rule."""
+    """Keys of a table and its subtables, except aircraft files, which have their own starter."""
     if model in (AirframeFile, DaveMlFile):
         return set()
     if model is CoefficientFactors:
@@ -44,8 +44,8 @@ def test_every_key_is_shown() -> None:
     assert missing == []
 
 
-def test_defaults_are_told_as_they_are() -> None:
-    """Leaving out each line that says "default" gives the same scenario, but for values that differ on purpose."""
+def test_the_starter_states_the_true_defaults() -> None:
+    """Without the lines marked "default" the scenario is the same, apart from three deliberately different values."""
     text = starter_scenario()
     stated = re.findall(r"^(\w+) = (.*?)\s+# .*default(?:: | )(\S+)$", text, flags=re.MULTILINE)
     assert len(stated) > 40  # the pattern still finds them
@@ -58,14 +58,14 @@ def test_defaults_are_told_as_they_are() -> None:
         assert value == default, key
 
 
-def test_write_starter(tmp_path: Path) -> None:
+def test_the_starter_is_written_and_loads(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     assert write_starter(str(path)) == path
     assert load(path).name == "starter"
     assert tomllib.loads(path.read_text(encoding="utf-8"))["format"] == 2
 
 
-def test_write_starter_overwrites_nothing(tmp_path: Path) -> None:
+def test_the_starter_overwrites_nothing(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text("precious")
     with pytest.raises(ScenarioError) as caught:
@@ -75,7 +75,7 @@ def test_write_starter_overwrites_nothing(tmp_path: Path) -> None:
     assert path.read_text() == "precious"
 
 
-def test_write_starter_into_no_folder(tmp_path: Path) -> None:
+def test_the_starter_needs_an_existing_folder(tmp_path: Path) -> None:
     path = tmp_path / "none" / "mine.toml"
     with pytest.raises(ScenarioError, match="a folder that does not exist"):
         write_starter(path)

@@ -1,4 +1,4 @@
-"""Sensors that are late: what they remember, and what they tell."""
+"""Delayed sensors: the ring buffer and the readings."""
 
 import jax
 import jax.numpy as jnp
@@ -36,17 +36,17 @@ def true_at(k):
 
 
 def steady(delay_max):
-    """Memory of an aircraft in steady flight."""
+    """Ring buffer of an aircraft in steady flight."""
     return DelayedSensors(jnp.asarray(0.0), delay_max, STEP).init(*true_at(0))
 
 
 def ring():
-    """Memory for the longest delay, full of sample 0."""
+    """Ring buffer for the longest delay, filled with sample 0."""
     return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (12, *jnp.shape(leaf))), sample_at(0)))
 
 
 def sample_at(k):
-    """A reading that changes in every number, as a line in time but for the attitude."""
+    """A sample that changes in every number, linear in time except for the attitude."""
     x = 1.0 * k
     return SensorSample(
         AircraftState(
@@ -63,8 +63,8 @@ def sample_at(k):
 
 
 @pytest.fixture(scope="module")
-def late():
-    """Reading of a given lateness after each of 30 samples, from a memory for 0.1 s at 10 ms."""
+def delayed():
+    """Delayed readings after each of 30 samples, from a ring buffer for 0.1 s at 10 ms."""
     samples = jax.tree.map(lambda *leaves: jnp.stack(leaves), *map(sample_at, range(30)))
 
     @jax.jit
@@ -79,47 +79,47 @@ def late():
 
 
 @pytest.mark.parametrize("periods", [0, 1, 3, 10])
-def test_whole_delays_are_a_shift(late, periods):
-    of, samples = late
-    found = of(periods)
+def test_whole_delays_are_a_shift(delayed, periods):
+    delayed_readings, samples = delayed
+    readings = delayed_readings(periods)
     shifted = np.maximum(np.arange(30) - periods, 0)  # before the start: the first
-    for ours, given in zip(jax.tree.leaves(found), jax.tree.leaves(samples), strict=True):
-        np.testing.assert_array_equal(ours, np.asarray(given)[shifted])
+    for ours, sample_leaf in zip(jax.tree.leaves(readings), jax.tree.leaves(samples), strict=True):
+        np.testing.assert_array_equal(ours, np.asarray(sample_leaf)[shifted])
 
 
-def test_between_samples_it_is_linear(late):
-    of, _ = late
-    found = of(2.25)
-    at = np.arange(30) - 2.25
-    inside = at >= 0
-    np.testing.assert_allclose(found.state.position_n[inside, 0], at[inside], atol=1e-12)
-    np.testing.assert_allclose(found.specific_force_b[inside, 0], at[inside], atol=1e-12)
-    np.testing.assert_allclose(found.state.power[inside], 5 * at[inside], atol=1e-12)
+def test_readings_between_samples_are_interpolated_linearly(delayed):
+    delayed_readings, _ = delayed
+    readings = delayed_readings(2.25)
+    times = np.arange(30) - 2.25
+    inside = times >= 0
+    np.testing.assert_allclose(readings.state.position_n[inside, 0], times[inside], atol=1e-12)
+    np.testing.assert_allclose(readings.specific_force_b[inside, 0], times[inside], atol=1e-12)
+    np.testing.assert_allclose(readings.state.power[inside], 5 * times[inside], atol=1e-12)
     # a point of the chord of half the angle, 0.02 rad, is seen 0.02^3 / 30 off that of the arc at most
-    directions = found.state.quaternion / np.linalg.norm(found.state.quaternion, axis=1, keepdims=True)
-    expected = jax.vmap(lambda x: sample_at(x).state.quaternion)(jnp.asarray(at[inside]))
+    directions = readings.state.quaternion / np.linalg.norm(readings.state.quaternion, axis=1, keepdims=True)
+    expected = jax.vmap(lambda x: sample_at(x).state.quaternion)(jnp.asarray(times[inside]))
     np.testing.assert_allclose(directions[inside], expected, atol=1e-6)
 
 
-def test_the_memory_holds_the_largest_delay():
-    """Whole and broken delays up to the largest need the sample before the oldest wanted."""
-    for delay_max, rows in ((0.0, 2), (0.1, 12), (0.105, 13), (0.2, 22)):
-        assert steady(delay_max).buffer.specific_force_b.shape == (rows, 3)
+def test_the_ring_buffer_holds_the_largest_delay():
+    """Whole and fractional delays up to the largest need the sample before the oldest reading."""
+    for delay_max, row_count in ((0.0, 2), (0.1, 12), (0.105, 13), (0.2, 22)):
+        assert steady(delay_max).buffer.specific_force_b.shape == (row_count, 3)
 
 
 @pytest.mark.parametrize("periods", [0.0, 3.0, 2.5])
-def test_readings_are_the_truth_of_before(periods):
-    """Of an aircraft in steady flight past a boat: state, air data and line of sight are those `periods` ago."""
+def test_readings_are_the_truth_of_the_delayed_time(periods):
+    """In steady flight past a boat, state, air data and line of sight are those of `periods` samples ago."""
     truths, instants = zip(*(true_at(k) for k in range(12)), strict=True)
     sensors = DelayedSensors(jnp.asarray(periods * STEP), DELAY_MAX, STEP)
     memory = sensors.init(truths[0], instants[0])
     for truth, instant in zip(truths, instants, strict=True):
         reading, memory = sensors.read(memory, truth, instant)
-    before = 11 - periods
-    np.testing.assert_allclose(reading.state.position_n[0], 150.0 * STEP * before, atol=1e-9)
+    sample_number = 11 - periods
+    np.testing.assert_allclose(reading.state.position_n[0], 150.0 * STEP * sample_number, atol=1e-9)
     np.testing.assert_allclose(float(jnp.linalg.norm(reading.state.quaternion)), 1.0, atol=1e-15)
     np.testing.assert_allclose(reading.condition.air_data.V, 150.0, rtol=1e-12)
     # the line of sight is never between samples: that of the even number next to it
-    seen, _ = IdealSensors().read(None, *true_at(round(before)) if periods != 2.5 else true_at(9))
-    for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(seen.sight), strict=True):
+    ideal_reading, _ = IdealSensors().read(None, *true_at(round(sample_number)) if periods != 2.5 else true_at(9))
+    for ours, ideal in zip(jax.tree.leaves(reading.sight), jax.tree.leaves(ideal_reading.sight), strict=True):
         np.testing.assert_allclose(ours, ideal, rtol=1e-12)

@@ -1,4 +1,4 @@
-"""Sensors with errors: as large, as slow, as late and as often absent as they are said to be."""
+"""Sensors with errors: magnitudes, correlation times, delays and dropouts as specified."""
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ STEP = 0.1
 AIRFRAME = light_aircraft()
 
 
-def truth_at(k, works=True, place=(3000.0, 500.0, 0.0)):
+def truth_at(k, works=True, goal_position=(3000.0, 500.0, 0.0)):
     state = AircraftState(
         position_n=jnp.stack([100.0 * STEP * k, jnp.zeros_like(1.0 * k), jnp.asarray(-1000.0)]),
         velocity_b=jnp.array([100.0, 0.0, 0.0]),
@@ -32,7 +32,7 @@ def truth_at(k, works=True, place=(3000.0, 500.0, 0.0)):
         actuators=Deflections(jnp.zeros(3)),
         engine=EnginePower(jnp.asarray(20.0)),
     )
-    goal = GoalState(jnp.array(place), jnp.array([5.0, 0.0, 0.0]))
+    goal = GoalState(jnp.array(goal_position), jnp.array([5.0, 0.0, 0.0]))
     return Truth(AIRFRAME, state, flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state), goal, jnp.asarray(works))
 
 
@@ -41,38 +41,38 @@ def instant_at(k, aircraft=0):
     return Instant(ENVIRONMENT, jnp.asarray(k, dtype=jnp.int32), jnp.asarray(STEP), source)
 
 
-def readings(sensor, count, aircraft=0, **of_truth):
+def readings(sensor, count, aircraft=0, **truth_options):
     def one(memory, k):
-        reading, memory = sensor.read(memory, truth_at(k, **of_truth), instant_at(k, aircraft))
+        reading, memory = sensor.read(memory, truth_at(k, **truth_options), instant_at(k, aircraft))
         return memory, reading
 
-    first = sensor.init(truth_at(jnp.asarray(0), **of_truth), instant_at(0, aircraft))
-    return jax.lax.scan(one, first, jnp.arange(count, dtype=jnp.int32))[1]
+    initial_state = sensor.init(truth_at(jnp.asarray(0), **truth_options), instant_at(0, aircraft))
+    return jax.lax.scan(one, initial_state, jnp.arange(count, dtype=jnp.int32))[1]
 
 
 @pytest.mark.parametrize(("sigma", "time"), [(2.0, 60.0), (0.3, 0.5)])
-def test_gauss_markov_errors_are_stationary_and_forget(sigma, time):
+def test_gauss_markov_errors_are_stationary_with_their_correlation_time(sigma, time):
     normals = jnp.asarray(np.random.default_rng(0).normal(size=(2001, 200)))
 
-    def step(error, drawn):
-        after = gauss_markov(error, sigma, time, 0.1, drawn)
-        return after, after
+    def step(error, normal):
+        next_error = gauss_markov(error, sigma, time, 0.1, normal)
+        return next_error, next_error
 
-    rows = np.asarray(jax.lax.scan(step, sigma * normals[0], normals[1:])[1])
-    np.testing.assert_allclose(rows.std(axis=1).mean(), sigma, rtol=0.05)
+    errors = np.asarray(jax.lax.scan(step, sigma * normals[0], normals[1:])[1])
+    np.testing.assert_allclose(errors.std(axis=1).mean(), sigma, rtol=0.05)
     lag = max(1, round(time / 0.1))
     if lag < 1000:
-        kept = np.mean(rows[lag:] * rows[:-lag]) / sigma**2
-        np.testing.assert_allclose(kept, np.exp(-1.0), atol=0.08)
+        correlation = np.mean(errors[lag:] * errors[:-lag]) / sigma**2
+        np.testing.assert_allclose(correlation, np.exp(-1.0), atol=0.08)
 
 
 def test_outages_come_in_bursts_of_the_mean_duration():
     drop = Dropouts(jnp.asarray(0.1), jnp.asarray(0.05), jnp.asarray(1.0))
     numbers = jnp.asarray(np.random.default_rng(1).random((40_000, 50, 2)))
 
-    def step(outage, u):
-        after = jax.vmap(drop.next_outage, in_axes=(0, None, 0))(outage, 0.1, u[:, 0])
-        return after, (after, jax.vmap(drop.is_lost)(after, u[:, 1]))
+    def step(outage, uniforms):
+        next_outage = jax.vmap(drop.next_outage, in_axes=(0, None, 0))(outage, 0.1, uniforms[:, 0])
+        return next_outage, (next_outage, jax.vmap(drop.is_lost)(next_outage, uniforms[:, 1]))
 
     outage, lost = (
         np.asarray(x) for x in jax.lax.scan(step, jax.vmap(drop.initial_outage)(numbers[0, :, 0]), numbers)[1]
@@ -84,45 +84,45 @@ def test_outages_come_in_bursts_of_the_mean_duration():
 
 
 def test_a_camera_measures_range_and_angles_with_its_errors():
-    found = readings(
-        build_goal_sensor(GoalSensor(preset="camera", range_bias_m=0.0)), 3000, place=(50_000.0, 9000.0, 0.0)
+    measurements = readings(
+        build_goal_sensor(GoalSensor(preset="camera", range_bias_m=0.0)), 3000, goal_position=(50_000.0, 9000.0, 0.0)
     )
-    assert not np.any(found.measured)  # out of range
-    found = readings(build_goal_sensor(GoalSensor(preset="camera", range_max_m=1e5)), 400)
-    assert np.all(np.asarray(found.measured)[:, :3])
-    assert not np.any(np.asarray(found.measured)[:, 3:])
+    assert not np.any(measurements.measured)  # out of range
+    measurements = readings(build_goal_sensor(GoalSensor(preset="camera", range_max_m=1e5)), 400)
+    assert np.all(np.asarray(measurements.measured)[:, :3])
+    assert not np.any(np.asarray(measurements.measured)[:, 3:])
     north = 3000.0 - 10.0 * np.arange(400)
     expected = np.sqrt(north**2 + 500.0**2 + 1000.0**2)
-    off = np.asarray(found.values[:, 0]) - expected
-    np.testing.assert_allclose(off.std(), 10.0, rtol=0.12)
-    azimuth = np.asarray(found.values[:, 1]) - np.arctan2(500.0, north)
+    range_errors = np.asarray(measurements.values[:, 0]) - expected
+    np.testing.assert_allclose(range_errors.std(), 10.0, rtol=0.12)
+    azimuth = np.asarray(measurements.values[:, 1]) - np.arctan2(500.0, north)
     across = azimuth * np.hypot(north, 500.0) / expected
     np.testing.assert_allclose(across.std(), 3e-3, rtol=0.12)
-    elevation = np.asarray(found.values[:, 2]) + np.arctan2(1000.0, np.hypot(north, 500.0))
+    elevation = np.asarray(measurements.values[:, 2]) + np.arctan2(1000.0, np.hypot(north, 500.0))
     np.testing.assert_allclose(elevation.std(), 3e-3, rtol=0.12)
 
 
 def test_field_of_view_failure_and_period():
-    ahead = build_goal_sensor(GoalSensor(preset="camera", half_angle_deg=30.0, range_max_m=1e5, period_s=0.5))
-    found = np.asarray(readings(ahead, 400).measured).any(axis=1)
-    assert np.all(np.flatnonzero(found) % 5 == 0)
+    camera = build_goal_sensor(GoalSensor(preset="camera", half_angle_deg=30.0, range_max_m=1e5, period_s=0.5))
+    is_measured = np.asarray(readings(camera, 400).measured).any(axis=1)
+    assert np.all(np.flatnonzero(is_measured) % 5 == 0)
     north = 3000.0 - 10.0 * np.arange(400)
     inside = np.arccos(north / np.sqrt(north**2 + 500.0**2 + 1000.0**2)) <= np.deg2rad(30.0)
-    np.testing.assert_array_equal(found, inside & (np.arange(400) % 5 == 0))
-    assert not np.any(readings(ahead, 50, works=False).measured)
+    np.testing.assert_array_equal(is_measured, inside & (np.arange(400) % 5 == 0))
+    assert not np.any(readings(camera, 50, works=False).measured)
 
 
-def test_late_measurements_arrive_when_they_are_due_and_say_when_they_were_made():
-    late = build_goal_sensor(GoalSensor(preset="ads-b", latency_s=(0.5, 2.0), period_s=0.5))
-    found = readings(late, 600)
-    here = np.asarray(found.measured).any(axis=1)
-    delay = (np.arange(600) - np.asarray(found.number))[here] * STEP
+def test_delayed_measurements_arrive_on_time_with_their_sample_numbers():
+    delayed_sensor = build_goal_sensor(GoalSensor(preset="ads-b", latency_s=(0.5, 2.0), period_s=0.5))
+    measurements = readings(delayed_sensor, 600)
+    is_measured = np.asarray(measurements.measured).any(axis=1)
+    delay = (np.arange(600) - np.asarray(measurements.number))[is_measured] * STEP
     assert delay.min() >= 0.5 - 1e-9
     assert delay.max() <= 2.0 + 0.2  # two that are due at once come one after the other
-    made = np.asarray(found.number)[here]
-    assert len(set(made.tolist())) == made.size
-    assert np.any(np.diff(made) < 0)  # some overtake others
-    assert made.size > 100
+    sample_numbers = np.asarray(measurements.number)[is_measured]
+    assert len(set(sample_numbers.tolist())) == sample_numbers.size
+    assert np.any(np.diff(sample_numbers) < 0)  # some overtake others
+    assert sample_numbers.size > 100
 
 
 def test_satellite_navigation_and_inertial_sensors():
@@ -130,23 +130,23 @@ def test_satellite_navigation_and_inertial_sensors():
         Navigation(sensors="satellite-inertial", noise_m=0.5, period_s=1.0, correlation_s=20.0)
     )
     read = jax.jit(lambda k: readings(sensors, 300, aircraft=k))
-    rows = [read(k) for k in range(40)]
+    flights = [read(k) for k in range(40)]
     true = 10.0 * np.arange(300)
-    new = np.asarray(rows[0].fix.is_new)
+    new = np.asarray(flights[0].fix.is_new)
     assert np.all(np.flatnonzero(new) % 10 == 0)
-    off = np.stack([np.asarray(r.fix.position_n[:, 0])[new] - true[new] for r in rows])
-    np.testing.assert_allclose(off.std(), np.hypot(2.0, 0.5), rtol=0.12)
+    position_errors = np.stack([np.asarray(flight.fix.position_n[:, 0])[new] - true[new] for flight in flights])
+    np.testing.assert_allclose(position_errors.std(), np.hypot(2.0, 0.5), rtol=0.12)
     np.testing.assert_allclose(
-        np.diff(off, axis=1).std(), np.hypot(2.0 * np.sqrt(2 * (1 - np.exp(-1 / 20))), 0.7), rtol=0.1
+        np.diff(position_errors, axis=1).std(), np.hypot(2.0 * np.sqrt(2 * (1 - np.exp(-1 / 20))), 0.7), rtol=0.1
     )
-    rates = np.stack([np.asarray(r.rates_b[:, 0]) for r in rows])
+    rates = np.stack([np.asarray(flight.rates_b[:, 0]) for flight in flights])
     np.testing.assert_allclose(rates.std(axis=1).mean(), np.deg2rad(0.03), rtol=0.05)
     np.testing.assert_allclose(rates.mean(axis=1).std(), np.deg2rad(0.002), rtol=0.6)
-    air = np.stack([np.asarray(r.velocity_air_b[:, 0]) for r in rows])
+    air = np.stack([np.asarray(flight.velocity_air_b[:, 0]) for flight in flights])
     np.testing.assert_allclose(air.mean(axis=1).std(), 0.5, rtol=0.35)
 
 
-def test_the_navigation_filter_knows_how_wrong_it_is():
+def test_the_errors_match_the_covariances_of_the_navigation_filter():
     """Errors over standard deviations of many flights: satellite fixes with a slow error and noisy accelerometers."""
     density, steps, flights = 0.03**2 * STEP, 300, 300
     axes = jnp.full(3, 1.0)
@@ -154,23 +154,25 @@ def test_the_navigation_filter_knows_how_wrong_it_is():
         2.0 * axes, jnp.asarray(60.0), 0.3 * axes, 0.05 * axes, jnp.asarray(density), jnp.asarray(STEP)
     )
     rng = np.random.default_rng(5)
-    drawn = rng.normal(size=(flights, steps + 1, 4, 3))
+    normals = rng.normal(size=(flights, steps + 1, 4, 3))
 
-    def one(noise):
-        def step(carry, drawn):
+    def simulate_flight(noise):
+        def step(carry, normals):
             memory, slow = carry
-            slow = gauss_markov(slow, 2.0, 60.0, STEP, drawn[0])
-            fix = Fix(slow + 0.3 * drawn[1], 0.05 * drawn[2], jnp.asarray(True))
-            felt = 0.03 * drawn[3]
+            slow = gauss_markov(slow, 2.0, 60.0, STEP, normals[0])
+            fix = Fix(slow + 0.3 * normals[1], 0.05 * normals[2], jnp.asarray(True))
+            felt = 0.03 * normals[3]
             memory = tracker.step(memory, fix, felt, jnp.ones(3), STEP)
             return (memory, slow), (memory.position_n, memory.velocity_n, memory.covariance)
 
-        first = Fix(2.0 * noise[0, 0] + 0.3 * noise[0, 1], 0.05 * noise[0, 2], jnp.asarray(True))
-        memory = tracker.init(first, jnp.zeros(3))
+        first_fix = Fix(2.0 * noise[0, 0] + 0.3 * noise[0, 1], 0.05 * noise[0, 2], jnp.asarray(True))
+        memory = tracker.init(first_fix, jnp.zeros(3))
         return jax.lax.scan(step, (memory, 2.0 * noise[0, 0]), noise[1:])[1]
 
-    place, speed, covariance = (np.asarray(x) for x in jax.jit(jax.vmap(one))(jnp.asarray(drawn)))
-    ratio = place[:, -1] / np.sqrt(covariance[:, -1, :, 0, 0])
+    position_error, speed, covariance = (
+        np.asarray(x) for x in jax.jit(jax.vmap(simulate_flight))(jnp.asarray(normals))
+    )
+    ratio = position_error[:, -1] / np.sqrt(covariance[:, -1, :, 0, 0])
     np.testing.assert_allclose(ratio.std(), 1.0, rtol=0.1)
     ratio = speed[:, -1] / np.sqrt(covariance[:, -1, :, 1, 1])
     np.testing.assert_allclose(ratio.std(), 1.0, rtol=0.2)

@@ -30,7 +30,7 @@ def own_position(number):
 
 
 def turned(x, span):
-    """Position, velocity and turn rate a time later."""
+    """Position, velocity and turn rate after a time."""
     angle, rate = x[6] * span, x[6]
     if rate == 0.0:
         return np.array([*(x[:3] + span * x[3:6]), *x[3:]])
@@ -49,7 +49,7 @@ def turned(x, span):
 
 
 def turn_slopes(x, span):
-    """Derivative of `turned`: Bar-Shalom, Li, Kirubarajan, 2001, 11.7.2; its limit at a turn rate of 0."""
+    """Derivative of `turned`: Bar-Shalom, Li, Kirubarajan, 2001, 11.7.2; with the limit for a turn rate of 0."""
     rate, (north, east) = x[6], x[3:5]
     angle = rate * span
     s, c = np.sin(angle), np.cos(angle)
@@ -74,16 +74,16 @@ def noise(span):
     return Q
 
 
-def sight(x, own, azimuth_near=0.0):
-    """Range, azimuth and elevation from an aircraft; the azimuth within pi of a given one."""
-    north, east, down = x[:3] - own
+def sight(x, vehicle_position, azimuth_reference=0.0):
+    """Range, azimuth and elevation from an aircraft; the azimuth is within pi of a reference azimuth."""
+    north, east, down = x[:3] - vehicle_position
     azimuth = np.arctan2(east, north)
-    azimuth -= 2 * np.pi * np.round((azimuth - azimuth_near) / (2 * np.pi))
+    azimuth -= 2 * np.pi * np.round((azimuth - azimuth_reference) / (2 * np.pi))
     return np.array([np.sqrt(north**2 + east**2 + down**2), azimuth, np.arctan2(-down, np.hypot(north, east))])
 
 
-def sight_slopes(x, own):
-    north, east, down = x[:3] - own
+def sight_slopes(x, vehicle_position):
+    north, east, down = x[:3] - vehicle_position
     level, distance = np.hypot(north, east), np.sqrt(north**2 + east**2 + down**2)
     H = np.zeros((3, 7))
     H[0, :3] = np.array([north, east, down]) / distance
@@ -93,13 +93,13 @@ def sight_slopes(x, own):
 
 
 class TurningExtended(ExtendedKalmanFilter):
-    """filterpy's extended filter with the coordinated turn as its motion."""
+    """The extended filter of filterpy with the coordinated turn as motion model."""
 
     def predict_x(self, u=0):
         self.x = turned(self.x, self.span)
 
 
-def filterpy_estimates(kind, values, seen):
+def filterpy_estimates(kind, values, measured_flags):
     start, spread = np.append(START, 0.0), np.diag(np.append(START_SIGMAS, TURN_RATE_SIGMA) ** 2)
     if kind == "ekf":
         tracker = TurningExtended(dim_x=7, dim_z=3)
@@ -107,41 +107,47 @@ def filterpy_estimates(kind, values, seen):
         points = MerweScaledSigmaPoints(7, **POINTS)
         tracker = UnscentedKalmanFilter(7, 3, STEP, hx=sight, fx=turned, points=points)
     tracker.x, tracker.P, tracker.R = start, spread, np.diag(SIGMAS**2)
-    latest, rows = 0, []
-    for k, row in enumerate(values, start=1):
+    latest, estimates = 0, []
+    for k, measurement in enumerate(values, start=1):
         span = (k - latest) * STEP
-        ahead = copy.deepcopy(tracker)
+        predicted = copy.deepcopy(tracker)
         if kind == "ekf":
-            ahead.span, ahead.F, ahead.Q = span, turn_slopes(ahead.x, span), noise(span)
-            ahead.predict()
+            predicted.span, predicted.F, predicted.Q = span, turn_slopes(predicted.x, span), noise(span)
+            predicted.predict()
         else:
-            ahead.Q = noise(span)
-            ahead.predict(dt=span)
-        if seen[k - 1]:
-            own = own_position(k)
+            predicted.Q = noise(span)
+            predicted.predict(dt=span)
+        if measured_flags[k - 1]:
+            vehicle_position = own_position(k)
             if kind == "ekf":
-                ahead.update(row, sight_slopes, sight, args=(own,), hx_args=(own, row[1]))
+                predicted.update(
+                    measurement,
+                    sight_slopes,
+                    sight,
+                    args=(vehicle_position,),
+                    hx_args=(vehicle_position, measurement[1]),
+                )
             else:
-                ahead.update(row, own=own, azimuth_near=row[1])
-            tracker, latest = ahead, k
-        rows.append((ahead.x[:6].copy(), ahead.P[:6, :6].copy()))
-    return np.array([mean for mean, _ in rows]), np.array([matrix for _, matrix in rows])
+                predicted.update(measurement, vehicle_position=vehicle_position, azimuth_reference=measurement[1])
+            tracker, latest = predicted, k
+        estimates.append((predicted.x[:6].copy(), predicted.P[:6, :6].copy()))
+    return np.array([mean for mean, _ in estimates]), np.array([matrix for _, matrix in estimates])
 
 
 def measurements():
-    """Of a goal that turns one way and then the other, behind the aircraft: its azimuth passes 180 deg."""
+    """Measurements of a goal with a left and a right turn, behind the aircraft: the azimuth passes 180 deg."""
     rng = np.random.default_rng(41)
-    x, rows = np.append(START + START_SIGMAS * rng.normal(size=6), 0.06), []
+    x, sights = np.append(START + START_SIGMAS * rng.normal(size=6), 0.06), []
     for k in range(1, SAMPLES + 1):
         x[6] = 0.06 if k < 35 else -0.08
         x = turned(x, STEP)
-        rows.append(sight(x, own_position(k)) + SIGMAS * rng.normal(size=3))
-    values = np.array(rows)
+        sights.append(sight(x, own_position(k)) + SIGMAS * rng.normal(size=3))
+    values = np.array(sights)
     values[:, 1] -= 2 * np.pi * np.round(values[:, 1] / (2 * np.pi))
     return values, rng.random(SAMPLES) > 0.2
 
 
-def anser_estimates(kind, values, seen):
+def anser_estimates(kind, values, measured_flags):
     tracker = GoalFilter(
         models=(CoordinatedTurn(jnp.asarray(DENSITY), jnp.asarray(DENSITY_UP), jnp.asarray(TURN_DENSITY)),),
         sojourn=jnp.asarray(40.0),
@@ -153,31 +159,33 @@ def anser_estimates(kind, values, seen):
     environment, unmeasured = standard_environment(), jnp.zeros(3)
 
     def step(track, sample):
-        number, row, measured, own = sample
+        number, measurement, measured, vehicle_position = sample
         flags = jnp.concatenate([jnp.full(3, measured), jnp.zeros(3, bool)])
         reading = GoalReading(
-            jnp.concatenate([row, unmeasured]),
+            jnp.concatenate([measurement, unmeasured]),
             jnp.concatenate([jnp.asarray(SIGMAS), jnp.ones(3)]),
             flags,
             number,
             "sight",
         )
         instant = Instant(environment, number, jnp.asarray(STEP))
-        track, estimate = tracker.step(track, reading, VehicleMotion(own, jnp.asarray(OWN_VELOCITY)), instant)
+        track, estimate = tracker.step(
+            track, reading, VehicleMotion(vehicle_position, jnp.asarray(OWN_VELOCITY)), instant
+        )
         return track, (estimate.mean, estimate.covariance)
 
     numbers = np.arange(1, SAMPLES + 1, dtype=np.int32)
-    samples = (numbers, values, seen, np.array([own_position(k) for k in numbers]))
+    samples = (numbers, values, measured_flags, np.array([own_position(k) for k in numbers]))
     track = tracker.init(jnp.asarray(START), jnp.asarray(START_SIGMAS))
     return jax.jit(lambda t, s: jax.lax.scan(step, t, s))(track, jax.tree.map(jnp.asarray, samples))[1]
 
 
 @pytest.mark.parametrize("kind", ["ekf", "ukf"])
 def test_estimates_of_a_turning_goal_equal_filterpy_s(kind):
-    values, seen = measurements()
+    values, measured_flags = measurements()
     assert np.ptp(values[:, 1]) > 6.0
-    expected, expected_covariance = filterpy_estimates(kind, values, seen)
-    means, covariances = (np.asarray(array) for array in anser_estimates(kind, values, seen))
+    expected, expected_covariance = filterpy_estimates(kind, values, measured_flags)
+    means, covariances = (np.asarray(array) for array in anser_estimates(kind, values, measured_flags))
     sigmas = np.sqrt(np.diagonal(expected_covariance, axis1=1, axis2=2))
     # rounding, measured: 3e-12 and 4e-11
     assert np.max(np.abs(means - expected) / sigmas) < 1e-9

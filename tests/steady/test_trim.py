@@ -96,7 +96,7 @@ def test_pull_up_by_pitch_rate_has_no_other_rate_and_no_bank(name, pitch_deg_s):
     np.testing.assert_allclose(euler_rates, [0.0, pitch_deg_s * DEG_RAD, 0.0], atol=1e-12)
 
 
-def test_without_sideslip_the_two_pull_ups_are_one():
+def test_the_two_pull_ups_agree_without_sideslip():
     """The light aircraft has no spinning parts: turning the velocity about the level line is then a pitch rate."""
     by_path, by_pitch = (
         trim(AIRFRAMES["light"], STILL, trim_target(60.0, 800.0, **{rate: 4 * DEG_RAD}))
@@ -108,13 +108,13 @@ def test_without_sideslip_the_two_pull_ups_are_one():
 
 @pytest.mark.long
 def test_a_pitch_rate_in_a_turn_is_refused_and_marked_where_it_is_traced():
-    for other in ("turn_rate", "path_rate"):
+    for second_rate in ("turn_rate", "path_rate"):
         with pytest.raises(
-            ValueError, match=rf"pitch_rate: arrived 0.1 rad/s with .*{other} 0.2.*expected a pitch rate"
+            ValueError, match=rf"pitch_rate: arrived 0.1 rad/s with .*{second_rate} 0.2.*expected a pitch rate"
         ):
-            trim_target(170.0, 800.0, pitch_rate=0.1, **{other: 0.2})
+            trim_target(170.0, 800.0, pitch_rate=0.1, **{second_rate: 0.2})
         target = eqx.tree_at(
-            lambda t, o=other: getattr(t, o), trim_target(170.0, 800.0, pitch_rate=0.1), jnp.array(0.2)
+            lambda t, o=second_rate: getattr(t, o), trim_target(170.0, 800.0, pitch_rate=0.1), jnp.array(0.2)
         )
         point = trim(F16, STILL, target)
         assert not point.converged
@@ -153,9 +153,9 @@ def test_trimmed_flight_with_held_controls_stays_steady(numbers):
     drift = 1e-4 + 2 * load * 9.8 * 5.0 * climbed / 9000.0
     np.testing.assert_allclose(V, speed, atol=drift)
     np.testing.assert_allclose(gamma, path_deg * DEG_RAD, atol=drift / speed)
-    turned = np.unwrap(np.concatenate([[course_deg * DEG_RAD], chi])) - course_deg * DEG_RAD
+    course_change = np.unwrap(np.concatenate([[course_deg * DEG_RAD], chi])) - course_deg * DEG_RAD
     expected = turn_deg_s * DEG_RAD * np.linspace(0.0, 5.0, 11)
-    np.testing.assert_allclose(np.unwrap(turned), expected, atol=3 * drift / speed)
+    np.testing.assert_allclose(np.unwrap(course_change), expected, atol=3 * drift / speed)
 
 
 def test_straight_flight_is_symmetric():
@@ -166,12 +166,12 @@ def test_straight_flight_is_symmetric():
 def test_turn_is_banked_as_coordination_asks():
     # tan(mu) = V chi_dot / g for forces in the plane of symmetry and thrust along the velocity; alpha of 5 deg and
     # thrust of a fifth of the weight make it 1 deg less.
-    right, left = (trim(F16, STILL, target_deg(200.0, 2000.0, 0.0, 0.0, rate)) for rate in (5.0, -5.0))
+    right_turn, left_turn = (trim(F16, STILL, target_deg(200.0, 2000.0, 0.0, 0.0, rate)) for rate in (5.0, -5.0))
     expected = np.arctan(200.0 * 5.0 * DEG_RAD / 9.80665) * RAD_DEG
-    assert float(right.mu) * RAD_DEG == pytest.approx(expected, abs=1.0)
+    assert float(right_turn.mu) * RAD_DEG == pytest.approx(expected, abs=1.0)
     # The spinning engine alone tells left from right.
-    assert float(left.mu) * RAD_DEG == pytest.approx(-expected, abs=1.0)
-    assert float(left.state.surfaces[0]) != float(right.state.surfaces[0])
+    assert float(left_turn.mu) * RAD_DEG == pytest.approx(-expected, abs=1.0)
+    assert float(left_turn.state.surfaces[0]) != float(right_turn.state.surfaces[0])
 
 
 def test_wind_moves_the_ground_velocity_only():
@@ -210,15 +210,15 @@ def test_impossible_balance_is_reported():
 
 
 def test_vmap_over_a_mixed_fleet_equals_one_at_a_time_and_compiles_once():
-    counted = jax.jit(eqx.debug.assert_max_traces(jax.vmap(solve_trim, in_axes=(0, None, 0)), max_traces=1))
+    traced_once = jax.jit(eqx.debug.assert_max_traces(jax.vmap(solve_trim, in_axes=(0, None, 0)), max_traces=1))
     for names, speeds in ((("textbook", "founding"), (90.0, 160.0)), (("founding", "s119"), (230.0, 120.0))):
         fleet = jax.tree.map(lambda *x: jnp.stack(x), *(AIRFRAMES[name] for name in names))
         targets = jax.tree.map(lambda *x: jnp.stack(x), *(target_deg(V, 2000.0, 1.0, 0.0, 2.0) for V in speeds))
-        many = counted(fleet, STILL, targets)
+        batch = traced_once(fleet, STILL, targets)
         for k, (name, V) in enumerate(zip(names, speeds, strict=True)):
-            one = trim(AIRFRAMES[name], STILL, target_deg(V, 2000.0, 1.0, 0.0, 2.0))
-            assert many.converged[k]
-            for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+            single = trim(AIRFRAMES[name], STILL, target_deg(V, 2000.0, 1.0, 0.0, 2.0))
+            assert batch.converged[k]
+            for a, b in zip(jax.tree.leaves(batch), jax.tree.leaves(single), strict=True):
                 np.testing.assert_allclose(np.asarray(a[k], float), np.asarray(b, float), atol=1e-9)
 
 
@@ -233,20 +233,20 @@ def sensitivity():
     return eqx.filter_jit(lambda arguments, weights: eqx.filter_grad(lambda a: _summary(a) @ weights)(arguments))
 
 
-def _differenced(where, arguments, h):
+def _differenced(selector, arguments, h):
     def at(value):
-        airframe, environment, target = eqx.tree_at(where, arguments, value)
+        airframe, environment, target = eqx.tree_at(selector, arguments, value)
         point = trim(airframe, environment, target)
         return np.array([point.alpha, point.mu, point.state.surfaces[0], point.power / 100])
 
-    value = where(arguments)
+    value = selector(arguments)
     return (at(value + h) - at(value - h)) / (2 * h)
 
 
 @pytest.mark.long
 def test_gradient_equals_difference_quotient(sensitivity):
     arguments = (F16, STILL, target_deg(163.0, 1700.0, 2.0, 10.0, 3.0))
-    wheres = {
+    selectors = {
         "speed": (lambda a: a[2].speed, 1e-3),
         "altitude": (lambda a: a[2].altitude, 1e-1),
         "turn rate": (lambda a: a[2].turn_rate, 1e-5),
@@ -254,22 +254,22 @@ def test_gradient_equals_difference_quotient(sensitivity):
         "centre of gravity": (lambda a: a[0].x_cg, 1e-5),
         "gravity": (lambda a: a[1].gravity, 1e-4),
     }
-    differenced = {name: _differenced(where, arguments, h) for name, (where, h) in wheres.items()}
+    differenced = {name: _differenced(selector, arguments, h) for name, (selector, h) in selectors.items()}
     for k in range(4):
         gradient = sensitivity(arguments, jnp.eye(4)[k])
-        for name, (where, h) in wheres.items():
+        for name, (selector, h) in selectors.items():
             # Solver noise of 1e-13 over the step, and the curvature times its square.
-            assert float(where(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
+            assert float(selector(gradient)) == pytest.approx(differenced[name][k], rel=1e-5, abs=1e-12 / h), name
 
 
 @pytest.mark.long
 def test_gradient_in_a_pull_up_equals_difference_quotient(sensitivity):
     arguments = (F16, STILL, trim_target(163.0, 1700.0, 2 * DEG_RAD, pitch_rate=0.08))
-    wheres = {"pitch rate": (lambda a: a[2].pitch_rate, 1e-5), "centre of gravity": (lambda a: a[0].x_cg, 1e-5)}
-    for name, (where, h) in wheres.items():
-        differenced = _differenced(where, arguments, h)
+    selectors = {"pitch rate": (lambda a: a[2].pitch_rate, 1e-5), "centre of gravity": (lambda a: a[0].x_cg, 1e-5)}
+    for name, (selector, h) in selectors.items():
+        differenced = _differenced(selector, arguments, h)
         for k in (0, 2, 3):  # alpha, elevator, power; the wings stay level
-            gradient = float(where(sensitivity(arguments, jnp.eye(4)[k])))
+            gradient = float(selector(sensitivity(arguments, jnp.eye(4)[k])))
             assert gradient == pytest.approx(differenced[k], rel=1e-5, abs=1e-12 / h), name
 
 

@@ -1,4 +1,4 @@
-"""Why a steady flight is refused, and what is possible near it."""
+"""Reasons for a refused steady flight, and the nearest possible conditions."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +25,8 @@ NORMAL = target_deg(150.0)
 
 
 @pytest.fixture(scope="module")
-def found():
-    """Diagnosis of each target, for the F-16."""
+def diagnoses():
+    """Diagnosis of each target for the F-16."""
     targets = {
         "slow": TOO_SLOW,
         "steep": TOO_STEEP,
@@ -39,35 +39,39 @@ def found():
 
 
 def _along(diagnosis, quantity):
-    return next(near for near in diagnosis.nearest if near.quantity == quantity)
+    return next(trim_near for trim_near in diagnosis.nearest if trim_near.quantity == quantity)
 
 
-def test_a_point_within_all_limits_has_no_violations(found):
+def test_a_point_within_all_limits_has_no_violations(diagnoses):
     assert trim_violations(F16, STILL, trim(F16, STILL, NORMAL)) == ()
-    assert found["normal"].violations == ()
-    assert found["normal"].nearest == ()
-    assert found["normal"].message().startswith("Steady flight exists: 150.0 m/s at 1000 m")
+    assert diagnoses["normal"].violations == ()
+    assert diagnoses["normal"].nearest == ()
+    assert diagnoses["normal"].message().startswith("Steady flight exists: 150.0 m/s at 1000 m")
 
 
-def test_each_limit_is_named_with_numbers(found):
-    assert trim_violations(F16, STILL, trim(F16, STILL, TOO_TIGHT)) == found["tight"].violations
-    assert "known from -10 to 45" in found["slow"].violations[0]
+def test_each_limit_is_named_with_numbers(diagnoses):
+    assert trim_violations(F16, STILL, trim(F16, STILL, TOO_TIGHT)) == diagnoses["tight"].violations
+    assert "known from -10 to 45" in diagnoses["slow"].violations[0]
     assert (
-        found["slow"].violations[0].startswith(f"angle of attack: {float(found['slow'].point.alpha) * RAD_DEG:.1f} deg")
+        diagnoses["slow"]
+        .violations[0]
+        .startswith(f"angle of attack: {float(diagnoses['slow'].point.alpha) * RAD_DEG:.1f} deg")
     )
-    assert found["tight"].violations == (
-        f"engine power: {float(found['tight'].point.power):.1f} percent; available 0 to 100",
+    assert diagnoses["tight"].violations == (
+        f"engine power: {float(diagnoses['tight'].point.power):.1f} percent; available 0 to 100",
     )
-    assert float(found["dive"].point.power) < 0
-    assert found["dive"].violations[0].startswith("engine power: -")
+    assert float(diagnoses["dive"].point.power) < 0
+    assert diagnoses["dive"].violations[0].startswith("engine power: -")
     elevator = trim_violations(F16, STILL, trim(F16, STILL, target_deg(10.0, 0.0)))
     assert any(line.startswith("elevator: ") and "moves from -25 to 25" in line for line in elevator)
-    assert any("16000 m" in line and "outside the aircraft's data" in line for line in found["impossible"].violations)
+    assert any(
+        "16000 m" in line and "outside the aircraft's data" in line for line in diagnoses["impossible"].violations
+    )
     fast = trim_violations(F16, STILL, trim(F16, STILL, target_deg(400.0, 10000.0)))
     assert fast[-1] == "altitude 10000 m, Mach 1.34: outside the aircraft's data"
 
 
-def test_no_balance_at_all_is_said():
+def test_a_missing_balance_is_reported():
     # Without thrust only the one glide angle of each speed is steady, which no grid hits.
     diagnosis = nearest_trims(glider(F16), STILL, NORMAL)
     (line,) = diagnosis.violations
@@ -76,75 +80,85 @@ def test_no_balance_at_all_is_said():
 
 
 @pytest.mark.parametrize("name", ["slow", "steep", "tight", "dive"])
-def test_nearest_points_are_trimmable_and_nothing_nearer_is(found, name):
-    assert found[name].nearest
-    for near in found[name].nearest:
-        assert trim_violations(F16, STILL, trim(F16, STILL, near.target)) == ()
-        np.testing.assert_allclose(trim(F16, STILL, near.target).alpha, near.point.alpha, atol=1e-9)
+def test_nearest_points_are_trimmable_and_closer_points_are_not(diagnoses, name):
+    assert diagnoses[name].nearest
+    for nearest in diagnoses[name].nearest:
+        assert trim_violations(F16, STILL, trim(F16, STILL, nearest.target)) == ()
+        np.testing.assert_allclose(trim(F16, STILL, nearest.target).alpha, nearest.point.alpha, atol=1e-9)
         # The documented resolution of the edge, toward the target.
-        step = {"speed": 5e-4 * near.value, "path_angle": 0.02 * DEG_RAD, "turn_rate": 0.01 * DEG_RAD}[near.quantity]
-        nearer = jnp.asarray(near.value + np.sign(near.target_value - near.value) * step)
-        target = type(near.target)(**{**vars(near.target), near.quantity: nearer})
+        step = {"speed": 5e-4 * nearest.value, "path_angle": 0.02 * DEG_RAD, "turn_rate": 0.01 * DEG_RAD}[
+            nearest.quantity
+        ]
+        closer_value = jnp.asarray(nearest.value + np.sign(nearest.target_value - nearest.value) * step)
+        target = type(nearest.target)(**{**vars(nearest.target), nearest.quantity: closer_value})
         assert trim_violations(F16, STILL, trim(F16, STILL, target)) != ()
 
 
-def test_distances_are_the_documented_ones_and_sorted(found):
-    for diagnosis in found.values():
-        distances = [near.distance for near in diagnosis.nearest]
+def test_distances_are_sorted_and_as_documented(diagnoses):
+    for diagnosis in diagnoses.values():
+        distances = [nearest.distance for nearest in diagnosis.nearest]
         assert distances == sorted(distances)
-    speed = _along(found["slow"], "speed")
+    speed = _along(diagnoses["slow"], "speed")
     assert speed.distance == pytest.approx((speed.value - 40.0) / 40.0, rel=1e-12)
-    path = _along(found["dive"], "path_angle")
+    path = _along(diagnoses["dive"], "path_angle")
     assert path.distance == pytest.approx(path.value + 40 * DEG_RAD, rel=1e-12)
-    turn = _along(found["tight"], "turn_rate")
+    turn = _along(diagnoses["tight"], "turn_rate")
     assert turn.distance == pytest.approx((25 * DEG_RAD - turn.value) * 150 / 9.80665, rel=1e-12)
 
 
-def test_messages_are_rounded_toward_what_is_possible(found):
-    speed = _along(found["slow"], "speed")
+def test_messages_are_rounded_towards_the_possible_side(diagnoses):
+    speed = _along(diagnoses["slow"], "speed")
     number = float(speed.message().removeprefix("the slowest trimmable speed is ").removesuffix(" m/s"))
     assert speed.value <= number < speed.value + 0.1
-    climb = _along(found["steep"], "path_angle")
+    climb = _along(diagnoses["steep"], "path_angle")
     number = float(climb.message().removeprefix("the steepest climb is ").removesuffix(" deg"))
     assert climb.value * RAD_DEG - 0.1 < number <= climb.value * RAD_DEG
-    turn = _along(found["tight"], "turn_rate")
+    turn = _along(diagnoses["tight"], "turn_rate")
     number = float(turn.message().removeprefix("the fastest turn is ").removesuffix(" deg/s"))
     assert turn.value * RAD_DEG - 0.1 < number <= turn.value * RAD_DEG
-    assert _along(found["tight"], "path_angle").message().startswith("it must descend at ")
-    assert _along(found["dive"], "path_angle").message().startswith("the steepest descent is ")
-    assert _along(found["dive"], "turn_rate").message().startswith("it must turn at ")
-    lines = found["slow"].message().splitlines()
+    assert _along(diagnoses["tight"], "path_angle").message().startswith("it must descend at ")
+    assert _along(diagnoses["dive"], "path_angle").message().startswith("the steepest descent is ")
+    assert _along(diagnoses["dive"], "turn_rate").message().startswith("it must turn at ")
+    lines = diagnoses["slow"].message().splitlines()
     assert lines[0] == "No steady flight: 40.0 m/s at 1000 m, path angle 0.0 deg, turn rate 0.0 deg/s."
-    assert lines[-1] == f"- {found['slow'].nearest[-1].message()}"
+    assert lines[-1] == f"- {diagnoses['slow'].nearest[-1].message()}"
 
 
-def test_a_target_without_any_neighbour_says_so(found):
-    assert found["impossible"].nearest == ()
+def test_a_diagnosis_without_nearest_trims_reports_that(diagnoses):
+    assert diagnoses["impossible"].nearest == ()
     assert (
-        found["impossible"].message().endswith("No change of speed, path angle or turn rate alone makes it possible.")
+        diagnoses["impossible"]
+        .message()
+        .endswith("No change of speed, path angle or turn rate alone makes it possible.")
     )
 
 
 def test_a_left_turn_stays_a_left_turn():
-    right, left = (nearest_trims(F16, STILL, target_deg(150.0, 1000.0, 0.0, 0.0, rate)) for rate in (25.0, -25.0))
+    right_turn, left_turn = (
+        nearest_trims(F16, STILL, target_deg(150.0, 1000.0, 0.0, 0.0, rate)) for rate in (25.0, -25.0)
+    )
     # The spinning engine makes left and right differ a little.
-    assert _along(left, "turn_rate").value == pytest.approx(-_along(right, "turn_rate").value, abs=0.05 * DEG_RAD)
-    assert _along(left, "turn_rate").message() == _along(right, "turn_rate").message()
+    assert _along(left_turn, "turn_rate").value == pytest.approx(
+        -_along(right_turn, "turn_rate").value, abs=0.05 * DEG_RAD
+    )
+    assert _along(left_turn, "turn_rate").message() == _along(right_turn, "turn_rate").message()
 
 
-def test_a_pull_up_is_told_the_pitch_rate_that_it_can_have():
-    found = nearest_trims(F16, STILL, trim_target(153.0, 0.0, pitch_rate=0.3))
-    assert "path angle 0.0 deg, turn rate 0.0 deg/s, pitch rate 17.2 deg/s" in found.message()
-    assert {near.quantity for near in found.nearest} == {"speed", "path_angle", "pitch_rate"}
-    near = _along(found, "pitch_rate")
-    assert near.message() == f"the fastest pull-up is {np.floor(near.value * RAD_DEG * 10) / 10:.1f} deg/s"
-    assert float(near.point.power) == pytest.approx(100.0, abs=0.05)
-    assert near.distance == pytest.approx((0.3 - near.value) * 153.0 / 9.80665, rel=1e-12)
+def test_a_pull_up_diagnosis_names_the_nearest_pitch_rate():
+    diagnosis = nearest_trims(F16, STILL, trim_target(153.0, 0.0, pitch_rate=0.3))
+    assert "path angle 0.0 deg, turn rate 0.0 deg/s, pitch rate 17.2 deg/s" in diagnosis.message()
+    assert {nearest.quantity for nearest in diagnosis.nearest} == {"speed", "path_angle", "pitch_rate"}
+    nearest = _along(diagnosis, "pitch_rate")
+    assert nearest.message() == f"the fastest pull-up is {np.floor(nearest.value * RAD_DEG * 10) / 10:.1f} deg/s"
+    assert float(nearest.point.power) == pytest.approx(100.0, abs=0.05)
+    assert nearest.distance == pytest.approx((0.3 - nearest.value) * 153.0 / 9.80665, rel=1e-12)
     # In this dive idle thrust is too much: the drag of a pull-up takes it up.
-    held = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, -12 * DEG_RAD, pitch_rate=0.01)), "pitch_rate")
-    assert held.message().startswith("it must pull up at ")
-    over = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, pitch_rate=-0.5)), "pitch_rate")
-    assert over.message().startswith("the fastest push-over is ")
+    idle_dive = _along(
+        nearest_trims(F16, STILL, trim_target(150.0, 1000.0, -12 * DEG_RAD, pitch_rate=0.01)), "pitch_rate"
+    )
+    assert idle_dive.message().startswith("it must pull up at ")
+    push_over = _along(nearest_trims(F16, STILL, trim_target(150.0, 1000.0, pitch_rate=-0.5)), "pitch_rate")
+    assert push_over.message().startswith("the fastest push-over is ")
 
 
 def test_another_airframe_is_diagnosed_too():

@@ -1,4 +1,4 @@
-"""Trim against the figures printed in [SL] section 3.6, with the constants of its program (see `support.textbook`)."""
+"""Trim compared with the figures printed in [SL] section 3.6, with the constants of its program."""
 
 import numpy as np
 import pytest
@@ -21,11 +21,11 @@ def test_trim_equals_tables_3_6_2_and_3_6_3():
 
 
 def _as_many(*flights: TextbookFlight) -> list[TextbookFlight]:
-    """As many flights as the check trims, the first over and over, so that nothing is compiled again."""
+    """The flights padded with the first to the number in the check, so that nothing is compiled again."""
     return [*flights, *[flights[0]] * (12 - len(flights))]
 
 
-def test_turn_example_is_what_trim_finds():
+def test_the_turn_example_equals_the_trim():
     points, euler = trim_published(_as_many(TextbookFlight(TURN["xcg"], 502.0, 0.3)))
     _, alpha, beta, phi, theta, _, P, Q, R, _, _, _, power = TURN["state"]
     # Their minimizer leaves beta_dot at 2.6e-8 rad/s, a side force of 4e-7 g; sideslip gives 5 g per rad: 8e-8 rad. The
@@ -41,7 +41,7 @@ def test_turn_example_is_what_trim_finds():
 
 
 def test_pull_up_is_the_one_of_table_3_6_3():
-    """502 ft/s, sea level, 0.3 rad/s: P = R = 0 and no bank; aileron and rudder tell it from other pull-ups."""
+    """502 ft/s, sea level, 0.3 rad/s: P = R = 0 and no bank; aileron and rudder identify this pull-up."""
     points, euler = trim_published(
         _as_many(TextbookFlight(0.30, 502.0, 0.0, 0.3), TextbookFlight(0.35, 502.0, 0.0, 0.3))
     )
@@ -72,7 +72,7 @@ def test_a_flight_without_trim_is_named():
         trim_published(_as_many(TextbookFlight(0.35, float("nan"), 0.0)))
 
 
-def test_a_wrong_figure_is_told():
-    rows = [{"V_ft_s": 300, "throttle": 0.122, "alpha_deg": 8.48, "elevator_deg": -0.591}]
-    found = [{"throttle": 0.12197, "alpha_deg": 8.49255, "elevator_deg": -0.59104}]
-    assert [c.passes for c in textbook_checks._compare_level(rows, found)] == [True, False, True]
+def test_a_wrong_printed_figure_fails_the_check():
+    printed = [{"V_ft_s": 300, "throttle": 0.122, "alpha_deg": 8.48, "elevator_deg": -0.591}]
+    computed = [{"throttle": 0.12197, "alpha_deg": 8.49255, "elevator_deg": -0.59104}]
+    assert [c.passes for c in textbook_checks._compare_level(printed, computed)] == [True, False, True]
