@@ -68,7 +68,7 @@ def test_pull_up_is_the_one_of_table_3_6_3():
 
 
 def test_a_flight_without_trim_is_named():
-    with pytest.raises(RuntimeError, match=r"no trim found for Steady\(x_cg=0.35, V_ft_s=nan"):
+    with pytest.raises(RuntimeError, match=r"no trim found for TextbookFlight\(x_cg=0.35, V_ft_s=nan"):
         trim_published(_as_many(TextbookFlight(0.35, float("nan"), 0.0)))
 
 
