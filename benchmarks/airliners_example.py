@@ -1,4 +1,4 @@
-"""BeBOT's example of four airliners: its numbers, the same asked of our planner, and a dense check of a plan."""
+"""BeBOT's example of four airliners: its numbers, the task for anser's planner, and a dense check of a plan."""
 
 import math
 import tomllib
@@ -11,12 +11,12 @@ import numpy as np
 
 EXAMPLE = Path(__file__).with_name("airliners.toml")
 GRAVITY_M_S2 = 9.80665
-GRID = 50_001  # instants of the dense check: one each 0.2 to 0.5 s of a flight
+GRID = 50_001  # times of the dense check: every 0.2 to 0.5 s of a flight
 
 
 @dataclass(frozen=True)
 class Example:
-    """The example's numbers; one row for each aircraft, columns east and north in the plane of the projection."""
+    """The example's numbers; one row per aircraft, columns east and north in the plane of the projection."""
 
     names: tuple[str, ...]
     start_m: np.ndarray
@@ -35,11 +35,11 @@ class Example:
 
 @dataclass(frozen=True)
 class Request:
-    """The same example as our planner asks for it: NED, one row for each aircraft, level flight at one altitude.
+    """The example for anser's planner: NED, one row per aircraft, level flight at one altitude.
 
-    The origin is the middle of the map. The source has no altitude: 10,000 m stands for a usual cruise. The bank limit
-    is that of the turn-rate limit at the lowest speed, g tan(bank) = V omega, so no turn at any speed of the window is
-    faster than the source allows; the load factor is that of this bank. Each aircraft is to arrive as early as it can.
+    The origin is the middle of the map. The source has no altitude: 10,000 m represents a typical cruise. The bank
+    limit follows from the turn-rate limit at the lowest speed, g tan(bank) = V omega, so that every turn is within the
+    source's limit at every speed; the load factor belongs to this bank. Each aircraft arrives as early as possible.
     """
 
     names: tuple[str, ...]
@@ -55,11 +55,11 @@ class Request:
 
 
 def load_example(path: Path = EXAMPLE) -> Example:
-    """Read the example and project its cities on the plane."""
+    """Read the example and project its cities onto the plane."""
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     radius, limits, method, aircraft = (table[key] for key in ("projection", "limits", "method", "aircraft"))
 
-    def place(city: str) -> tuple[float, float]:
+    def project(city: str) -> tuple[float, float]:
         longitude, latitude = np.radians(table["cities"][city])
         return radius["radius_m"] * longitude, radius["radius_m"] * math.atanh(math.sin(latitude))
 
@@ -68,24 +68,24 @@ def load_example(path: Path = EXAMPLE) -> Example:
         return state["speed_m_s"] * math.sin(course), state["speed_m_s"] * math.cos(course)
 
     return Example(
-        names=tuple(one["name"] for one in aircraft),
-        start_m=np.array([place(one["from"]) for one in aircraft]),
-        goal_m=np.array([place(one["to"]) for one in aircraft]),
-        start_velocity_m_s=np.array([velocity(one["start"]) for one in aircraft]),
-        goal_velocity_m_s=np.array([velocity(one["arrival"]) for one in aircraft]),
+        names=tuple(entry["name"] for entry in aircraft),
+        start_m=np.array([project(entry["from"]) for entry in aircraft]),
+        goal_m=np.array([project(entry["to"]) for entry in aircraft]),
+        start_velocity_m_s=np.array([velocity(entry["start"]) for entry in aircraft]),
+        goal_velocity_m_s=np.array([velocity(entry["arrival"]) for entry in aircraft]),
         **limits,
         **method,
     )
 
 
 def map_middle(example: Example) -> np.ndarray:
-    """Middle of the map, (east, north), m: the origin of our NED frame."""
-    places = np.concatenate([example.start_m, example.goal_m])
-    return (places.max(axis=0) + places.min(axis=0)) / 2
+    """Middle of the map, (east, north), m: the origin of the NED frame."""
+    positions = np.concatenate([example.start_m, example.goal_m])
+    return (positions.max(axis=0) + positions.min(axis=0)) / 2
 
 
 def our_request(example: Example, altitude_m: float = 10_000.0) -> Request:
-    """State the example for our planner."""
+    """Convert the example for anser's planner."""
     middle = map_middle(example)
     bank_max = math.atan(example.speed_min_m_s * example.turn_rate_max_rad_s / GRAVITY_M_S2)
 
@@ -108,7 +108,7 @@ def our_request(example: Example, altitude_m: float = 10_000.0) -> Request:
 
 @dataclass(frozen=True)
 class Flown:
-    """A plan, by whatever method, as the dense check reads it."""
+    """A plan of any method, in the format of the dense check."""
 
     durations_s: np.ndarray
     state: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
@@ -120,11 +120,11 @@ def flown_from_ned(
     durations_s: np.ndarray,
     state_n: Callable[[int, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
 ) -> Flown:
-    """Read a plan of our planner: its position, velocity and acceleration (n, 3), NED, of an aircraft at times (n,)."""
+    """Convert a plan of anser's planner, given by position, velocity and acceleration (n, 3), NED, at times (n,)."""
     middle = map_middle(example)
 
     def state(i: int, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        position, velocity, acceleration = (np.asarray(one)[:, 1::-1] for one in state_n(i, times))
+        position, velocity, acceleration = (np.asarray(values)[:, 1::-1] for values in state_n(i, times))
         return position + middle, velocity, acceleration
 
     return Flown(np.asarray(durations_s), state)
@@ -132,7 +132,7 @@ def flown_from_ned(
 
 @dataclass(frozen=True)
 class Extremes:
-    """What a plan asks at most, on a dense grid."""
+    """Extremes of a plan on a dense grid."""
 
     speed_min_m_s: float
     speed_max_m_s: float
@@ -143,37 +143,42 @@ class Extremes:
 
 
 def dense_extremes(example: Example, flown: Flown, grid: int = GRID) -> Extremes:
-    """Sample every flight, and every pair until the earlier of its arrivals, at `grid` equal instants with the ends."""
-    slowest, fastest, turning, place_error, velocity_error = math.inf, 0.0, 0.0, 0.0, 0.0
+    """Sample every flight, and every pair until its earlier arrival, at `grid` equally spaced times."""
+    slowest, fastest, turn_rate_max, position_error, velocity_error = math.inf, 0.0, 0.0, 0.0, 0.0
     for i, duration in enumerate(flown.durations_s):
         position, velocity, acceleration = flown.state(i, np.linspace(0.0, duration, grid))
         speed = np.linalg.norm(velocity, axis=1)
         across = velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0]
         slowest, fastest = min(slowest, speed.min()), max(fastest, speed.max())
-        turning = max(turning, np.abs(across / speed**2).max())
-        wanted = (example.start_m[i], example.goal_m[i]), (example.start_velocity_m_s[i], example.goal_velocity_m_s[i])
-        place_error = max(place_error, *np.linalg.norm(position[[0, -1]] - wanted[0], axis=1))
-        velocity_error = max(velocity_error, *np.linalg.norm(velocity[[0, -1]] - wanted[1], axis=1))
-    apart = math.inf
+        turn_rate_max = max(turn_rate_max, np.abs(across / speed**2).max())
+        required_states = (
+            (example.start_m[i], example.goal_m[i]),
+            (example.start_velocity_m_s[i], example.goal_velocity_m_s[i]),
+        )
+        position_error = max(position_error, *np.linalg.norm(position[[0, -1]] - required_states[0], axis=1))
+        velocity_error = max(velocity_error, *np.linalg.norm(velocity[[0, -1]] - required_states[1], axis=1))
+    separation_min = math.inf
     for i, j in combinations(range(len(flown.durations_s)), 2):
         times = np.linspace(0.0, min(flown.durations_s[[i, j]]), grid)
-        apart = min(apart, np.linalg.norm(flown.state(i, times)[0] - flown.state(j, times)[0], axis=1).min())
-    return Extremes(*map(float, (slowest, fastest, turning, apart, place_error, velocity_error)))
+        separation_min = min(
+            separation_min, np.linalg.norm(flown.state(i, times)[0] - flown.state(j, times)[0], axis=1).min()
+        )
+    return Extremes(*map(float, (slowest, fastest, turn_rate_max, separation_min, position_error, velocity_error)))
 
 
-def broken_limits(example: Example, found: Extremes, speed_tolerance_m_s: float) -> list[str]:
-    """Name each limit that a plan breaks.
+def broken_limits(example: Example, extremes: Extremes, speed_tolerance_m_s: float) -> list[str]:
+    """Names of the violated limits of a plan.
 
-    The ends are exact but for rounding: 1e-9 of the map's 1e7 m, and a velocity is a difference of such places over
-    2,000 s or more. The other limits have no tolerance but what the caller grants the speed.
+    The end states are exact except for rounding: 1e-9 of the map's 1e7 m, and a velocity is a difference of positions
+    over 2,000 s or more. The other limits have no tolerance except the caller's tolerance of the speed.
     """
     checks = (
-        ("lowest speed", found.speed_min_m_s, ">=", example.speed_min_m_s, speed_tolerance_m_s, "m/s"),
-        ("highest speed", found.speed_max_m_s, "<=", example.speed_max_m_s, speed_tolerance_m_s, "m/s"),
-        ("turn rate", found.turn_rate_max_rad_s, "<=", example.turn_rate_max_rad_s, 0.0, "rad/s"),
-        ("separation", found.separation_min_m, ">=", example.separation_m, 0.0, "m"),
-        ("position at the ends", found.end_position_error_m, "<=", 0.0, 1e-2, "m off"),
-        ("velocity at the ends", found.end_velocity_error_m_s, "<=", 0.0, 1e-6, "m/s off"),
+        ("lowest speed", extremes.speed_min_m_s, ">=", example.speed_min_m_s, speed_tolerance_m_s, "m/s"),
+        ("highest speed", extremes.speed_max_m_s, "<=", example.speed_max_m_s, speed_tolerance_m_s, "m/s"),
+        ("turn rate", extremes.turn_rate_max_rad_s, "<=", example.turn_rate_max_rad_s, 0.0, "rad/s"),
+        ("separation", extremes.separation_min_m, ">=", example.separation_m, 0.0, "m"),
+        ("position at the ends", extremes.end_position_error_m, "<=", 0.0, 1e-2, "m off"),
+        ("velocity at the ends", extremes.end_velocity_error_m_s, "<=", 0.0, 1e-6, "m/s off"),
     )
     return [
         f"{name}: {value:.6g} {unit}, limit {limit:.6g}"

@@ -1,8 +1,8 @@
-"""BeBOT's four airliners by the certified planner beside their method: `python benchmarks/airliners_ours.py`.
+"""BeBOT's four airliners by the certified planner, compared with BeBOT: `python benchmarks/airliners_ours.py`.
 
 The example prescribes 205 m/s at both ends and leaves the speed free between 200 and 260 m/s. The certified planner
-does not prescribe a final speed: it plans at 205 m/s throughout, which keeps every constraint of the example but takes
-about a fifth longer than flying fast in between. The times to plan are what this compares.
+does not prescribe a final speed: it plans at 205 m/s throughout, which satisfies every constraint of the example but
+takes about a fifth longer than a faster flight in between. The benchmark compares planning times.
 """
 
 import sys
@@ -22,29 +22,37 @@ from anser.planning.certified.task import AircraftTask, Airspace, no_keep_outs, 
 from anser.planning.certified.timed_profiles import MINIMAL
 
 _INTERVALS = 512
-_ROLL_RATE = np.deg2rad(3.0)  # gentle, as airliners roll
-_STRAIGHT_ON = 1.0 + 2e-4  # of the direct path's time
+_ROLL_RATE = np.deg2rad(3.0)  # a gentle roll rate, typical of airliners
+_STRAIGHT_ON = 1.0 + 2e-4  # factor of the direct path's time
 
 
 def fleet() -> tuple[AircraftTask, Airspace]:
-    """The example as the certified planner takes it."""
-    asked = our_request(load_example())
+    """Tasks and airspace of the example for the certified planner."""
+    request = our_request(load_example())
 
-    def one(k: int) -> AircraftTask:
-        final = asked.goal_velocity_n[k]
+    def aircraft_task(k: int) -> AircraftTask:
+        final = request.goal_velocity_n[k]
         return AircraftTask(
-            position_n=jnp.asarray(asked.start_n[k]),
-            air_velocity_n=jnp.asarray(asked.start_velocity_n[k]),
+            position_n=jnp.asarray(request.start_n[k]),
+            air_velocity_n=jnp.asarray(request.start_velocity_n[k]),
             air_acceleration_n=jnp.zeros(3),
-            goal_position_n=jnp.asarray(asked.goal_n[k]),
+            goal_position_n=jnp.asarray(request.goal_n[k]),
             goal_velocity_n=jnp.zeros(3),
             rendezvous=make_rendezvous(jnp.zeros(3), course=float(np.arctan2(final[1], final[0])), path_angle=0.0),
-            speed=jnp.asarray(float(np.linalg.norm(asked.start_velocity_n[k]))),
+            speed=jnp.asarray(float(np.linalg.norm(request.start_velocity_n[k]))),
             side=jnp.asarray(0),
             limits=PathLimits(
                 *(
                     jnp.asarray(x)
-                    for x in (asked.speed_min, asked.speed_max, asked.bank_max, 20.0, 0.0, 2e4, asked.load_factor_max)
+                    for x in (
+                        request.speed_min,
+                        request.speed_max,
+                        request.bank_max,
+                        20.0,
+                        0.0,
+                        2e4,
+                        request.load_factor_max,
+                    )
                 )
             ),
             roll_rate_max=jnp.asarray(_ROLL_RATE),
@@ -54,20 +62,20 @@ def fleet() -> tuple[AircraftTask, Airspace]:
     airspace = Airspace(
         SteadyWind(jnp.zeros(3)),
         jnp.asarray(GRAVITY_M_S2),
-        Separation(jnp.asarray(asked.separation), jnp.asarray(0.0)),
+        Separation(jnp.asarray(request.separation), jnp.asarray(0.0)),
         no_keep_outs(),
     )
-    return stack_tasks([one(k) for k in range(len(asked.names))]), airspace
+    return stack_tasks([aircraft_task(k) for k in range(len(request.names))]), airspace
 
 
-def ours() -> CertifiedPlan:
+def plan_example() -> CertifiedPlan:
     """Each as early as its direct path allows at the airspeed that the ends prescribe."""
     tasks, airspace = fleet()
     durations, _ = direct_times(tasks, airspace, tasks.speed, 64)
     return plan_at(0.0, tasks, airspace, _STRAIGHT_ON * durations, _INTERVALS, MINIMAL)
 
 
-def read_ours(plan: object) -> Flown:
+def read_plan(plan: object) -> Flown:
     """For the dense check."""
     assert isinstance(plan, CertifiedPlan)
     if not bool(jnp.all(plan.feasible)):
@@ -84,4 +92,4 @@ def read_ours(plan: object) -> Flown:
 
 if __name__ == "__main__":
     jax.config.update("jax_enable_x64", True)
-    sys.exit(main(ours, read_ours))
+    sys.exit(main(plan_example, read_plan))

@@ -1,8 +1,8 @@
-"""Cost of a step of the closed loop with other airframes than the built-in F-16, in interleaved pairs in one process.
+"""Time per step of the closed loop with different airframes, relative to the built-in F-16, in pairs in one process.
 
-Each airframe holds its trim under the velocity loop of its own autopilot (gains of the aircraft itself; the published
-ones of the F-16), alone and in a batch. A pair is a run of the built-in F-16 and one of the other; the ratio is the
-median of the pairs'.
+Each airframe holds its trim with the velocity loop of its autopilot (default gains of the aircraft; the published gains
+of the F-16), alone and in a batch. A pair is a run of the built-in F-16 and one of the other airframe; the ratio is the
+median over the pairs.
 
     python benchmarks/bench_airframes.py [--batch 1024] [--pairs 7] [--seconds 2]
 """
@@ -30,19 +30,19 @@ CASES = (
 )
 STEP_S = 0.01
 MOST = 1.3
-"""What an aircraft read from a file may cost, over the built-in F-16."""
+"""Accepted cost of an aircraft from a file, relative to the built-in F-16."""
 
 
 def flier(case: StepCase, count: int, batch: int | None) -> Callable[[], None]:
-    """A compiled flight of `count` steps at trim, of one aircraft or a batch that differs in its first airspeed."""
+    """A compiled flight of `count` steps at trim, of one aircraft or of a batch with different initial airspeeds."""
     environment = standard_environment()
     loop = LoopCase(case.airframe, environment, case.gains, case.limits, case.trim, STEP_S)
     path = jnp.stack([jnp.linalg.norm(case.trim.state.velocity_b), as_array(0.0), as_array(0.0)])
 
-    def one(value: jax.Array) -> jax.Array:
+    def fly_one(value: jax.Array) -> jax.Array:
         return loop_flight(loop, value, count, "velocity", ResponseRecorder(loop="velocity", stride=count)).measured
 
-    fly = jax.jit(one if batch is None else jax.vmap(one))
+    fly = jax.jit(fly_one if batch is None else jax.vmap(fly_one))
     start = path if batch is None else path + jnp.zeros((batch, 3)).at[:, 0].set(jnp.linspace(0.0, 0.5, batch))
     fly(start).block_until_ready()
     return lambda: fly(start).block_until_ready()
@@ -50,9 +50,9 @@ def flier(case: StepCase, count: int, batch: int | None) -> Callable[[], None]:
 
 def seconds(run: Callable[[], None]) -> float:
     """Wall-clock time of a run."""
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     run()
-    return time.perf_counter() - begun
+    return time.perf_counter() - start_time
 
 
 def main() -> None:
@@ -62,10 +62,14 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=7)
     parser.add_argument("--seconds", type=float, default=2.0, help="of flight in a run of one aircraft")
     parser.add_argument("--only", nargs="*", default=[], help="names of airframes or variants")
-    given = parser.parse_args()
-    chosen = [one for one in CASES[1:] if not given.only or one[0] in given.only or one[1] in given.only]
-    for batch in (None, given.batch):
-        count = round(given.seconds / STEP_S) if batch is None else max(round(0.1 * given.seconds / STEP_S), 2)
+    options = parser.parse_args()
+    chosen = [
+        case_key
+        for case_key in CASES[1:]
+        if not options.only or case_key[0] in options.only or case_key[1] in options.only
+    ]
+    for batch in (None, options.batch):
+        count = round(options.seconds / STEP_S) if batch is None else max(round(0.1 * options.seconds / STEP_S), 2)
         runs = {}
         for name, variant, speed, altitude in (CASES[0], *chosen):
             case = step_case(resolve_airframe(name, variant)[0], speed, altitude, "model")
@@ -74,14 +78,15 @@ def main() -> None:
         for key, run in runs.items():
             if key == CASES[0][:2]:
                 continue
-            pairs = [(seconds(built_in), seconds(run)) for _ in range(given.pairs)]
-            ratio = statistics.median(other / own for own, other in pairs)
-            each = statistics.median(other for _, other in pairs) / count / (batch or 1) * 1e6
-            what = f"{key[0]} {key[1]}" if key[0] == "f16" else key[0]
+            pairs = [(seconds(built_in), seconds(run)) for _ in range(options.pairs)]
+            ratio = statistics.median(run_s / reference_s for reference_s, run_s in pairs)
+            microseconds = statistics.median(run_s for _, run_s in pairs) / count / (batch or 1) * 1e6
+            label = f"{key[0]} {key[1]}" if key[0] == "f16" else key[0]
             size = "alone" if batch is None else f"batch of {batch}"
             verdict = "" if ratio <= MOST else f"  above {MOST:g}"
             print(
-                f"{what:40s} {size:14s} {each:8.2f} us per aircraft and step, {ratio:5.2f} times the built-in{verdict}",
+                f"{label:40s} {size:14s} {microseconds:8.2f} us per aircraft and step, "
+                f"{ratio:5.2f} times the built-in{verdict}",
                 flush=True,
             )
 

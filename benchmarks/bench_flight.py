@@ -1,6 +1,6 @@
-"""How fast: the three-aircraft flight against real time, compilation, a second run; `make bench`.
+"""Speed of the three-aircraft flight relative to real time, of compilation, and of a second run; `make bench`.
 
-Compare ratios within one run: these figures depend on the machine and on what else it does.
+Compare ratios within one run: absolute times depend on the machine and its load.
 """
 
 import os
@@ -27,14 +27,14 @@ THREE = Path(__file__).parents[1] / "scenarios" / "three-aircraft.toml"
 
 @pytest.fixture(scope="module")
 def compiled():
-    """Flight, start state and compiled segment, with the seconds that tracing and compiling took (no cache)."""
+    """Flight, start state and compiled segment, with the time to trace and compile them (no cache), s."""
     jax.config.update("jax_compilation_cache_dir", None)
     flight = build_flight(anser.load(THREE))
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     start = jax.jit(start_flight).lower(flight).compile()
     state, _ = start(flight)
     segment = eqx.filter_jit(fly).lower(flight, state, ZERO).compile()
-    return flight, state, segment, time.perf_counter() - began
+    return flight, state, segment, time.perf_counter() - start_time
 
 
 def test_compilation(compiled, benchmark):
@@ -61,33 +61,33 @@ def test_three_aircraft_against_real_time(compiled, benchmark):
 
 
 def test_a_batch_of_flights_against_one_alone(compiled, benchmark):
-    """1,024 flights from other places, with the running summary: time per aircraft and step against one alone."""
+    """1,024 flights with different starts and the running summary: time per aircraft and step against one flight."""
     flight, state, _, _ = compiled
     count, aircraft = 1024, flight.count
     shifts = 50.0 * jnp.asarray(np.random.default_rng(0).normal(size=(count, aircraft, 3)))
 
     def moved(shift_n):
-        places = state.vehicles[0].aircraft.position_n + shift_n
-        return eqx.tree_at(lambda s: s.vehicles[0].aircraft.position_n, state, places)
+        positions = state.vehicles[0].aircraft.position_n + shift_n
+        return eqx.tree_at(lambda s: s.vehicles[0].aircraft.position_n, state, positions)
 
     @eqx.filter_jit
-    def summed_up(flight, states, since):
+    def summed_up(flight, states, step):
         def one(start):
-            return fly(flight, start, since, SEGMENT_STEPS, SummaryRecorder())[1][0]
+            return fly(flight, start, step, SEGMENT_STEPS, SummaryRecorder())[1][0]
 
         return jax.vmap(one)(states)
 
     states, alone = jax.vmap(moved)(shifts), jax.tree.map(lambda leaf: leaf[None], state)
     times = {}
-    for name, some in (("alone", alone), ("batch", states)):
-        jax.block_until_ready(summed_up(flight, some, ZERO))
-        taken = []
+    for name, batch_states in (("alone", alone), ("batch", states)):
+        jax.block_until_ready(summed_up(flight, batch_states, ZERO))
+        durations = []
         for _ in range(5 if name == "alone" else 2):
-            began = time.perf_counter()
-            jax.block_until_ready(summed_up(flight, some, ZERO))
-            taken.append(time.perf_counter() - began)
+            start_time = time.perf_counter()
+            jax.block_until_ready(summed_up(flight, batch_states, ZERO))
+            durations.append(time.perf_counter() - start_time)
         flights = 1 if name == "alone" else count
-        times[name] = 1e6 * min(taken) / (flights * aircraft * SEGMENT_STEPS)
+        times[name] = 1e6 * min(durations) / (flights * aircraft * SEGMENT_STEPS)
     benchmark.pedantic(lambda: None, rounds=1)
     ratio = times["batch"] / times["alone"]
     print(
@@ -104,16 +104,16 @@ def test_second_run_of_the_command(benchmark, tmp_path):
     def run(out):
         subprocess.run([program, "run", THREE, "--out", out], env=environment, check=True, capture_output=True)
 
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     run(tmp_path / "first")
-    first = time.perf_counter() - began
+    first_s = time.perf_counter() - start_time
     count = iter(range(100))
     benchmark.pedantic(lambda: run(tmp_path / f"again-{next(count)}"), rounds=3)
-    print(f"\nanser run: first {first:.1f} s, again {benchmark.stats.stats.median:.1f} s (wanted: under 10 s)")
+    print(f"\nanser run: first {first_s:.1f} s, again {benchmark.stats.stats.median:.1f} s (wanted: under 10 s)")
 
 
 def _surfaces_by_corners(x, y, values, at):
-    """The four corners of a cell by four gathers per table: what packing is measured against."""
+    """Bilinear lookup with four gathers per table: the reference for packed tables."""
     i = jnp.clip(jnp.searchsorted(x, at[0]) - 1, 0, x.shape[0] - 2)
     j = jnp.clip(jnp.searchsorted(y, at[1]) - 1, 0, y.shape[0] - 2)
     u, v = (at[0] - x[i]) / (x[i + 1] - x[i]), (at[1] - y[j]) / (y[j + 1] - y[j])
@@ -137,12 +137,12 @@ def test_packed_tables_against_separate_gathers(benchmark):
 
         return eqx.filter_jit(lambda: jax.lax.scan(body, jnp.zeros(()), length=100)[0])
 
-    one = repeated(lambda at: packed(at[0], at[1])[0])
-    four = repeated(lambda at: _surfaces_by_corners(xs, ys, table, at))
-    jax.block_until_ready((one(), four()))
-    began = time.perf_counter()
+    packed_lookup = repeated(lambda at: packed(at[0], at[1])[0])
+    separate_lookup = repeated(lambda at: _surfaces_by_corners(xs, ys, table, at))
+    jax.block_until_ready((packed_lookup(), separate_lookup()))
+    start_time = time.perf_counter()
     for _ in range(5):
-        jax.block_until_ready(four())
-    separate = (time.perf_counter() - began) / 5
-    benchmark.pedantic(lambda: jax.block_until_ready(one()), rounds=5, warmup_rounds=1)
+        jax.block_until_ready(separate_lookup())
+    separate = (time.perf_counter() - start_time) / 5
+    benchmark.pedantic(lambda: jax.block_until_ready(packed_lookup()), rounds=5, warmup_rounds=1)
     print(f"\nseparate gathers take {separate / benchmark.stats.stats.median:.2f} times as long as packed cells")

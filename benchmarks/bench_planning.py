@@ -1,11 +1,11 @@
-"""Time to plan a fleet with the certified planner, warm: `python benchmarks/bench_planning.py [aircraft ...]`.
+"""Planning time of a fleet with the certified planner, compiled: `python benchmarks/bench_planning.py [aircraft ...]`.
 
 With `--figure FILE` (png or svg) the times are drawn against the number of aircraft.
 
-A field of buoys 2 km apart, each visited by one aircraft; they come from a field that is wider and 25 km away, from
-jittered places and heights, headed up to 40 deg off. They keep 500 m or 150 m from each other in a wind of 15 m/s and
-all arrive at one time. Prints the first call (it compiles), the warm time, how many of the fleet keep everything, and
-how many aircraft would be in conflict if each took its cheapest path.
+A field of buoys 2 km apart, each visited by one aircraft; the aircraft start in a wider field 25 km away, at jittered
+positions and altitudes, with headings up to 40 deg off. The separation is 500 m or 150 m, the wind 15 m/s, and the
+arrival time common. Prints the time of the first call (with compilation) and of later calls, the number of certified
+aircraft, and the number of aircraft in conflict on their cheapest paths.
 """
 
 import argparse
@@ -35,7 +35,7 @@ _OFFSET_M = np.array([-20_000.0, 15_000.0])
 
 
 def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
-    """A fleet and a time at which all can arrive, s."""
+    """A fleet and a feasible common arrival time, s."""
     rng = np.random.default_rng(seed)
     side = int(np.ceil(np.sqrt(count)))
     limits = PathLimits(*(jnp.asarray(x) for x in (90.0, 240.0, 0.9, 60.0, 100.0, 9000.0, 4.0, 4.0, 1.5)))
@@ -44,7 +44,7 @@ def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
     starts = _WIDER * goals + _OFFSET_M + rng.uniform(-0.35, 0.35, (count, 2)) * _WIDER * _SPACING_M
     farthest = float(np.max(np.linalg.norm(goals - starts, axis=1)))
 
-    def one(k: int) -> AircraftTask:
+    def aircraft_task(k: int) -> AircraftTask:
         line = goals[k] - starts[k]
         heading = np.arctan2(line[1], line[0]) + rng.uniform(-0.7, 0.7)
         return AircraftTask(
@@ -61,41 +61,41 @@ def fleet(count: int, seed: int = 0) -> tuple[AircraftTask, float]:
             active=jnp.asarray(1.0),
         )
 
-    return stack_tasks([one(k) for k in range(count)]), 1.3 * farthest / _SPEED
+    return stack_tasks([aircraft_task(k) for k in range(count)]), 1.3 * farthest / _SPEED
 
 
 def in_conflict(tasks: AircraftTask, airspace: Airspace, duration: float, intervals: int) -> int:
-    """How many aircraft would be in conflict if each took its cheapest path."""
+    """Number of aircraft in conflict if each flies its cheapest path."""
 
     def cheapest(tasks: AircraftTask) -> tuple[Track, BoundingCylinders]:
         count = tasks.speed.shape[0]
-        found = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, intervals, MINIMAL)
-        best = jnp.argmin(jnp.where(found.valid, found.cost, jnp.inf), axis=1)
-        tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], found.tracks)
+        candidates = fleet_candidates(tasks, airspace, jnp.full(count, duration), intervals, intervals, MINIMAL)
+        best = jnp.argmin(jnp.where(candidates.valid, candidates.cost, jnp.inf), axis=1)
+        tracks = jax.tree.map(lambda leaf: leaf[jnp.arange(count), best], candidates.tracks)
         return tracks, bounding_cylinders(tracks)
 
     def in_conflict_of(tracks: Track, cylinders: BoundingCylinders) -> jax.Array:
-        everyone = jnp.arange(cylinders.radius.shape[0])
+        aircraft_indices = jnp.arange(cylinders.radius.shape[0])
 
-        def one(who: jax.Array) -> jax.Array:
-            own, held = jax.tree.map(lambda leaf: leaf[who], (tracks, cylinders))
+        def one(index: jax.Array) -> jax.Array:
+            track, track_cylinders = jax.tree.map(lambda leaf: leaf[index], (tracks, cylinders))
             ratios = fleet_clearance_ratio(
-                own,
-                held,
+                track,
+                track_cylinders,
                 cylinders,
-                lambda some: jax.tree.map(lambda leaf: leaf[some], tracks),
-                everyone != who,
+                lambda indices: jax.tree.map(lambda leaf: leaf[indices], tracks),
+                aircraft_indices != index,
                 airspace.separation,
             )
             return jnp.any(ratios < 1.0)
 
-        return jax.lax.map(one, everyone)
+        return jax.lax.map(one, aircraft_indices)
 
     return int(np.sum(jax.jit(lambda t: in_conflict_of(*cheapest(t)))(tasks)))
 
 
 def measure(count: int, airspace: Airspace) -> float:
-    """Plan a fleet, print a line about it and return the warm time, s."""
+    """Plan a fleet, print a summary line and return the planning time without compilation, s."""
     tasks, duration = fleet(count)
     intervals, durations = choose_interval_count(duration), jnp.full(count, duration)
     for name, candidate_set in (("few", MINIMAL), ("many", STANDARD)):
@@ -103,43 +103,45 @@ def measure(count: int, airspace: Airspace) -> float:
         def plan(candidate_set=candidate_set):
             return jax.block_until_ready(plan_at(0.0, tasks, airspace, durations, intervals, candidate_set))
 
-        begun = time.perf_counter()
-        made = plan()
-        first = time.perf_counter() - begun
-        spent = []
+        start_time = time.perf_counter()
+        result = plan()
+        first_s = time.perf_counter() - start_time
+        call_seconds = []
         for _ in range(5 if count <= 300 else 2):
-            begun = time.perf_counter()
-            made = plan()
-            spent.append(time.perf_counter() - begun)
-        good = int(np.sum(np.asarray(made.feasible)))
+            start_time = time.perf_counter()
+            result = plan()
+            call_seconds.append(time.perf_counter() - start_time)
+        certified = int(np.sum(np.asarray(result.feasible)))
         print(
-            f"{count:5d} aircraft, {name:4s}: first {first:6.1f} s, warm {min(spent):8.4f} s, {good} proven; "
+            f"{count:5d} aircraft, {name:4s}: first {first_s:6.1f} s, warm {min(call_seconds):8.4f} s, {certified} proven; "
             f"{in_conflict(tasks, airspace, duration, intervals)} would be in conflict",
             flush=True,
         )
-        if good == count:
-            return min(spent)
+        if certified == count:
+            return min(call_seconds)
     return float("nan")
 
 
-def draw(counts: list[int], spent: list[float], path: Path) -> None:
+def draw(counts: list[int], durations: list[float], path: Path) -> None:
     """Times against the number of aircraft, both logarithmic, with lines of slope 1 and 2."""
     _, figure = new_figure((5.2, 3.4))
     axes = figure.subplots()
-    axes.loglog(counts, spent, "o-", color="#0072b2", label="measured")
+    axes.loglog(counts, durations, "o-", color="#0072b2", label="measured")
     grid = np.array([counts[0], counts[-1]], dtype=float)
     for slope, dash in ((1, ":"), (2, "--")):
-        axes.loglog(grid, spent[0] * (grid / grid[0]) ** slope, dash, color="#777777", label=f"∝ aircraft$^{slope}$")
-    for count, time_s in zip(counts, spent, strict=True):
+        axes.loglog(
+            grid, durations[0] * (grid / grid[0]) ** slope, dash, color="#777777", label=f"∝ aircraft$^{slope}$"
+        )
+    for count, time_s in zip(counts, durations, strict=True):
         axes.annotate(f"{time_s:.2g} s", (count, time_s), textcoords="offset points", xytext=(4, -11), fontsize=7)
     axes.set(xlabel="aircraft", xlim=(counts[0] / 1.5, counts[-1] * 2))
-    axes.set(ylabel="time to plan, compiled, s", ylim=(min(spent) / 2, max(spent) * 4))
+    axes.set(ylabel="time to plan, compiled, s", ylim=(min(durations) / 2, max(durations) * 4))
     axes.legend()
     save_figure(figure, [path])
 
 
 def main(counts: tuple[int, ...], figure: Path | None) -> None:
-    """Print one line per fleet; draw."""
+    """Print one line per fleet; draw the figure."""
     jax.config.update("jax_enable_x64", True)
     enable_compilation_cache()
     airspace = Airspace(
@@ -148,14 +150,14 @@ def main(counts: tuple[int, ...], figure: Path | None) -> None:
         Separation(jnp.asarray(500.0), jnp.asarray(150.0)),
         no_keep_outs(),
     )
-    spent = [measure(count, airspace) for count in counts]
+    durations = [measure(count, airspace) for count in counts]
     if figure is not None:
-        draw(list(counts), spent, figure)
+        draw(list(counts), durations, figure)
 
 
 if __name__ == "__main__":
-    given = argparse.ArgumentParser(description=__doc__)
-    given.add_argument("aircraft", type=int, nargs="*", default=list(_FLEETS))
-    given.add_argument("--figure", type=Path)
-    asked = given.parse_args()
-    main(tuple(asked.aircraft), asked.figure)
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("aircraft", type=int, nargs="*", default=list(_FLEETS))
+    parser.add_argument("--figure", type=Path)
+    options = parser.parse_args()
+    main(tuple(options.aircraft), options.figure)

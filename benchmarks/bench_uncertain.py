@@ -1,7 +1,7 @@
-"""What an uncertain world costs: a step of the closed loop at 1,024 fleets, beside that of the perfect world.
+"""Cost of uncertainty: a step of the closed loop with 1,024 fleets, relative to a scenario without uncertainty.
 
-Compare ratios within one run: the variants take turns, so that what else the machine does befalls all of them. Steps
-are timed without the renewals of the plan, which come at every hundredth and would hide a part of what is added.
+Compare ratios within one run: the variants alternate, so that the machine's load affects each of them. Steps are timed
+without replanning, which happens every hundredth step and would hide a part of the cost.
 """
 
 import dataclasses
@@ -42,9 +42,9 @@ FLEETS, STEPS, ROUNDS = 1024, 200, 9
 @eqx.filter_jit
 def summed_up(flight, keys, states):
     def one(key, state):
-        own = dataclasses.replace(flight, randomness=key)
-        after, memory, _ = fly(own, state, jnp.asarray(0, dtype=jnp.int32), STEPS, SummaryRecorder())
-        return memory, after.vehicles
+        seeded_flight = dataclasses.replace(flight, randomness=key)
+        final_state, memory, _ = fly(seeded_flight, state, jnp.asarray(0, dtype=jnp.int32), STEPS, SummaryRecorder())
+        return memory, final_state.vehicles
 
     return jax.vmap(one)(keys, states)
 
@@ -53,13 +53,13 @@ def batch_of(text):
     scenario = loads(TEXT[:AIR] + text + TEXT[REST:])
     flight = build_flight(scenario)
     fleet = jax.jit(trimmed_fleet)(flight)
-    first = flight.planner.first(0.0, fleet.reports, fleet.performance)
+    first_plan = flight.planner.first_plan(0.0, fleet.reports, fleet.performance)
     flight = without_replanning(flight)
     flight = eqx.tree_at(lambda f: f.timing.replan_steps, flight, replace_fn=jnp.zeros_like)
     keys = stack_rows([flight_randomness(scenario.seed, number) for number in range(FLEETS)])
 
     def started(key):
-        return initialize_flight(dataclasses.replace(flight, randomness=key), fleet, first)
+        return initialize_flight(dataclasses.replace(flight, randomness=key), fleet, first_plan)
 
     return flight, keys, jax.jit(jax.vmap(started))(keys)
 
@@ -68,16 +68,16 @@ def test_what_an_uncertain_world_costs(benchmark):
     batches = {name: batch_of(text) for name, text in VARIANTS.items()}
     for batch in batches.values():
         jax.block_until_ready(summed_up(*batch))
-    taken = {name: [] for name in batches}
+    durations = {name: [] for name in batches}
     for _ in range(ROUNDS):
         for name, batch in batches.items():
-            began = time.perf_counter()
+            start_time = time.perf_counter()
             jax.block_until_ready(summed_up(*batch))
-            taken[name].append(time.perf_counter() - began)
+            durations[name].append(time.perf_counter() - start_time)
     benchmark.pedantic(lambda: None, rounds=1)
     aircraft = FLEETS * batches["perfect"][0].count * STEPS
     print(f"\nper aircraft and step in a batch of {FLEETS} fleets:")
-    for name, seconds in taken.items():
-        ratio = np.median(np.array(seconds) / np.array(taken["perfect"]))
+    for name, seconds in durations.items():
+        ratio = np.median(np.array(seconds) / np.array(durations["perfect"]))
         print(f"  {name}: {1e6 * min(seconds) / aircraft:.2f} us, {100 * (ratio - 1):+.0f} %")
         benchmark.extra_info[name] = float(ratio)

@@ -1,4 +1,4 @@
-"""The method of BeBOT, written anew: Bernstein polynomials in time, limits asked of elevated coefficients, SLSQP.
+"""The method of BeBOT, reimplemented: Bernstein polynomials in time, limits on elevated coefficients, SLSQP.
 
 Kielas-Jensen, Cichella, Berry, Kaminer, Walton, Pascoal, "Bernstein Polynomial-Based Method for Solving Optimal
 Trajectory Generation Problems", Sensors 22 (2022) 1869. The polynomial arithmetic is Farouki, "The Bernstein polynomial
@@ -16,12 +16,12 @@ from airliners_example import Example, Flown
 from scipy.interpolate import BPoly
 from scipy.optimize import OptimizeResult, minimize
 
-COMPLEX_STEP = 1e-30  # no difference is taken, so nothing cancels however small it is
+COMPLEX_STEP = 1e-30  # a complex step takes no difference, so that no digits cancel
 
 
 @dataclass(frozen=True)
 class BernsteinPlan:
-    """What the Bernstein method found."""
+    """Result of the Bernstein method."""
 
     points_m: np.ndarray
     """(aircraft, axis, degree + 1): control points."""
@@ -67,20 +67,20 @@ def differentiate(points: np.ndarray, duration: np.ndarray) -> np.ndarray:
 def restrict(points: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Coefficients (..., n + 1) of the first part of a polynomial, up to the fraction `end` (...) of its duration."""
     n = points.shape[-1] - 1
-    rows = []
+    coefficients = []
     for i in range(n + 1):
         weights = [math.comb(i, j) * end**j * (1 - end) ** (i - j) for j in range(i + 1)]
-        rows.append(sum(weight * points[..., j] for j, weight in enumerate(weights)))
-    return np.stack(rows, axis=-1)
+        coefficients.append(sum(weight * points[..., j] for j, weight in enumerate(weights)))
+    return np.stack(coefficients, axis=-1)
 
 
 class BernsteinProblem:
-    """The example as a nonlinear programme; the unknowns are the inner control points and the flight times.
+    """The example as a nonlinear program; the unknowns are the inner control points and the flight times.
 
-    The first two and last two control points follow from the end states. Without `scaled` all is as the source has it:
-    metres from the origin of the projection, seconds, and SciPy's forward differences. With it, the same method better
-    stated: unknowns of order one (in `LENGTH_M` from the middle of each leg, and in `TIME_S`), constraints relative to
-    their limits, and the exact Jacobian.
+    The first two and last two control points follow from the end states. Without `scaled` everything is as published:
+    metres from the origin of the projection, seconds, and SciPy's forward differences. With `scaled` the same method is
+    better conditioned: unknowns of order one (in `LENGTH_M` from the middle of each leg, and in `TIME_S`), constraints
+    relative to their limits, and the exact Jacobian.
     """
 
     LENGTH_M, TIME_S = 1e6, 1e4
@@ -103,19 +103,19 @@ class BernsteinProblem:
         step = durations[..., None] / example.degree
         start = np.broadcast_to(example.start_m, inner.shape[:-1])
         goal = np.broadcast_to(example.goal_m, inner.shape[:-1])
-        ends = (start, start + step * example.start_velocity_m_s, goal - step * example.goal_velocity_m_s, goal)
-        first, second, last_but_one, last = (end[..., None] for end in ends)
-        return np.concatenate([first, second, inner, last_but_one, last], axis=-1), durations
+        end_points = (start, start + step * example.start_velocity_m_s, goal - step * example.goal_velocity_m_s, goal)
+        start_point, second_point, last_but_one, goal_point = (point[..., None] for point in end_points)
+        return np.concatenate([start_point, second_point, inner, last_but_one, goal_point], axis=-1), durations
 
     def guess(self) -> np.ndarray:
-        """Straight lines between the second and the last but one control points, at the middle of the speed window."""
+        """Straight lines between the second and the penultimate control points, at the middle of the speed range."""
         example = self.example
         speed = (example.speed_min_m_s + example.speed_max_m_s) / 2
         durations = np.linalg.norm(example.goal_m - example.start_m, axis=1) / speed
         step = durations[:, None] / example.degree
-        second = example.start_m + step * example.start_velocity_m_s
-        last_but_one = example.goal_m - step * example.goal_velocity_m_s
-        inner = np.linspace(second, last_but_one, example.degree - 1, axis=-1)[..., 1:-1].ravel()
+        second_point = example.start_m + step * example.start_velocity_m_s
+        penultimate_point = example.goal_m - step * example.goal_velocity_m_s
+        inner = np.linspace(second_point, penultimate_point, example.degree - 1, axis=-1)[..., 1:-1].ravel()
         return np.concatenate([(inner - self.origin) / self.length, durations / self.time])
 
     def cost(self, x: np.ndarray) -> float:
@@ -127,7 +127,7 @@ class BernsteinProblem:
         return np.concatenate([np.zeros(x.size - self.count), np.ones(self.count)])
 
     def constraints(self, x: np.ndarray) -> np.ndarray:
-        """All constraints, to be at least 0: coefficients of speed squared, turn rate, distance squared, elevated."""
+        """Constraints (at least 0): elevated coefficients of speed squared, turn rate and distance squared."""
         example, degree, lead = self.example, self.bound_degree, x.shape[:-1]
         points, durations = self.unpack(x)
         over = durations[..., None]
@@ -136,14 +136,14 @@ class BernsteinProblem:
         speed2 = multiply(velocity, velocity, degree).sum(-2)
         across = multiply(velocity[..., 0, :], acceleration[..., 1, :], degree)
         across = across - multiply(velocity[..., 1, :], acceleration[..., 0, :], degree)
-        # a rational polynomial whose weights, here those of speed squared, are positive lies between its coefficients
+        # a rational polynomial with positive weights (here of speed squared) lies between its coefficients
         rate = across / speed2
 
-        one, other = durations[..., self.pairs[0]], durations[..., self.pairs[1]]
-        common = np.where(np.real(one) <= np.real(other), one, other)
-        first = restrict(points[..., self.pairs[0], :, :], (common / one)[..., None])
-        second = restrict(points[..., self.pairs[1], :, :], (common / other)[..., None])
-        distance2 = multiply(first - second, first - second, degree).sum(-2)
+        duration_i, duration_j = durations[..., self.pairs[0]], durations[..., self.pairs[1]]
+        common = np.where(np.real(duration_i) <= np.real(duration_j), duration_i, duration_j)
+        path_i = restrict(points[..., self.pairs[0], :, :], (common / duration_i)[..., None])
+        path_j = restrict(points[..., self.pairs[1], :, :], (common / duration_j)[..., None])
+        distance2 = multiply(path_i - path_j, path_i - path_j, degree).sum(-2)
 
         speed_unit = example.speed_max_m_s**2 if self.scaled else 1.0
         rate_unit = example.turn_rate_max_rad_s if self.scaled else 1.0
@@ -157,7 +157,7 @@ class BernsteinProblem:
         return np.concatenate([part.reshape(*lead, -1) for part in parts], axis=-1)
 
     def constraint_jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Exact Jacobian (constraints, unknowns) by one complex step for each unknown."""
+        """Exact Jacobian (constraints, unknowns) by one complex step per unknown."""
         return np.imag(self.constraints(x + 1j * COMPLEX_STEP * np.eye(x.size))).T / COMPLEX_STEP
 
     def solve(self) -> BernsteinPlan:

@@ -1,9 +1,8 @@
-"""How much flights in float32 differ from those in float64, and how much faster they are.
+"""Differences between flights in float32 and in float64, and the gain in speed.
 
-`python benchmarks/precision.py studies/what-matters.toml` flies the flights of a study, chunk by chunk and in turns, in
-both precisions, as a campaign does it, and prints how the differences of miss and arrival are distributed. Times are
-told as ratios of chunks that were flown one after the other, by the clock and in seconds of the processor: the machine
-may be busy with other things.
+`python benchmarks/precision.py studies/what-matters.toml` flies the flights of a study chunk by chunk, alternately in
+both precisions, as a campaign does, and prints the distributions of the differences of miss and arrival. Times are
+given as ratios of consecutive chunks, in wall-clock time and in processor time, because the machine may be busy.
 """
 
 import argparse
@@ -25,59 +24,62 @@ SHARES = (0.5, 0.95, 0.99, 1.0)
 
 def cases_of(study: Path, flights: int) -> list[FlightCase]:
     """The first flights of a study, with its values and seeds."""
-    wanted, scenario, given = load_study(study)
-    applied = applied_values(wanted, scenario, given)
-    seeds = flight_seeds(wanted, next(iter(applied.values())).size)[:flights].tolist()
-    rows = [{path: values[k] for path, values in applied.items()} for k in range(len(seeds))]
-    return [FlightCase(dispersed_scenario(scenario, seed, row)) for seed, row in zip(seeds, rows, strict=True)]
+    study_config, scenario, sampled_values = load_study(study)
+    applied = applied_values(study_config, scenario, sampled_values)
+    seeds = flight_seeds(study_config, next(iter(applied.values())).size)[:flights].tolist()
+    flight_values = [{path: values[k] for path, values in applied.items()} for k in range(len(seeds))]
+    return [
+        FlightCase(dispersed_scenario(scenario, seed, values_by_path))
+        for seed, values_by_path in zip(seeds, flight_values, strict=True)
+    ]
 
 
 def flown(cases: list[FlightCase], precision: Precision) -> tuple[list[FlightRow], np.ndarray]:
-    """Rows of a chunk, and the seconds that it took: by the clock, and of all cores together."""
-    began = np.array([time.perf_counter(), time.process_time()])
-    rows = fly_many(cases, batch=len(cases), precision=precision)
-    return rows, np.array([time.perf_counter(), time.process_time()]) - began
+    """Rows of a chunk, and its wall-clock and processor times, s."""
+    start_times = np.array([time.perf_counter(), time.process_time()])
+    flight_rows = fly_many(cases, batch=len(cases), precision=precision)
+    return flight_rows, np.array([time.perf_counter(), time.process_time()]) - start_times
 
 
-def numbers(rows: list[FlightRow], key: str) -> np.ndarray:
-    """A number of every aircraft of every flight; NaN where it has none."""
-    return np.array([one[key] for row in rows for one in row.aircraft], dtype=float)
+def numbers(flight_rows: list[FlightRow], key: str) -> np.ndarray:
+    """A quantity of every aircraft of every flight; NaN if missing."""
+    return np.array([aircraft[key] for flight_row in flight_rows for aircraft in flight_row.aircraft], dtype=float)
 
 
 def main() -> None:
     """Fly, compare, print."""
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("study", type=Path)
-    asked.add_argument("--flights", type=int, default=256)
-    asked.add_argument("--batch", type=int, default=64)
-    given = asked.parse_args()
-    cases = cases_of(given.study, given.flights)
-    chunks = [cases[k : k + given.batch] for k in range(0, len(cases), given.batch)]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("study", type=Path)
+    parser.add_argument("--flights", type=int, default=256)
+    parser.add_argument("--batch", type=int, default=64)
+    options = parser.parse_args()
+    cases = cases_of(options.study, options.flights)
+    chunks = [cases[k : k + options.batch] for k in range(0, len(cases), options.batch)]
     for precision in PRECISIONS:
         print(
             f"{precision}: the first chunk took {flown(chunks[0], precision)[1][0]:.1f} s, with compiling", flush=True
         )
-    found: dict[Precision, list[FlightRow]] = {precision: [] for precision in PRECISIONS}
+    rows_by_precision: dict[Precision, list[FlightRow]] = {precision: [] for precision in PRECISIONS}
     ratios = []
     for chunk in chunks:
         seconds = {}
         for precision in PRECISIONS:
-            rows, seconds[precision] = flown(chunk, precision)
-            found[precision] += rows
+            flight_rows, seconds[precision] = flown(chunk, precision)
+            rows_by_precision[precision] += flight_rows
         ratios.append(seconds["float64"] / seconds["float32"])
-    met = [[row.met for row in found[precision]] for precision in PRECISIONS]
+    successes = [[flight_row.met for flight_row in rows_by_precision[precision]] for precision in PRECISIONS]
     print(
-        f"met every requirement: {sum(met[0])} and {sum(met[1])} of {len(cases)}; "
-        f"another outcome in {np.sum(np.not_equal(met[0], met[1]))}"
+        f"met every requirement: {sum(successes[0])} and {sum(successes[1])} of {len(cases)}; "
+        f"another outcome in {np.sum(np.not_equal(successes[0], successes[1]))}"
     )
     for key in ("miss_m", "arrival_s"):
-        first, second = (numbers(found[precision], key) for precision in PRECISIONS)
-        off = np.abs(first - second)
-        words = ", ".join(f"{100 * share:g} % {np.quantile(off, share):.2g}" for share in SHARES)
-        print(f"{key}: median {np.median(first):.4g}; difference {words}")
-    for what, found_ratios in zip(("by the clock", "of the processor"), np.transpose(ratios), strict=True):
-        low, middle, high = np.quantile(found_ratios, (0.0, 0.5, 1.0))
-        print(f"float64 takes {middle:.2f} times as long {what} ({low:.2f} to {high:.2f} in {len(chunks)} pairs)")
+        values_64, values_32 = (numbers(rows_by_precision[precision], key) for precision in PRECISIONS)
+        difference = np.abs(values_64 - values_32)
+        quantiles_text = ", ".join(f"{100 * share:g} % {np.quantile(difference, share):.2g}" for share in SHARES)
+        print(f"{key}: median {np.median(values_64):.4g}; difference {quantiles_text}")
+    for clock, clock_ratios in zip(("by the clock", "of the processor"), np.transpose(ratios), strict=True):
+        low, middle, high = np.quantile(clock_ratios, (0.0, 0.5, 1.0))
+        print(f"float64 takes {middle:.2f} times as long {clock} ({low:.2f} to {high:.2f} in {len(chunks)} pairs)")
 
 
 if __name__ == "__main__":

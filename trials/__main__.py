@@ -1,4 +1,4 @@
-"""The command line: ``python -m trials``, in the root of the repository. Exit codes as those of anser."""
+"""The command line of the trials: ``python -m trials``, in the root of the repository. Exit codes as for anser."""
 
 import contextlib
 import gc
@@ -46,12 +46,12 @@ def plan_trials(
         bool, typer.Option("--resume", help="Go on with the file of an interrupted run: seeds it has are left out.")
     ] = False,
 ) -> None:
-    """Plan random scenarios; judge each plan densely, and each refusal by proofs and a second search.
+    """Plan random scenarios; check each plan densely, and each refusal by proofs and a second search.
 
-    The search solves the flights by direct collocation with IPOPT, from random flights: another method than the
-    planner's, in code of its own. It finds local solutions: a refusal that it does not contradict is not proved right.
+    The second search solves the flights by direct collocation with IPOPT, from random flights: a method independent of
+    the planner's, with separate code. It finds local solutions: a refusal without a counterexample is not proved right.
     """
-    wanted = _seeds(seeds)
+    seed_range = _seeds(seeds)
     must_be_in_range("--search-iterations", search_iterations, 1, 10_000_000)
     must_be_in_range("--jobs", jobs, 1, 1024)
     from trials.runner import run_trials
@@ -59,38 +59,43 @@ def plan_trials(
     from trials.trial_file import append_trial
 
     trials = _begin(out, search_iterations, resume)
-    there = {one.seed for one in trials}
-    missing = [seed for seed in wanted if seed not in there]
-    asked = len(wanted)
+    completed = {trial.seed for trial in trials}
+    remaining_seeds = [seed for seed in seed_range if seed not in completed]
+    seed_count = len(seed_range)
     stopped = False
-    with progress_bar() as tell, contextlib.closing(run_trials(missing, search_iterations, jobs)) as running:
-        tell("planning (the first time, this compiles)", 1.0 - len(missing) / asked)
+    with (
+        progress_bar() as report_progress,
+        contextlib.closing(run_trials(remaining_seeds, search_iterations, jobs)) as results,
+    ):
+        report_progress("planning (the first time, this compiles)", 1.0 - len(remaining_seeds) / seed_count)
         try:
-            for done, trial in enumerate(running, start=1):
+            for count, trial in enumerate(results, start=1):
                 append_trial(out, trial)
                 trials.append(trial)
-                tell(f"seed {trial.seed}: {trial.verdict}", 1.0 - (len(missing) - done) / asked)
+                report_progress(
+                    f"seed {trial.seed}: {trial.verdict}", 1.0 - (len(remaining_seeds) - count) / seed_count
+                )
         except KeyboardInterrupt:
             stopped = True
-    shown = tally([one for one in trials if wanted.start <= one.seed < wanted.stop])
+    counts = tally([trial for trial in trials if seed_range.start <= trial.seed < seed_range.stop])
     print_document(
         lambda: {
             "format_version": 1,
-            "seeds": [wanted.start, wanted.stop],
-            "done": shown.count(),
-            "by_rule": {rule: dict(verdicts) for rule, verdicts in shown.by_rule.items()},
-            "disagreements": list(shown.disagreements),
-            "passes": shown.passes,
+            "seeds": [seed_range.start, seed_range.stop],
+            "done": counts.count(),
+            "by_rule": {rule: dict(verdicts) for rule, verdicts in counts.by_rule.items()},
+            "disagreements": list(counts.disagreements),
+            "passes": counts.passes,
         }
     )
-    print_table(_table(shown))
-    for disagreement in shown.disagreements:
+    print_table(_table(counts))
+    for disagreement in counts.disagreements:
         print_problem(disagreement)
-    print_line(f"{out}: {shown.count()} of {asked} seeds")
+    print_line(f"{out}: {counts.count()} of {seed_count} seeds")
     if stopped:
         print_problem("stopped; --resume goes on from here")
         raise typer.Exit(INTERRUPTED)
-    if not shown.passes:
+    if not counts.passes:
         raise typer.Exit(1)
 
 
@@ -114,18 +119,18 @@ def main() -> None:
 
 def _seeds(text: str) -> range:
     try:
-        first, last = (int(part) for part in text.split(":"))
+        start, stop = (int(part) for part in text.split(":"))
     except ValueError:
         raise RefusedError(f"--seeds: arrived {text!r}; expected FIRST:LAST, such as 0:2000") from None
-    if not (0 <= first < last and last - first <= _SEEDS_MOST):
+    if not (0 <= start < stop and stop - start <= _SEEDS_MOST):
         raise RefusedError(
             f"--seeds: arrived {text!r}; expected 0 or more, then a greater number, {_SEEDS_MOST} seeds at most"
         )
-    return range(first, last)
+    return range(start, stop)
 
 
 def _begin(out: Path, iterations: int, resume: bool) -> "list[Trial]":
-    """Trials that are there already; without any, a new file."""
+    """Trials of a run to resume; otherwise an empty list and a new file."""
     from trials.trial_file import TrialFileError, begin_trials, read_trials
 
     try:
@@ -147,26 +152,26 @@ def _begin(out: Path, iterations: int, resume: bool) -> "list[Trial]":
     return []
 
 
-def _table(shown: "Tally") -> Table:
-    """Verdicts by rule, and of all."""
+def _table(counts: "Tally") -> Table:
+    """Table of verdicts by rule and in total."""
     table = plain_table("answers of the planner and what the judges say")
     table.add_column("rule", no_wrap=True)
     names = ("seeds", "plans", "of them\nfail", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
     for name in names:
         table.add_column(name, justify="right", no_wrap=True)
-    rows = {rule: shown.of_rule(rule) for rule in shown.by_rule} | {"all": shown}
-    for rule, part in rows.items():
-        bad = [part.count("fails"), part.count("found"), part.count("broken")]
-        fails, found, broken = (f"[red]{number}[/red]" if number else "0" for number in bad)
+    counts_by_rule = {rule: counts.of_rule(rule) for rule in counts.by_rule} | {"all": counts}
+    for rule, subset in counts_by_rule.items():
+        failures = [subset.count("fails"), subset.count("found"), subset.count("broken")]
+        fails, contradicted, broken = (f"[red]{number}[/red]" if number else "0" for number in failures)
         table.add_row(
             rule,
-            str(part.count()),
-            str(part.planned),
+            str(subset.count()),
+            str(subset.planned),
             fails,
-            str(part.refused),
-            str(part.count("proved")),
-            str(part.count("not found")),
-            found,
+            str(subset.refused),
+            str(subset.count("proved")),
+            str(subset.count("not found")),
+            contradicted,
             broken,
             style="bold" if rule == "all" else None,
         )

@@ -1,9 +1,9 @@
-"""Random tasks of one and three aircraft: whether a plan arrives as soon as the rule of arrival promises.
+"""Random tasks of one and three aircraft: whether a plan arrives as early as the arrival rule promises.
 
 ``python -m trials.arrival_times --seeds 0:200 --out build/arrival-times.jsonl``
 
-Reference: the time of the straight way at the fleet's airspeed, or the first time after it at which the rule "at" (for
-a sequence or a window, "times") plans: a scan forwards in steps of half a second, refined at its end.
+Reference: the time of the straight line at the fleet's airspeed, or the first later time with a plan under the rule
+"at" (for a sequence or a window, "times"): a forward scan in steps of half a second, refined at its end.
 """
 
 import argparse
@@ -27,9 +27,9 @@ from anser.planning.certified.task import AircraftTask, ArrivalRequest
 from anser.scenario import Scenario, loads
 
 TOLERANCE = 0.01
-"""Part of the reference by which an arrival may be later, or earlier."""
+"""Accepted deviation of an arrival from the reference, as a fraction."""
 EXCEPTIONS_MOST = 0.02
-"""Part of the tasks that may be later all the same."""
+"""Accepted fraction of late or early tasks."""
 RULES = ("together", "sequence", "at", "times", "windows", "earliest")
 _UNPLANNED = {("refused", rule) for rule in ("together", "sequence", "windows", "earliest")}
 _STEP_S, _REFINED_S = 0.5, 0.02
@@ -46,13 +46,13 @@ class ArrivalTrial:
     verdict
         "on time", "late", "early" or "refused".
     straight_s, reference_s, planned_s
-        Per aircraft: of the straight way at the fleet's airspeed, what is promised, what is planned; s.
+        Per aircraft: time of the straight line at the fleet's airspeed, promised time, planned time; s.
     ratio
-        Greatest of planned by reference.
+        Greatest ratio of planned to reference time.
     climb_use
-        Greatest part of the rate of climb or descent that the change of altitude takes on the mean.
+        Greatest mean rate of climb or descent, as a fraction of its limit.
     plan_s, attempts
-        Time of the planner, compiling included, s, and its attempts.
+        Planning time with compilation, s, and number of attempts.
     """
 
     seed: int
@@ -71,7 +71,7 @@ class ArrivalTrial:
 
 
 def random_scenario(seed: int) -> tuple[Scenario, str]:
-    """Draw a scenario, and what its aircraft do: "level" (half of them to the last bit), "climb" or "descent"."""
+    """Draw a scenario and its kind of flight: "level" (half of them exactly), "climb" or "descent"."""
     rng = np.random.default_rng([17, seed])
     size, kind = int(rng.choice([1, 3])), str(rng.choice(list(_CLIMBS_M)))
     rule = RULES[seed % len(RULES)]
@@ -88,12 +88,12 @@ def random_scenario(seed: int) -> tuple[Scenario, str]:
         lines.append(f"limits.climb_rate_max_m_s = {rng.uniform(8.0, 30.0):.3f}")
     if size > 1:
         lines.append("separation = { horizontal_m = 300.0, vertical_m = 150.0 }")
-    line, later = rng.uniform(0.0, 360.0), rng.uniform(1.05, 1.5)
+    line, delay_factor = rng.uniform(0.0, 360.0), rng.uniform(1.05, 1.5)
     distance = rng.uniform(6e3, 13e3, size)
-    given_s = later * distance / (speed - 25.0)
-    more = f", time_s = {np.max(given_s):.2f}" if rule == "at" else ""
-    more += f", spacing_s = {rng.uniform(3.0, 30.0):.2f}" if rule == "sequence" else ""
-    lines.append(f'arrival = {{ rule = "{rule}"{more} }}')
+    arrival_times_s = delay_factor * distance / (speed - 25.0)
+    rule_options = f", time_s = {np.max(arrival_times_s):.2f}" if rule == "at" else ""
+    rule_options += f", spacing_s = {rng.uniform(3.0, 30.0):.2f}" if rule == "sequence" else ""
+    lines.append(f'arrival = {{ rule = "{rule}"{rule_options} }}')
     for k in range(size):
         line += rng.uniform(40.0, 110.0)
         goal_n, goal_e = 1200.0 * np.array([np.cos(2.0 * k), np.sin(2.0 * k)])
@@ -102,17 +102,17 @@ def random_scenario(seed: int) -> tuple[Scenario, str]:
         altitude, rise = rng.uniform(1200.0, 3500.0), rng.uniform(*_CLIMBS_M[kind])
         rise = 0.0 if kind == "level" and rng.random() < 0.5 else rise
         course = np.remainder(line + rng.uniform(-30.0, 30.0) + 360.0, 360.0) - 180.0
-        own_speed = speed + rng.uniform(-8.0, 8.0)
-        own = ""
+        start_speed = speed + rng.uniform(-8.0, 8.0)
+        aircraft_options = ""
         if rule == "times":
-            own = f"arrive_s = {given_s[k]:.2f}"
+            aircraft_options = f"arrive_s = {arrival_times_s[k]:.2f}"
         if rule == "windows":
             from_s = distance[k] / speed * rng.uniform(0.7, 1.3)
-            own = f"arrive_from_s = {from_s:.2f}\narrive_to_s = {from_s + rng.uniform(20.0, 80.0):.2f}"
+            aircraft_options = f"arrive_from_s = {from_s:.2f}\narrive_to_s = {from_s + rng.uniform(20.0, 80.0):.2f}"
         lines.append(
-            f'[[aircraft]]\nname = "a{k}"\ngoal = "g{k}"\n{own}\n'
+            f'[[aircraft]]\nname = "a{k}"\ngoal = "g{k}"\n{aircraft_options}\n'
             f"start = {{ north_m = {north:.3f}, east_m = {east:.3f}, altitude_m = {altitude:.6f}, "
-            f"speed_m_s = {own_speed:.3f}, course_deg = {course:.3f} }}\n"
+            f"speed_m_s = {start_speed:.3f}, course_deg = {course:.3f} }}\n"
             f"rendezvous = {{ stand_off_up_m = {altitude + rise:.6f} }}\n"
             f'[[goal]]\nname = "g{k}"\nkind = "surface"\nnorth_m = {goal_n:.3f}\neast_m = {goal_e:.3f}\n'
             f"speed_m_s = {goal_speed:.3f}\ncourse_deg = {goal_course:.3f}"
@@ -121,9 +121,9 @@ def random_scenario(seed: int) -> tuple[Scenario, str]:
 
 
 def straight_times(scenario: Scenario, tasks: AircraftTask) -> Float[np.ndarray, " aircraft"]:
-    """Time of the straight way to the moving rendezvous at the fleet's airspeed, s: a quadratic in time.
+    """Time of the straight line to the moving rendezvous at the fleet's airspeed, s: a quadratic equation in time.
 
-    The air moves steadily, so relative to it the rendezvous does too.
+    The air moves steadily, so the rendezvous moves steadily relative to the air.
     """
     n = len(scenario.aircraft)
     north, east, up = scenario.wind.velocity_m_s(0.0)
@@ -136,19 +136,19 @@ def straight_times(scenario: Scenario, tasks: AircraftTask) -> Float[np.ndarray,
 
 @dataclass(frozen=True)
 class _Scan:
-    """Arrival times tried one after the other for a planned scenario."""
+    """Scan over arrival times for a planned scenario."""
 
     planned: CertifiedFirstPlan
 
     def plans(self, tasks: AircraftTask, times_s: Float[np.ndarray, " aircraft"]) -> bool:
-        """Whether the planner plans for given arrival times, s."""
+        """Whether a plan exists for given arrival times, s."""
         scenario, planner = self.planned.scenario, self.planned.flight.planner
         request = ArrivalRequest("times", scenario.timing.latest_arrival_s, times_s)
         outcome, _ = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s)  # pyright: ignore
         return outcome.plan is not None
 
     def first(self, tasks: AircraftTask, begin_s: float, end_s: float, offsets_s: Float[np.ndarray, " fleet"]) -> float:
-        """First arrival time from one to another, which is known to work, s."""
+        """First feasible arrival time from `begin_s` to `end_s`, a feasible time, s."""
         low, high = begin_s, end_s
         for step in np.arange(begin_s, end_s, _STEP_S):
             if self.plans(tasks, step + offsets_s):
@@ -162,7 +162,7 @@ class _Scan:
 
 
 def _reference(planned: CertifiedFirstPlan, straight_s: np.ndarray, planned_s: np.ndarray) -> np.ndarray:
-    """Promised arrival time of each aircraft, s; scans only where the plan is later than the straight way allows."""
+    """Promised arrival time of each aircraft, s; scans only if the plan is later than the straight line allows."""
     scenario, n, tasks = planned.scenario, straight_s.size, planned.padded_tasks
     count = np.asarray(tasks.active).size
     request, scan = arrival_request(scenario, count), _Scan(planned)
@@ -223,27 +223,27 @@ def main() -> None:
     parser.add_argument("--seeds", default="0:200", help="FIRST:LAST of the seeds, the last left out")
     parser.add_argument("--out", type=Path, required=True, help="file of results, one JSON line per seed; continued")
     arguments = parser.parse_args()
-    first, last = (int(part) for part in arguments.seeds.split(":"))
+    start, stop = (int(part) for part in arguments.seeds.split(":"))
     enable_compilation_cache()
-    rows: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     if arguments.out.exists():
-        rows = [json.loads(line) for line in arguments.out.read_text(encoding="utf-8").splitlines()]
-    present = {row["seed"] for row in rows}
-    # Rule by rule, for each compiles programs of its own.
-    for seed in sorted(set(range(first, last)) - present, key=lambda seed: (seed % len(RULES), seed)):
-        row = asdict(arrival_trial(seed))
-        rows.append(row)
+        results = [json.loads(line) for line in arguments.out.read_text(encoding="utf-8").splitlines()]
+    present = {result["seed"] for result in results}
+    # Rule by rule, because each rule needs different compiled programs.
+    for seed in sorted(set(range(start, stop)) - present, key=lambda seed: (seed % len(RULES), seed)):
+        result = asdict(arrival_trial(seed))
+        results.append(result)
         with arguments.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(row) + "\n")
-        print(f"seed {seed}: {row['rule']}, {row['verdict']}, {row['plan_s']:.1f} s", flush=True)  # noqa: T201
-    rows = [row for row in rows if first <= row["seed"] < last]
+            file.write(json.dumps(result) + "\n")
+        print(f"seed {seed}: {result['rule']}, {result['verdict']}, {result['plan_s']:.1f} s", flush=True)  # noqa: T201
+    results = [result for result in results if start <= result["seed"] < stop]
     for rule in RULES:
-        print(rule, dict(Counter(row["verdict"] for row in rows if row["rule"] == rule)))  # noqa: T201
-    # A refusal of a given time is an answer; where the rule leaves the time open, there should be a plan.
-    exceptions = [r for r in rows if r["verdict"] in ("late", "early") or (r["verdict"], r["rule"]) in _UNPLANNED]
-    for row in exceptions:
-        print(json.dumps(row))  # noqa: T201
-    sys.exit(len(exceptions) > EXCEPTIONS_MOST * len(rows))
+        print(rule, dict(Counter(result["verdict"] for result in results if result["rule"] == rule)))  # noqa: T201
+    # A refusal of prescribed times is legitimate; with free times there should be a plan.
+    exceptions = [r for r in results if r["verdict"] in ("late", "early") or (r["verdict"], r["rule"]) in _UNPLANNED]
+    for result in exceptions:
+        print(json.dumps(result))  # noqa: T201
+    sys.exit(len(exceptions) > EXCEPTIONS_MOST * len(results))
 
 
 if __name__ == "__main__":

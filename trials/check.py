@@ -1,4 +1,4 @@
-"""Dense check of a plan: every limit, separation and arrival at every millisecond, by formulas of its own."""
+"""Dense check of a plan: every limit, separation and arrival at every millisecond, by independent formulas."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,9 +11,9 @@ from trials.separation import PairReport, chord_blocks, least_clearances
 __all__ = ["check_rule", "dense_check"]
 
 _CHUNK = 16384
-"""Samples worked on at once: they fit the processor's cache."""
+"""Samples per step of the computation: they fit the processor's cache."""
 _CELL_SAMPLES = 8
-"""Samples within a cell shorter than as many steps, so that none slips through between two milliseconds."""
+"""Samples within a cell shorter than this number of steps, so that no cell lies between two grid times unchecked."""
 _LOWEST = ("speed_min", "altitude_min")
 
 
@@ -24,30 +24,30 @@ def dense_check(
     step: float = 1e-3,
     tolerances: Tolerances | None = None,
 ) -> PlanReport:
-    """Check delivered paths against everything that was asked.
+    """Check delivered paths against every requirement of the task.
 
     Parameters
     ----------
     paths
         The plan.
     case
-        What was asked.
+        Planning task.
     arrival_times
-        When each aircraft is said to arrive, s.
+        Stated arrival time of each aircraft, s.
     step
-        Time between samples, s; every knot, and points within shorter cells, are looked at besides.
+        Time between samples, s; every knot, and points within shorter cells, are checked additionally.
     tolerances
-        What still passes.
+        Accepted deviations.
 
     Returns
     -------
-    Extremes, margins, and every breach. A plan with a number that is not finite, times that fall, or no cell has one
-    breach, "unusable", and no figures.
+    Extremes, margins, and every breach. A plan with a non-finite number, decreasing times or no cell has one breach,
+    "unusable", and no figures.
 
     Raises
     ------
     ValueError
-        If there is not one path and one arrival time per aircraft.
+        If the numbers of paths and arrival times differ from the number of aircraft.
     """
     allowed = tolerances or Tolerances()
     if paths.times.shape[0] != case.size or arrival_times.size != case.size:
@@ -61,37 +61,37 @@ def dense_check(
     ground = paths.air_n + paths.drift_n
     breaches: list[Breach] = []
     cells = [path_cells(t, k) for t, k in zip(paths.times, ground, strict=True)]
-    rows = [
-        _Aircraft(who, cell, path_cells(t, drift), case, step)
-        for who, (cell, t, drift) in enumerate(zip(cells, paths.times, paths.drift_n, strict=True))
+    samples = [
+        _Aircraft(aircraft, cell, path_cells(t, drift), case, step)
+        for aircraft, (cell, t, drift) in enumerate(zip(cells, paths.times, paths.drift_n, strict=True))
     ]
-    extremes = {limit: np.array([row.extremes[limit][0] for row in rows]) for limit in LIMITS}
+    extremes = {limit: np.array([sample.extremes[limit][0] for sample in samples]) for limit in LIMITS}
     excess = {limit: _excess(limit, extremes[limit], case.limits) for limit in LIMITS}
     for limit, unit in LIMITS.items():
-        for who in np.flatnonzero(~(excess[limit] <= allowed.of_limit(limit))):
-            moment = rows[who].extremes[limit][1]
-            breaches.append(Breach(limit, (int(who),), float(excess[limit][who]), unit, moment))
-    for who, row in enumerate(rows):
-        for which in np.flatnonzero(~(row.keep_out[:, 0] >= -allowed.position)):
-            inside, moment = row.keep_out[which]
-            breaches.append(Breach("keep_out", (who, int(which)), float(-inside), "m", float(moment)))
+        for aircraft in np.flatnonzero(~(excess[limit] <= allowed.of_limit(limit))):
+            worst_time = samples[aircraft].extremes[limit][1]
+            breaches.append(Breach(limit, (int(aircraft),), float(excess[limit][aircraft]), unit, worst_time))
+    for aircraft, sample in enumerate(samples):
+        for volume in np.flatnonzero(~(sample.keep_out[:, 0] >= -allowed.position)):
+            inside, worst_time = sample.keep_out[volume]
+            breaches.append(Breach("keep_out", (aircraft, int(volume)), float(-inside), "m", float(worst_time)))
     pairs = least_clearances(
         cells,
-        [row.blocks for row in rows],
+        [sample.blocks for sample in samples],
         paths.times[:, -1],
         (case.separation_horizontal, case.separation_vertical),
         float(case.starts.time),
         step,
     )
     for k in np.flatnonzero(~(pairs.clearance >= -allowed.position)):
-        who = (int(pairs.first[k]), int(pairs.second[k]))
-        breaches.append(Breach("separation", who, float(-pairs.clearance[k]), "m", float(pairs.time[k])))
+        aircraft = (int(pairs.first[k]), int(pairs.second[k]))
+        breaches.append(Breach("separation", aircraft, float(-pairs.clearance[k]), "m", float(pairs.time[k])))
     breaches += _start_breaches(paths.times[:, 0], ground[:, 0], case, allowed)
     breaches += _jumps(paths.times, ground, allowed)
     miss, late = _arrival(paths.times[:, -1], ground[:, -1], case, arrival_times, allowed)
     breaches += late + check_rule(case.rule, arrival_times, allowed.time)
-    clearances = np.array([row.keep_out[:, 0] for row in rows])
-    wind_error = np.array([row.wind_error for row in rows])
+    clearances = np.array([sample.keep_out[:, 0] for sample in samples])
+    wind_error = np.array([sample.wind_error for sample in samples])
     return PlanReport(extremes, excess, pairs, clearances, miss, wind_error, tuple(breaches))
 
 
@@ -105,13 +105,13 @@ def _unusable(paths: Paths, arrival_times: Float[np.ndarray, " aircraft"]) -> tu
     for values in finite:
         good = good & values.reshape(values.shape[0], -1).all(axis=1)
     good = good & (np.diff(paths.times, axis=1) >= 0.0).all(axis=1) & (paths.times[:, -1] > paths.times[:, 0])
-    return tuple(Breach("unusable", (int(who),), np.inf, "-", np.nan) for who in np.flatnonzero(~good))
+    return tuple(Breach("unusable", (int(aircraft),), np.inf, "-", np.nan) for aircraft in np.flatnonzero(~good))
 
 
 class _Aircraft:
-    """Samples of one aircraft boiled down: extremes with their times, keep-outs, and chords for separation."""
+    """Reduced samples of one aircraft: extremes with their times, keep-out distances, and chords for the separation."""
 
-    def __init__(self, who: int, cells: PathCells, drift: PathCells, case: PlanCase, step: float) -> None:
+    def __init__(self, aircraft: int, cells: PathCells, drift: PathCells, case: PlanCase, step: float) -> None:
         begin, end = cells.begin[0], cells.end[-1]
         count = int(np.floor((end - begin) / step + 1e-9)) + 1
         grid = np.minimum(begin + step * np.arange(count), end)
@@ -121,8 +121,8 @@ class _Aircraft:
         self.keep_out = np.full((case.keep_outs.radius.size, 2), np.inf)
         self.wind_error = 0.0
         self._case = case
-        for first in range(0, count, _CHUNK):
-            part = slice(first, first + _CHUNK)
+        for start in range(0, count, _CHUNK):
+            part = slice(start, start + _CHUNK)
             self._look(grid[part], samples[:, part])
         extra = _between(cells, step)
         at_extra = cells.at(extra)
@@ -132,34 +132,34 @@ class _Aircraft:
 
     def _look(self, time: Float[np.ndarray, " time"], motion: Float[np.ndarray, "9 time"]) -> None:
         case, altitude = self._case, -motion[2]
-        asked = path_demands(motion[3:6], motion[6:9], case.wind.at(altitude), case.gravity)
+        demands = path_demands(motion[3:6], motion[6:9], case.wind.at(altitude), case.gravity)
         values = {
-            "speed_min": asked.speed,
-            "speed_max": asked.speed,
-            "bank_max": np.abs(np.arctan2(asked.side, asked.normal)),
-            "load_factor_max": np.hypot(asked.side, asked.normal) / case.gravity,
-            "climb_rate_max": np.abs(asked.climb_rate),
+            "speed_min": demands.speed,
+            "speed_max": demands.speed,
+            "bank_max": np.abs(np.arctan2(demands.side, demands.normal)),
+            "load_factor_max": np.hypot(demands.side, demands.normal) / case.gravity,
+            "climb_rate_max": np.abs(demands.climb_rate),
             "altitude_min": altitude,
             "altitude_max": altitude,
-            "acceleration_max": asked.along,
-            "deceleration_max": -asked.along,
+            "acceleration_max": demands.along,
+            "deceleration_max": -demands.along,
         }
         for limit, series in values.items():
             lowest = limit in _LOWEST
             at = int(np.argmin(series) if lowest else np.argmax(series))
-            now, worst = float(series[at]), self.extremes[limit][0]
-            # Written so that NaN, which argmin and argmax point at, is kept and then breaks the limit.
-            if not np.isnan(worst) and not (now >= worst if lowest else now <= worst):
-                self.extremes[limit] = (now, float(time[at]))
-        for which in range(self.keep_out.shape[0]):
-            clearance = case.keep_outs.clearance(which, time, motion[:3])
+            value, worst = float(series[at]), self.extremes[limit][0]
+            # Written so that NaN, which argmin and argmax return, is stored and then violates the limit.
+            if not np.isnan(worst) and not (value >= worst if lowest else value <= worst):
+                self.extremes[limit] = (value, float(time[at]))
+        for volume in range(self.keep_out.shape[0]):
+            clearance = case.keep_outs.clearance(volume, time, motion[:3])
             at = int(np.argmin(clearance))
-            if clearance[at] < self.keep_out[which, 0]:
-                self.keep_out[which] = clearance[at], time[at]
+            if clearance[at] < self.keep_out[volume, 0]:
+                self.keep_out[volume] = clearance[at], time[at]
 
 
 def _between(cells: PathCells, step: float) -> Float[np.ndarray, " time"]:
-    """Knots, and instants within cells too short for the grid, s."""
+    """Knots, and additional times within cells too short for the grid, s."""
     short = cells.end - cells.begin < _CELL_SAMPLES * step
     share = np.arange(1, _CELL_SAMPLES) / _CELL_SAMPLES
     inside = cells.begin[short, None] + share * (cells.end - cells.begin)[short, None]
@@ -173,64 +173,76 @@ def _excess(limit: str, extreme: Float[np.ndarray, " aircraft"], limits: FleetLi
 
 def _start_breaches(
     begin: Float[np.ndarray, " aircraft"],
-    first: Float[np.ndarray, "aircraft 3 3"],
+    first_states: Float[np.ndarray, "aircraft 3 3"],
     case: PlanCase,
     allowed: Tolerances,
 ) -> list[Breach]:
-    wanted = np.stack([case.starts.position_n, case.starts.velocity_n, case.starts.acceleration_n], axis=1)
-    off = np.linalg.norm(first - wanted, axis=2)
+    required_states = np.stack([case.starts.position_n, case.starts.velocity_n, case.starts.acceleration_n], axis=1)
+    deviation = np.linalg.norm(first_states - required_states, axis=2)
     breaches = [
-        Breach("start_time", (int(who),), float(abs(begin[who] - case.starts.time)), "s", float(begin[who]))
-        for who in np.flatnonzero(~(np.abs(begin - case.starts.time) <= allowed.time))
+        Breach(
+            "start_time", (int(aircraft),), float(abs(begin[aircraft] - case.starts.time)), "s", float(begin[aircraft])
+        )
+        for aircraft in np.flatnonzero(~(np.abs(begin - case.starts.time) <= allowed.time))
     ]
     kinds = (("position", "m", allowed.position), ("velocity", "m/s", allowed.velocity))
-    for order, (kind, unit, most) in enumerate((*kinds, ("acceleration", "m/s^2", allowed.acceleration))):
-        for who in np.flatnonzero(~(off[:, order] <= most)):
-            breaches.append(Breach(f"start_{kind}", (int(who),), float(off[who, order]), unit, float(begin[who])))
+    for order, (kind, unit, tolerance) in enumerate((*kinds, ("acceleration", "m/s^2", allowed.acceleration))):
+        for aircraft in np.flatnonzero(~(deviation[:, order] <= tolerance)):
+            breaches.append(
+                Breach(
+                    f"start_{kind}", (int(aircraft),), float(deviation[aircraft, order]), unit, float(begin[aircraft])
+                )
+            )
     return breaches
 
 
 def _jumps(
     times: Float[np.ndarray, "aircraft knot"], ground: Float[np.ndarray, "aircraft knot 3 3"], allowed: Tolerances
 ) -> list[Breach]:
-    """Jumps across empty cells: both ends of every other cell are shared with its neighbours."""
+    """Jumps across empty cells; both ends of a non-empty cell are shared with its neighbours."""
     empty = np.diff(times, axis=1) <= EMPTY_S
     jump = np.linalg.norm(np.diff(ground, axis=1), axis=3) * empty[:, :, None]
     breaches = []
     kinds = (("position", "m", allowed.position), ("velocity", "m/s", allowed.velocity))
-    for order, (kind, unit, most) in enumerate((*kinds, ("acceleration", "m/s^2", allowed.acceleration))):
+    for order, (kind, unit, tolerance) in enumerate((*kinds, ("acceleration", "m/s^2", allowed.acceleration))):
         at = np.argmax(jump[:, :, order], axis=1)
         worst = np.take_along_axis(jump[:, :, order], at[:, None], axis=1)[:, 0]
-        for who in np.flatnonzero(~(worst <= most)):
-            breaches.append(Breach(f"jump_{kind}", (int(who),), float(worst[who]), unit, float(times[who, at[who]])))
+        for aircraft in np.flatnonzero(~(worst <= tolerance)):
+            breaches.append(
+                Breach(
+                    f"jump_{kind}", (int(aircraft),), float(worst[aircraft]), unit, float(times[aircraft, at[aircraft]])
+                )
+            )
     return breaches
 
 
 def _arrival(
     end: Float[np.ndarray, " aircraft"],
-    last: Float[np.ndarray, "aircraft 3 3"],
+    last_states: Float[np.ndarray, "aircraft 3 3"],
     case: PlanCase,
     arrival_times: Float[np.ndarray, " aircraft"],
     allowed: Tolerances,
 ) -> tuple[Float[np.ndarray, " aircraft"], list[Breach]]:
-    """Distance from each rendezvous, and everything that is wrong about the arrivals."""
+    """Distance from each rendezvous, and the breaches at the arrivals."""
     breaches, miss = [], np.empty(end.size)
-    for who in range(end.size):
-        claimed = float(arrival_times[who])
+    for aircraft in range(end.size):
+        claimed = float(arrival_times[aircraft])
 
-        def note(kind: str, amount: float, unit: str, most: float, who: int = who, time: float = claimed) -> None:
-            if not amount <= most:
-                breaches.append(Breach(kind, (who,), amount, unit, time))
+        def note(
+            kind: str, amount: float, unit: str, tolerance: float, aircraft: int = aircraft, time: float = claimed
+        ) -> None:
+            if not amount <= tolerance:
+                breaches.append(Breach(kind, (aircraft,), amount, unit, time))
 
-        meeting = case.goals.meeting_n(who, arrival_times[who : who + 1])[0]
-        miss[who] = np.linalg.norm(last[who, 0] - meeting)
-        note("arrival_time", float(abs(end[who] - claimed)), "s", allowed.time)
-        note("arrival_position", float(miss[who]), "m", allowed.position)
-        north, east, down = last[who, 1]
-        course, path_angle = case.goals.course[who], case.goals.path_angle[who]
+        meeting = case.goals.meeting_n(aircraft, arrival_times[aircraft : aircraft + 1])[0]
+        miss[aircraft] = np.linalg.norm(last_states[aircraft, 0] - meeting)
+        note("arrival_time", float(abs(end[aircraft] - claimed)), "s", allowed.time)
+        note("arrival_position", float(miss[aircraft]), "m", allowed.position)
+        north, east, down = last_states[aircraft, 1]
+        course, path_angle = case.goals.course[aircraft], case.goals.path_angle[aircraft]
         if np.isfinite(course):
-            turned = np.remainder(np.arctan2(east, north) - course + np.pi, 2.0 * np.pi) - np.pi
-            note("arrival_course", float(abs(turned)), "rad", allowed.angle)
+            course_error = np.remainder(np.arctan2(east, north) - course + np.pi, 2.0 * np.pi) - np.pi
+            note("arrival_course", float(abs(course_error)), "rad", allowed.angle)
         if np.isfinite(path_angle):
             note(
                 "arrival_path_angle",
@@ -242,18 +254,18 @@ def _arrival(
 
 
 def check_rule(rule: ArrivalRule, arrival_times: Float[np.ndarray, " aircraft"], tolerance: float) -> list[Breach]:
-    """Breaches of the fleet's arrival rule by arrival times, s; that "earliest" is the earliest is not looked at."""
+    """Breaches of the fleet's arrival rule by arrival times, s; for "earliest", optimality is not checked."""
     if rule.name in ("together", "earliest"):
-        off = arrival_times - arrival_times[0]
+        deviation = arrival_times - arrival_times[0]
     elif rule.name in ("at", "times"):
-        off = arrival_times - rule.times
+        deviation = arrival_times - rule.times
     elif rule.name == "sequence":
         in_order = arrival_times - rule.spacing * rule.ranks()
-        off = in_order - in_order[rule.order[0]]
+        deviation = in_order - in_order[rule.order[0]]
     else:
         early, late = rule.windows.T
-        off = np.maximum(np.maximum(early - arrival_times, arrival_times - late), 0.0)
+        deviation = np.maximum(np.maximum(early - arrival_times, arrival_times - late), 0.0)
     return [
-        Breach("arrival_rule", (int(who),), float(abs(off[who])), "s", float(arrival_times[who]))
-        for who in np.flatnonzero(~(np.abs(off) <= tolerance))
+        Breach("arrival_rule", (int(aircraft),), float(abs(deviation[aircraft])), "s", float(arrival_times[aircraft]))
+        for aircraft in np.flatnonzero(~(np.abs(deviation) <= tolerance))
     ]

@@ -1,11 +1,11 @@
-"""Files of the cache of compiled programs, damaged in every way: each is made anew, none is used, nothing fails.
+"""Files of the cache of compiled programs, damaged in every way: each is rebuilt, none is used, nothing fails.
 
 ``python -m trials.damaged_caches --mutations 1000``
 
-Each mutation is made in a store of three small programs, by a seed of its own, of each kind in turn. Then the program
-is called as in a new process: its result must be right to the last bit, and the damaged file must have been replaced
-or, where the place is not the user's alone, left unused. Not tried: machine code that somebody changed and sealed with
-a checksum that fits. That is executed (docs/command-line.md).
+Each mutation damages a store of three small programs, by its own seed, with every kind in turn. Then the program is
+called as in a new process: its result must be exact to the last bit, and the damaged file must have been replaced or,
+in a folder not exclusive to the user, ignored. Out of scope: machine code changed and resealed with a valid checksum,
+which is executed (docs/command-line.md).
 """
 
 import argparse
@@ -43,20 +43,20 @@ _ANOTHER_USER = 12_345
 
 
 class Outcome(NamedTuple):
-    """What came of a mutation: its kind, and what is wrong, if anything is."""
+    """Result of a mutation: its kind, and the fault, if any."""
 
     kind: str
     fault: str | None
 
 
-class Harm:
-    """Unpickled, it leaves a file behind."""
+class FileCreator:
+    """Object that creates a file when unpickled."""
 
     def __init__(self, trace: Path) -> None:
         self.trace = trace
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Call that the unpickler makes."""
+        """Call made by the unpickler."""
         return Path.touch, (self.trace,)
 
 
@@ -67,18 +67,18 @@ def _rewritten(change: Callable[[bytearray, np.random.Generator], bytes | bytear
     return damage
 
 
-def _flipped(held: bytearray, random: np.random.Generator, end: int | None = None) -> bytearray:
-    held[int(random.integers(len(held) if end is None else end))] ^= 1 << int(random.integers(8))
-    return held
+def _flipped(content: bytearray, random: np.random.Generator, end: int | None = None) -> bytearray:
+    content[int(random.integers(len(content) if end is None else end))] ^= 1 << int(random.integers(8))
+    return content
 
 
-def _zeroed(held: bytearray, random: np.random.Generator) -> bytearray:
-    first = int(random.integers(len(held) - 1))
-    length = min(int(random.integers(1, 4096)), len(held) - first)
-    while not any(held[first : first + length]):  # zeros already
-        first, length = first - 1, length + 1
-    held[first : first + length] = bytes(length)
-    return held
+def _zeroed(content: bytearray, random: np.random.Generator) -> bytearray:
+    start = int(random.integers(len(content) - 1))
+    length = min(int(random.integers(1, 4096)), len(content) - start)
+    while not any(content[start : start + length]):  # already zero
+        start, length = start - 1, length + 1
+    content[start : start + length] = bytes(length)
+    return content
 
 
 def _sealed(path: Path, content: bytes) -> None:
@@ -86,7 +86,7 @@ def _sealed(path: Path, content: bytes) -> None:
 
 
 def _with_header(path: Path, header: bytes) -> None:
-    """Another structure, with the checksum that fits."""
+    """Replace the structure, with a valid checksum."""
     content = path.read_bytes()[_HEAD:]
     end = 8 + int.from_bytes(content[:8], "big")
     _sealed(path, len(header).to_bytes(8, "big") + header + content[end:])
@@ -104,23 +104,23 @@ def _random_structure(path: Path, random: np.random.Generator) -> None:
 
 def _pickled_structure(path: Path, random: np.random.Generator) -> None:
     del random
-    _with_header(path, pickle.dumps(Harm(path.parent / "harm")))
+    _with_header(path, pickle.dumps(FileCreator(path.parent / "harm")))
 
 
 def _pickled_code(path: Path, random: np.random.Generator) -> None:
     del random
     content = path.read_bytes()[_HEAD:]
     end = 8 + int.from_bytes(content[:8], "big")
-    _sealed(path, content[:end] + pickle.dumps(Harm(path.parent / "harm")))
+    _sealed(path, content[:end] + pickle.dumps(FileCreator(path.parent / "harm")))
 
 
 def _of_another_program(path: Path, random: np.random.Generator) -> None:
-    others = [other for other in sorted(path.parent.glob("*.program")) if other != path]
-    path.write_bytes(others[int(random.integers(len(others)))].read_bytes())
+    other_files = [other_file for other_file in sorted(path.parent.glob("*.program")) if other_file != path]
+    path.write_bytes(other_files[int(random.integers(len(other_files)))].read_bytes())
 
 
 def _sealed_without_key(path: Path, random: np.random.Generator) -> None:
-    """As the first format was: the checksum is that of the content alone."""
+    """Seal as in the first format: the checksum covers the content alone."""
     del random
     content = path.read_bytes()[_HEAD:]
     path.write_bytes(path.read_bytes()[:16] + hashlib.sha256(content).digest() + content)
@@ -174,16 +174,16 @@ DAMAGES: dict[str, Damage] = {
     "in a folder writable for others": _folder_writable,
 } | ({"of another user": _given_away} if os.geteuid() == 0 else {})
 _UNUSED = ("folder", "in a folder writable for others", "of another user")
-"""Kinds whose file may stay as it is: it is not used."""
+"""Kinds of damage after which the file may remain: it is ignored."""
 
 
 def mutate(seed: int, store: FolderStore, expected: list[bytes]) -> Outcome:
-    """Damage a file of the store, and call its program as a new process would; the store is repaired afterwards."""
+    """Damage a file of the store, and call its program as in a new process; the store is restored afterwards."""
     random = np.random.default_rng([17, seed])
     kind = sorted(DAMAGES)[seed % len(DAMAGES)]
     number = int(random.integers(len(_PROGRAMS)))
     function, arguments = _PROGRAMS[number]
-    before = {path: path.read_bytes() for path in store.files()}
+    contents = {path: path.read_bytes() for path in store.files()}
     path = _file_of(number, store)
     DAMAGES[kind](path, random)
     damaged = path.read_bytes() if stat.S_ISREG(path.lstat().st_mode) else None
@@ -193,7 +193,7 @@ def mutate(seed: int, store: FolderStore, expected: list[bytes]) -> Outcome:
             fault = "another result"
         elif (store.folder / "harm").exists():
             fault = "a pickle was run"
-        elif kind not in _UNUSED and (path.is_symlink() or path.read_bytes() == damaged != before[path]):
+        elif kind not in _UNUSED and (path.is_symlink() or path.read_bytes() == damaged != contents[path]):
             fault = "the damaged file stayed"
         elif kind not in _UNUSED and store.load(path.stem) is None:
             fault = "not made anew"
@@ -201,14 +201,14 @@ def mutate(seed: int, store: FolderStore, expected: list[bytes]) -> Outcome:
         fault = repr(error)
     shutil.rmtree(store.folder)
     store.folder.mkdir(mode=0o700)
-    for whole, content in before.items():
+    for whole, content in contents.items():
         whole.write_bytes(content)
         whole.chmod(0o600)
     return Outcome(kind, fault)
 
 
 def _file_of(number: int, store: FolderStore) -> Path:
-    """File of a program: the one that is used when it is called."""
+    """File used by a call of a program."""
     for path in store.files():
         os.utime(path, ns=(0, 0))
     function, arguments = _PROGRAMS[number]
@@ -216,13 +216,13 @@ def _file_of(number: int, store: FolderStore) -> Path:
     return store.files()[-1]
 
 
-def run_trial(mutations: int, folder: Path, first: int = 0) -> list[Outcome]:
-    """Outcomes of the mutations of some seeds, in a new folder."""
+def run_trial(mutations: int, folder: Path, first_seed: int = 0) -> list[Outcome]:
+    """Outcomes of the mutations of consecutive seeds, in a new folder."""
     store = FolderStore(folder / "programs")
     use_program_store(store)
     try:
         expected = [np.asarray(compiled(function)(*arguments)).tobytes() for function, arguments in _PROGRAMS]
-        return [mutate(seed, store, expected) for seed in range(first, first + mutations)]
+        return [mutate(seed, store, expected) for seed in range(first_seed, first_seed + mutations)]
     finally:
         use_program_store(program_store())
 

@@ -1,7 +1,7 @@
-"""Damage of files, drawn at random: bits, cuts, zeros, noise, other content; files gone, empty, swapped, copied over.
+"""Random damage of files: bits, cuts, zeros, noise, changed content; files deleted, emptied, swapped, copied over.
 
-Each mutation takes files of one folder and a random generator, changes some, and returns those that it changed. All
-content that is written differs from what was there.
+A mutation takes the files of a folder and a random generator, changes some files, and returns the changed ones. The
+written content always differs from the original.
 """
 
 import json
@@ -16,60 +16,60 @@ Mutation = Callable[[Sequence[Path], np.random.Generator], list[Path]]
 
 def files_of(folder: Path) -> list[Path]:
     """Files of a campaign's store and its checksums, in a fixed order."""
-    found = (path for part in ("flights.zarr", "checksums") for path in (folder / part).rglob("*"))
-    return sorted(path for path in found if path.is_file())
+    paths = (path for part in ("flights.zarr", "checksums") for path in (folder / part).rglob("*"))
+    return sorted(path for path in paths if path.is_file())
 
 
 def flip_bit(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Turn one bit of a file."""
+    """Flip one bit of a file."""
     path, content = _any(files, draw)
-    place = draw.integers(len(content))
-    content[place] ^= 1 << draw.integers(8)
+    position = draw.integers(len(content))
+    content[position] ^= 1 << draw.integers(8)
     return _written(path, content)
 
 
 def flip_bytes(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Turn eight bytes of a file round."""
+    """Invert eight bytes of a file."""
     path, content = _any(files, draw)
-    for place in np.unique(draw.integers(len(content), size=8)):
-        content[place] ^= 0xFF
+    for position in np.unique(draw.integers(len(content), size=8)):
+        content[position] ^= 0xFF
     return _written(path, content)
 
 
 def cut(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Cut a file anywhere."""
+    """Truncate a file at a random position."""
     path, content = _any(files, draw)
     return _written(path, content[: draw.integers(len(content))])
 
 
 def lengthen(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Write noise behind the end of a file."""
+    """Append noise to a file."""
     path, content = _any(files, draw)
     return _written(path, content + draw.bytes(int(draw.integers(1, 300))))
 
 
 def garble(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Write noise over a part of a file."""
+    """Overwrite a part of a file with noise."""
     path, content = _any(files, draw)
-    place, size = int(draw.integers(len(content))), int(draw.integers(1, 2000))
-    size = min(size, len(content) - place)
+    position, size = int(draw.integers(len(content))), int(draw.integers(1, 2000))
+    size = min(size, len(content) - position)
     noise = bytearray(draw.bytes(size))
-    noise[0] = content[place] ^ 0x55
-    content[place : place + size] = noise
+    noise[0] = content[position] ^ 0x55
+    content[position : position + size] = noise
     return _written(path, content)
 
 
 def zero(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Write zeros over a part of a file, from a byte that is none."""
+    """Overwrite a part of a file with zeros, from a nonzero byte on."""
     path, content = _any(files, draw)
-    place = int(draw.choice(np.flatnonzero(np.frombuffer(content, np.uint8))))
-    size = min(int(draw.integers(1, 2000)), len(content) - place)
-    content[place : place + size] = bytes(size)
+    position = int(draw.choice(np.flatnonzero(np.frombuffer(content, np.uint8))))
+    size = min(int(draw.integers(1, 2000)), len(content) - position)
+    content[position : position + size] = bytes(size)
     return _written(path, content)
 
 
 def empty(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Take the content of a file away."""
+    """Remove the content of a file."""
     return _written(_any(files, draw)[0], b"")
 
 
@@ -81,26 +81,26 @@ def delete(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
 
 
 def swap(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Put two files of different content into each other's places."""
+    """Exchange two files of different content."""
     path, content = _any(files, draw)
-    others = [(other, other.read_bytes()) for other in files if other != path]
-    others = [pair for pair in others if pair[1] != content]
-    other, its_content = others[draw.integers(len(others))]
-    return _written(path, its_content) + _written(other, content)
+    candidates = [(second_path, second_path.read_bytes()) for second_path in files if second_path != path]
+    candidates = [candidate for candidate in candidates if candidate[1] != content]
+    second_path, second_content = candidates[draw.integers(len(candidates))]
+    return _written(path, second_content) + _written(second_path, content)
 
 
 def copy_over(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Write the content of another file over a file, of its own folder where one differs."""
+    """Overwrite a file with the content of another file, preferably of the same folder."""
     path, content = _any(files, draw)
-    others = [other.read_bytes() for other in files if other.parent == path.parent]
-    others = [other for other in others if other != content]
-    if not others:
-        others = [other for other in (any_.read_bytes() for any_ in files) if other != content]
-    return _written(path, others[draw.integers(len(others))])
+    contents = [candidate.read_bytes() for candidate in files if candidate.parent == path.parent]
+    contents = [candidate for candidate in contents if candidate != content]
+    if not contents:
+        contents = [candidate for candidate in (file.read_bytes() for file in files) if candidate != content]
+    return _written(path, contents[draw.integers(len(contents))])
 
 
 def edit_json(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Change, remove or add one entry of a JSON document, leaving it JSON."""
+    """Change, remove or add one entry of a JSON document; the result is valid JSON."""
     documents = [path for path in files if path.suffix == ".json" or path.name in (".zattrs", ".zarray", ".zmetadata")]
     path = documents[draw.integers(len(documents))]
     document = json.loads(path.read_text(encoding="utf-8"))
@@ -131,9 +131,9 @@ MUTATIONS: dict[str, Mutation] = {
     "copy over": copy_over,
     "edit JSON": edit_json,
 }
-"""By name, each of which changes files of a folder."""
+"""Mutations by name."""
 OF_ONE_FILE = tuple(name for name in MUTATIONS if name not in ("swap", "copy over", "edit JSON"))
-"""Those that one binary file is enough for."""
+"""Mutations applicable to a single binary file."""
 
 
 def _any(files: Sequence[Path], draw: np.random.Generator) -> tuple[Path, bytearray]:
@@ -148,14 +148,14 @@ def _written(path: Path, content: bytes | bytearray) -> list[Path]:
 
 
 def _entry(document: Any, draw: np.random.Generator) -> tuple[Any, Any]:
-    """One entry of a document, at any depth: what holds it, and its key there."""
-    found: list[tuple[Any, Any]] = []
+    """A random entry of a document, at any depth: its container and its key."""
+    entries: list[tuple[Any, Any]] = []
 
     def collect(holder: Any) -> None:
         keys = holder if isinstance(holder, dict) else range(len(holder)) if isinstance(holder, list) else ()
         for key in keys:
-            found.append((holder, key))
+            entries.append((holder, key))
             collect(holder[key])
 
     collect(document)
-    return found[draw.integers(len(found))]
+    return entries[draw.integers(len(entries))]

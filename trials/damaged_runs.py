@@ -2,11 +2,11 @@
 
 ``python -m trials.damaged_runs flight plan summary store rare --count 1000``
 
-Each mutation of `trials.damaged_files` is drawn from its number. A flight, its summary and a plan must be refused by
-one message that names the folder (exit code 2), or read as if nothing had happened. A campaign and a rare event must be
-refused when they are read, and be the same to the last bit after a resume; where that is refused, too, the file that
-nothing is known without is named. What is read otherwise, ends with another code, or leaves a traceback is a failure:
-it is printed, and the exit code is 1. Flights of the campaigns are made up, for here it is their files that matter.
+Each mutation of `trials.damaged_files` is drawn by its number. A damaged flight, summary or plan must be refused with
+one message that names the folder (exit code 2), or read without any effect of the damage. A damaged campaign or rare
+event must be refused on reading and be identical to the last bit after a resume; if the resume is refused too, the
+message names the indispensable file. Any other result, exit code or traceback is a failure: it is printed, and the exit
+code is 1. The campaigns contain synthetic flights, because only their files matter here.
 """
 
 import argparse
@@ -38,7 +38,7 @@ from trials.damaged_files import MUTATIONS, OF_ONE_FILE, files_of
 
 _ROOT = Path(__file__).parents[1]
 _PATIENCE_S = 120.0
-"""Time after which one mutation is taken to hang; the process then ends with the places where it was."""
+"""Timeout of one mutation, s; the process then ends with a traceback of its threads."""
 _CHUNK = 4
 _STUDY = """format = 1
 name = "damaged"
@@ -70,24 +70,24 @@ repetitions = 3
 
 
 class Trial:
-    """Files to damage, in a folder of their own, and how they are read."""
+    """Files to damage, in a separate folder, and the procedure to read them."""
 
-    def __init__(self, place: Path) -> None:
-        self.place = place
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
         scenario = (_ROOT / "scenarios" / "single-aircraft.toml").read_text(encoding="utf-8")
-        (place / "scenario.toml").write_text(scenario, encoding="utf-8")
+        (folder / "scenario.toml").write_text(scenario, encoding="utf-8")
         self.prepare()
 
     def prepare(self) -> None:
-        """Make the whole files, once."""
+        """Create the undamaged files, once."""
         raise NotImplementedError
 
     def damage(self, number: int, draw: np.random.Generator) -> str:
-        """Damage a fresh copy of the files; returns which mutation it was."""
+        """Damage a fresh copy of the files; return the name of the mutation."""
         raise NotImplementedError
 
     def verdict(self, number: int) -> str:
-        """What came of it: "refused", "read rightly", "repaired", or, of failures, a text with "FAILED" in front."""
+        """The result: "refused", "read rightly", "repaired", or, for failures, a text that begins with "FAILED"."""
         raise NotImplementedError
 
     def _mutated(self, number: int, draw: np.random.Generator, names: Sequence[str], files: Sequence[Path]) -> str:
@@ -97,21 +97,21 @@ class Trial:
 
 
 class _Run(Trial):
-    """A run's folder of which one file is damaged, read by export, and now and then by report and figures."""
+    """Folder of a run with one damaged file, read by export, and sometimes by report and figures."""
 
     file = ""
     names: Sequence[str] = ()
 
     def prepare(self) -> None:
-        """Make the whole files."""
-        self.whole, self.run = self.place / "whole", self.place / "run"
-        scenario = anser.load(self.place / "scenario.toml")
+        """Create the undamaged files."""
+        self.whole, self.run = self.folder / "whole", self.folder / "run"
+        scenario = anser.load(self.folder / "scenario.toml")
         anser.run(scenario).save(self.whole)
-        anser.run(scenario.replace("seed", 7, "wind.speed_m_s", 4.0)).save(self.place / "other")
+        anser.run(scenario.replace("seed", 7, "wind.speed_m_s", 4.0)).save(self.folder / "other")
         shutil.copytree(self.whole, self.run)
-        code, said = self._export()
+        code, messages = self._export()
         if code:
-            raise RuntimeError(said)
+            raise RuntimeError(messages)
         self.expected = self._exported()
 
     def damage(self, number: int, draw: np.random.Generator) -> str:
@@ -119,29 +119,29 @@ class _Run(Trial):
         for name in ("flight.nc", "summary.json"):
             shutil.copy(self.whole / name, self.run / name)
         if number % 50 == 49:
-            shutil.copy(self.place / "other" / self.file, self.run / self.file)
+            shutil.copy(self.folder / "other" / self.file, self.run / self.file)
             return "file of another run"
         return self._mutated(number, draw, self.names, [self.run / self.file])
 
     def verdict(self, number: int) -> str:
-        """Read it."""
-        code, said = self._export()
+        """Export the run; sometimes also make its report and figures."""
+        code, messages = self._export()
         if code == 0:
             return "read rightly" if self._exported() == self.expected else "FAILED: another flight, without a word"
-        found = _refusal(code, said, self.file, "run")
-        if number % 25 == 0 and found == "refused":
-            page = self.place / "page.html"
-            others = (("report", self.run, "--out", page), ("figures", self.run, "--out", self.place / "figures"))
-            found = max(_refusal(*_command(*words), self.file, "run") for words in others)
-        return found
+        verdict = _refusal(code, messages, self.file, "run")
+        if number % 25 == 0 and verdict == "refused":
+            page = self.folder / "page.html"
+            commands = (("report", self.run, "--out", page), ("figures", self.run, "--out", self.folder / "figures"))
+            verdict = max(_refusal(*_command(*arguments), self.file, "run") for arguments in commands)
+        return verdict
 
     def _export(self) -> tuple[int, str]:
-        shutil.rmtree(self.place / "exported", ignore_errors=True)
+        shutil.rmtree(self.folder / "exported", ignore_errors=True)
         formats = ("--format", "csv,kml", "--period-s", "5")
-        return _command("export", self.run, *formats, "--out", self.place / "exported")
+        return _command("export", self.run, *formats, "--out", self.folder / "exported")
 
     def _exported(self) -> dict[str, bytes]:
-        return {path.name: path.read_bytes() for path in (self.place / "exported").iterdir()}
+        return {path.name: path.read_bytes() for path in (self.folder / "exported").iterdir()}
 
 
 class FlightTrial(_Run):
@@ -160,27 +160,27 @@ class PlanTrial(Trial):
     """`plan.npz`."""
 
     def prepare(self) -> None:
-        """Make the whole files."""
-        self.scenario = anser.load(self.place / "scenario.toml")
-        write_plan(anser.plan(self.scenario), self.place / "whole.npz")
-        other = self.scenario.replace("wind.speed_m_s", 4.0)
-        write_plan(anser.plan(other), self.place / "other.npz")
+        """Create the undamaged files."""
+        self.scenario = anser.load(self.folder / "scenario.toml")
+        write_plan(anser.plan(self.scenario), self.folder / "whole.npz")
+        other_scenario = self.scenario.replace("wind.speed_m_s", 4.0)
+        write_plan(anser.plan(other_scenario), self.folder / "other.npz")
 
     def damage(self, number: int, draw: np.random.Generator) -> str:
         """Damage a fresh copy."""
-        shutil.copy(self.place / "whole.npz", self.place / "plan.npz")
+        shutil.copy(self.folder / "whole.npz", self.folder / "plan.npz")
         if number % 50 == 49:
-            shutil.copy(self.place / "other.npz", self.place / "plan.npz")
+            shutil.copy(self.folder / "other.npz", self.folder / "plan.npz")
             return "plan of another scenario"
-        return self._mutated(number, draw, OF_ONE_FILE, [self.place / "plan.npz"])
+        return self._mutated(number, draw, OF_ONE_FILE, [self.folder / "plan.npz"])
 
     def verdict(self, number: int) -> str:
-        """Read it."""
+        """Read the plan; sometimes also fly it."""
         if number % 25 == 0:
-            words = ("run", self.place / "scenario.toml", "--plan", self.place, "--out", self.place / "flown")
-            return _refusal(*_command(*words), "plan.npz")
+            arguments = ("run", self.folder / "scenario.toml", "--plan", self.folder, "--out", self.folder / "flown")
+            return _refusal(*_command(*arguments), "plan.npz")
         try:
-            read_plan(self.place, self.scenario)
+            read_plan(self.folder, self.scenario)
         except PlanFileError as error:
             return "refused" if "plan.npz" in str(error) else f"FAILED: {error}"
         return "FAILED: read"
@@ -190,12 +190,12 @@ class StoreTrial(Trial):
     """The store of a campaign and its checksums."""
 
     def prepare(self) -> None:
-        """Make the whole files."""
+        """Create the undamaged files."""
         flights.BATCH = _CHUNK
         flights.fly_many = _made_up
-        self.study = self.place / "study.toml"
+        self.study = self.folder / "study.toml"
         self.study.write_text(_STUDY + _CAMPAIGN, encoding="utf-8")
-        self.whole, self.out = self.place / "whole", self.place / "out"
+        self.whole, self.out = self.folder / "whole", self.folder / "out"
         campaign(self.study, self.whole, processes=1)
         self.expected = self._contents(self.whole)
 
@@ -206,18 +206,18 @@ class StoreTrial(Trial):
         return self._mutated(number, draw, tuple(MUTATIONS), files_of(self.out))
 
     def verdict(self, number: int) -> str:
-        """Read it."""
+        """Read the campaign, then resume it."""
         try:
-            read = self._contents(self.out)
+            contents = self._contents(self.out)
         except StoreError:
             pass
         else:
-            return "read rightly" if self._same(read) else "FAILED: another campaign, without a word"
+            return "read rightly" if self._same(contents) else "FAILED: another campaign, without a word"
         if number % 10 == 0:
-            found = _refusal(*_command("campaign", "report", self.out, "--worst", 0), "out")
-            # series are not verified before the page is begun
-            if found != "refused":
-                return found
+            verdict = _refusal(*_command("campaign", "report", self.out, "--worst", 0), "out")
+            # the series are not verified before the page is started
+            if verdict != "refused":
+                return verdict
         try:
             campaign(self.study, self.out, resume=True, processes=1)
         except StoreError as error:
@@ -238,11 +238,11 @@ class RareTrial(Trial):
     """The folder of a rare event."""
 
     def prepare(self) -> None:
-        """Make the whole files."""
+        """Create the undamaged files."""
         rare_flights.fly_many = _made_up
-        self.study = self.place / "study.toml"
+        self.study = self.folder / "study.toml"
         self.study.write_text(_STUDY + _RARE, encoding="utf-8")
-        self.whole, self.out = self.place / "whole", self.place / "out"
+        self.whole, self.out = self.folder / "whole", self.folder / "out"
         rare(self.study, self.whole, processes=1)
         self.expected = read_rare(self.whole).document
 
@@ -254,18 +254,18 @@ class RareTrial(Trial):
         return self._mutated(number, draw, tuple(MUTATIONS), files)
 
     def verdict(self, number: int) -> str:
-        """Read it."""
+        """Read the rare event, then resume it."""
         try:
-            read = read_rare(self.out).document
+            document = read_rare(self.out).document
         except StoreError:
             pass
         else:
-            return "read rightly" if read == self.expected else "FAILED: another event, without a word"
+            return "read rightly" if document == self.expected else "FAILED: another event, without a word"
         try:
-            found = rare(self.study, self.out, resume=True, processes=1)
+            result = rare(self.study, self.out, resume=True, processes=1)
         except StoreError as error:
             return "refused" if "rare-asked.json" in str(error) else f"FAILED: {error}"
-        return "repaired" if found.document == self.expected else "FAILED: resumed to something else"
+        return "repaired" if result.document == self.expected else "FAILED: resumed to something else"
 
 
 TRIALS: dict[str, Callable[[Path], Trial]] = {
@@ -275,11 +275,11 @@ TRIALS: dict[str, Callable[[Path], Trial]] = {
     "store": StoreTrial,
     "rare": RareTrial,
 }
-"""By kind of file."""
+"""Trials by kind of file."""
 
 
 def tried(trial: Trial, numbers: Iterable[int]) -> tuple[Counter[str], list[str]]:
-    """Try mutations by their numbers; how often each verdict came, and a line of each failure."""
+    """Apply mutations by number; return the counts of the verdicts and a line for each failure."""
     counts, failures = Counter[str](), list[str]()
     for number in numbers:
         faulthandler.dump_traceback_later(_PATIENCE_S, exit=True)
@@ -295,59 +295,59 @@ def tried(trial: Trial, numbers: Iterable[int]) -> tuple[Counter[str], list[str]
     return counts, failures
 
 
-def _refusal(code: int, said: str, *names: str) -> str:
-    """Verdict on a command that must refuse with one message that has one of the names."""
-    lines = [line for line in said.splitlines() if line.strip()]
-    good = code == 2 and len(lines) == 1 and any(name in lines[0] for name in names) and "Traceback" not in said
-    return "refused" if good else f"FAILED: exit code {code}: {said[-600:]}"
+def _refusal(code: int, messages: str, *names: str) -> str:
+    """Verdict on a command that must refuse with one message containing one of the names."""
+    lines = [line for line in messages.splitlines() if line.strip()]
+    refused = code == 2 and len(lines) == 1 and any(name in lines[0] for name in names) and "Traceback" not in messages
+    return "refused" if refused else f"FAILED: exit code {code}: {messages[-600:]}"
 
 
-def _command(*words: object) -> tuple[int, str]:
+def _command(*arguments: object) -> tuple[int, str]:
     """Exit code and standard error of a command, run in this process."""
-    sys.argv, said = ["anser", *map(str, words)], io.StringIO()
-    with contextlib.redirect_stderr(said), contextlib.redirect_stdout(io.StringIO()):
+    sys.argv, messages = ["anser", *map(str, arguments)], io.StringIO()
+    with contextlib.redirect_stderr(messages), contextlib.redirect_stdout(io.StringIO()):
         try:
             cli.main()
         except SystemExit as end:
-            return int(end.code or 0), said.getvalue()
+            return int(end.code or 0), messages.getvalue()
     raise RuntimeError("the command did not end")
 
 
 def _made_up(
     cases: Sequence[FlightCase], *_: Any, series: Any = None, precision: str = "float64", **__: Any
 ) -> list[FlightRow]:
-    """Rows that follow from each scenario alone; one in ten cannot begin."""
-    rows = []
+    """Synthetic rows determined by each scenario alone; one in ten cannot start."""
+    flight_rows = []
     for case in cases:
         north = case.scenario.aircraft[0].start.north_m
         if abs(north) < 2.5:
-            rows.append(FlightRow.failed_start("made up: could not begin"))
+            flight_rows.append(FlightRow.failed_start("made up: could not begin"))
             continue
         aircraft = [{"name": "aircraft-1", "arrival_s": 60.0, "miss_m": abs(north) / 5.0, "status": "arrived"}]
-        kept = {}
+        recorded = {}
         if series is not None:
             times = series.times_s(case.scenario)
-            kept = {key: convert_series(key, north + 0.01 * times[None, :]) for key in series.keys}
-        met = abs(north) < 30.0
-        rows.append(FlightRow(aircraft, {}, [{"name": "miss_max_m", "met": met}], met, series=kept))
-    return rows
+            recorded = {key: convert_series(key, north + 0.01 * times[None, :]) for key in series.keys}
+        is_met = abs(north) < 30.0
+        flight_rows.append(FlightRow(aircraft, {}, [{"name": "miss_max_m", "met": is_met}], is_met, series=recorded))
+    return flight_rows
 
 
 def main() -> int:
-    """Try each kind that is named; 1 where one failed."""
+    """Try the named kinds of file; return 1 after a failure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("kinds", nargs="+", choices=tuple(TRIALS))
     parser.add_argument("--count", type=int, default=1000, help="mutations of each kind")
     parser.add_argument("--first", type=int, default=0, help="number of the first")
-    asked = parser.parse_args()
+    options = parser.parse_args()
     failed = 0
-    for kind in asked.groups:
-        with tempfile.TemporaryDirectory() as place:
-            began = time.perf_counter()
-            counts, failures = tried(TRIALS[kind](Path(place)), range(asked.first, asked.first + asked.count))
+    for kind in options.kinds:
+        with tempfile.TemporaryDirectory() as folder:
+            start_time = time.perf_counter()
+            counts, failures = tried(TRIALS[kind](Path(folder)), range(options.first, options.first + options.count))
         failed += len(failures)
-        told = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
-        lines = [f"{kind}: {told}, in {time.perf_counter() - began:.0f} s", *failures]
+        counts_text = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+        lines = [f"{kind}: {counts_text}, in {time.perf_counter() - start_time:.0f} s", *failures]
         sys.stdout.write("\n".join(lines) + "\n")
         sys.stdout.flush()
     return int(failed > 0)

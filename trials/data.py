@@ -1,4 +1,4 @@
-"""A planning task and its answer in plain numbers, for judges that share no code with the planner."""
+"""A planning task and its answer in plain numbers, for the independent checker without code of the planner."""
 
 from dataclasses import dataclass
 
@@ -12,36 +12,36 @@ RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 
 @dataclass(frozen=True)
 class FleetLimits:
-    """What a path may ask of each aircraft; see `trials.motion.path_demands` for the quantities."""
+    """Flight limits of each aircraft; see `trials.motion.path_demands` for the quantities."""
 
     speed_min: Float[np.ndarray, " aircraft"]
     """True airspeed, m/s."""
     speed_max: Float[np.ndarray, " aircraft"]
     """True airspeed, m/s."""
     bank_max: Float[np.ndarray, " aircraft"]
-    """rad."""
+    """Bank angle, rad."""
     climb_rate_max: Float[np.ndarray, " aircraft"]
     """Up or down, relative to the air, m/s."""
     altitude_min: Float[np.ndarray, " aircraft"]
-    """m."""
+    """Altitude, m."""
     altitude_max: Float[np.ndarray, " aircraft"]
     """m."""
     load_factor_max: Float[np.ndarray, " aircraft"]
     """-."""
     acceleration_max: Float[np.ndarray, " aircraft"]
-    """Along the path, gravity's share included, m/s^2."""
+    """Along the path, including gravity's component, m/s^2."""
     deceleration_max: Float[np.ndarray, " aircraft"]
-    """Along the path, gravity's share included, positive, m/s^2."""
+    """Along the path, including gravity's component, positive, m/s^2."""
 
 
 @dataclass(frozen=True)
 class WindProfile:
-    """Wind by altitude: linear between layers, that of the end layer beyond; one layer is steady wind."""
+    """Wind by altitude: linear between layers, constant beyond the end layers; one layer is steady wind."""
 
     altitudes: Float[np.ndarray, " layer"]
     """m, rising."""
     velocities_n: Float[np.ndarray, "layer 3"]
-    """NED, m/s: where the air moves to."""
+    """Velocity of the air, NED, m/s."""
 
     def at(self, altitude: Float[np.ndarray, "..."]) -> Float[np.ndarray, "3 ..."]:
         """Velocity of the air, NED, m/s, components first, at altitudes, m."""
@@ -52,7 +52,7 @@ class WindProfile:
 
 @dataclass(frozen=True)
 class Goals:
-    """Where the goals are: straight legs between timed waypoints, then a steady velocity; and how they are met."""
+    """Motion of the goals (straight legs between timed waypoints, then constant velocity) and arrival conditions."""
 
     times: Float[np.ndarray, "aircraft waypoint"]
     """s, not decreasing."""
@@ -67,24 +67,24 @@ class Goals:
     path_angle: Float[np.ndarray, " aircraft"]
     """Path angle over the ground at arrival, up positive, rad; NaN where free."""
 
-    def meeting_n(self, who: int, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time 3"]:
-        """Rendezvous of one aircraft at times (s): its goal's position and the stand-off, NED, m."""
-        stamps, places = self.times[who], self.positions_n[who]
-        later = np.maximum(time - stamps[-1], 0.0)[:, None] * self.velocity_after_n[who]
-        inside = np.stack([np.interp(time, stamps, places[:, k]) for k in range(3)], axis=1)
-        return inside + later + self.stand_off_n[who]
+    def meeting_n(self, aircraft: int, time: Float[np.ndarray, " time"]) -> Float[np.ndarray, "time 3"]:
+        """Rendezvous of one aircraft at times (s): position of its goal plus stand-off, NED, m."""
+        stamps, positions = self.times[aircraft], self.positions_n[aircraft]
+        later = np.maximum(time - stamps[-1], 0.0)[:, None] * self.velocity_after_n[aircraft]
+        inside = np.stack([np.interp(time, stamps, positions[:, k]) for k in range(3)], axis=1)
+        return inside + later + self.stand_off_n[aircraft]
 
-    def speed_max(self, who: int) -> float:
-        """Greatest speed of one goal at any time, m/s."""
-        spans = np.diff(self.times[who])
-        legs = np.linalg.norm(np.diff(self.positions_n[who], axis=0), axis=1)
+    def speed_max(self, aircraft: int) -> float:
+        """Greatest speed of one goal over time, m/s."""
+        spans = np.diff(self.times[aircraft])
+        legs = np.linalg.norm(np.diff(self.positions_n[aircraft], axis=0), axis=1)
         moving = legs[spans > 0.0] / spans[spans > 0.0]
-        return float(max([np.linalg.norm(self.velocity_after_n[who]), *moving]))
+        return float(max([np.linalg.norm(self.velocity_after_n[aircraft]), *moving]))
 
 
 @dataclass(frozen=True)
 class KeepOutCylinders:
-    """Upright cylinders to stay out of, standing or moving steadily."""
+    """Upright cylinders to avoid, at rest or moving steadily."""
 
     position_n: Float[np.ndarray, "keep_out 2"]
     """North and east at time 0, m."""
@@ -98,18 +98,18 @@ class KeepOutCylinders:
     """Altitude, m."""
 
     def clearance(
-        self, which: int, time: Float[np.ndarray, "..."], position_n: Float[np.ndarray, "3 ..."]
+        self, volume: int, time: Float[np.ndarray, "..."], position_n: Float[np.ndarray, "3 ..."]
     ) -> Float[np.ndarray, "..."]:
-        """Distance that a point has from being inside, m; negative inside. Components of the position come first."""
-        here = [self.position_n[which, k] + self.velocity_n[which, k] * time for k in range(2)]
-        outside = np.hypot(position_n[0] - here[0], position_n[1] - here[1]) - self.radius[which]
+        """Distance of a point from a cylinder, m; negative inside. The components of the position come first."""
+        centre = [self.position_n[volume, k] + self.velocity_n[volume, k] * time for k in range(2)]
+        outside = np.hypot(position_n[0] - centre[0], position_n[1] - centre[1]) - self.radius[volume]
         altitude = -position_n[2]
-        return np.maximum(outside, np.maximum(self.bottom[which] - altitude, altitude - self.top[which]))
+        return np.maximum(outside, np.maximum(self.bottom[volume] - altitude, altitude - self.top[volume]))
 
 
 @dataclass(frozen=True)
 class Starts:
-    """State of each aircraft when the plan begins."""
+    """Initial state of each aircraft."""
 
     time: float
     """s."""
@@ -123,7 +123,7 @@ class Starts:
 
 @dataclass(frozen=True)
 class ArrivalRule:
-    """When the aircraft have to arrive; fields that a rule does not use are NaN or empty."""
+    """Arrival rule; unused fields are NaN or empty."""
 
     name: str
     """One of RULES."""
@@ -141,7 +141,7 @@ class ArrivalRule:
             raise ValueError(f"arrival rule: arrived {self.name!r}; expected one of {', '.join(RULES)}")
 
     def ranks(self) -> Int[np.ndarray, " aircraft"]:
-        """Place of each aircraft in the sequence, the first 0."""
+        """Position of each aircraft in the sequence, starting at 0."""
         return np.argsort(self.order)
 
 
@@ -160,11 +160,11 @@ class PlanCase:
     """m; 0: not asked."""
     rule: ArrivalRule
     speed: float
-    """Airspeed that the fleet would like to fly, m/s; rules "together" and "windows" look at it."""
+    """Preferred airspeed of the fleet, m/s; used by the rules "together" and "windows"."""
     gravity: float
     """m/s^2."""
     seed: int = -1
-    """Of a random case; -1 for others."""
+    """Seed of a random case; -1 for other cases."""
 
     @property
     def size(self) -> int:

@@ -1,4 +1,4 @@
-"""Nonlinear programs put together from many small elements of few kinds, with exact derivatives, solved by IPOPT."""
+"""Nonlinear programs composed of many small elements of a few kinds, with exact derivatives, solved by IPOPT."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,16 +12,16 @@ from jaxtyping import Float, Int
 __all__ = ["Kind", "Program", "ProgramSolution"]
 
 FEASIBLE = 1e-8
-"""Violation with which the solver stops, whatever the cost could still gain."""
+"""Violation at which the solver stops, regardless of the cost."""
 
 
 class Kind:
-    """One kind of element: constraints and a cost of a few unknowns and parameters, with their derivatives.
+    """One kind of element: constraints and cost of a few unknowns and parameters, with their derivatives.
 
     Parameters
     ----------
     unknowns, parameters
-        How many.
+        Numbers of unknowns and parameters.
     formula
         Constraints and cost as symbolic expressions of both.
     """
@@ -30,30 +30,30 @@ class Kind:
         z, p = ca.SX.sym("z", unknowns), ca.SX.sym("p", parameters)  # pyright: ignore[reportArgumentType]
         g, cost = formula(z, p)
         self.rows = int(g.shape[0])
-        of_cost, of_g = ca.SX.sym("of_cost"), ca.SX.sym("of_g", self.rows)  # pyright: ignore[reportArgumentType]
+        cost_weight, multipliers = ca.SX.sym("of_cost"), ca.SX.sym("of_g", self.rows)  # pyright: ignore[reportArgumentType]
         jacobian = ca.jacobian(g, z)
-        hessian = ca.hessian(of_cost * cost + ca.dot(of_g, g), z)[0]
+        hessian = ca.hessian(cost_weight * cost + ca.dot(multipliers, g), z)[0]
         self.values = ca.Function("values", [z, p], [g, ca.SX(cost)])
         self.gradient = ca.Function("gradient", [z, p], [ca.densify(ca.gradient(ca.SX(cost), z))])
         self.jacobian = ca.Function("jacobian", [z, p], [jacobian])
-        self.hessian = ca.Function("hessian", [z, p, of_cost, of_g], [hessian])
-        self.jacobian_at = tuple(np.array(one, dtype=int) for one in jacobian.sparsity().get_triplet())
-        self.hessian_at = tuple(np.array(one, dtype=int) for one in hessian.sparsity().get_triplet())
+        self.hessian = ca.Function("hessian", [z, p, cost_weight, multipliers], [hessian])
+        self.jacobian_at = tuple(np.array(indices, dtype=int) for indices in jacobian.sparsity().get_triplet())
+        self.hessian_at = tuple(np.array(indices, dtype=int) for indices in hessian.sparsity().get_triplet())
 
 
 class _Block(NamedTuple):
     """Elements of one kind."""
 
     kind: Kind
-    where: Int[np.ndarray, "element unknown"]
+    unknown_indices: Int[np.ndarray, "element unknown"]
     """Of the program's unknowns."""
     parameters: Float[np.ndarray, "element parameter"]
-    first: int
+    first_row: int
     """Row of the program's constraints where these begin."""
 
 
 class ProgramSolution(NamedTuple):
-    """What the solver ended with."""
+    """Result of the solver."""
 
     x: Float[np.ndarray, " unknown"]
     feasible: bool
@@ -64,7 +64,7 @@ class ProgramSolution(NamedTuple):
 
 @dataclass
 class Program:
-    """Unknowns with their bounds and start, and elements."""
+    """A nonlinear program: unknowns with bounds and initial values, and elements."""
 
     _x: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
     _bounds: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -73,7 +73,7 @@ class Program:
     _rows: int = 0
 
     def add_unknowns(self, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> Int[np.ndarray, " unknown"]:
-        """Add unknowns and return their indices."""
+        """Add unknowns; return their indices."""
         self._x.append((np.clip(start, low, high), low, high))
         index = self._unknowns + np.arange(start.size)
         self._unknowns += start.size
@@ -87,40 +87,46 @@ class Program:
         low: Float[np.ndarray, " row"],
         high: Float[np.ndarray, " row"],
     ) -> None:
-        """Add elements of a kind; the bounds of their constraints are the same for all."""
+        """Add elements of a kind, with the same constraint bounds for every element."""
         self._blocks.append(_Block(kind, index, parameters, self._rows))
         self._bounds.append((np.tile(low, len(index)), np.tile(high, len(index))))
         self._rows += kind.rows * len(index)
 
     def derivatives(self, x: ca.MX) -> dict[str, ca.Function]:
-        """Functions of unknowns x that IPOPT asks for, named as its options: values and their derivatives."""
+        """Functions of the unknowns x required by IPOPT, by option name: values and derivatives."""
         p = ca.MX.sym("p", 0)  # pyright: ignore[reportArgumentType]
-        each = self._each(x)
-        f, g = self._values(each)
+        elements = self._each(x)
+        f, g = self._values(elements)
         return {
-            "grad_f": ca.Function("grad_f", [x, p], [f, self._gradient(each)], ["x", "p"], ["f", "grad_f_x"]),
-            "jac_g": ca.Function("jac_g", [x, p], [g, self._jacobian(each)], ["x", "p"], ["g", "jac_g_x"]),
-            "hess_lag": self._hessian(x, p, each),
+            "grad_f": ca.Function("grad_f", [x, p], [f, self._gradient(elements)], ["x", "p"], ["f", "grad_f_x"]),
+            "jac_g": ca.Function("jac_g", [x, p], [g, self._jacobian(elements)], ["x", "p"], ["g", "jac_g_x"]),
+            "hess_lag": self._hessian(x, p, elements),
         }
 
     def _each(self, x: ca.MX) -> list[tuple[_Block, ca.MX, ca.DM]]:
-        """Elements of each kind, with their own unknowns and parameters."""
+        """Blocks of elements with their unknowns and parameters."""
         return [
             (
-                one,
-                ca.reshape(x[one.where.ravel().tolist()], one.where.shape[1], len(one.where)),
-                ca.DM(one.parameters.T),
+                block,
+                ca.reshape(
+                    x[block.unknown_indices.ravel().tolist()],
+                    block.unknown_indices.shape[1],
+                    len(block.unknown_indices),
+                ),
+                ca.DM(block.parameters.T),
             )
-            for one in self._blocks
+            for block in self._blocks
         ]
 
-    def _values(self, each: list[tuple[_Block, ca.MX, ca.DM]]) -> tuple[ca.MX, ca.MX]:
+    def _values(self, elements: list[tuple[_Block, ca.MX, ca.DM]]) -> tuple[ca.MX, ca.MX]:
         """Cost and constraints."""
-        values = [one.kind.values.map(len(one.where))(z, q) for one, z, q in each]
-        return ca.sum2(ca.horzcat(*(cost for _, cost in values))), ca.vertcat(*(ca.vec(rows) for rows, _ in values))
+        values = [block.kind.values.map(len(block.unknown_indices))(z, q) for block, z, q in elements]
+        return ca.sum2(ca.horzcat(*(cost for _, cost in values))), ca.vertcat(
+            *(ca.vec(constraints) for constraints, _ in values)
+        )
 
     def solve(self, iterations: int) -> ProgramSolution:
-        """Solve for a point that meets the constraints; the cost is minimised on the way only."""
+        """Solve for a point that satisfies the constraints; the cost only guides the search."""
         x = ca.MX.sym("x", self._unknowns)  # pyright: ignore[reportArgumentType]
         f, g = self._values(self._each(x))
         options = {
@@ -145,45 +151,52 @@ class Program:
         start, low, high = (np.concatenate(part) for part in zip(*self._x, strict=True))
         g_low, g_high = (np.concatenate(part) for part in zip(*self._bounds, strict=True))
         result = solver(x0=start, lbx=low, ubx=high, lbg=g_low, ubg=g_high)
-        found = np.asarray(result["g"]).ravel()
-        violation = float(np.max(np.maximum(g_low - found, found - g_high), initial=0.0))
-        made = int(solver.stats()["iter_count"])
-        return ProgramSolution(np.asarray(result["x"]).ravel(), violation <= 10.0 * FEASIBLE, made, violation)
+        constraint_values = np.asarray(result["g"]).ravel()
+        violation = float(np.max(np.maximum(g_low - constraint_values, constraint_values - g_high), initial=0.0))
+        iteration_count = int(solver.stats()["iter_count"])
+        return ProgramSolution(
+            np.asarray(result["x"]).ravel(), violation <= 10.0 * FEASIBLE, iteration_count, violation
+        )
 
-    def _gradient(self, each: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.MX:
-        parts = [ca.vec(one.kind.gradient.map(len(one.where))(z, q)) for one, z, q in each]
-        where = np.concatenate([one.where.ravel() for one in self._blocks])
+    def _gradient(self, elements: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.MX:
+        parts = [ca.vec(block.kind.gradient.map(len(block.unknown_indices))(z, q)) for block, z, q in elements]
+        unknown_indices = np.concatenate([block.unknown_indices.ravel() for block in self._blocks])
         sums = scipy.sparse.csc_matrix(
-            (np.ones(where.size), (where, np.arange(where.size))), (self._unknowns, where.size)
+            (np.ones(unknown_indices.size), (unknown_indices, np.arange(unknown_indices.size))),
+            (self._unknowns, unknown_indices.size),
         )
         return ca.densify(ca.mtimes(ca.DM(sums), ca.vertcat(*parts)))
 
-    def _jacobian(self, each: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.MX:
-        rows, columns = [], []
-        for one in self._blocks:
-            at_row, at_column = one.kind.jacobian_at
-            begin = one.first + one.kind.rows * np.arange(len(one.where))
-            rows.append((begin[:, None] + at_row).ravel())
-            columns.append(one.where[:, at_column].ravel())
-        parts = [_nonzeros(one.kind.jacobian.map(len(one.where))(z, q)) for one, z, q in each]
-        keep = np.ones(sum(one.size for one in rows), dtype=bool)
-        return _sparse(np.concatenate(rows), np.concatenate(columns), keep, parts, (self._rows, self._unknowns))
+    def _jacobian(self, elements: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.MX:
+        row_indices, columns = [], []
+        for block in self._blocks:
+            at_row, at_column = block.kind.jacobian_at
+            begin = block.first_row + block.kind.rows * np.arange(len(block.unknown_indices))
+            row_indices.append((begin[:, None] + at_row).ravel())
+            columns.append(block.unknown_indices[:, at_column].ravel())
+        parts = [_nonzeros(block.kind.jacobian.map(len(block.unknown_indices))(z, q)) for block, z, q in elements]
+        keep = np.ones(sum(block.size for block in row_indices), dtype=bool)
+        return _sparse(np.concatenate(row_indices), np.concatenate(columns), keep, parts, (self._rows, self._unknowns))
 
-    def _hessian(self, x: ca.MX, p: ca.MX, each: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.Function:
-        """Of the Lagrangian, upper triangle."""
-        of_f, of_g = ca.MX.sym("of_f"), ca.MX.sym("of_g", self._rows)  # pyright: ignore[reportArgumentType]
-        rows, columns, parts = [], [], []
-        for one, z, q in each:
-            at_row, at_column = one.kind.hessian_at
-            rows.append(one.where[:, at_row].ravel())
-            columns.append(one.where[:, at_column].ravel())
-            count = len(one.where)
-            mine = ca.reshape(of_g[one.first : one.first + count * one.kind.rows], one.kind.rows, count)
-            parts.append(_nonzeros(one.kind.hessian.map(count)(z, q, ca.repmat(of_f, 1, count), mine)))
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        upper = _sparse(row, column, row <= column, parts, (self._unknowns, self._unknowns))
+    def _hessian(self, x: ca.MX, p: ca.MX, elements: list[tuple[_Block, ca.MX, ca.DM]]) -> ca.Function:
+        """Upper triangle of the Hessian of the Lagrangian."""
+        cost_weight, multipliers = ca.MX.sym("of_f"), ca.MX.sym("of_g", self._rows)  # pyright: ignore[reportArgumentType]
+        row_indices, columns, parts = [], [], []
+        for block, z, q in elements:
+            at_row, at_column = block.kind.hessian_at
+            row_indices.append(block.unknown_indices[:, at_row].ravel())
+            columns.append(block.unknown_indices[:, at_column].ravel())
+            count = len(block.unknown_indices)
+            block_multipliers = ca.reshape(
+                multipliers[block.first_row : block.first_row + count * block.kind.rows], block.kind.rows, count
+            )
+            parts.append(
+                _nonzeros(block.kind.hessian.map(count)(z, q, ca.repmat(cost_weight, 1, count), block_multipliers))
+            )
+        all_rows, all_columns = np.concatenate(row_indices), np.concatenate(columns)
+        upper = _sparse(all_rows, all_columns, all_rows <= all_columns, parts, (self._unknowns, self._unknowns))
         names = ["x", "p", "lam_f", "lam_g"]
-        return ca.Function("hess_lag", [x, p, of_f, of_g], [upper], names, ["triu_hess_gamma_x_x"])
+        return ca.Function("hess_lag", [x, p, cost_weight, multipliers], [upper], names, ["triu_hess_gamma_x_x"])
 
 
 def _nonzeros(values: ca.MX) -> ca.MX:
@@ -191,15 +204,15 @@ def _nonzeros(values: ca.MX) -> ca.MX:
 
 
 def _sparse(
-    rows: Int[np.ndarray, " entry"],
+    row_indices: Int[np.ndarray, " entry"],
     columns: Int[np.ndarray, " entry"],
     keep: np.ndarray,
     parts: list[ca.MX],
     shape: tuple[int, int],
 ) -> ca.MX:
-    """Matrix of entries, those at the same place added, some left out."""
+    """Sparse matrix of the selected entries; entries at the same position are added."""
     entries = np.flatnonzero(keep)
-    key, place = np.unique(columns[keep] * shape[0] + rows[keep], return_inverse=True)
-    sums = scipy.sparse.csc_matrix((np.ones(entries.size), (place, entries)), (key.size, keep.size))
+    key, entry_index = np.unique(columns[keep] * shape[0] + row_indices[keep], return_inverse=True)
+    sums = scipy.sparse.csc_matrix((np.ones(entries.size), (entry_index, entries)), (key.size, keep.size))
     pattern = ca.Sparsity.triplet(*shape, (key % shape[0]).tolist(), (key // shape[0]).tolist())
     return ca.MX(pattern, ca.densify(ca.mtimes(ca.DM(sums), ca.vertcat(*parts))))

@@ -1,4 +1,4 @@
-"""Point-mass flight of one aircraft on collocation intervals: unknowns, their bounds, and delivered knots."""
+"""Point-mass flight of one aircraft on collocation intervals: unknowns, bounds, and delivered knots."""
 
 from dataclasses import dataclass, replace
 
@@ -10,12 +10,12 @@ from trials.data import PlanCase, WindProfile
 __all__ = ["HINGE_M", "MID", "NODE", "Flight", "Margins", "Quartics", "air_velocity", "smooth_wind"]
 
 NODE = ("north", "east", "down", "V", "gamma", "chi", "along", "side", "normal")
-"""Unknowns of a node: position (m), air velocity (m/s, rad, rad), force per mass but gravity (m/s^2)."""
+"""Unknowns of a node: position (m), air velocity (m/s, rad, rad), force per mass without gravity (m/s^2)."""
 MID = NODE[3:]
-"""Unknowns in the middle of an interval; the position there follows from the nodes."""
+"""Unknowns in the middle of an interval; the position is determined by the nodes."""
 HINGE_M = 5.0
-"""Over about this height the wind's slope changes at a layer: the solver needs second derivatives. The dense check
-decides, whose wind has corners there."""
+"""Height over which the wind's slope changes at a layer, for the solver's second derivatives. The dense check uses the
+exact wind, with corners."""
 _TURN_SHARE = 14.0
 """Intervals per full turn at the bank limit."""
 _WIDTHS_S = (2.0, 6.0)
@@ -26,7 +26,7 @@ _FORCE_MOST = 200.0
 
 @dataclass(frozen=True)
 class Margins:
-    """How far inside each limit the collocation points stay, so that the path between them keeps it too."""
+    """Distance of the collocation points from each limit, so that the path between them satisfies the limit too."""
 
     speed: float = 0.02
     """m/s."""
@@ -42,10 +42,10 @@ class Margins:
     """m/s^2."""
 
     def widened(self, excess: dict[str, float], share: float = 1.3) -> "Margins":
-        """Return margins grown by a share of the excess found by limit, units as in `trials.report.LIMITS`."""
+        """Margins increased by a fraction of the excess over each limit, units as in `trials.report.LIMITS`."""
 
-        def more(now: float, *limits: str) -> float:
-            return now + share * max(0.0, *(excess[limit] for limit in limits))
+        def more(margin: float, *limits: str) -> float:
+            return margin + share * max(0.0, *(excess[limit] for limit in limits))
 
         return Margins(
             more(self.speed, "speed_min", "speed_max"),
@@ -58,7 +58,7 @@ class Margins:
 
 
 _WIDEST = Margins(speed=0.2, bank=0.03, load_factor=0.05, climb_rate=0.5, altitude=5.0, along=0.05)
-"""Beyond these, shorter intervals do better than wider margins."""
+"""Widest margins; beyond them, shorter intervals are more effective."""
 
 
 @dataclass(frozen=True)
@@ -67,46 +67,46 @@ class Flight:
 
     Attributes
     ----------
-    case, who
-        The task and the aircraft.
+    case, aircraft
+        Planning task, and index of the aircraft.
     arrival
-        s.
+        Arrival time, s.
     intervals
-        Of equal width, with a node at each end.
+        Number of equal intervals, with a node at each end.
     margins
-        Kept at nodes and middles.
+        Margins at nodes and middles.
     """
 
     case: PlanCase
-    who: int
+    aircraft: int
     arrival: float
     intervals: int
     margins: Margins
 
     @staticmethod
-    def of(case: PlanCase, who: int, arrival: float) -> "Flight":
-        """Flight with intervals as short as the turns of this aircraft ask for."""
+    def of(case: PlanCase, aircraft: int, arrival: float) -> "Flight":
+        """Flight with intervals short enough for the turns of this aircraft."""
         L = case.limits
-        speed = float(L.speed_min[who])
-        lift = min(float(np.tan(L.bank_max[who])), float(L.load_factor_max[who]))
+        speed = float(L.speed_min[aircraft])
+        lift = min(float(np.tan(L.bank_max[aircraft])), float(L.load_factor_max[aircraft]))
         width = np.clip(2.0 * np.pi * speed / (case.gravity * lift) / _TURN_SHARE, *_WIDTHS_S)
         count = int(np.clip(np.ceil((arrival - case.starts.time) / width), *_INTERVALS))
-        return Flight(case, who, arrival, count, Margins())
+        return Flight(case, aircraft, arrival, count, Margins())
 
     @property
     def width(self) -> float:
-        """Of an interval, s."""
+        """Width of an interval, s."""
         return (self.arrival - self.case.starts.time) / self.intervals
 
     @property
     def unknowns(self) -> int:
-        """Number of them: nodes first, then middles."""
+        """Number of unknowns: nodes first, then middles."""
         return len(NODE) * (self.intervals + 1) + len(MID) * self.intervals
 
     def tightened(self, excess: dict[str, float]) -> "Flight":
-        """Return the same flight with margins grown by what a dense check found; if that is much, on half intervals."""
+        """The flight with margins increased after a dense check; with half intervals if the margins become too wide."""
         wider = self.margins.widened(excess)
-        if any(getattr(wider, limit) > most for limit, most in vars(_WIDEST).items()):
+        if any(getattr(wider, limit) > widest for limit, widest in vars(_WIDEST).items()):
             return replace(self, intervals=2 * self.intervals)
         return replace(self, margins=wider)
 
@@ -116,47 +116,49 @@ class Flight:
         return x[:nodes].reshape(-1, len(NODE)).T, x[nodes:].reshape(-1, len(MID)).T
 
     def bounds(self) -> tuple[Float[np.ndarray, " unknown"], Float[np.ndarray, " unknown"]]:
-        """Least and greatest values of the unknowns; start and rendezvous position are fixed by equal ones."""
-        case, who, L, m = self.case, self.who, self.case.limits, self.margins
-        width = float(L.speed_max[who] - L.speed_min[who])
+        """Lower and upper bounds of the unknowns; equal bounds fix the start and the rendezvous position."""
+        case, aircraft, L, m = self.case, self.aircraft, self.case.limits, self.margins
+        width = float(L.speed_max[aircraft] - L.speed_min[aircraft])
         speed = min(m.speed, 0.25 * width)
         low = np.array([
-            -np.inf, -np.inf, m.altitude - L.altitude_max[who], L.speed_min[who] + speed, -_GAMMA_MOST, -np.inf,
-            m.along - L.deceleration_max[who], -_FORCE_MOST, 0.0,
+            -np.inf, -np.inf, m.altitude - L.altitude_max[aircraft], L.speed_min[aircraft] + speed,
+            -_GAMMA_MOST, -np.inf, m.along - L.deceleration_max[aircraft], -_FORCE_MOST, 0.0,
         ])  # fmt: skip
         high = np.array([
-            np.inf, np.inf, -m.altitude - L.altitude_min[who], L.speed_max[who] - speed, _GAMMA_MOST, np.inf,
-            L.acceleration_max[who] - m.along, _FORCE_MOST, _FORCE_MOST,
+            np.inf, np.inf, -m.altitude - L.altitude_min[aircraft], L.speed_max[aircraft] - speed, _GAMMA_MOST, np.inf,
+            L.acceleration_max[aircraft] - m.along, _FORCE_MOST, _FORCE_MOST,
         ])  # fmt: skip
         lows, highs = (
             np.concatenate([np.tile(b, self.intervals + 1), np.tile(b[3:], self.intervals)]) for b in (low, high)
         )
-        lows[: len(NODE)] = highs[: len(NODE)] = self.first()
-        last = len(NODE) * self.intervals
-        lows[last : last + 3] = highs[last : last + 3] = case.goals.meeting_n(who, np.array([self.arrival]))[0]
+        lows[: len(NODE)] = highs[: len(NODE)] = self.first_node()
+        last_node = len(NODE) * self.intervals
+        lows[last_node : last_node + 3] = highs[last_node : last_node + 3] = case.goals.meeting_n(
+            aircraft, np.array([self.arrival])
+        )[0]
         return lows, highs
 
-    def first(self) -> Float[np.ndarray, "9"]:
-        """Unknowns of the first node: what the start says."""
-        case, who, start = self.case, self.who, self.case.starts
-        north, east, down = start.velocity_n[who] - smooth_wind(case.wind, -start.position_n[who, 2:])[:, 0]
+    def first_node(self) -> Float[np.ndarray, "9"]:
+        """Unknowns of the first node, from the start's state."""
+        case, aircraft, start = self.case, self.aircraft, self.case.starts
+        north, east, down = start.velocity_n[aircraft] - smooth_wind(case.wind, -start.position_n[aircraft, 2:])[:, 0]
         speed, chi = float(np.linalg.norm([north, east, down])), float(np.arctan2(east, north))
         gamma = float(-np.arcsin(down / speed))
-        force = start.acceleration_n[who] - np.array([0.0, 0.0, case.gravity])
-        return np.array([*start.position_n[who], speed, gamma, chi, *(axes(gamma, chi) @ force)])
+        force = start.acceleration_n[aircraft] - np.array([0.0, 0.0, case.gravity])
+        return np.array([*start.position_n[aircraft], speed, gamma, chi, *(axes(gamma, chi) @ force)])
 
     def unknowns_of(self, path: "Quartics") -> Float[np.ndarray, " unknown"]:
-        """Unknowns whose path is that given at the nodes and middles."""
+        """Unknowns of a given path, sampled at the nodes and middles."""
         case = self.case
         times = np.linspace(case.starts.time, self.arrival, 2 * self.intervals + 1)
-        place, velocity, acceleration = (path.at(times, order) for order in range(3))
-        north, east, down = velocity - smooth_wind(case.wind, -place[2])
+        position, velocity, acceleration = (path.at(times, order) for order in range(3))
+        north, east, down = velocity - smooth_wind(case.wind, -position[2])
         V, chi = np.sqrt(north**2 + east**2 + down**2), np.unwrap(np.arctan2(east, north))
         gamma = -np.arcsin(down / V)
         force = acceleration - np.array([[0.0], [0.0], [case.gravity]])
-        felt = np.stack([axes(g, c) @ f for g, c, f in zip(gamma, chi, force.T, strict=True)], axis=1)
-        rows = np.stack([*place, V, gamma, chi, *felt])
-        return np.concatenate([rows[:, ::2].T.ravel(), rows[3:, 1::2].T.ravel()])
+        force_components = np.stack([axes(g, c) @ f for g, c, f in zip(gamma, chi, force.T, strict=True)], axis=1)
+        values = np.stack([*position, V, gamma, chi, *force_components])
+        return np.concatenate([values[:, ::2].T.ravel(), values[3:, 1::2].T.ravel()])
 
     def path(self, x: Float[np.ndarray, " unknown"]) -> "Quartics":
         """Path over the ground."""
@@ -170,7 +172,7 @@ class Flight:
 
 
 def smooth_wind(wind: WindProfile, altitude: Float[np.ndarray, " time"]) -> Float[np.ndarray, "3 time"]:
-    """Wind whose slope changes smoothly at the layers, as in the equations of the solver, NED, m/s."""
+    """Wind whose slope changes smoothly at the layers, as in the solver's equations, NED, m/s."""
     levels, winds = wind.altitudes, wind.velocities_n
     passed = 0.5 * (altitude - levels[:, None] + np.hypot(altitude - levels[:, None], HINGE_M))
     slope = np.diff(winds, axis=0) / np.diff(levels)[:, None]
@@ -178,7 +180,7 @@ def smooth_wind(wind: WindProfile, altitude: Float[np.ndarray, " time"]) -> Floa
 
 
 def axes(gamma: float, chi: float) -> Float[np.ndarray, "3 3"]:
-    """Unit vectors along the air path, to its right and across it upward; rows, NED."""
+    """Unit vectors along the air path, to the right and normal to it (upward), as rows, NED."""
     sg, cg, sc, cc = np.sin(gamma), np.cos(gamma), np.sin(chi), np.cos(chi)
     return np.array([[cg * cc, cg * sc, -sg], [-sc, cc, 0.0], [-sg * cc, -sg * sc, -cg]])
 
@@ -190,20 +192,20 @@ def air_velocity(
     return V * np.stack([np.cos(gamma) * np.cos(chi), np.cos(gamma) * np.sin(chi), -np.sin(gamma)])
 
 
-def accelerations(rows: Float[np.ndarray, "5 time"], gravity: float) -> Float[np.ndarray, "3 time"]:
-    """Acceleration over the ground, NED, m/s^2, of gamma, chi and the force per mass (along, side, normal)."""
-    by_axis = np.stack([axes(gamma, chi) for gamma, chi in rows[:2].T], axis=2)
-    return np.einsum("kat,kt->at", by_axis, rows[2:]) + np.array([[0.0], [0.0], [gravity]])
+def accelerations(motion: Float[np.ndarray, "5 time"], gravity: float) -> Float[np.ndarray, "3 time"]:
+    """Acceleration over the ground, NED, m/s^2, from gamma, chi and the force per mass (along, side, normal)."""
+    by_axis = np.stack([axes(gamma, chi) for gamma, chi in motion[:2].T], axis=2)
+    return np.einsum("kat,kt->at", by_axis, motion[2:]) + np.array([[0.0], [0.0], [gravity]])
 
 
 @dataclass(frozen=True)
 class Quartics:
-    """Path whose acceleration is quadratic in each interval, through its ends and its middle: Hermite-Simpson's."""
+    """Path with quadratic acceleration in each interval, given at both ends and the middle: Hermite-Simpson."""
 
     begin: float
-    """s."""
+    """Start time, s."""
     width: float
-    """Of an interval, s."""
+    """Width of an interval, s."""
     position: Float[np.ndarray, "3 node"]
     velocity: Float[np.ndarray, "3 node"]
     acceleration: Float[np.ndarray, "3 node"]
@@ -211,7 +213,7 @@ class Quartics:
     """Acceleration in the middle of each interval."""
 
     def at(self, times: Float[np.ndarray, " time"], order: int = 0) -> Float[np.ndarray, "3 time"]:
-        """Position, NED, m, or its derivative of an order up to 2; before and after the flight that at its ends."""
+        """Position, NED, m, or its derivative of an order up to 2; constant before and after the flight."""
         share = np.clip((times - self.begin) / self.width, 0.0, self.middle.shape[1])
         k = np.minimum(share.astype(int), self.middle.shape[1] - 1)
         s, h = share - k, self.width
@@ -228,6 +230,6 @@ class Quartics:
         return value + self.position[:, k] if order == 0 else value
 
     def knots(self) -> tuple[Float[np.ndarray, " knot"], Float[np.ndarray, "knot 3 3"]]:
-        """Times and [order, axis] at the nodes: quartic between them, so exact as quintic cells."""
+        """Times and derivatives [order, axis] at the nodes; the quartics between them are exact quintic cells."""
         times = self.begin + self.width * np.arange(self.position.shape[1])
         return times, np.stack([self.position, self.velocity, self.acceleration]).transpose(2, 0, 1)

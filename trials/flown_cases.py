@@ -1,4 +1,4 @@
-"""Tasks that a random fleet has flown: feasible by construction, to see how often a search finds a plan."""
+"""Tasks derived from a random fleet's flight: feasible by construction, to measure the success rate of a search."""
 
 from itertools import combinations
 
@@ -19,19 +19,19 @@ from trials.motion import path_demands
 __all__ = ["flown_case"]
 
 _STEP = 0.05
-"""Of the flown trajectories, s."""
+"""Time step of the flown trajectories, s."""
 _GRAVITY = 9.80665
 
 
 def flown_case(seed: int) -> PlanCase:
-    """Task whose answer is known to exist: a random fleet's flight gives starts, goals, times, limits and separation.
+    """Task with a known solution: a random fleet's flight gives starts, goals, times, limits and separation.
 
     Notes
     -----
-    Each aircraft flies random bank angles, climbs and speeds, some nearly straight on, so that the time asked for
-    leaves little. Each limit is what it asked for and 3 to 50 % more (of the margin to steady level flight);
-    separation and keep-outs take 60 to 97 % of the room that the fleet left. Arrival times are those flown, as a
-    common time, times of their own, windows or a sequence.
+    Each aircraft flies random bank angles, climbs and speeds, sometimes nearly straight, so that its arrival time
+    leaves little slack. Each limit exceeds the flown maximum by 3 to 50 % (of the margin to steady level flight);
+    separation and keep-outs take 60 to 97 % of the distances in the fleet's flight. The arrival times are the flown
+    times, as a common time, individual times, windows or a sequence.
     """
     rng = np.random.default_rng([6, seed])
     size = int(rng.integers(2, 9))
@@ -51,26 +51,26 @@ def flown_case(seed: int) -> PlanCase:
     tracks = [_fly(rng, wind, t, bank * rng.choice([0.1, 0.4, 1.0]), box) for t in flown]
     slack = rng.uniform(0.03, 0.5)
     limits = _limits(tracks, wind, slack)
-    places = [p for p, _, _ in tracks]
-    horizontal, vertical = _separation(rng, places)
+    positions = [p for p, _, _ in tracks]
+    horizontal, vertical = _separation(rng, positions)
     motion = rng.uniform(-20.0, 20.0, (size, 2)) * (rng.random() < 0.6)
-    last = np.array([p[-1] for p in places])
+    end_positions = np.array([p[-1] for p in positions])
     velocity = np.concatenate([motion, np.zeros((size, 1))], axis=1)
-    asked = rng.random(size) < rng.choice([0.0, 0.5])
+    has_course = rng.random(size) < rng.choice([0.0, 0.5])
     course = np.array([np.arctan2(v[-1, 1], v[-1, 0]) for _, v, _ in tracks])
     stand_off = np.tile([0.0, 0.0, -300.0], (size, 1))
     nan = np.full(size, np.nan)
     goals = Goals(
         np.zeros((size, 1)),
-        (last - velocity * flown[:, None] - stand_off)[:, None],
+        (end_positions - velocity * flown[:, None] - stand_off)[:, None],
         velocity,
         stand_off,
-        np.where(asked, course, np.nan),
+        np.where(has_course, course, np.nan),
         nan,
     )
     spacing = float(flown[-2] - flown[-1]) if rule == "sequence" else float("nan")
-    before = rng.uniform(0.0, 10.0, size)
-    windows = np.stack([flown - before, flown + rng.uniform(0.0, 10.0, size)], axis=1)
+    early_margin = rng.uniform(0.0, 10.0, size)
+    windows = np.stack([flown - early_margin, flown + rng.uniform(0.0, 10.0, size)], axis=1)
     arrival = ArrivalRule(
         rule,
         flown if rule in ("at", "times") else nan,
@@ -79,7 +79,7 @@ def flown_case(seed: int) -> PlanCase:
         np.arange(size)[::-1].copy(),
     )
     starts = Starts(0.0, *(np.array([track[k][0] for track in tracks]) for k in range(3)))
-    keep_outs = _keep_outs(rng, places)
+    keep_outs = _keep_outs(rng, positions)
     middle = float(np.mean(0.5 * (limits.speed_min + limits.speed_max)))
     return PlanCase(starts, goals, limits, wind, keep_outs, horizontal, vertical, arrival, middle, _GRAVITY, seed)
 
@@ -112,58 +112,59 @@ def _fly(
     moved = np.concatenate(
         [np.zeros((3, 1)), np.cumsum(0.5 * _STEP * (velocity[:, 1:] + velocity[:, :-1]), axis=1)], axis=1
     )
-    first = np.array([*(rng.uniform(-box, box, 2) - 0.5 * moved[:2, -1]), -height[0]])
-    return (first[:, None] + moved).T, velocity.T, acceleration.T
+    start_position = np.array([*(rng.uniform(-box, box, 2) - 0.5 * moved[:2, -1]), -height[0]])
+    return (start_position[:, None] + moved).T, velocity.T, acceleration.T
 
 
 def _limits(tracks: list[tuple[np.ndarray, ...]], wind: WindProfile, slack: float) -> FleetLimits:
-    """What each aircraft asked for and some more."""
-    rows = []
+    """Limits slightly wider than each aircraft's flight."""
+    limit_rows = []
     for position, velocity, acceleration in tracks:
-        asked = path_demands(velocity.T, acceleration.T, wind.at(-position[:, 2]), _GRAVITY)
-        width = float(np.ptp(asked.speed)) * slack + 0.5
+        demands = path_demands(velocity.T, acceleration.T, wind.at(-position[:, 2]), _GRAVITY)
+        width = float(np.ptp(demands.speed)) * slack + 0.5
         heights = -position[:, 2]
-        room = float(np.ptp(heights)) * slack + 20.0
-        bank = float(np.max(np.abs(np.arctan2(asked.side, asked.normal))))
-        load = float(np.max(np.hypot(asked.side, asked.normal))) / _GRAVITY
-        rows.append([
-            asked.speed.min() - width, asked.speed.max() + width, min(bank * (1.0 + slack), 1.3),
-            np.abs(asked.climb_rate).max() * (1.0 + slack) + 0.5, heights.min() - room, heights.max() + room,
+        height_margin = float(np.ptp(heights)) * slack + 20.0
+        bank = float(np.max(np.abs(np.arctan2(demands.side, demands.normal))))
+        load = float(np.max(np.hypot(demands.side, demands.normal))) / _GRAVITY
+        limit_rows.append([
+            demands.speed.min() - width, demands.speed.max() + width, min(bank * (1.0 + slack), 1.3),
+            np.abs(demands.climb_rate).max() * (1.0 + slack) + 0.5,
+            heights.min() - height_margin, heights.max() + height_margin,
             1.0 + (load - 1.0) * (1.0 + slack) + 0.02,
-            max(asked.along.max(), 0.0) * (1.0 + slack) + 0.05, max(-asked.along.min(), 0.0) * (1.0 + slack) + 0.05,
+            max(demands.along.max(), 0.0) * (1.0 + slack) + 0.05, max(-demands.along.min(), 0.0) * (1.0 + slack) + 0.05,
         ])  # fmt: skip
-    low, high, bank, climb, floor, ceiling, load, faster, slower = np.array(rows).T
+    low, high, bank, climb, floor, ceiling, load, faster, slower = np.array(limit_rows).T
     return FleetLimits(low, high, bank, climb, floor, ceiling, load, faster, slower)
 
 
-def _separation(rng: np.random.Generator, places: list[np.ndarray]) -> tuple[float, float]:
-    """Separation that the fleet kept, with room; none where it came too close."""
+def _separation(rng: np.random.Generator, positions: list[np.ndarray]) -> tuple[float, float]:
+    """Separation satisfied by the fleet's flight, with a margin; none if the aircraft come too close."""
     vertical = float(rng.uniform(150.0, 300.0))
-    least = np.inf
-    for one, other in combinations(places, 2):
-        rel = one[: len(other)] - other[: len(one)]
-        close = np.abs(rel[:, 2]) < vertical + 5.0
+    distance_min = np.inf
+    for first_path, second_path in combinations(positions, 2):
+        offset = first_path[: len(second_path)] - second_path[: len(first_path)]
+        close = np.abs(offset[:, 2]) < vertical + 5.0
         if close.any():
-            least = min(least, float(np.min(np.hypot(rel[close, 0], rel[close, 1]))))
-    horizontal = min(least * float(rng.uniform(0.6, 0.97)), 1500.0)
+            distance_min = min(distance_min, float(np.min(np.hypot(offset[close, 0], offset[close, 1]))))
+    horizontal = min(distance_min * float(rng.uniform(0.6, 0.97)), 1500.0)
     return (horizontal, vertical) if horizontal >= 20.0 else (0.0, vertical)
 
 
-def _keep_outs(rng: np.random.Generator, places: list[np.ndarray]) -> KeepOutCylinders:
-    """Cylinders beside the paths, standing or moving, most of the way up to the nearest aircraft."""
+def _keep_outs(rng: np.random.Generator, positions: list[np.ndarray]) -> KeepOutCylinders:
+    """Cylinders near the paths, at rest or moving, most of the way to the nearest aircraft."""
     count = int(rng.integers(0, 5))
-    spots, speeds, radii = [], [], []
+    centres, speeds, radii = [], [], []
     for _ in range(count):
-        spot, velocity = rng.uniform(-9000.0, 9000.0, 2), rng.uniform(-12.0, 12.0, 2) * (rng.random() < 0.5)
+        centre, velocity = rng.uniform(-9000.0, 9000.0, 2), rng.uniform(-12.0, 12.0, 2) * (rng.random() < 0.5)
         nearest = min(
-            float(np.min(np.linalg.norm(p[:, :2] - spot - velocity * (_STEP * np.arange(len(p)))[:, None], axis=1)))
-            for p in places
+            float(np.min(np.linalg.norm(p[:, :2] - centre - velocity * (_STEP * np.arange(len(p)))[:, None], axis=1)))
+            for p in positions
         )
-        spots.append(spot)
+        centres.append(centre)
         speeds.append(velocity)
         radii.append(min(nearest * float(rng.uniform(0.6, 0.97)), 4000.0))
     return KeepOutCylinders(
-        np.array(spots).reshape(-1, 2),
+        np.array(centres).reshape(-1, 2),
         np.array(speeds).reshape(-1, 2),
         np.array(radii),
         np.full(count, -100.0),

@@ -1,9 +1,9 @@
-"""Commands that Ctrl-C interrupts at random moments: `python -m trials.interrupted_commands --trials 20`.
+"""Commands interrupted by Ctrl-C at random moments: `python -m trials.interrupted_commands --trials 20`.
 
-Each command is flown once undisturbed, for its duration and its files. Then it is interrupted, its processes as a
-terminal does it, at moments that are spread evenly over that duration, imports of modules among them. It must end with
-exit code 130 and one message, and leave all of its files, each complete, or none; a campaign and a rare event leave
-what can be resumed. An interrupt that arrives when all is written may end with the command's own exit code.
+Each command first runs undisturbed, to measure its duration and list its files. Then its processes are interrupted, as
+by a terminal, at uniformly random moments of that duration, including the import of modules. The command must end with
+exit code 130 and one message, and leave either complete files or none; a campaign and a rare event leave a resumable
+folder. An interrupt after the last write may end with the command's normal exit code.
 """
 
 import argparse
@@ -25,7 +25,7 @@ _SCENARIO, _RUN, _STUDY, _RARE = "scenario.toml", "run", "study.toml", "rare.tom
 _PROGRAM = "import os, sys; os.write({ready}, b'x'); from anser.cli import main; sys.argv[0] = 'anser'; main()"
 _TIMEOUT_S = 600.0
 RESUMED = {"campaign": "flights.zarr", "rare": "rare-asked.json"}
-"""Commands whose folder stays to be resumed, and what it holds then."""
+"""Commands with a resumable folder, and a file in it."""
 COMMANDS: dict[str, tuple[str, ...]] = {
     "run": ("run", _SCENARIO, "--out", "{out}"),
     "plan": ("plan", _SCENARIO, "--out", "{out}"),
@@ -64,7 +64,7 @@ _STUDIES = {
 
 @dataclass(frozen=True)
 class Ended:
-    """End of one process: its exit code, its standard error, its duration, and its end after the interrupt, s."""
+    """End of one process: exit code, standard error, duration, and time from the interrupt to the end, s."""
 
     code: int
     said: str
@@ -73,7 +73,7 @@ class Ended:
 
 
 def prepare(folder: Path) -> None:
-    """Write the scenario, the studies and the run that the commands read."""
+    """Write the input of the commands: scenario, studies and run."""
     text = (_ROOT / "scenarios" / "single-aircraft.toml").read_text(encoding="utf-8")
     (folder / _SCENARIO).write_text(text, encoding="utf-8")
     for name, part in _STUDIES.items():
@@ -83,19 +83,19 @@ def prepare(folder: Path) -> None:
         raise RuntimeError(f"the run that other commands read ended with exit code {ended.code}: {ended.said}")
 
 
-def run_command(words: tuple[str, ...], folder: Path, delay_s: float | None) -> Ended:
-    """Run a command in a folder, and interrupt its processes so long after it begins to import the package."""
+def run_command(arguments: tuple[str, ...], folder: Path, delay_s: float | None) -> Ended:
+    """Run a command in a folder, and interrupt its processes `delay_s` after the import of the package begins."""
     reading, writing = os.pipe()
-    command = [sys.executable, "-c", _PROGRAM.format(ready=writing), *words]
+    command = [sys.executable, "-c", _PROGRAM.format(ready=writing), *arguments]
     after_s = None
-    with (folder / "stderr.txt").open("w+b") as said:
+    with (folder / "stderr.txt").open("w+b") as stderr:
         process = subprocess.Popen(
-            command, cwd=folder, start_new_session=True, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=said
+            command, cwd=folder, start_new_session=True, pass_fds=[writing], stdout=subprocess.DEVNULL, stderr=stderr
         )
         os.close(writing)
         os.read(reading, 1)
         os.close(reading)
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         try:
             process.wait(_TIMEOUT_S if delay_s is None else delay_s)
         except subprocess.TimeoutExpired:
@@ -103,68 +103,71 @@ def run_command(words: tuple[str, ...], folder: Path, delay_s: float | None) -> 
             os.killpg(process.pid, signal.SIGINT)
             process.wait(_TIMEOUT_S)
             after_s = time.perf_counter() - interrupted
-        said.seek(0)
-        return Ended(process.returncode, said.read().decode(errors="replace"), time.perf_counter() - began, after_s)
+        stderr.seek(0)
+        return Ended(
+            process.returncode, stderr.read().decode(errors="replace"), time.perf_counter() - start_time, after_s
+        )
 
 
 def outputs_of(folder: Path, name: str) -> set[str]:
-    """Files that a command has left under the name of its output, relative to the folder."""
-    places = [path for path in folder.iterdir() if path.name.startswith((f"{name}.", ".anser-")) or path.name == name]
-    files = [path for place in places for path in ([place] if place.is_file() else place.rglob("*"))]
-    empty = [path for path in places if path.is_dir()]
+    """Files of a command's output in the folder, as relative paths."""
+    outputs = [path for path in folder.iterdir() if path.name.startswith((f"{name}.", ".anser-")) or path.name == name]
+    files = [path for output in outputs for path in ([output] if output.is_file() else output.rglob("*"))]
+    empty = [path for path in outputs if path.is_dir()]
     return {path.relative_to(folder).as_posix() for path in [*files, *empty]}
 
 
-def faults_of(command: str, ended: Ended, left: set[str], whole: set[str]) -> list[str]:
-    """Faults of an interrupted command: of its exit code, its messages and the files that it left."""
-    found = []
+def faults_of(command: str, ended: Ended, files: set[str], complete_files: set[str]) -> list[str]:
+    """Faults of an interrupted command: wrong exit code, messages or files."""
+    faults = []
     if ended.code == _STOPPED:
         if ended.said.count("stopped\n") != 1 or "Traceback" in ended.said or "ignored" in ended.said:
-            found.append(f"messages {ended.said[-2000:]!r}")
+            faults.append(f"messages {ended.said[-2000:]!r}")
     elif ended.code in (0, 1):
-        if left != whole:
-            found.append(f"exit code {ended.code} with {len(left)} of {len(whole)} files")
+        if files != complete_files:
+            faults.append(f"exit code {ended.code} with {len(files)} of {len(complete_files)} files")
     else:
-        found.append(f"exit code {ended.code}: {ended.said[-2000:]!r}")
-    if any(".anser-" in name or name.endswith(".part") for name in left):
-        found.append(f"temporary files {sorted(left)}")
+        faults.append(f"exit code {ended.code}: {ended.said[-2000:]!r}")
+    if any(".anser-" in name or name.endswith(".part") for name in files):
+        faults.append(f"temporary files {sorted(files)}")
     resumed = RESUMED.get(command)
-    if left and left != whole and not (resumed and any(f"/{resumed}" in name for name in left)):
-        found.append(f"files {sorted(left)} instead of {sorted(whole)}")
-    return found
+    if files and files != complete_files and not (resumed and any(f"/{resumed}" in name for name in files)):
+        faults.append(f"files {sorted(files)} instead of {sorted(complete_files)}")
+    return faults
 
 
 def interrupt(command: str, folder: Path, trials: int, draw: random.Random) -> tuple[list[str], str]:
-    """Interrupt one command so many times; return its faults, and a line that sums them up."""
-    words = COMMANDS[command]
+    """Interrupt one command `trials` times; return its faults and a summary line."""
+    template = COMMANDS[command]
 
     def filled(name: str) -> tuple[str, ...]:
-        return tuple(word.format(out=name) for word in words)
+        return tuple(word.format(out=name) for word in template)
 
-    run_command(filled("out"), folder, None)  # what is compiled, it finds in the cache from now on
+    run_command(filled("out"), folder, None)  # fills the cache of compiled programs
     _remove(folder, "out")
     undisturbed = run_command(filled("out"), folder, None)
-    whole, duration_s = outputs_of(folder, "out"), undisturbed.duration_s
+    complete_files, duration_s = outputs_of(folder, "out"), undisturbed.duration_s
     _remove(folder, "out")
     if undisturbed.code not in (0, 1):
         return [f"{command}: undisturbed, exit code {undisturbed.code}: {undisturbed.said}"], command
-    ends, faults, slowest_s = Counter[str](), [], 0.0
-    while ends["stopped"] + ends["finished"] + len(faults) < trials:
+    end_counts, faults, slowest_s = Counter[str](), [], 0.0
+    while end_counts["stopped"] + end_counts["finished"] + len(faults) < trials:
         delay_s = draw.uniform(0.0, duration_s)
         ended = run_command(filled("out"), folder, delay_s)
-        left = outputs_of(folder, "out")
+        files = outputs_of(folder, "out")
         _remove(folder, "out")
-        if ended.after_s is None:  # it was faster than the first time
+        if ended.after_s is None:  # faster than the undisturbed run
             duration_s = max(0.9 * duration_s, 0.2)
-            ends["too late"] += 1
+            end_counts["too late"] += 1
             continue
         slowest_s = max(slowest_s, ended.after_s)
-        found = faults_of(command, ended, left, whole)
-        faults += [f"{command}, interrupted after {delay_s:.3f} s: {one}" for one in found]
-        if not found:
-            ends["stopped" if ended.code == _STOPPED else "finished"] += 1
+        new_faults = faults_of(command, ended, files, complete_files)
+        faults += [f"{command}, interrupted after {delay_s:.3f} s: {fault}" for fault in new_faults]
+        if not new_faults:
+            end_counts["stopped" if ended.code == _STOPPED else "finished"] += 1
     counts = (
-        f"{ends['stopped']} stopped, {ends['finished']} finished, {len(faults)} faults, {ends['too late']} too late"
+        f"{end_counts['stopped']} stopped, {end_counts['finished']} finished, {len(faults)} faults, "
+        f"{end_counts['too late']} too late"
     )
     line = (
         f"{command}: {counts}; undisturbed {undisturbed.duration_s:.1f} s, slowest end {slowest_s:.1f} s after Ctrl-C"
@@ -179,18 +182,18 @@ def _remove(folder: Path, name: str) -> None:
 
 
 def main() -> int:
-    """Interrupt the commands that are named, or all; 1 if one of them has a fault."""
+    """Interrupt the named commands (default: every command); return 1 after a fault."""
     parser = argparse.ArgumentParser(prog="python -m trials.interrupted_commands", description=__doc__)
     parser.add_argument("commands", nargs="*", choices=[*COMMANDS, []], help="commands to interrupt; none: all")
     parser.add_argument("--trials", type=int, default=20, help="interrupts of each command")
     parser.add_argument("--seed", type=int, default=1, help="seed of the moments")
-    given = parser.parse_args()
+    options = parser.parse_args()
     count = 0
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with tempfile.TemporaryDirectory() as temporary_folder:
+        folder = Path(temporary_folder)
         prepare(folder)
-        for command in given.commands or COMMANDS:
-            faults, line = interrupt(command, folder, given.trials, random.Random(f"{given.seed} {command}"))
+        for command in options.commands or COMMANDS:
+            faults, line = interrupt(command, folder, options.trials, random.Random(f"{options.seed} {command}"))
             count += len(faults)
             sys.stdout.write("\n".join([line, *faults]) + "\n")
             sys.stdout.flush()

@@ -1,6 +1,6 @@
 """Campaigns of 2,000 flights whose processes or workers are killed 20 times: `python -m trials.killed_campaigns`.
 
-After the last resume every data array must be, bit for bit, that of a campaign which nobody disturbed.
+After the last resume every data array must equal, bit for bit, the array of an undisturbed campaign.
 """
 
 import contextlib
@@ -50,20 +50,26 @@ series = ["position_error", "airspeed"]
 
 
 def arrays_of(folder: Path) -> dict[str, np.ndarray]:
-    """Every array of a store, the marks and the series among them."""
+    """Every array of a store, including marks and series."""
     members = zarr.open_group(folder / "flights.zarr", mode="r").members(max_depth=None)
-    return {name: np.asarray(one[...]) for name, one in members if isinstance(one, zarr.Array)}
+    return {name: np.asarray(array[...]) for name, array in members if isinstance(array, zarr.Array)}
 
 
-def differing(folder: Path, other: Path) -> list[str]:
-    """Names of the arrays that are not the same to the bit."""
-    one, two = arrays_of(folder), arrays_of(other)
-    names = sorted(set(one) | set(two))
-    return [name for name in names if name not in one or name not in two or one[name].tobytes() != two[name].tobytes()]
+def differing(folder: Path, reference: Path) -> list[str]:
+    """Names of the arrays that differ in any bit."""
+    arrays, reference_arrays = arrays_of(folder), arrays_of(reference)
+    names = sorted(set(arrays) | set(reference_arrays))
+    return [
+        name
+        for name in names
+        if name not in arrays
+        or name not in reference_arrays
+        or arrays[name].tobytes() != reference_arrays[name].tobytes()
+    ]
 
 
 def killed_processes(study: Path, folder: Path, draw: random.Random) -> int:
-    """Begin the campaign, kill all its processes at random moments, resume; how often it was killed before its end."""
+    """Start the campaign, kill its processes at random moments, resume; return the number of kills."""
     killed = 0
     while True:
         resume = ["--resume"] if folder.exists() else []
@@ -77,22 +83,24 @@ def killed_processes(study: Path, folder: Path, draw: random.Random) -> int:
             running.wait()
             killed += 1
             if not (folder / "checksums" / "store.json").exists():
-                shutil.rmtree(folder, ignore_errors=True)  # killed before there was a store
+                shutil.rmtree(folder, ignore_errors=True)  # killed before the store was created
             continue
         return killed
 
 
 def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
-    """Fly on a cluster of two workers of which one after the other is killed; how often before the campaign's end."""
+    """Fly on a cluster of two workers that are killed alternately; return the number of kills."""
     from distributed import LocalCluster
 
     killed, store = 0, open_campaign_store(study, folder, resume=False)
-    both: Any = LocalCluster(n_workers=_WORKERS, threads_per_worker=1, dashboard_address=":0")
-    with both as cluster:
+    dask_cluster: Any = LocalCluster(n_workers=_WORKERS, threads_per_worker=1, dashboard_address=":0")
+    with dask_cluster as cluster:
         while not CampaignStore.open(folder).chunk_is_complete.all():
 
             def fly() -> None:
-                with contextlib.suppress(StoreError):  # a chunk whose workers were killed thrice: resumed
+                with contextlib.suppress(
+                    StoreError
+                ):  # raised for a chunk whose workers were killed three times; it is resumed
                     fly_campaign(store, cluster=cluster.scheduler_address)
 
             flying = threading.Thread(target=fly, daemon=True)
@@ -100,9 +108,9 @@ def killed_workers(study: Path, folder: Path, draw: random.Random) -> int:
             while flying.is_alive():
                 flying.join(draw.uniform(4.0, 15.0))
                 if flying.is_alive() and killed < KILLS:
-                    # one that is killed while it starts is given up by dask, and nobody would fly in the end
-                    nannies = [one for one in cluster.workers.values() if one.process is not None]
-                    running = [one.pid for one in nannies if one.process.status.name == "running"]
+                    # dask gives up a worker killed during its start, and finally no worker would be left
+                    nannies = [nanny for nanny in cluster.workers.values() if nanny.process is not None]
+                    running = [nanny.pid for nanny in nannies if nanny.process.status.name == "running"]
                     if len(cluster.workers) < _WORKERS:
                         cluster.scale(_WORKERS)
                     elif len(running) == _WORKERS:
@@ -117,26 +125,26 @@ def _say(line: str) -> None:
 
 
 def main() -> int:
-    """Fly undisturbed, killed, and with killed workers; 1 where a store differs."""
-    found = []
-    with tempfile.TemporaryDirectory() as place:
-        here, draw = Path(place), random.Random(1)
+    """Fly undisturbed, with killed processes and with killed workers; return 1 if a store differs."""
+    differences = []
+    with tempfile.TemporaryDirectory() as temporary_folder:
+        here, draw = Path(temporary_folder), random.Random(1)
         (here / "scenario.toml").write_text(_SCENARIO.read_text(encoding="utf-8"), encoding="utf-8")
         study = here / "study.toml"
         study.write_text(_STUDY.format(flights=FLIGHTS), encoding="utf-8")
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         fly_campaign(open_campaign_store(study, here / "undisturbed", resume=False), 2)
-        _say(f"undisturbed: {FLIGHTS} flights in {time.perf_counter() - began:.0f} s")
+        _say(f"undisturbed: {FLIGHTS} flights in {time.perf_counter() - start_time:.0f} s")
         kinds = {"processes": killed_processes, "workers": killed_workers}
         for name, fly in [(name, kinds[name]) for name in sys.argv[1:] or kinds]:
             killed, number = 0, 0
             while killed < KILLS:
                 folder = here / f"{name}-{number}"
                 killed += fly(study, folder, draw)
-                found += differing(here / "undisturbed", folder)
+                differences += differing(here / "undisturbed", folder)
                 number += 1
-                _say(f"{name}: {killed} kills, {number} campaigns, {len(found)} arrays differ")
-    return int(bool(found))
+                _say(f"{name}: {killed} kills, {number} campaigns, {len(differences)} arrays differ")
+    return int(bool(differences))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Random fleets to which something happens on the way: whether the others plan on, arrive by their rule, keep apart.
+"""Random fleets with an event in flight: whether the other aircraft replan, arrive by the rule and stay separated.
 
 ``python -m trials.lost_aircraft --seeds 0:500 --out build/lost-aircraft.jsonl``
 
-What is in the file already is not flown again.
+Seeds already in the file are skipped.
 
-Each fleet is flown whole. Where the others did not arrive by their rule, the judge of the planner looks for a plan from
-where the aircraft were then, by a method of its own: it may find the refusal proved, find nothing either, or contradict
-it.
+Each fleet is flown to the end. If the remaining aircraft miss the arrival rule, the independent checker searches for a
+plan from their state at the event, by another method: it may prove the refusal, find nothing, or contradict it.
 """
 
 import argparse
@@ -31,8 +30,8 @@ from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, PlanC
 from trials.search import second_search
 
 _BOX_M, _APART_M, _DURATION_S, _LATEST_S = 13_000.0, 300.0, 255.0, 254.0
-_HOLD_S = 30.0  # with less to go than freeze or what is committed, nobody is planned anew
-_WARNING_S = 20.0  # of flight, to what appears on the way: nothing is asked of who is already upon it
+_HOLD_S = 30.0  # time to go below which no aircraft is replanned: more than `freeze_s` and the planner's committed time
+_WARNING_S = 20.0  # least flight time to a keep-out that appears: a closer aircraft could not avoid it
 _KINDS = {
     "aircraft-leaves": 0.45,
     "thrust-lost": 0.15,
@@ -42,7 +41,7 @@ _KINDS = {
     "keep-out-appears": 0.08,
     "arrival-put-off": 0.08,
 }
-_ITERATIONS = 3000  # of the judge's solver
+_ITERATIONS = 3000  # of the checker's solver
 _REDRAWN = 40
 
 
@@ -52,7 +51,7 @@ def size_of(seed: int) -> int:
 
 
 def random_text(count: int, rng: np.random.Generator) -> str:
-    """A random fleet, apart at the start and at the arrivals, without an event."""
+    """A random fleet, separated at the start and at the arrivals, without an event."""
     starts, goals = _places(rng, count, _BOX_M, 1500.0), _places(rng, count, 0.35 * _BOX_M, 1000.0)
     rule = rng.choice(["together", "sequence", "at"], p=[0.6, 0.3, 0.1])
     spacing_s = float(np.round(rng.uniform(5.0, 15.0), 1))
@@ -68,13 +67,13 @@ def random_text(count: int, rng: np.random.Generator) -> str:
         f"from_deg = {course:.1f}\n[limits]\nbank_max_deg = 60.0\n[separation]\nhorizontal_m = {_APART_M}\n"
         "vertical_m = 150.0\n"
     ]
-    for k, (place, goal) in enumerate(zip(starts, goals, strict=True)):
+    for k, (start, goal) in enumerate(zip(starts, goals, strict=True)):
         moving = rng.random() < 0.6
         speed, drift = (rng.uniform(3.0, 20.0), rng.uniform(0.0, 360.0)) if moving else (0.0, 0.0)
         level = 500.0 + 250.0 * k
         parts.append(
             f'[[aircraft]]\nname = "aircraft-{k + 1}"\ngoal = "goal-{k + 1}"\n'
-            f"start = {{ north_m = {place[0]:.1f}, east_m = {place[1]:.1f}, altitude_m = {rng.uniform(900, 2800):.1f}, "
+            f"start = {{ north_m = {start[0]:.1f}, east_m = {start[1]:.1f}, altitude_m = {rng.uniform(900, 2800):.1f}, "
             f"speed_m_s = {rng.uniform(140, 165):.1f}, course_deg = {rng.uniform(0, 360):.1f} }}\n"
             f"rendezvous = {{ stand_off_up_m = {level:.1f} }}\n"
             f'[[goal]]\nname = "goal-{k + 1}"\nkind = "surface"\nnorth_m = {goal[0]:.1f}\neast_m = {goal[1]:.1f}\n'
@@ -83,117 +82,118 @@ def random_text(count: int, rng: np.random.Generator) -> str:
     return "".join(parts)
 
 
-def _places(rng: np.random.Generator, count: int, size_m: float, apart_m: float) -> np.ndarray:
-    found: list[np.ndarray] = []
-    while len(found) < count:
-        spot = rng.uniform(-size_m, size_m, 2)
-        if all(np.hypot(*(spot - other)) > apart_m for other in found):
-            found.append(spot)
-    return np.array(found)
+def _places(rng: np.random.Generator, count: int, size_m: float, spacing_m: float) -> np.ndarray:
+    positions: list[np.ndarray] = []
+    while len(positions) < count:
+        candidate = rng.uniform(-size_m, size_m, 2)
+        if all(np.hypot(*(candidate - position)) > spacing_m for position in positions):
+            positions.append(candidate)
+    return np.array(positions)
 
 
 def random_event(rng: np.random.Generator, planned: CertifiedFirstPlan) -> str | None:
-    """An event at a random time while all are on their way; None where what was drawn cannot be planned around."""
-    names = [one.name for one in planned.scenario.aircraft]
+    """An event at a random time before the first arrival; None if the drawn keep-out cannot be avoided."""
+    names = [aircraft.name for aircraft in planned.scenario.aircraft]
     arrivals = np.asarray(planned.plan.arrival_times)
     kind = str(rng.choice(list(_KINDS), p=list(_KINDS.values())))
     at_s = round(float(rng.uniform(5.0, max(arrivals.min() - _HOLD_S, 10.0))), 1)
-    who = int(rng.integers(len(names)))
+    index = int(rng.integers(len(names)))
     text = f'[[event]]\ntime_s = {at_s}\nkind = "{kind}"\n'
     if kind in ("aircraft-leaves", "thrust-lost", "goal-sensor-lost"):
-        text += f'aircraft = "{names[who]}"\n'
+        text += f'aircraft = "{names[index]}"\n'
     if kind == "aircraft-leaves" and rng.random() < 0.3:
         text += 'goal_taken_over_by = "nearest"\n'
     if kind == "thrust-lost":
         text += f"thrust_left = {rng.uniform(0.3, 0.8):.2f}\n"
     if kind in ("goal-stops", "goal-turns"):
-        text += f'goal = "goal-{who + 1}"\n'
+        text += f'goal = "goal-{index + 1}"\n'
     if kind == "goal-turns":
         text += f"course_deg = {rng.uniform(0, 360):.1f}\n"
     if kind == "arrival-put-off":
         text += f"later_s = {rng.uniform(5, 30):.1f}\n"
     if kind == "keep-out-appears":
         radius_m = float(rng.uniform(300, 900))
-        spot = _ahead(planned, who, at_s, radius_m)
-        if spot is None:
+        position = _ahead(planned, index, at_s, radius_m)
+        if position is None:
             return None
         text += (
-            f'keep_out = {{ name = "storm", north_m = {spot[0]:.1f}, east_m = {spot[1]:.1f}, '
+            f'keep_out = {{ name = "storm", north_m = {position[0]:.1f}, east_m = {position[1]:.1f}, '
             f"radius_m = {radius_m:.0f} }}\n"
         )
     return text
 
 
-def _ahead(planned: CertifiedFirstPlan, who: int, at_s: float, radius_m: float) -> np.ndarray | None:
-    """Half way from a time to the arrival of one: a place on its way, unless somebody is already close to it."""
+def _ahead(planned: CertifiedFirstPlan, index: int, at_s: float, radius_m: float) -> np.ndarray | None:
+    """Position on the way of an aircraft, halfway to its arrival; None if another aircraft is already close to it."""
     paths, arrivals = planned.plan.paths, np.asarray(planned.plan.arrival_times)
-    each = jax.vmap(TimedPath.position_n, in_axes=(0, None))
-    spot = np.asarray(each(paths, at_s + max(_WARNING_S, 0.5 * (arrivals[who] - at_s))))[who, :2]
-    apart = np.hypot(*(np.asarray(each(paths, at_s))[:, :2] - spot).T)
-    near = apart < radius_m + _WARNING_S * np.asarray(planned.tasks.limits.speed_min)
-    return None if near.any() else spot
+    positions_at = jax.vmap(TimedPath.position_n, in_axes=(0, None))
+    position = np.asarray(positions_at(paths, at_s + max(_WARNING_S, 0.5 * (arrivals[index] - at_s))))[index, :2]
+    distances = np.hypot(*(np.asarray(positions_at(paths, at_s))[:, :2] - position).T)
+    is_close = distances < radius_m + _WARNING_S * np.asarray(planned.tasks.limits.speed_min)
+    return None if is_close.any() else position
 
 
 def judged(scenario: Scenario, event: Event, flown: FlightResult) -> str:
-    """What the judge's search says to a refusal: "proved", "not found" or "found".
+    """The independent checker's verdict on a refusal: "proved", "not found" or "found".
 
-    It plans those that could be planned anew, from where they were, with the limits that the planner had. Of all others
-    it knows only the one that has left, as a cylinder that moves as it does at last: so it may find what is none.
+    The checker plans the replannable aircraft, from their state at the event, with the planner's limits. The only other
+    aircraft in its task is the departed one, as a cylinder with its final motion: the checker's plan may be infeasible.
     """
     planned, now_s = flown.planned, event.time_s
     assert isinstance(planned, CertifiedFirstPlan)
     data = flown.dataset
-    names = [one.name for one in scenario.aircraft]
+    names = [aircraft.name for aircraft in scenario.aircraft]
     arrivals = np.asarray(planned.plan.arrival_times)
-    at = int(np.searchsorted(data["time"].values, now_s))
+    time_index = int(np.searchsorted(data["time"].values, now_s))
 
     def series(kind: str) -> np.ndarray:
         return np.stack([data[f"{kind}{axis}"].values for axis in ("north_m_s", "east_m_s", "down_m_s")], axis=-1)
 
-    places = np.stack([data["north_m"].values, data["east_m"].values, -data["altitude_m"].values], axis=-1)
+    positions = np.stack([data["north_m"].values, data["east_m"].values, -data["altitude_m"].values], axis=-1)
     velocities, goal_v = series("velocity_"), series("goal_velocity_")
     goals_n = np.stack(
         [data["goal_north_m"].values, data["goal_east_m"].values, -data["goal_altitude_m"].values], axis=-1
     )
-    free = [
+    replanned = [
         k
         for k, name in enumerate(names)
         if arrivals[k] - now_s > 15.0 and not (event.kind == "aircraft-leaves" and name == event.aircraft)
     ]
     step = float(data["time"].values[1] - data["time"].values[0])
-    accelerations = np.gradient(velocities[at - 2 : at + 3], step, axis=0)[2]
+    accelerations = np.gradient(velocities[time_index - 2 : time_index + 3], step, axis=0)[2]
     limits = {
-        name: np.asarray(getattr(planned.tasks.limits, name))[free].copy() for name in FleetLimits.__dataclass_fields__
+        name: np.asarray(getattr(planned.tasks.limits, name))[replanned].copy()
+        for name in FleetLimits.__dataclass_fields__
     }
-    if event.kind == "thrust-lost" and names.index(str(event.aircraft)) in free:
-        row, left = free.index(names.index(str(event.aircraft))), event.thrust_left or 0.0
-        both = limits["acceleration_max"][row] + limits["deceleration_max"][row]
-        limits["acceleration_max"][row] = left * both - limits["deceleration_max"][row]
-    stand_off = np.array([_ned(scenario.aircraft[k].rendezvous.stand_off_m) for k in free])
-    none = np.full(len(free), np.nan)
+    if event.kind == "thrust-lost" and names.index(str(event.aircraft)) in replanned:
+        index, thrust_fraction = replanned.index(names.index(str(event.aircraft))), event.thrust_left or 0.0
+        thrust_range = limits["acceleration_max"][index] + limits["deceleration_max"][index]
+        limits["acceleration_max"][index] = thrust_fraction * thrust_range - limits["deceleration_max"][index]
+    stand_off = np.array([_ned(scenario.aircraft[k].rendezvous.stand_off_m) for k in replanned])
+    unprescribed = np.full(len(replanned), np.nan)
     rule = scenario.arrival.rule
-    times = arrivals[free] + (event.later_s or 0.0)
+    times = arrivals[replanned] + (event.later_s or 0.0)
     order = np.argsort(times)
-    even = np.allclose(np.diff(times[order]), scenario.arrival.spacing_s or 0.0)
-    name = {"together": "together", "at": "at", "sequence": "sequence" if even else "times"}[rule]
+    is_evenly_spaced = np.allclose(np.diff(times[order]), scenario.arrival.spacing_s or 0.0)
+    name = {"together": "together", "at": "at", "sequence": "sequence" if is_evenly_spaced else "times"}[rule]
     profile = scenario.wind.profile_m_s
     winds = np.array([_ned(velocity) for _, velocity in profile])
     case = PlanCase(
-        Starts(now_s, places[at, free], velocities[at, free], accelerations[free]),
+        Starts(now_s, positions[time_index, replanned], velocities[time_index, replanned], accelerations[replanned]),
         Goals(
-            np.full((len(free), 1), now_s),
-            goals_n[at, free][:, None],
-            goal_v[at, free],
+            np.full((len(replanned), 1), now_s),
+            goals_n[time_index, replanned][:, None],
+            goal_v[time_index, replanned],
             stand_off,
-            none,
-            none,
+            unprescribed,
+            unprescribed,
         ),
         FleetLimits(**limits),
         WindProfile(np.array([altitude for altitude, _ in profile]), winds),
         _cylinders(scenario, event, data, names),
         scenario.separation.horizontal_m,
         scenario.separation.vertical_m,
-        ArrivalRule(name, times, np.full((len(free), 2), np.nan), scenario.arrival.spacing_s or math.nan, order),
+        ArrivalRule(name, times, np.full((len(replanned), 2), np.nan), scenario.arrival.spacing_s or math.nan, order),
         scenario.fleet.speed_m_s,
         9.80665,
     )
@@ -205,128 +205,142 @@ def _ned(up: Any) -> np.ndarray:
 
 
 def _cylinders(scenario: Scenario, event: Event, data: Any, names: list[str]) -> KeepOutCylinders:
-    rows = []
+    cylinders = []
     if event.kind == "keep-out-appears" and event.keep_out is not None:
-        out = event.keep_out
-        rows.append((out.north_m, out.east_m, 0.0, 0.0, out.radius_m, out.bottom_m, out.top_m))
+        keep_out = event.keep_out
+        cylinders.append(
+            (keep_out.north_m, keep_out.east_m, 0.0, 0.0, keep_out.radius_m, keep_out.bottom_m, keep_out.top_m)
+        )
     if event.kind == "aircraft-leaves":
         k = names.index(str(event.aircraft))
-        at = int(np.searchsorted(data["time"].values, min(event.time_s + 40.0, float(data["time"].values[-1]))))
-        t = float(data["time"].values[at])
-        velocity = [float(data[f"velocity_{axis}_m_s"].values[at, k]) for axis in ("north", "east")]
-        place = [
-            float(data[f"{axis}_m"].values[at, k]) - t * v for axis, v in zip(("north", "east"), velocity, strict=True)
+        time_index = int(np.searchsorted(data["time"].values, min(event.time_s + 40.0, float(data["time"].values[-1]))))
+        t = float(data["time"].values[time_index])
+        velocity = [float(data[f"velocity_{axis}_m_s"].values[time_index, k]) for axis in ("north", "east")]
+        origin = [
+            float(data[f"{axis}_m"].values[time_index, k]) - t * v
+            for axis, v in zip(("north", "east"), velocity, strict=True)
         ]
-        level = float(data["altitude_m"].values[at, k])
-        apart = scenario.separation
-        rows.append((*place, *velocity, apart.horizontal_m, level - apart.vertical_m, level + apart.vertical_m))
-    table = np.reshape(rows, (-1, 7))
+        level = float(data["altitude_m"].values[time_index, k])
+        separation = scenario.separation
+        cylinders.append(
+            (*origin, *velocity, separation.horizontal_m, level - separation.vertical_m, level + separation.vertical_m)
+        )
+    table = np.reshape(cylinders, (-1, 7))
     return KeepOutCylinders(table[:, :2], table[:, 2:4], table[:, 4], table[:, 5], table[:, 6])
 
 
 def run_seed(seed: int) -> dict[str, Any]:
-    """Draw a fleet that has a plan, fly it with its event, and judge what came of it."""
+    """Draw a fleet with a plan, fly it with its event, and assess the result."""
     rng = np.random.default_rng([23, seed])
-    began, redrawn = time.perf_counter(), 0
+    start_time, redrawn = time.perf_counter(), 0
     while True:
         text = random_text(size_of(seed), rng)
         try:
             planned = plan(loads(text))
         except ScenarioError as error:
-            planned, why = None, str(error)
+            planned, reason = None, str(error)
         else:
-            why = "no plan"
+            reason = "no plan"
         if planned is not None and not planned.problems():
             break
         redrawn += 1
         if redrawn > _REDRAWN:
-            raise RuntimeError(f"seed {seed}: no fleet of {_REDRAWN} has a plan, the last: {why}")
+            raise RuntimeError(f"seed {seed}: no fleet of {_REDRAWN} has a plan, the last: {reason}")
     assert isinstance(planned, CertifiedFirstPlan)
-    drawn_s = time.perf_counter() - began
+    drawn_s = time.perf_counter() - start_time
     for _ in range(_REDRAWN):
         text_of_event = random_event(rng, planned)
         if text_of_event is None:
-            why = "somebody is too close to a keep-out that appears"
+            reason = "somebody is too close to a keep-out that appears"
             continue
         try:
             scenario = loads(text + text_of_event)
             break
         except ScenarioError as error:
-            why = str(error)
+            reason = str(error)
     else:
-        raise RuntimeError(f"seed {seed}: no event is accepted, the last: {why}")
+        raise RuntimeError(f"seed {seed}: no event is accepted, the last: {reason}")
     event = scenario.event[0]
-    row: dict[str, Any] = {"seed": seed, "size": len(scenario.aircraft), "rule": scenario.arrival.rule}
-    row |= {"kind": event.kind, "time_s": event.time_s, "first_s": float(np.asarray(planned.plan.arrival_times).min())}
-    began = time.perf_counter()
+    result: dict[str, Any] = {"seed": seed, "size": len(scenario.aircraft), "rule": scenario.arrival.rule}
+    result |= {
+        "kind": event.kind,
+        "time_s": event.time_s,
+        "first_s": float(np.asarray(planned.plan.arrival_times).min()),
+    }
+    start_time = time.perf_counter()
     try:
-        flown = run(scenario)
+        flight = run(scenario)
     except NoPlanError as error:
-        return row | {"status": f"no plan with the event's tables: {error}"}
-    told, fleet = flown.summary["events"], flown.summary["fleet"]
-    row |= {
+        return result | {"status": f"no plan with the event's tables: {error}"}
+    events, fleet = flight.summary["events"], flight.summary["fleet"]
+    result |= {
         "redrawn": redrawn,
         "drawn_s": drawn_s,
-        "run_s": time.perf_counter() - began,
-        "planned": all(one["planned"] for one in told if one["kind"] == event.kind),
-        "messages": [f"{one['kind']}: {one['message']}" for one in told],
-        "met": flown.met,
-        "unmet": [one["name"] for one in flown.summary["requirements"] if not one["met"]],
-        "statuses": sorted({one["status"] for one in flown.summary["aircraft"]}),
+        "run_s": time.perf_counter() - start_time,
+        "planned": all(entry["planned"] for entry in events if entry["kind"] == event.kind),
+        "messages": [f"{entry['kind']}: {entry['message']}" for entry in events],
+        "met": flight.met,
+        "unmet": [entry["name"] for entry in flight.summary["requirements"] if not entry["met"]],
+        "statuses": sorted({entry["status"] for entry in flight.summary["aircraft"]}),
         "separation_ratio": fleet["separation_ratio_min"],
         "spread_s": fleet["arrival_spread_s"],
-        "miss_m": [one["miss_m"] for one in flown.summary["aircraft"]],
+        "miss_m": [entry["miss_m"] for entry in flight.summary["aircraft"]],
         "late_s": [
-            None if one["arrival_s"] is None else one["arrival_s"] - one["planned_arrival_s"]
-            for one in flown.summary["aircraft"]
+            None if entry["arrival_s"] is None else entry["arrival_s"] - entry["planned_arrival_s"]
+            for entry in flight.summary["aircraft"]
         ],
-        "position_error_m": max(one["position_error_max_m"] for one in flown.summary["aircraft"]),
+        "position_error_m": max(entry["position_error_max_m"] for entry in flight.summary["aircraft"]),
     }
-    if not (row["planned"] and row["met"]):
-        began = time.perf_counter()
-        row |= {"judge": judged(scenario, event, flown), "judge_s": time.perf_counter() - began}
-    return row
+    if not (result["planned"] and result["met"]):
+        start_time = time.perf_counter()
+        result |= {"judge": judged(scenario, event, flight), "judge_s": time.perf_counter() - start_time}
+    return result
 
 
-def tally(rows: list[dict[str, Any]]) -> list[str]:
-    """What came of it, in lines."""
-    lines = [f"{len(rows)} fleets, {sum(row['size'] for row in rows)} aircraft"]
-    good = [row for row in rows if row.get("planned") and row.get("met")]
-    lines.append(f"planned on and arrived by the rule: {len(good)} ({100 * len(good) / len(rows):.1f} %)")
+def tally(results: list[dict[str, Any]]) -> list[str]:
+    """Summary of the results, in lines."""
+    lines = [f"{len(results)} fleets, {sum(result['size'] for result in results)} aircraft"]
+    successes = [result for result in results if result.get("planned") and result.get("met")]
+    lines.append(f"planned on and arrived by the rule: {len(successes)} ({100 * len(successes) / len(results):.1f} %)")
     for kind in _KINDS:
-        own = [row for row in rows if row["kind"] == kind]
-        fine = [row for row in own if row in good]
-        lines.append(f"  {kind}: {len(fine)} of {len(own)}")
-    lines.append(f"of the others the judge says {dict(Counter(row['judge'] for row in rows if 'judge' in row))}")
-    ratios = [row["separation_ratio"] for row in rows if row.get("separation_ratio") is not None]
+        of_kind = [result for result in results if result["kind"] == kind]
+        kind_successes = [result for result in of_kind if result in successes]
+        lines.append(f"  {kind}: {len(kind_successes)} of {len(of_kind)}")
+    lines.append(
+        f"of the others the judge says {dict(Counter(result['judge'] for result in results if 'judge' in result))}"
+    )
+    ratios = [result["separation_ratio"] for result in results if result.get("separation_ratio") is not None]
     lines.append(f"least separation ratio {min(ratios):.4f}, below 1: {sum(ratio < 1.0 for ratio in ratios)}")
-    for row in rows:
-        if row not in good:
-            lines.append(f"  seed {row['seed']}: {json.dumps({k: v for k, v in row.items() if k != 'seed'})}")
+    for result in results:
+        if result not in successes:
+            lines.append(f"  seed {result['seed']}: {json.dumps({k: v for k, v in result.items() if k != 'seed'})}")
     return lines
 
 
 def main() -> None:
-    """Command line; goes on with a file that is there."""
+    """Command line; continues an existing file."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", default="0:500")
     parser.add_argument(
         "--sizes", default="3:9", help="only fleets of so many aircraft; seeds of others are passed over"
     )
     parser.add_argument("--out", type=Path, required=True)
-    asked = parser.parse_args()
-    first, last = map(int, asked.seeds.split(":"))
+    options = parser.parse_args()
+    start, stop = map(int, options.seeds.split(":"))
     enable_compilation_cache()
-    rows = [json.loads(line) for line in asked.out.read_text().splitlines()] if asked.out.exists() else []
-    there = {row["seed"] for row in rows}
-    least, most = map(int, asked.sizes.split(":"))
-    for seed in range(first, last):
-        if seed not in there and least <= size_of(seed) < most:
-            rows.append(run_seed(seed))
-            with asked.out.open("a") as file:
-                file.write(json.dumps(rows[-1]) + "\n")
-            print(f"seed {seed}: {rows[-1]['kind']}, {rows[-1].get('messages')}, met {rows[-1].get('met')}", flush=True)  # noqa: T201
-    for line in tally(rows):
+    results = [json.loads(line) for line in options.out.read_text().splitlines()] if options.out.exists() else []
+    completed = {result["seed"] for result in results}
+    size_min, size_max = map(int, options.sizes.split(":"))
+    for seed in range(start, stop):
+        if seed not in completed and size_min <= size_of(seed) < size_max:
+            results.append(run_seed(seed))
+            with options.out.open("a") as file:
+                file.write(json.dumps(results[-1]) + "\n")
+            print(  # noqa: T201
+                f"seed {seed}: {results[-1]['kind']}, {results[-1].get('messages')}, met {results[-1].get('met')}",
+                flush=True,
+            )
+    for line in tally(results):
         print(line)  # noqa: T201
 
 

@@ -1,10 +1,10 @@
-"""Many flights of different kinds in one process: how much memory and how many memory regions it comes to hold.
+"""Many different flights in one process: growth of its memory and of its number of memory regions.
 
 ``python -m trials.mixed_flights --flights 300 --out build/mixed-flights.jsonl``
 
-The flights differ in what is compiled for them: fleets, planners, sensors, noise, events, what is recorded. The exit
-code is 1 where the process held more than ``--most-gib`` at any time or a flight ended in a fault. A flight that finds
-no plan, or misses, is a flight.
+The flights need different compiled programs: fleets, planners, sensors, noise, events, recorded variables. The exit
+code is 1 if the process exceeded ``--most-gib`` at any time or a flight ended in a fault. A flight without a plan or
+with a miss is no fault.
 """
 
 import argparse
@@ -28,7 +28,7 @@ _STATUS, _REGIONS = Path("/proc/self/status"), Path("/proc/self/maps")
 
 
 def mixed_scenarios(count: int, seed: int, names: Sequence[str]) -> Iterator[tuple[str, Scenario]]:
-    """Scenarios in random order, each with a seed of its own."""
+    """Scenarios in random order, with different seeds."""
     random = np.random.default_rng([41, seed])
     for number in range(count):
         name, period_s = str(random.choice(names)), float(random.choice(RECORD_PERIODS_S))
@@ -37,14 +37,14 @@ def mixed_scenarios(count: int, seed: int, names: Sequence[str]) -> Iterator[tup
 
 
 def memory() -> dict[str, int]:
-    """Resident memory of this process now and at its greatest, KiB, and its memory regions."""
+    """Current and greatest resident memory of this process, KiB, and its number of memory regions."""
     status = _STATUS.read_text()
     resident, greatest = (int(status.split(f"{name}:")[1].split()[0]) for name in ("VmRSS", "VmHWM"))
     return {"resident_kib": resident, "greatest_kib": greatest, "regions": _REGIONS.read_bytes().count(b"\n")}
 
 
 def fly(scenario: Scenario) -> str:
-    """Fly a scenario; what came of it."""
+    """Fly a scenario; return the outcome."""
     try:
         return "met" if anser.run(scenario).met else "not met"
     except NoPlanError:
@@ -62,18 +62,20 @@ def main() -> None:
     parser.add_argument("--most-gib", type=float, default=3.0)
     parser.add_argument("--out", type=Path, required=True, help="a row of each flight is added")
     options = parser.parse_args()
-    rows: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     for name, scenario in mixed_scenarios(options.flights, options.seed, options.scenarios):
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         outcome = fly(scenario)
-        rows.append({"flight": name, "outcome": outcome, "took_s": round(time.perf_counter() - began, 1)} | memory())
+        results.append(
+            {"flight": name, "outcome": outcome, "took_s": round(time.perf_counter() - start_time, 1)} | memory()
+        )
         with options.out.open("a") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
-    greatest_gib = max(row["greatest_kib"] for row in rows) / (1 << 20)
-    faults = [row for row in rows if row["outcome"].startswith("fault")]
+            file.write(json.dumps(results[-1]) + "\n")
+    greatest_gib = max(result["greatest_kib"] for result in results) / (1 << 20)
+    faults = [result for result in results if result["outcome"].startswith("fault")]
     print(  # noqa: T201
-        f"{len(rows)} flights: at most {greatest_gib:.2f} GiB, {max(row['regions'] for row in rows)} memory regions, "
-        f"{len(faults)} faults"
+        f"{len(results)} flights: at most {greatest_gib:.2f} GiB, "
+        f"{max(result['regions'] for result in results)} memory regions, {len(faults)} faults"
     )
     sys.exit(1 if faults or greatest_gib > options.most_gib else 0)
 

@@ -1,4 +1,4 @@
-"""Motion along delivered paths, and what it asks of an aircraft: the judge's own formulas."""
+"""Motion along delivered paths, and the resulting demands on an aircraft: the checker's independent formulas."""
 
 from typing import NamedTuple
 
@@ -8,16 +8,16 @@ from jaxtyping import Float
 __all__ = ["EMPTY_S", "Demands", "PathCells", "path_cells", "path_demands"]
 
 EMPTY_S = 1e-9
-"""Cells no longer than this are empty: an aircraft moves less than a micrometre."""
+"""Cells up to this length are empty: an aircraft moves less than a micrometre."""
 _SHORT_S = 1e-2
 _ROUNDING_M = 1e-9
-"""Over 10 ms this much is an acceleration of 6e-4 m/s^2, less than the check's tolerance."""
+"""Over 10 ms this is an acceleration of 6e-4 m/s^2, less than the check's tolerance."""
 
 Rows = Float[np.ndarray, "3 ..."]
 
 
 class Demands(NamedTuple):
-    """What a motion asks at each instant."""
+    """Demands of a motion on the aircraft."""
 
     speed: Float[np.ndarray, "..."]
     """True airspeed, m/s."""
@@ -26,40 +26,40 @@ class Demands(NamedTuple):
     side: Float[np.ndarray, "..."]
     """Acceleration to the side, right positive, m/s^2."""
     normal: Float[np.ndarray, "..."]
-    """Acceleration against gravity, across the path in its upright plane: g cos(gamma) + V gamma_dot, m/s^2."""
+    """Acceleration against gravity, normal to the path in its vertical plane: g cos(gamma) + V gamma_dot, m/s^2."""
     along: Float[np.ndarray, "..."]
-    """Acceleration that thrust less drag has to give: along the air velocity, with g sin(gamma), m/s^2."""
+    """Acceleration by thrust minus drag: along the air velocity, including g sin(gamma), m/s^2."""
 
 
 def path_demands(velocity_n: Rows, acceleration_n: Rows, wind_n: Rows, gravity: float) -> Demands:
-    """Quantities that limits bound, from the motion over the ground.
+    """Limited quantities, from the motion over the ground.
 
     Parameters
     ----------
     velocity_n, acceleration_n
         Over the ground, NED, components first, m/s and m/s^2.
     wind_n
-        Velocity of the air where the aircraft is, NED, m/s.
+        Velocity of the air at the aircraft, NED, m/s.
     gravity
-        m/s^2.
+        Gravity, m/s^2.
 
     Notes
     -----
-    The force per mass other than gravity is f = a - g down. Across the air velocity u it is lift (and side force, which
-    coordinated flight has not), so bank = atan2(side, normal) and load factor = hypot(side, normal)/g; along u it is
-    thrust less drag. The acceleration is that over the ground, which is the one that forces make.
+    The force per mass without gravity is f = a - g down. Across the air velocity u it is lift (and side force, zero in
+    coordinated flight), so bank = atan2(side, normal) and load factor = hypot(side, normal)/g; along u it is thrust
+    minus drag. The acceleration is relative to the ground, an inertial frame.
     """
     north, east, down = velocity_n - wind_n
-    flat_square = north * north + east * east
-    flat = np.sqrt(flat_square)
-    speed = np.sqrt(flat_square + down * down)
-    # Straight up or down has no side: the smallest number keeps the quotients finite there.
-    flat_safe, speed_safe = np.maximum(flat, 1e-12), np.maximum(speed, 1e-12)
-    side = (north * acceleration_n[1] - east * acceleration_n[0]) / flat_safe
+    level_square = north * north + east * east
+    level_speed = np.sqrt(level_square)
+    speed = np.sqrt(level_square + down * down)
+    # Vertical flight has no side direction: the lower bound keeps the quotients finite.
+    level_safe, speed_safe = np.maximum(level_speed, 1e-12), np.maximum(speed, 1e-12)
+    side = (north * acceleration_n[1] - east * acceleration_n[0]) / level_safe
     force_down = acceleration_n[2] - gravity
-    force_ahead = (north * acceleration_n[0] + east * acceleration_n[1]) / flat_safe
-    along = (flat * force_ahead + down * force_down) / speed_safe
-    normal = (down * force_ahead - flat * force_down) / speed_safe
+    force_ahead = (north * acceleration_n[0] + east * acceleration_n[1]) / level_safe
+    along = (level_speed * force_ahead + down * force_down) / speed_safe
+    normal = (down * force_ahead - level_speed * force_down) / speed_safe
     return Demands(speed, -down, side, normal, along)
 
 
@@ -78,37 +78,37 @@ class PathCells(NamedTuple):
         cell = np.clip(np.searchsorted(self.begin, time, side="right") - 1, 0, self.begin.size - 1)
         out = np.empty((9, time.size))
         bounds = np.flatnonzero(np.diff(cell)) + 1
-        for first, last in zip([0, *bounds], [*bounds, time.size], strict=True):
-            if last > first:
-                since = time[first:last] - self.begin[cell[first]]
-                powers = np.empty((6, last - first))
+        for start, stop in zip([0, *bounds], [*bounds, time.size], strict=True):
+            if stop > start:
+                elapsed = time[start:stop] - self.begin[cell[start]]
+                powers = np.empty((6, stop - start))
                 powers[0] = 1.0
                 for k in range(1, 6):
-                    np.multiply(powers[k - 1], since, out=powers[k])
-                np.matmul(self.factors[cell[first]], powers, out=out[:, first:last])
+                    np.multiply(powers[k - 1], elapsed, out=powers[k])
+                np.matmul(self.factors[cell[start]], powers, out=out[:, start:stop])
         return out
 
 
 def path_cells(times: Float[np.ndarray, " knot"], knots: Float[np.ndarray, "knot 3 3"]) -> PathCells:
     """Quintic Hermite polynomials between knots with given value, first and second derivative.
 
-    Cells shorter than EMPTY_S count as empty and are left out. In those shorter than _SHORT_S a place that the speeds
-    of both ends explain to _ROUNDING_M is taken as they say: what float64 rounds off a position of 1e5 m would else
-    be an acceleration.
+    Cells shorter than EMPTY_S count as empty and are omitted. In cells shorter than _SHORT_S, an end position
+    consistent with both end velocities to _ROUNDING_M is replaced by the consistent value: rounding a position of 1e5 m
+    in float64 would otherwise appear as an acceleration.
 
     Parameters
     ----------
     times
-        s, not decreasing.
+        Knot times, s, not decreasing.
     knots
-        [knot, order of the derivative, axis].
+        Shape (knot, order of the derivative, axis).
     """
     span = np.diff(times)
     real = span > EMPTY_S
     h = span[real][:, None]
     p, v, a = (knots[:-1][real, k] for k in range(3))
     P, V, A = (knots[1:][real, k] for k in range(3))
-    # What is left for the powers 3 to 5 once the powers 0 to 2 have met the begin of the cell.
+    # Remainders for the powers 3 to 5 after the powers 0 to 2 match the start of the cell.
     left_p = (P - p - h * (v + 0.5 * h * a)) / h**3
     left_v = (V - v - h * a) / h**2
     left_a = (A - a) / h

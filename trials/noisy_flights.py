@@ -1,8 +1,8 @@
-"""Many flights of one scenario, of which only what is drawn differs: how far they miss, beside the least possible.
+"""Many flights of one scenario with different random numbers: their miss distances, compared with a lower bound.
 
 ``python -m trials.noisy_flights scenarios/uncertain-world.toml --flights 1000 --out build/noisy-flights.npz``
 
-Without a centre first plans are of several sizes, and few flights wait for the same search: ``--batch 1``.
+Decentralised first plans have several sizes, and few flights share a search: use ``--batch 1``.
 """
 
 import argparse
@@ -41,11 +41,11 @@ from anser.simulation.start import initialize_flight, trimmed_fleet
 from anser.spatial.rotations import rotate_back
 
 BATCH = 125
-_AGAIN = 8  # flights of a segment that are flown again at once, at most
+_AGAIN = 8  # greatest number of flights of a segment repeated in one batch
 
 
 class AtFreeze(NamedTuple):
-    """What an aircraft knew when its plan came to stand still; leading axis aircraft."""
+    """Estimate covariances of each aircraft at the freeze of its plan; leading axis aircraft."""
 
     goal_covariance: jax.Array
     position_covariance: jax.Array
@@ -53,45 +53,45 @@ class AtFreeze(NamedTuple):
 
 
 class Greatest(NamedTuple):
-    """Bank angle (rad) and rate of climb or descent (m/s) of each aircraft up to its arrival."""
+    """Greatest bank angle (rad) and rate of climb or descent (m/s) of each aircraft up to its arrival."""
 
     bank: jax.Array
     climb_rate: jax.Array
 
 
 class Recorder(AbstractRecorder):
-    """The running summary, and what was known at the freeze."""
+    """The running summary, and the covariances at the freeze."""
 
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> Any:
-        """Nothing known yet."""
-        known = AtFreeze(jnp.zeros((aircraft, 6, 6)), jnp.zeros((aircraft, 3, 3)), jnp.full(aircraft, jnp.inf))
-        return SummaryRecorder().init(aircraft), known, Greatest(jnp.zeros(aircraft), jnp.zeros(aircraft))
+        """Initial state."""
+        at_freeze = AtFreeze(jnp.zeros((aircraft, 6, 6)), jnp.zeros((aircraft, 3, 3)), jnp.full(aircraft, jnp.inf))
+        return SummaryRecorder().init(aircraft), at_freeze, Greatest(jnp.zeros(aircraft), jnp.zeros(aircraft))
 
     def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:
-        """With one more sample."""
-        summary, known, greatest = recorder_state
-        now = sample.rows(_known)
-        first = (now["phase"] >= 1) & jnp.isinf(known.time)
-        kept = AtFreeze(
-            jnp.where(first[:, None, None], now["goal"], known.goal_covariance),
-            jnp.where(first[:, None, None], now["own"], known.position_covariance),
-            jnp.where(first, instant.time, known.time),
+        """State after one more sample."""
+        summary, at_freeze, greatest = recorder_state
+        values = sample.rows(_known)
+        at_start_of_freeze = (values["phase"] >= 1) & jnp.isinf(at_freeze.time)
+        next_at_freeze = AtFreeze(
+            jnp.where(at_start_of_freeze[:, None, None], values["goal"], at_freeze.goal_covariance),
+            jnp.where(at_start_of_freeze[:, None, None], values["own"], at_freeze.position_covariance),
+            jnp.where(at_start_of_freeze, instant.time, at_freeze.time),
         )
-        on_way = now["phase"] < 2
-        more = Greatest(
-            jnp.where(on_way, jnp.maximum(greatest.bank, now["bank"]), greatest.bank),
-            jnp.where(on_way, jnp.maximum(greatest.climb_rate, now["climb_rate"]), greatest.climb_rate),
+        under_way = values["phase"] < 2
+        next_greatest = Greatest(
+            jnp.where(under_way, jnp.maximum(greatest.bank, values["bank"]), greatest.bank),
+            jnp.where(under_way, jnp.maximum(greatest.climb_rate, values["climb_rate"]), greatest.climb_rate),
         )
-        return SummaryRecorder().update(summary, sample, instant), kept, more
+        return SummaryRecorder().update(summary, sample, instant), next_at_freeze, next_greatest
 
     def output(self, sample: FleetSample, instant: Instant) -> None:
-        """None."""
+        """No output per sample."""
 
 
 def _known(sample: Any) -> dict[str, jax.Array]:
-    known = sample.belief.uncertainty
+    uncertainty = sample.belief.uncertainty
     phase = sample.approach.phase
     R_bn = sample.truth.condition.R_bn
     shared = {
@@ -99,50 +99,50 @@ def _known(sample: Any) -> dict[str, jax.Array]:
         "bank": jnp.abs(jnp.arctan2(R_bn[1, 2], R_bn[2, 2])),
         "climb_rate": jnp.abs(rotate_back(R_bn, sample.truth.state.velocity_b)[2]),
     }
-    if known is None:
+    if uncertainty is None:
         return shared | {"goal": jnp.zeros((6, 6)), "own": jnp.zeros((3, 3))}
-    return shared | {"goal": known.goal_covariance, "own": known.position_covariance}
+    return shared | {"goal": uncertainty.goal_covariance, "own": uncertainty.position_covariance}
 
 
 @jax.jit
 def _trimmed(flight: Flight, keys: Any) -> Any:
-    def one(randomness: Any) -> Any:
+    def trim_flight(randomness: Any) -> Any:
         fleet = trimmed_fleet(dataclasses.replace(flight, randomness=randomness))
         planner = _each(flight)
         return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
-    return jax.vmap(one)(keys)
+    return jax.vmap(trim_flight)(keys)
 
 
 @jax.jit
 def _begun(flight: Flight, keys: Any, fleets: Any, plans: CertifiedPlanState) -> FlightState:
-    def one(randomness: Any, fleet: Any, plan: CertifiedPlanState) -> FlightState:
+    def initialize(randomness: Any, fleet: Any, plan: CertifiedPlanState) -> FlightState:
         planner = flight.planner
         recorder_state = planner.initial_state(plan, randomness) if isinstance(planner, DecentralisedPlanner) else plan
         return initialize_flight(dataclasses.replace(flight, randomness=randomness), fleet, recorder_state)
 
-    return jax.vmap(one)(keys, fleets, plans)
+    return jax.vmap(initialize)(keys, fleets, plans)
 
 
 def _each(flight: Flight) -> CertifiedPlanner:
-    """The certified planner of a flight, or that of each aircraft without a centre."""
+    """The certified planner of a flight, or of each aircraft in a decentralised fleet."""
     planner = flight.planner.aircraft_planner if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
     assert isinstance(planner, CertifiedPlanner)
     return planner
 
 
 def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[Any, Any]:
-    """A first plan and its holds; None where there is none."""
+    """A first plan and its holds; None without a plan."""
     if isinstance(flight.planner, DecentralisedPlanner):
         return negotiate_plan(scenario, flight, tasks)[:2]
-    planner, duration_s, tried = _each(flight), scenario.timing.duration_s, []
+    planner, duration_s, attempts = _each(flight), scenario.timing.duration_s, []
 
-    def after(plan: Any) -> np.ndarray:
+    def failed_holds(plan: Any) -> np.ndarray:
         cells = choose_cell_count(duration_s)
         holds = _holds(
             plan.paths, tasks, planner.airspace, planner.guidance, as_array(0.0), as_array(duration_s), cells
         )
-        tried.append(holds)
+        attempts.append(holds)
         return ~np.asarray(holds.clear)
 
     outcome = search(
@@ -150,67 +150,77 @@ def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[A
         tasks,
         planner.airspace,
         arrival_request(scenario),
-        failed_after_arrival=after,
+        failed_after_arrival=failed_holds,
         intervals=choose_interval_count(duration_s),
     )
-    return (None, None) if outcome.plan is None else (outcome.plan, tried[-1])
+    return (None, None) if outcome.plan is None else (outcome.plan, attempts[-1])
 
 
 _holds = jax.jit(assign_holds, static_argnames=("cells",))
 
 
 @functools.partial(jax.jit, static_argnames=("count",))
-def _segment(flight: Flight, keys: Any, states: FlightState, since: Any, recorder_state: Any, count: int) -> Any:
-    def one(randomness: Any, state: FlightState, kept: Any) -> Any:
-        own = dataclasses.replace(flight, randomness=randomness)
-        after, kept, _ = fly(own, state, since, count, Recorder(), kept)
-        return after, kept
+def _segment(flight: Flight, keys: Any, states: FlightState, first_step: Any, recorder_state: Any, count: int) -> Any:
+    def fly_one(randomness: Any, state: FlightState, recorder_state: Any) -> Any:
+        seeded_flight = dataclasses.replace(flight, randomness=randomness)
+        next_state, recorder_state, _ = fly(seeded_flight, state, first_step, count, Recorder(), recorder_state)
+        return next_state, recorder_state
 
-    return jax.vmap(one)(keys, states, recorder_state)
+    return jax.vmap(fly_one)(keys, states, recorder_state)
 
 
-def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
-    """Fly many flights of a scenario; rows of numbers for each."""
+def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH) -> dict[str, np.ndarray]:
+    """Fly many flights of a scenario; return arrays with one row per flight."""
     scenario = load(path)
     flight = build_flight(scenario)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     at_once = min(_AGAIN, batch)
-    found: list[dict[str, np.ndarray]] = []
-    for begin_at in range(first, first + flights, batch):
-        began = time.perf_counter()
+    results: list[dict[str, np.ndarray]] = []
+    for begin_at in range(first_flight, first_flight + flights, batch):
+        start_time = time.perf_counter()
         numbers = list(range(begin_at, begin_at + batch))
         keys = stack_rows([flight_randomness(scenario.seed, number) for number in numbers])
         fleets, tasks = _trimmed(flight, keys)
         plans, planned = [], []
         jax.block_until_ready(tasks)
         for k in range(batch):
-            own, key = jax.tree.map(lambda leaf, k=k: leaf[k], (tasks, keys))
-            plan, holds = _planned(scenario, dataclasses.replace(flight, randomness=key), own)
+            flight_tasks, key = jax.tree.map(lambda leaf, k=k: leaf[k], (tasks, keys))
+            plan, holds = _planned(scenario, dataclasses.replace(flight, randomness=key), flight_tasks)
             planned.append(plan is not None)
-            made = CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, own.limits)
-            plans.append(plans[-1] if plan is None else made)
+            plan_state = CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, flight_tasks.limits)
+            plans.append(plans[-1] if plan is None else plan_state)
         planned_at = time.perf_counter()
         states = _begun(flight, keys, fleets, stack_rows(plans))
         recorder_state = jax.tree.map(
             lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), Recorder().init(flight.count)
         )
-        flown_again = 0
-        for since in range(0, steps, SEGMENT_STEPS):
-            number = as_array(since, np.int32)
-            after, kept = _segment(without_replanning(flight), keys, states, number, recorder_state, SEGMENT_STEPS)
-            asked = np.flatnonzero(np.asarray(after.planner.replan_needed))
-            flown_again += asked.size
-            for some in (asked[k : k + at_once] for k in range(0, asked.size, at_once)):
-                # filled up to one shape with the last of them
-                rows = np.concatenate([some, np.repeat(some[-1:], at_once - some.size)])
-                before = jax.tree.map(lambda leaf, rows=rows: leaf[rows], (keys, states, recorder_state))
-                full = _segment(flight, before[0], before[1], number, before[2], SEGMENT_STEPS)
-                after, kept = jax.tree.map(lambda held, new, rows=rows: held.at[rows].set(new), (after, kept), full)
-            states, recorder_state = after, kept
-        (summary, _), known, greatest = jax.tree.map(np.asarray, recorder_state)
+        repeated_segments = 0
+        for step in range(0, steps, SEGMENT_STEPS):
+            number = as_array(step, np.int32)
+            next_states, next_recorded = _segment(
+                without_replanning(flight), keys, states, number, recorder_state, SEGMENT_STEPS
+            )
+            indices = np.flatnonzero(np.asarray(next_states.planner.replan_needed))
+            repeated_segments += indices.size
+            for batch_indices in (indices[k : k + at_once] for k in range(0, indices.size, at_once)):
+                # padded to one shape with the last index
+                padded_indices = np.concatenate(
+                    [batch_indices, np.repeat(batch_indices[-1:], at_once - batch_indices.size)]
+                )
+                batch_inputs = jax.tree.map(
+                    lambda leaf, padded_indices=padded_indices: leaf[padded_indices], (keys, states, recorder_state)
+                )
+                full = _segment(flight, batch_inputs[0], batch_inputs[1], number, batch_inputs[2], SEGMENT_STEPS)
+                next_states, next_recorded = jax.tree.map(
+                    lambda stored, new, padded_indices=padded_indices: stored.at[padded_indices].set(new),
+                    (next_states, next_recorded),
+                    full,
+                )
+            states, recorder_state = next_states, next_recorded
+        (summary, _), at_freeze, greatest = jax.tree.map(np.asarray, recorder_state)
         arrivals = np.asarray(states.planner.plan.arrival_times)
-        found.append(
+        results.append(
             {
                 "flight": np.array(numbers),
                 "planned": np.array(planned),
@@ -224,35 +234,45 @@ def fly_many(path: str, flights: int, first: int = 0, batch: int = BATCH) -> dic
                 "separation_m": summary.separation_min,
                 "clearance_m": summary.clearance_min,
                 "status": summary.first_status,
-                "goal_covariance": known.goal_covariance,
-                "own_covariance": known.position_covariance,
-                "frozen_s": known.time,
+                "goal_covariance": at_freeze.goal_covariance,
+                "own_covariance": at_freeze.position_covariance,
+                "frozen_s": at_freeze.time,
             }
         )
-        told_s = f"{planned_at - began:.0f} s planning, {time.perf_counter() - planned_at:.0f} s flying"
-        told_s += f", {flown_again} segments of {batch * (steps // SEGMENT_STEPS)} flown again with a plan made anew"
-        print(f"flights to {begin_at + batch}: {told_s}", flush=True)  # noqa: T201
-    return {key: np.concatenate([one[key] for one in found])[:flights] for key in found[0]}
+        timing_text = f"{planned_at - start_time:.0f} s planning, {time.perf_counter() - planned_at:.0f} s flying"
+        timing_text += (
+            f", {repeated_segments} segments of {batch * (steps // SEGMENT_STEPS)} flown again with a plan made anew"
+        )
+        print(f"flights to {begin_at + batch}: {timing_text}", flush=True)  # noqa: T201
+    return {key: np.concatenate([result[key] for result in results])[:flights] for key in results[0]}
 
 
-def quantile_with_interval(values: np.ndarray, part: float = 0.95, confidence: float = 0.95) -> tuple[float, ...]:
-    """A quantile and its interval by order statistics (binomial), distribution-free."""
+def quantile_with_interval(
+    values: np.ndarray, probability: float = 0.95, confidence: float = 0.95
+) -> tuple[float, ...]:
+    """A quantile and its distribution-free confidence interval by order statistics (binomial)."""
     ordered, count = np.sort(values), values.size
-    low, high = stats.binom.ppf([0.5 * (1 - confidence), 0.5 * (1 + confidence)], count, part).astype(int)
-    return float(np.quantile(values, part)), float(ordered[max(low - 1, 0)]), float(ordered[min(high, count - 1)])
+    low, high = stats.binom.ppf([0.5 * (1 - confidence), 0.5 * (1 + confidence)], count, probability).astype(int)
+    return (
+        float(np.quantile(values, probability)),
+        float(ordered[max(low - 1, 0)]),
+        float(ordered[min(high, count - 1)]),
+    )
 
 
-def floor_of(rows: dict[str, np.ndarray], freeze_s: float, density: float, draws: int = 50) -> tuple[np.ndarray, ...]:
-    """Misses (m) and offsets along the flight that the knowledge at the freeze leaves, drawn from its covariance."""
+def floor_of(
+    results: dict[str, np.ndarray], freeze_s: float, density: float, draws: int = 50
+) -> tuple[np.ndarray, ...]:
+    """Lower bound of misses (m), sampled from the covariances at the freeze, and the sampled offsets (NED, m)."""
     rng = np.random.default_rng(0)
-    ahead = np.eye(6)
-    ahead[:3, 3:] = freeze_s * np.eye(3)
+    transition = np.eye(6)
+    transition[:3, 3:] = freeze_s * np.eye(3)
     noise = np.diag([density, density, 0.01 * density]) * freeze_s**3 / 3
-    shape = rows["goal_covariance"].shape[:2]
-    spread = (ahead @ rows["goal_covariance"] @ ahead.T)[..., :3, :3] + noise
+    shape = results["goal_covariance"].shape[:2]
+    spread = (transition @ results["goal_covariance"] @ transition.T)[..., :3, :3] + noise
     roots = np.linalg.cholesky(spread + 1e-12 * np.eye(3))
-    drawn = np.einsum("faij,dfaj->dfai", roots, rng.normal(size=(draws, *shape, 3)))
-    return np.linalg.norm(drawn, axis=-1), drawn
+    samples = np.einsum("faij,dfaj->dfai", roots, rng.normal(size=(draws, *shape, 3)))
+    return np.linalg.norm(samples, axis=-1), samples
 
 
 def main() -> None:
@@ -263,37 +283,44 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--batch", type=int, default=BATCH)
     parser.add_argument("--out", type=Path, required=True)
-    asked = parser.parse_args()
+    options = parser.parse_args()
     enable_compilation_cache()
-    rows = fly_many(asked.scenario, asked.flights, asked.first, asked.batch)
-    np.savez_compressed(asked.out, allow_pickle=False, **rows)
-    scenario = load(asked.scenario)
-    for line in told(rows, scenario.timing.freeze_s, scenario.estimator.acceleration_m_s2**2, scenario.fleet.speed_m_s):
+    results = fly_many(options.scenario, options.flights, options.first, options.batch)
+    np.savez_compressed(options.out, allow_pickle=False, **results)
+    scenario = load(options.scenario)
+    for line in told(
+        results, scenario.timing.freeze_s, scenario.estimator.acceleration_m_s2**2, scenario.fleet.speed_m_s
+    ):
         print(line)  # noqa: T201
 
 
-def told(rows: dict[str, np.ndarray], freeze_s: float, density: float, speed_m_s: float) -> list[str]:
-    """What came of it, in lines."""
-    rows = {key: values[rows["planned"]] for key, values in rows.items()} | {"all": rows["planned"]}
-    spread = rows["arrival_s"].max(axis=1) - rows["arrival_s"].min(axis=1)
-    floor, drawn = floor_of(rows, freeze_s, density)
-    late = drawn[..., 0] / speed_m_s
+def told(results: dict[str, np.ndarray], freeze_s: float, density: float, speed_m_s: float) -> list[str]:
+    """Summary of the results, in lines."""
+    results = {key: values[results["planned"]] for key, values in results.items()} | {"all": results["planned"]}
+    spread = results["arrival_s"].max(axis=1) - results["arrival_s"].min(axis=1)
+    floor, samples = floor_of(results, freeze_s, density)
+    late = samples[..., 0] / speed_m_s
     floor_spread = (late.max(axis=-1) - late.min(axis=-1)).ravel()
-    lines = [f"{rows['all'].size} flights, {int(rows['all'].sum())} planned"]
-    lines.append(f"status other than 0: {int((rows['status'] != 0).any(axis=1).sum())}")
-    for name, values, least in (("miss_m", rows["miss_m"].ravel(), floor.ravel()), ("spread_s", spread, floor_spread)):
+    lines = [f"{results['all'].size} flights, {int(results['all'].sum())} planned"]
+    lines.append(f"status other than 0: {int((results['status'] != 0).any(axis=1).sum())}")
+    for name, values, bound in (
+        ("miss_m", results["miss_m"].ravel(), floor.ravel()),
+        ("spread_s", spread, floor_spread),
+    ):
         value, low, high = quantile_with_interval(values)
         lines.append(
-            f"{name}: 95 % {value:.4g} ({low:.4g} to {high:.4g}), floor {np.quantile(least, 0.95):.4g}, "
-            f"ratio {value / np.quantile(least, 0.95):.3f}, greatest {values.max():.4g}"
+            f"{name}: 95 % {value:.4g} ({low:.4g} to {high:.4g}), floor {np.quantile(bound, 0.95):.4g}, "
+            f"ratio {value / np.quantile(bound, 0.95):.3f}, greatest {values.max():.4g}"
         )
-    lines.append(f"airspeed without gusts {rows['speed_min_m_s'].min():.2f} to {rows['speed_max_m_s'].max():.2f} m/s")
-    lines.append(f"bank angle to {np.degrees(rows['bank_max_rad'].max()):.1f} deg up to the arrival")
-    lines.append(f"rate of climb or descent to {rows['climb_rate_max_m_s'].max():.1f} m/s")
-    times = rows["planned_arrival_s"].max(axis=1)
+    lines.append(
+        f"airspeed without gusts {results['speed_min_m_s'].min():.2f} to {results['speed_max_m_s'].max():.2f} m/s"
+    )
+    lines.append(f"bank angle to {np.degrees(results['bank_max_rad'].max()):.1f} deg up to the arrival")
+    lines.append(f"rate of climb or descent to {results['climb_rate_max_m_s'].max():.1f} m/s")
+    times = results["planned_arrival_s"].max(axis=1)
     lines.append(f"last arrival {times.min():.1f} to {times.max():.1f} s, median {np.median(times):.1f} s")
-    lines.append(f"least separation {rows['separation_m'].min():.1f} m")
-    lines.append(f"clearance at least {rows['clearance_m'].min():.1f} m")
+    lines.append(f"least separation {results['separation_m'].min():.1f} m")
+    lines.append(f"clearance at least {results['clearance_m'].min():.1f} m")
     return lines
 
 

@@ -1,4 +1,4 @@
-"""What a dense check of a plan found."""
+"""Report of a dense check of a plan."""
 
 from dataclasses import dataclass
 
@@ -25,15 +25,15 @@ LIMITS = {
 
 @dataclass(frozen=True)
 class Tolerances:
-    """By how much a plan may miss and still pass.
+    """Accepted deviations of a plan.
 
     A plan is computed in float64 with positions up to 1e5 m: rounding is 1e-11 m, and 1e-5 m/s^2 in the second
-    derivative of a cell of 10 ms. Each figure is a hundred times that or more, and below what any sensor resolves, so
-    that nothing passes but what a limit met exactly leaves to rounding and to solvers stopped at 1e-9.
+    derivative of a cell of 10 ms. Each tolerance is at least a hundred times that, and below the resolution of any
+    sensor: it covers only rounding and the solvers' tolerance of 1e-9 at a limit that is met exactly.
     """
 
     position: float = 1e-3
-    """Start, jumps, floor, ceiling, separation, keep-outs and arrival, m: issue 5 asks for 1 mm."""
+    """Start, jumps, floor, ceiling, separation, keep-outs and arrival, m: 1 mm by issue 5."""
     velocity: float = 1e-3
     """Speed window, climb rate, start and jumps, m/s."""
     acceleration: float = 1e-3
@@ -43,7 +43,7 @@ class Tolerances:
     load_factor: float = 1e-4
     """1e-3 m/s^2 of g."""
     time: float = 1e-3
-    """Arrival, s: issue 5 asks for 1 ms."""
+    """Arrival, s: 1 ms by issue 5."""
 
     def of_limit(self, limit: str) -> float:
         """Tolerance of one of LIMITS, in its unit."""
@@ -53,14 +53,14 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class Breach:
-    """One thing that a plan breaks."""
+    """One violated requirement of a plan."""
 
     kind: str
     """A limit's name, or "separation", "keep_out", "start_position", "jump_velocity", "arrival_time", ..."""
     who: tuple[int, ...]
-    """Aircraft, or both of a pair, or aircraft and keep-out."""
+    """Aircraft, or both aircraft of a pair, or aircraft and keep-out."""
     amount: float
-    """By how much, in `unit`; more than the tolerance. Infinite where the numbers are not finite."""
+    """Excess in `unit`, above the tolerance. Infinite for non-finite numbers."""
     unit: str
     time: float
     """When it is worst, s; NaN where it belongs to no instant."""
@@ -72,22 +72,22 @@ class Breach:
 
 @dataclass(frozen=True)
 class PlanReport:
-    """Figures of a plan; `breaches` is empty exactly where it passes."""
+    """Figures of a plan; `breaches` is empty if and only if the plan passes."""
 
     extremes: dict[str, Float[np.ndarray, " aircraft"]]
-    """By limit: the least or greatest value that the path asks for, in the limit's unit."""
+    """By limit: least or greatest value along the path, in the limit's unit."""
     excess: dict[str, Float[np.ndarray, " aircraft"]]
-    """By limit: how far the extreme lies beyond it; negative is the margin left."""
+    """By limit: excess of the extreme over the limit; negative: margin."""
     pairs: PairReport
     keep_out_clearance: Float[np.ndarray, "aircraft keep_out"]
-    """Least distance from being inside, m."""
+    """Least distance from each keep-out, m."""
     arrival_miss: Float[np.ndarray, " aircraft"]
     """Distance from the rendezvous at the arrival time, m."""
     wind_error: Float[np.ndarray, " aircraft"]
-    """Greatest difference of the drift's slope from the wind at the aircraft, m/s: no limit, a figure of the fit."""
+    """Greatest difference between the drift's slope and the wind at the aircraft, m/s; unlimited, measures the fit."""
     breaches: tuple[Breach, ...]
 
     @property
     def passes(self) -> bool:
-        """Whether nothing is broken."""
+        """Whether every requirement is satisfied."""
         return not self.breaches

@@ -1,4 +1,4 @@
-"""Random planning tasks, planned and judged: a plan by the dense check, a refusal by proofs and the second search."""
+"""Random planning tasks, planned and checked: a plan by the dense check, a refusal by proofs and the second search."""
 
 import dataclasses
 import multiprocessing
@@ -26,21 +26,21 @@ from trials.task import LATEST_S, planner_task
 __all__ = ["VERDICTS", "Answer", "Planner", "Trial", "certified_answer", "run_trial", "run_trials"]
 
 VERDICTS = ("passes", "fails", "proved", "not found", "found", "broken")
-"""Of a plan: it passes or fails the dense check. Of a refusal: no plan exists, none was found, or one was. Broken: the
-planner or a judge raised."""
+"""Of a plan: it passes or fails the dense check. Of a refusal: proved, not contradicted, or contradicted by a plan.
+Broken: the planner or the checker raised an exception."""
 
 
 class Answer(NamedTuple):
-    """What a planner says to a case."""
+    """A planner's answer to a case."""
 
     paths: Paths | None
-    """The plan; None where it refuses."""
+    """The plan; None for a refusal."""
     arrival_times: Float[np.ndarray, " aircraft"]
-    """Of the plan, or of the try that came closest, s; empty where there is neither."""
+    """Of the plan, or of the closest attempt, s; empty without either."""
     tries: int
-    """Sets of arrival times and candidates tried."""
+    """Number of attempts."""
     closest: dict[str, list[int]]
-    """Of a refusal: aircraft in trouble in the try that came closest, by what they lack."""
+    """Of a refusal: failed aircraft in the closest attempt, by the violated constraint."""
 
 
 Planner = Callable[[PlanCase], Answer]
@@ -48,32 +48,32 @@ Planner = Callable[[PlanCase], Answer]
 
 @dataclass(frozen=True)
 class Trial:
-    """A seed, its answer and the verdict; all of it plain values, for JSON."""
+    """A seed, its answer and the verdict; plain values, for JSON."""
 
     seed: int
     size: int
-    """Aircraft."""
+    """Number of aircraft."""
     rule: str
     verdict: str
     """One of VERDICTS."""
     plan_s: float
-    """How long the planner took, compiling included, s."""
+    """Planning time including compilation, s."""
     judge_s: float
-    """How long the judge took, s."""
+    """Checking time, s."""
     tries: int = 0
     arrival_times: tuple[float, ...] = ()
     """Of the answer, s; see `Answer.arrival_times`."""
     excess: dict[str, float] = dataclasses.field(default_factory=dict)
-    """Of a plan: how far each limit is passed at most, in its unit (negative: left to it); the same of "separation" and
-    "keep_out", m, and "arrival_position", m."""
+    """Of a plan: greatest excess over each limit, in its unit (negative: margin); also "separation", "keep_out" and
+    "arrival_position", m."""
     breaches: tuple[dict[str, Any], ...] = ()
-    """Of a plan: kind, who, amount, unit, time; None where amount or time is no finite number."""
+    """Of a plan: kind, who, amount, unit, time; None for a non-finite amount or time."""
     closest: dict[str, list[int]] = dataclasses.field(default_factory=dict)
     """Of a refusal: see `Answer.closest`."""
     reasons: tuple[str, ...] = ()
-    """Of a refusal: what the search says; of a broken trial: what was raised."""
+    """Of a refusal: reasons of the search; of a broken trial: the exception."""
     found: tuple[dict[str, float], ...] = ()
-    """Of a refusal with a plan: what that plan is like, by aircraft."""
+    """Of a contradicted refusal: description of the plan found, by aircraft."""
 
     @property
     def planned(self) -> bool:
@@ -98,32 +98,34 @@ def certified_answer(case: PlanCase) -> Answer:
     arrivals = np.asarray(plan.arrival_times)[:n] + start
     if outcome.plan is not None:
         return Answer(Paths(times + start, air, drift), arrivals, outcome.attempts, {})
-    proven = plan.certificate
-    lacks = {
+    certificate = plan.certificate
+    violations = {
         "path": ~np.asarray(plan.valid),
-        "limits": np.max(np.asarray(proven.excess), axis=1) > 0.0,
-        "separation": np.min(np.asarray(proven.clearance_ratio), axis=1) < 1.0,
-        "keep-outs": np.min(np.asarray(proven.keep_out_clearance), axis=1, initial=np.inf) < 0.0,
+        "limits": np.max(np.asarray(certificate.excess), axis=1) > 0.0,
+        "separation": np.min(np.asarray(certificate.clearance_ratio), axis=1) < 1.0,
+        "keep-outs": np.min(np.asarray(certificate.keep_out_clearance), axis=1, initial=np.inf) < 0.0,
     }
-    closest = {what: [int(k) for k in np.flatnonzero(bad[:n])] for what, bad in lacks.items() if bad[:n].any()}
+    closest = {
+        constraint: [int(k) for k in np.flatnonzero(bad[:n])] for constraint, bad in violations.items() if bad[:n].any()
+    }
     return Answer(None, arrivals, outcome.attempts, closest)
 
 
 def run_trial(seed: int, iterations: int, planner: Planner = certified_answer) -> Trial:
-    """Plan the case of a seed and have the answer judged.
+    """Plan the case of a seed and check the answer.
 
     Parameters
     ----------
     seed
-        Of `random_case`.
+        Seed of `random_case`.
     iterations
-        Of the second search's solver where the planner refuses, at most.
+        Limit on the iterations of the second search's solver after a refusal.
     planner
-        Who answers.
+        Planner to test.
 
     Returns
     -------
-    The trial; one in which something raised is broken and says what was raised.
+    The trial; broken, with the exception, if the planner or the checker raised one.
     """
     case = random_case(seed)
     begin = time.perf_counter()
@@ -140,16 +142,16 @@ def run_trial(seed: int, iterations: int, planner: Planner = certified_answer) -
 
 
 def run_trials(seeds: Sequence[int], iterations: int, jobs: int = 1) -> Generator[Trial, None, None]:
-    """Trials of the certified planner, each as soon as it is done; with several jobs in any order.
+    """Trials of the certified planner, in order of completion.
 
     Parameters
     ----------
     seeds
-        Of `random_case`.
+        Seeds of `random_case`.
     iterations
         See `run_trial`.
     jobs
-        Processes at work at once; each loads the planner's programs for itself.
+        Number of parallel processes; each loads the planner's programs separately.
     """
     if jobs == 1:
         enable_compilation_cache()
@@ -157,43 +159,43 @@ def run_trials(seeds: Sequence[int], iterations: int, jobs: int = 1) -> Generato
         return
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin_job)
     try:
-        for done in as_completed([pool.submit(run_trial, seed, iterations) for seed in seeds]):
-            yield done.result()
+        for future in as_completed([pool.submit(run_trial, seed, iterations) for seed in seeds]):
+            yield future.result()
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 def _begin_job() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's: it stops handing out seeds
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # only the parent handles an interrupt: it submits no further seeds
     threading.Thread(target=_end_with_parent, daemon=True).start()
     enable_compilation_cache()
 
 
 def _end_with_parent() -> None:
-    """A parent that is killed cannot end its jobs: they end themselves."""
+    """Exit after the end of the parent process: a killed parent cannot end its jobs."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
         os._exit(1)
 
 
-def _broken(case: PlanCase, where: str, error: Exception, plan_s: float, judge_s: float) -> Trial:
-    what = f"{where}: {type(error).__name__}: {error}"
-    return Trial(case.seed, case.size, case.rule.name, "broken", plan_s, judge_s, reasons=(what,))
+def _broken(case: PlanCase, stage: str, error: Exception, plan_s: float, judge_s: float) -> Trial:
+    reason = f"{stage}: {type(error).__name__}: {error}"
+    return Trial(case.seed, case.size, case.rule.name, "broken", plan_s, judge_s, reasons=(reason,))
 
 
 def _judge(case: PlanCase, answer: Answer, iterations: int) -> Trial:
-    about = (case.seed, case.size, case.rule.name)
-    on_progress = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
+    identity = (case.seed, case.size, case.rule.name)
+    attempt = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
     if answer.paths is not None:
         report = dense_check(answer.paths, case, answer.arrival_times)
         verdict = "passes" if report.passes else "fails"
-        breaches = tuple(_breach(one) for one in report.breaches)
-        return Trial(*about, verdict, 0.0, 0.0, **on_progress, excess=_excess(report), breaches=breaches)
+        breaches = tuple(_breach(breach) for breach in report.breaches)
+        return Trial(*identity, verdict, 0.0, 0.0, **attempt, excess=_excess(report), breaches=breaches)
     result = second_search(case, iterations, horizon=LATEST_S, seed=case.seed)
-    found = () if result.paths is None else _describe(result.paths, case)
+    description = () if result.paths is None else _describe(result.paths, case)
     return Trial(
-        *about, result.status, 0.0, 0.0, **on_progress, closest=answer.closest, reasons=result.reasons, found=found
+        *identity, result.status, 0.0, 0.0, **attempt, closest=answer.closest, reasons=result.reasons, found=description
     )
 
 
@@ -206,25 +208,25 @@ def _breach(breach: Breach) -> dict[str, Any]:
 
 
 def _excess(report: PlanReport) -> dict[str, float]:
-    """Worst of the fleet by limit; only figures that exist: JSON has no infinity."""
+    """Greatest excess of the fleet by limit; finite values only, because JSON has no infinity."""
     excess = {limit: float(np.max(values)) for limit, values in report.excess.items()}
     excess["separation"] = float(-np.min(report.pairs.clearance, initial=np.inf))
     excess["keep_out"] = float(-np.min(report.keep_out_clearance, initial=np.inf))
     excess["arrival_position"] = float(np.max(report.arrival_miss, initial=-np.inf))
-    return {what: value for what, value in excess.items() if np.isfinite(value)}
+    return {quantity: value for quantity, value in excess.items() if np.isfinite(value)}
 
 
 def _describe(paths: Paths, case: PlanCase) -> tuple[dict[str, float], ...]:
-    """What the paths of a plan are like, from their knots: how long, how fast, how high, how much they turn."""
-    rows = []
+    """Description of a plan's paths from their knots: length, airspeed, altitude, turns."""
+    descriptions = []
     for times, knots in zip(paths.times, paths.air_n + paths.drift_n, strict=True):
-        place, velocity, altitude = knots[:, 0], knots[:, 1], -knots[:, 0, 2]
+        positions, velocity, altitude = knots[:, 0], knots[:, 1], -knots[:, 0, 2]
         air = velocity - case.wind.at(altitude).T
         speed, heading = np.linalg.norm(air, axis=1), np.unwrap(np.arctan2(air[:, 1], air[:, 0]))
-        length = np.sum(np.linalg.norm(np.diff(place[:, :2], axis=0), axis=1))
-        straight = np.linalg.norm(place[-1, :2] - place[0, :2])
-        ends = altitude[[0, -1]]
-        rows.append(
+        length = np.sum(np.linalg.norm(np.diff(positions[:, :2], axis=0), axis=1))
+        straight = np.linalg.norm(positions[-1, :2] - positions[0, :2])
+        end_altitudes = altitude[[0, -1]]
+        descriptions.append(
             {
                 "arrival_s": float(times[-1]),
                 "length_of_straight": float(length / max(straight, 1.0)),
@@ -232,9 +234,9 @@ def _describe(paths: Paths, case: PlanCase) -> tuple[dict[str, float], ...]:
                 "speed_least_m_s": float(speed.min()),
                 "speed_greatest_m_s": float(speed.max()),
                 "speed_last_m_s": float(speed[-1]),
-                "above_ends_m": float(max(altitude.max() - ends.max(), 0.0)),
-                "below_ends_m": float(max(ends.min() - altitude.min(), 0.0)),
+                "above_ends_m": float(max(altitude.max() - end_altitudes.max(), 0.0)),
+                "below_ends_m": float(max(end_altitudes.min() - altitude.min(), 0.0)),
                 "turned_deg": float(np.rad2deg(np.sum(np.abs(np.diff(heading))))),
             }
         )
-    return tuple(rows)
+    return tuple(descriptions)

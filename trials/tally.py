@@ -1,4 +1,4 @@
-"""What came of many trials: counts by rule of arrival, and everything in which planner and judges disagree."""
+"""Summary of many trials: counts by arrival rule, and every disagreement between planner and checker."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ from trials.runner import VERDICTS, Trial
 __all__ = ["CONTRADICTED_MOST", "Tally", "tally"]
 
 CONTRADICTED_MOST = 0.02
-"""Part of the refusals for which the search may find a plan: issue 5."""
+"""Accepted fraction of contradicted refusals: issue 5."""
 
 
 @dataclass(frozen=True)
@@ -19,13 +19,13 @@ class Tally:
     """Counts of trials."""
 
     by_rule: dict[str, Counter[str]]
-    """By rule, how many trials have each verdict; rules that occur, in their usual order."""
+    """Number of trials per verdict, by rule, in the usual order of the rules."""
     disagreements: tuple[str, ...]
-    """One line for each trial that fails, is contradicted or broken, in the order of the seeds."""
+    """One line per failed, contradicted or broken trial, in the order of the seeds."""
 
     def count(self, *verdicts: str) -> int:
-        """Trials with one of some verdicts; without any, all."""
-        return sum(found[one] for found in self.by_rule.values() for one in verdicts or VERDICTS)
+        """Number of trials with any of the given verdicts; without an argument, of every verdict."""
+        return sum(counts[verdict] for counts in self.by_rule.values() for verdict in verdicts or VERDICTS)
 
     def of_rule(self, rule: str) -> "Tally":
         """Counts of one rule, without its disagreements."""
@@ -33,38 +33,40 @@ class Tally:
 
     @property
     def planned(self) -> int:
-        """Plans returned."""
+        """Number of plans."""
         return self.count("passes", "fails")
 
     @property
     def refused(self) -> int:
-        """Refusals."""
+        """Number of refusals."""
         return self.count("proved", "not found", "found")
 
     @property
     def passes(self) -> bool:
-        """Whether all plans pass, the search contradicts few enough refusals, and nothing broke."""
+        """Whether every plan passes, few enough refusals are contradicted, and no trial is broken."""
         contradicted = self.count("found") <= CONTRADICTED_MOST * self.refused
         return self.count("fails") == 0 and self.count("broken") == 0 and contradicted
 
 
 def tally(trials: Iterable[Trial]) -> Tally:
     """Count trials."""
-    ordered = sorted(trials, key=lambda one: one.seed)
-    rules = [rule for rule in RULES if any(one.rule == rule for one in ordered)]
-    by_rule = {rule: Counter(one.verdict for one in ordered if one.rule == rule) for rule in rules}
-    return Tally(by_rule, tuple(_line(one) for one in ordered if one.verdict in ("fails", "found", "broken")))
+    ordered = sorted(trials, key=lambda trial: trial.seed)
+    rules = [rule for rule in RULES if any(trial.rule == rule for trial in ordered)]
+    by_rule = {rule: Counter(trial.verdict for trial in ordered if trial.rule == rule) for rule in rules}
+    return Tally(by_rule, tuple(_line(trial) for trial in ordered if trial.verdict in ("fails", "found", "broken")))
 
 
 def _line(trial: Trial) -> str:
-    about = f"seed {trial.seed} ({trial.size} aircraft, {trial.rule})"
+    label = f"seed {trial.seed} ({trial.size} aircraft, {trial.rule})"
     if trial.verdict == "fails":
-        return f"{about}: the plan breaks {'; '.join(_breach(one) for one in trial.breaches)}"
+        return f"{label}: the plan breaks {'; '.join(_breach(breach) for breach in trial.breaches)}"
     if trial.verdict == "broken":
-        return f"{about}: {'; '.join(trial.reasons)}"
-    lacks = "; ".join(f"{what} of {_listed(who)}" for what, who in trial.closest.items())
-    nearest = f" (its closest try lacks {lacks})" if lacks else ""
-    return f"{about}: refused{nearest}, but there is a plan: {', '.join(_way(row) for row in trial.found)}"
+        return f"{label}: {'; '.join(trial.reasons)}"
+    violations = "; ".join(f"{constraint} of {_listed(aircraft)}" for constraint, aircraft in trial.closest.items())
+    nearest = f" (its closest try lacks {violations})" if violations else ""
+    return (
+        f"{label}: refused{nearest}, but there is a plan: {', '.join(_way(description) for description in trial.found)}"
+    )
 
 
 def _breach(breach: dict[str, Any]) -> str:
@@ -73,15 +75,15 @@ def _breach(breach: dict[str, Any]) -> str:
     return f"{breach['kind']} of {_listed(breach['who'])}{amount}{when}"
 
 
-def _listed(who: Sequence[int]) -> str:
-    return ", ".join(map(str, who))
+def _listed(aircraft: Sequence[int]) -> str:
+    return ", ".join(map(str, aircraft))
 
 
-def _way(row: dict[str, float]) -> str:
-    """One aircraft of a plan that was found."""
-    height = max(row["above_ends_m"], -row["below_ends_m"], key=abs)
-    beside = f", {abs(height):.0f} m {'above' if height > 0.0 else 'below'} its ends" if abs(height) > 30.0 else ""
+def _way(description: dict[str, float]) -> str:
+    """Description of one aircraft's path."""
+    height = max(description["above_ends_m"], -description["below_ends_m"], key=abs)
+    height_text = f", {abs(height):.0f} m {'above' if height > 0.0 else 'below'} its ends" if abs(height) > 30.0 else ""
     return (
-        f"{row['arrival_s']:.1f} s by {row['length_of_straight']:.2f} of the straight line at "
-        f"{row['speed_least_m_s']:.0f} to {row['speed_greatest_m_s']:.0f} m/s{beside}"
+        f"{description['arrival_s']:.1f} s by {description['length_of_straight']:.2f} of the straight line at "
+        f"{description['speed_least_m_s']:.0f} to {description['speed_greatest_m_s']:.0f} m/s{height_text}"
     )

@@ -1,4 +1,4 @@
-"""A planning task of the judges in the terms of the certified planner, at one size so that all share their programs."""
+"""A planning task of the checker as a task of the certified planner, padded to one size to share compiled programs."""
 
 from typing import NamedTuple
 
@@ -15,18 +15,18 @@ from trials.data import KeepOutCylinders, PlanCase, WindProfile
 __all__ = ["LATEST_S", "PlanTask", "planner_task"]
 
 LATEST_S = 1200.0
-"""Last arrival that the planner may choose, s: the random cases' longest lines, 42 km, take 380 s at 110 m/s."""
+"""Latest arrival allowed to the planner, s: the random cases' longest lines, 42 km, take 380 s at 110 m/s."""
 _FLEET, _LAYERS, _VOLUMES = 8, 4, 4
 _ROLL_RATE_MAX = np.deg2rad(30.0)
-"""How fast a plan may roll, rad/s; no limit of the cases."""
+"""Greatest roll rate of a plan, rad/s; no limit of the cases."""
 _AWAY_M = 1e7
 _SPEED_ROOM = 0.002
-"""Part of the speed window that the preferred airspeed keeps from its edges, where it is too fast or slow for it."""
+"""Least distance of the preferred airspeed from the edges of the airspeed range, as a fraction."""
 _LAYER_M = 1000.0
 
 
 class PlanTask(NamedTuple):
-    """What the planner is asked; aircraft beyond those of the case repeat the last one and are not active."""
+    """Input of the planner; aircraft beyond those of the case repeat the last one and are inactive."""
 
     tasks: AircraftTask
     airspace: Airspace
@@ -34,10 +34,10 @@ class PlanTask(NamedTuple):
 
 
 def planner_task(case: PlanCase) -> PlanTask:
-    """The planner's task of a case: filled up to 8 aircraft, 4 layers of wind and 4 keep-outs that touch nothing.
+    """The planner's task of a case, padded to 8 aircraft, 4 layers of wind and 4 keep-outs without effect.
 
-    The aircraft start at the case's positions and velocities, unaccelerated. The goals of the planner are at the
-    start's time what those of the case are then.
+    The aircraft start at the case's positions and velocities, unaccelerated. The planner's goals start at the positions
+    of the case's goals.
 
     Raises
     ------
@@ -45,40 +45,42 @@ def planner_task(case: PlanCase) -> PlanTask:
         If the case has more aircraft, layers or keep-outs, is accelerated at the start, or its goals change velocity.
     """
     _must_fit(case)
-    who = np.minimum(np.arange(_FLEET), case.size - 1)
+    indices = np.minimum(np.arange(_FLEET), case.size - 1)
     wind = _wind(case.wind)
     starts, goals, limits = case.starts, case.goals, case.limits
-    blowing = case.wind.at(-starts.position_n[:, 2]).T
-    at_start = np.stack([goals.meeting_n(k, np.array([starts.time]))[0] for k in range(case.size)]) - goals.stand_off_n
-    rendezvous = Rendezvous(
-        _array(goals.stand_off_n[who]),
-        _array(np.nan_to_num(goals.course[who])),
-        jnp.asarray(np.isfinite(goals.course[who])),
-        _array(np.nan_to_num(goals.path_angle[who])),
-        jnp.asarray(np.isfinite(goals.path_angle[who])),
+    wind_n = case.wind.at(-starts.position_n[:, 2]).T
+    goal_positions = (
+        np.stack([goals.meeting_n(k, np.array([starts.time]))[0] for k in range(case.size)]) - goals.stand_off_n
     )
-    own = PathLimits(
-        speed_min=_array(limits.speed_min[who]),
-        speed_max=_array(limits.speed_max[who]),
-        bank_max=_array(limits.bank_max[who]),
-        climb_rate_max=_array(limits.climb_rate_max[who]),
-        altitude_min=_array(limits.altitude_min[who]),
-        altitude_max=_array(limits.altitude_max[who]),
-        load_factor_max=_array(limits.load_factor_max[who]),
-        acceleration_max=_array(limits.acceleration_max[who]),
-        deceleration_max=_array(limits.deceleration_max[who]),
+    rendezvous = Rendezvous(
+        _array(goals.stand_off_n[indices]),
+        _array(np.nan_to_num(goals.course[indices])),
+        jnp.asarray(np.isfinite(goals.course[indices])),
+        _array(np.nan_to_num(goals.path_angle[indices])),
+        jnp.asarray(np.isfinite(goals.path_angle[indices])),
+    )
+    path_limits = PathLimits(
+        speed_min=_array(limits.speed_min[indices]),
+        speed_max=_array(limits.speed_max[indices]),
+        bank_max=_array(limits.bank_max[indices]),
+        climb_rate_max=_array(limits.climb_rate_max[indices]),
+        altitude_min=_array(limits.altitude_min[indices]),
+        altitude_max=_array(limits.altitude_max[indices]),
+        load_factor_max=_array(limits.load_factor_max[indices]),
+        acceleration_max=_array(limits.acceleration_max[indices]),
+        deceleration_max=_array(limits.deceleration_max[indices]),
     )
     low, high = (1.0 + _SPEED_ROOM) * limits.speed_min, (1.0 - _SPEED_ROOM) * limits.speed_max
     tasks = AircraftTask(
-        position_n=_array(starts.position_n[who]),
-        air_velocity_n=_array((starts.velocity_n - blowing)[who]),
+        position_n=_array(starts.position_n[indices]),
+        air_velocity_n=_array((starts.velocity_n - wind_n)[indices]),
         air_acceleration_n=jnp.zeros((_FLEET, 3)),
-        goal_position_n=_array(at_start[who]),
-        goal_velocity_n=_array(goals.velocity_after_n[who]),
+        goal_position_n=_array(goal_positions[indices]),
+        goal_velocity_n=_array(goals.velocity_after_n[indices]),
         rendezvous=rendezvous,
-        speed=_array(np.clip(case.speed, low, high)[who]),
+        speed=_array(np.clip(case.speed, low, high)[indices]),
         side=jnp.zeros(_FLEET, dtype=int),
-        limits=own,
+        limits=path_limits,
         roll_rate_max=jnp.full(_FLEET, _ROLL_RATE_MAX),
         active=_array(np.arange(_FLEET) < case.size),
     )
@@ -88,7 +90,7 @@ def planner_task(case: PlanCase) -> PlanTask:
         Separation(_array(case.separation_horizontal), _array(case.separation_vertical)),
         _keep_outs(case.keep_outs, starts.time),
     )
-    return PlanTask(tasks, airspace, _request(case, who))
+    return PlanTask(tasks, airspace, _request(case, indices))
 
 
 def _array(values: object) -> Float[Array, "..."]:
@@ -96,13 +98,13 @@ def _array(values: object) -> Float[Array, "..."]:
 
 
 def _must_fit(case: PlanCase) -> None:
-    for what, arrived, most in (
+    for quantity, count, maximum in (
         ("aircraft", case.size, _FLEET),
         ("layers of wind", case.wind.altitudes.size, _LAYERS),
         ("keep-outs", case.keep_outs.radius.size, _VOLUMES),
     ):
-        if arrived > most:
-            raise ValueError(f"plan case: arrived {arrived} {what}; expected {most} at most")
+        if count > maximum:
+            raise ValueError(f"plan case: arrived {count} {quantity}; expected {maximum} at most")
     if np.any(case.starts.acceleration_n):
         raise ValueError("plan case: arrived aircraft that accelerate at the start; expected none")
     if np.any(case.goals.times != case.starts.time):
@@ -112,7 +114,7 @@ def _must_fit(case: PlanCase) -> None:
 
 
 def _wind(profile: WindProfile) -> LayeredWind:
-    """The profile with layers added above, where nothing changes."""
+    """The profile, with constant layers added above."""
     altitudes, velocities = profile.altitudes, profile.velocities_n
     missing = _LAYERS - altitudes.size
     above = altitudes[-1] + _LAYER_M * np.arange(1, missing + 1)
@@ -123,11 +125,11 @@ def _wind(profile: WindProfile) -> LayeredWind:
 
 
 def _keep_outs(cylinders: KeepOutCylinders, start: float) -> KeepOuts:
-    """The cylinders, whose axes the planner wants at its start, with others added far away."""
+    """The cylinders, with axes at the planner's start, plus distant cylinders as padding."""
     missing = _VOLUMES - cylinders.radius.size
-    here = cylinders.position_n + start * cylinders.velocity_n
+    start_positions = cylinders.position_n + start * cylinders.velocity_n
     return KeepOuts(
-        _array(np.concatenate([here, np.full((missing, 2), _AWAY_M)])),
+        _array(np.concatenate([start_positions, np.full((missing, 2), _AWAY_M)])),
         _array(np.concatenate([cylinders.velocity_n, np.zeros((missing, 2))])),
         _array(np.concatenate([cylinders.radius, np.ones(missing)])),
         _array(np.concatenate([cylinders.bottom, np.zeros(missing)])),
@@ -135,14 +137,14 @@ def _keep_outs(cylinders: KeepOutCylinders, start: float) -> KeepOuts:
     )
 
 
-def _request(case: PlanCase, who: np.ndarray) -> ArrivalRequest:
-    """The arrival rule; times of the planner count from the start."""
+def _request(case: PlanCase, indices: np.ndarray) -> ArrivalRequest:
+    """The arrival rule; the planner counts times from the start."""
     rule, start = case.rule, case.starts.time
     times = offsets = windows = None
     if rule.name in ("at", "times"):
-        times = rule.times[who] - start
+        times = rule.times[indices] - start
     if rule.name == "windows":
-        windows = rule.windows[who] - start
+        windows = rule.windows[indices] - start
     if rule.name == "sequence":
-        offsets = rule.ranks()[who] * rule.spacing
+        offsets = rule.ranks()[indices] * rule.spacing
     return ArrivalRequest(rule.name, LATEST_S, times, offsets, windows)

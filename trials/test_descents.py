@@ -1,7 +1,7 @@
-"""A hundred random tasks and fifty milder ones: descending arrivals, planned as published; none may reach the ground.
+"""Descending arrivals of 150 random tasks, planned as published: no aircraft may hit the ground.
 
-Not part of the ordinary tests (a few of the tasks are: tests/simulation/test_descents.py). It takes a quarter of an
-hour or so; every task is printed with its verdict, and at the end what the plans were announced as, by reason.
+Not part of the ordinary tests (which contain a few of the tasks: tests/simulation/test_descents.py). The trial takes
+about a quarter of an hour; it prints every task with its verdict, and a summary of the announced plans by reason.
 """
 
 from collections import Counter
@@ -13,17 +13,17 @@ from support.descents import flown_descent
 SEEDS = range(150)
 
 
-def test_none_reaches_the_ground():
-    fates, reasons, refused = Counter(), Counter(), 0
+def test_no_aircraft_reaches_the_ground():
+    statuses, reasons, refused = Counter(), Counter(), 0
     for seed in SEEDS:
-        found = flown_descent(seed)
-        print(found, flush=True)
-        fates.update(found["status"])
-        reasons.update(found["problems"])
-        refused += bool(found["problems"])
-        assert set(found["problems"]) <= {*LIMIT_MESSAGES, *PLAN_MESSAGES}
-        assert not found["met"] or set(found["status"]) == {"arrived"}
+        result = flown_descent(seed)
+        print(result, flush=True)
+        statuses.update(result["status"])
+        reasons.update(result["problems"])
+        refused += bool(result["problems"])
+        assert set(result["problems"]) <= {*LIMIT_MESSAGES, *PLAN_MESSAGES}
+        assert not result["met"] or set(result["status"]) == {"arrived"}
     print(f"{refused} of {len(SEEDS)} plans announced as not flyable; aircraft by reason:")
-    for counted in (reasons, fates):
-        print("\n".join(f"{count:4d}  {words}" for words, count in counted.most_common()), end="\n\n")
-    assert not any("reached the ground" in words for words in fates)
+    for counts in (reasons, statuses):
+        print("\n".join(f"{count:4d}  {message}" for message, count in counts.most_common()), end="\n\n")
+    assert not any("reached the ground" in message for message in statuses)

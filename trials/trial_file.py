@@ -1,4 +1,4 @@
-"""A file of trials: one JSON line about all of them, then one per trial, so that an interrupted run loses nothing."""
+"""A file of trials: a JSON header line, then one line per trial, so that an interrupted run loses nothing."""
 
 import dataclasses
 import json
@@ -14,40 +14,40 @@ FORMAT = "anser plan trials 2"
 
 
 class TrialFileError(ValueError):
-    """The file is none of trials, or not of these; the text says what arrived and what was expected."""
+    """The file is not a file of trials, or of other trials; the message states the value found and the expected one."""
 
 
 def begin_trials(path: Path, iterations: int) -> None:
-    """Make a new file without trials.
+    """Create a file without trials.
 
     Raises
     ------
     FileExistsError
-        If there is one: nothing is overwritten.
+        If the file exists: nothing is overwritten.
     """
     with path.open("x", encoding="utf-8") as file:
         file.write(json.dumps({"format": FORMAT, "search_iterations": iterations}) + "\n")
 
 
 def append_trial(path: Path, trial: Trial) -> None:
-    """Add a trial at the end; once this returns it is in the file."""
+    """Append a trial; on return it is written to the file."""
     line = json.dumps(dataclasses.asdict(trial), allow_nan=False, default=_plain)
     with path.open("a", encoding="utf-8") as file:
         file.write(line + "\n")
 
 
 def _plain(value: Any) -> Any:
-    """Numbers that are not Python's own."""
+    """Convert a NumPy number to a Python number."""
     return value.item()
 
 
 def read_trials(path: Path, iterations: int) -> list[Trial]:
-    """Trials of a file of as many search iterations; a last line that was cut short is taken out of it.
+    """Read the trials of a file with the same number of search iterations; remove a truncated last line from the file.
 
     Raises
     ------
     TrialFileError
-        If the file is another kind, of another number of iterations, or broken elsewhere than in its last line.
+        If the format or the number of iterations differs, or a line other than the last is damaged.
     """
     text = path.read_text(encoding="utf-8")
     whole = text[: text.rfind("\n") + 1]
@@ -70,20 +70,20 @@ def read_trials(path: Path, iterations: int) -> list[Trial]:
 def _trials(lines: list[str], path: Path) -> Iterator[Trial]:
     names = {field.name for field in dataclasses.fields(Trial)}
     for k, line in enumerate(lines[1:], start=2):
-        row = _parsed(line, path, k)
-        if set(row) != names:
+        entry = _parsed(line, path, k)
+        if set(entry) != names:
             raise TrialFileError(f"arrived {path} with other fields than a trial's in line {k}; expected a trial")
         values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in row.items()
+            name: tuple(value) if isinstance(value, list) else value for name, value in entry.items()
         }
         yield Trial(**values)
 
 
 def _parsed(line: str, path: Path, number: int) -> dict[str, Any]:
     try:
-        row = json.loads(line)
+        entry = json.loads(line)
     except json.JSONDecodeError:
-        row = None
-    if not isinstance(row, dict):
+        entry = None
+    if not isinstance(entry, dict):
         raise TrialFileError(f"arrived {path}, whose line {number} is no JSON object; expected one per line")
-    return row
+    return entry

@@ -1,8 +1,7 @@
-"""Random tasks of three aircraft of one kind over moving boats: planned, flown, held to their limits.
+"""Random tasks of three identical aircraft over moving boats: planned, flown, checked against the requirements.
 
 ``python -m trials.uav_tasks [count] [first seed]`` flies the small electric aircraft of the library, ``--airframe FILE
---airspeed 50`` another one: places are farther apart as its airspeed is higher. No gain and no limit is given: they
-follow from the aircraft.
+--airspeed 50`` another one: distances grow with its airspeed. Gains and limits are the defaults of the aircraft.
 """
 
 import argparse
@@ -23,20 +22,20 @@ _APART_M = 300.0
 
 
 def task(seed: int, airframe: dict[str, str], airspeed_m_s: float) -> Scenario:
-    """A task that two numbers of its own make: places, courses and boats at random, two minutes away or less."""
+    """A task determined by its seed: random positions, courses and boats, up to two minutes away."""
     scale = airspeed_m_s / _AIRSPEED_M_S
     rng = np.random.default_rng(seed)
-    aircraft, goals, places, away = [], [], [], float(rng.uniform(0.0, 2.0 * math.pi))
+    aircraft, goals, meeting_points, bearing = [], [], [], float(rng.uniform(0.0, 2.0 * math.pi))
     for k in range(3):
-        boat, start = f"boat-{k + 1}", _apart(rng, [one["start"] for one in aircraft], 900.0 * scale)
-        place = _apart(rng, places, 900.0 * scale)
-        places.append(place)
+        boat, start = f"boat-{k + 1}", _apart(rng, [entry["start"] for entry in aircraft], 900.0 * scale)
+        meeting_point = _apart(rng, meeting_points, 900.0 * scale)
+        meeting_points.append(meeting_point)
         goals.append(
             {
                 "name": boat,
                 "kind": "surface",
-                "north_m": place["north_m"] + 2200.0 * scale * math.cos(away),
-                "east_m": place["east_m"] + 2200.0 * scale * math.sin(away),
+                "north_m": meeting_point["north_m"] + 2200.0 * scale * math.cos(bearing),
+                "east_m": meeting_point["east_m"] + 2200.0 * scale * math.sin(bearing),
                 "altitude_m": 0.0,
                 "speed_m_s": float(rng.uniform(0.0, _BOAT_MOST_M_S)),
                 "course_deg": float(rng.uniform(-180.0, 180.0)),
@@ -71,10 +70,10 @@ def task(seed: int, airframe: dict[str, str], airspeed_m_s: float) -> Scenario:
     )
 
 
-def _apart(rng: np.random.Generator, others: list, half_m: float) -> dict[str, float]:
+def _apart(rng: np.random.Generator, positions: list, half_m: float) -> dict[str, float]:
     while True:
         north, east = (float(x) for x in rng.uniform(-half_m, half_m, 2))
-        if all(math.hypot(north - one["north_m"], east - one["east_m"]) > _APART_M for one in others):
+        if all(math.hypot(north - position["north_m"], east - position["east_m"]) > _APART_M for position in positions):
             return {"north_m": north, "east_m": east}
 
 
@@ -83,42 +82,46 @@ def _say(line: str) -> None:
     sys.stdout.flush()
 
 
-def main(count: int, first: int, airframe: dict[str, str], airspeed_m_s: float) -> int:
-    """Fly so many tasks; 0 where every one that has a plan keeps what is required of it."""
-    met, refused, short = 0, 0, []
+def main(count: int, first_seed: int, airframe: dict[str, str], airspeed_m_s: float) -> int:
+    """Fly `count` tasks; return 0 if every planned flight meets its requirements."""
+    successes, refused, failed_seeds = 0, 0, []
     began = time.monotonic()
-    for seed in range(first, first + count):
-        wanted = task(seed, airframe, airspeed_m_s)
+    for seed in range(first_seed, first_seed + count):
+        scenario = task(seed, airframe, airspeed_m_s)
         try:
-            flown = anser.run(wanted)
+            result = anser.run(scenario)
         except NoPlanError as error:
             refused += 1
             _say(f"{seed}: no plan: {str(error).splitlines()[0][:120]}")
             continue
-        requirements = flown.summary["requirements"]
-        failed = [one for one in requirements if not one["met"]]
-        rows, fleet = flown.summary["aircraft"], flown.summary["fleet"]
-        miss = max(one["miss_m"] or math.inf for one in rows)
-        slow, fast = min(one["speed_min_m_s"] for one in rows), max(one["speed_max_m_s"] for one in rows)
+        requirements = result.summary["requirements"]
+        failed = [entry for entry in requirements if not entry["met"]]
+        aircraft_results, fleet = result.summary["aircraft"], result.summary["fleet"]
+        miss = max(entry["miss_m"] or math.inf for entry in aircraft_results)
+        slow, fast = (
+            min(entry["speed_min_m_s"] for entry in aircraft_results),
+            max(entry["speed_max_m_s"] for entry in aircraft_results),
+        )
         _say(
-            f"{seed}: {rows[0]['arrival_s']:.1f} s, miss {miss:.2f} m, spread {fleet['arrival_spread_s']:.4f} s, "
+            f"{seed}: {aircraft_results[0]['arrival_s']:.1f} s, miss {miss:.2f} m, "
+            f"spread {fleet['arrival_spread_s']:.4f} s, "
             f"{slow:.1f} to {fast:.1f} m/s{'' if not failed else ', not met: ' + str(failed)}"
         )
-        met += not failed
-        short += [seed] if failed else []
+        successes += not failed
+        failed_seeds += [seed] if failed else []
     _say(
-        f"{count} tasks in {time.monotonic() - began:.0f} s: {met} planned and flown as required, {refused} without a "
-        f"plan, {len(short)} short: {short}"
+        f"{count} tasks in {time.monotonic() - began:.0f} s: {successes} planned and flown as required, "
+        f"{refused} without a plan, {len(failed_seeds)} short: {failed_seeds}"
     )
-    return 1 if short else 0
+    return 1 if failed_seeds else 0
 
 
 if __name__ == "__main__":
-    asked = argparse.ArgumentParser()
-    asked.add_argument("count", type=int, nargs="?", default=50)
-    asked.add_argument("first", type=int, nargs="?", default=0)
-    asked.add_argument("--airframe", type=Path)
-    asked.add_argument("--airspeed", type=float, default=_AIRSPEED_M_S)
-    given = asked.parse_args()
-    which = _AEROSONDE if given.airframe is None else {"airframe": str(given.airframe.resolve())}
-    sys.exit(main(given.count, given.first, which, given.airspeed))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("count", type=int, nargs="?", default=50)
+    parser.add_argument("first", type=int, nargs="?", default=0)
+    parser.add_argument("--airframe", type=Path)
+    parser.add_argument("--airspeed", type=float, default=_AIRSPEED_M_S)
+    options = parser.parse_args()
+    which = _AEROSONDE if options.airframe is None else {"airframe": str(options.airframe.resolve())}
+    sys.exit(main(options.count, options.first, which, options.airspeed))

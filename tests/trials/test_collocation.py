@@ -118,7 +118,7 @@ def _only(case, who):
 def test_limits_hold_at_nodes_and_middles():
     flight = _flight(3)
     solved = _solved(flight)
-    L, who = flight.case.limits, flight.who
+    L, who = flight.case.limits, flight.aircraft
     nodes, mids = flight.split(solved.unknowns[0])
     for V, gamma, side, normal in ((nodes[3], nodes[4], nodes[7], nodes[8]), (mids[0], mids[1], mids[4], mids[5])):
         assert np.all((L.speed_min[who] < V) & (L.speed_max[who] > V))

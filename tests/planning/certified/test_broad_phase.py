@@ -97,6 +97,6 @@ def test_a_number_of_intervals_that_makes_no_blocks_is_refused():
     fleet = tracks(5, 8e3)
     short = Track(fleet.positions_n[:, :-1], fleet.error_bound[:, :-1], fleet.included[:, :-1])
     with pytest.raises(
-        ValueError, match=f"got {INTERVALS - 1} intervals; expected a multiple of {INTERVALS_PER_CYLINDER}"
+        ValueError, match=f"arrived {INTERVALS - 1} intervals; expected a multiple of {INTERVALS_PER_CYLINDER}"
     ):
         bounding_cylinders(short)

@@ -124,7 +124,7 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
     """Cylinders of a track or of a batch of tracks, of `size` intervals each."""
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
-        raise ValueError(f"track: got {count} intervals; expected a multiple of {size}")
+        raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
     positions = track.positions_n
     grouped_shape = (*batch, count // size, size)
     endpoints = jnp.concatenate(
