@@ -113,7 +113,8 @@ def measure(count: int, airspace: Airspace) -> float:
             call_seconds.append(time.perf_counter() - start_time)
         certified = int(np.sum(np.asarray(result.feasible)))
         print(
-            f"{count:5d} aircraft, {name:4s}: first {first_s:6.1f} s, warm {min(call_seconds):8.4f} s, {certified} proven; "
+            f"{count:5d} aircraft, {name:4s}: first {first_s:6.1f} s, warm {min(call_seconds):8.4f} s, "
+            f"{certified} proven; "
             f"{in_conflict(tasks, airspace, duration, intervals)} would be in conflict",
             flush=True,
         )
