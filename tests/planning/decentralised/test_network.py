@@ -1,4 +1,4 @@
-"""Who hears whom, and when: range, loss, outages, delay, messages passed on."""
+"""Communication network: range, loss, outages, delay, relayed messages."""
 
 import jax
 import jax.numpy as jnp
@@ -19,45 +19,45 @@ def network(reach=1e6, loss=0.0, share=0.0, mean_s=5.0, delay=0):
     )
 
 
-def talk(own, places, exchanges, seed=1, active=None):
-    """Each says its clock, 100 times its number plus the time; what each knows after each exchange."""
-    count = len(places)
-    places = jnp.asarray(places, dtype=float)
+def run_exchanges(radio_network, positions_n, exchanges, seed=1, active=None):
+    """Broadcast clocks, 100 times the index plus the time; returns the knowledge after each exchange."""
+    count = len(positions_n)
+    positions_n = jnp.asarray(positions_n, dtype=float)
     active = jnp.ones(count, dtype=bool) if active is None else jnp.asarray(active)
     randomness = flight_randomness(seed, 0)
 
-    def one(state, k):
+    def exchange(state, k):
         time = k * PERIOD_S
-        none = jnp.zeros(count, dtype=jnp.int32)
-        word = Broadcast(
-            100.0 * jnp.arange(count) + time, none + k, jnp.zeros((count, count), dtype=jnp.int32), jnp.zeros(count)
+        zero = jnp.zeros(count, dtype=jnp.int32)
+        broadcast = Broadcast(
+            100.0 * jnp.arange(count) + time, zero + k, jnp.zeros((count, count), dtype=jnp.int32), jnp.zeros(count)
         )
-        state = own.exchange(state, word, places, active, k * EVERY, time, randomness)
+        state = radio_network.exchange(state, broadcast, positions_n, active, k * EVERY, time, randomness)
         return state, (state.hears, state.knowledge.clocks, state.knowledge.times)
 
-    start = own.init(100.0 * jnp.arange(count, dtype=float), randomness)
-    run = jax.jit(lambda: jax.lax.scan(one, start, jnp.arange(exchanges, dtype=jnp.int32))[1])
+    start = radio_network.init(100.0 * jnp.arange(count, dtype=float), randomness)
+    run = jax.jit(lambda: jax.lax.scan(exchange, start, jnp.arange(exchanges, dtype=jnp.int32))[1])
     return jax.tree.map(np.asarray, run())
 
 
 LINE = [(0.0, 0.0, 0.0), (900.0, 0.0, 0.0), (1800.0, 0.0, 0.0), (2700.0, 0.0, 0.0)]
 
 
-def test_what_is_known_is_right_however_it_came():
-    """A clock known with a time is the clock of that time."""
-    _, clocks, times = talk(network(reach=1000.0, loss=0.3, share=0.2, delay=3), LINE, 80)
+def test_received_clocks_are_correct_by_any_route():
+    """A clock received with a time is the clock at that time."""
+    _, clocks, times = run_exchanges(network(reach=1000.0, loss=0.3, share=0.2, delay=3), LINE, 80)
     np.testing.assert_allclose(clocks, 100.0 * np.arange(4) + times, atol=1e-9)
-    now = np.arange(80)[:, None, None] * PERIOD_S
-    off = ~np.eye(4, dtype=bool)
-    age = (now - times)[:, off]
+    sample_times = np.arange(80)[:, None, None] * PERIOD_S
+    is_other = ~np.eye(4, dtype=bool)
+    age = (sample_times - times)[:, is_other]
     assert (age >= -1e-12).all()
     assert (age[20:] >= 3 * PERIOD_S - 1e-9).all()
 
 
-def test_only_those_in_range_hear_each_other_and_news_is_passed_on():
-    hears, _, times = talk(network(reach=1000.0), LINE, 20)
-    near = np.abs(np.subtract.outer(np.arange(4), np.arange(4))) == 1
-    assert (hears[1:] == near).all()
+def test_only_aircraft_in_range_have_links_and_messages_are_relayed():
+    hears, _, times = run_exchanges(network(reach=1000.0), LINE, 20)
+    in_range = np.abs(np.subtract.outer(np.arange(4), np.arange(4))) == 1
+    assert (hears[1:] == in_range).all()
     # one exchange for each link on the way
     ages = 19 * PERIOD_S - times[19]
     hops = np.abs(np.subtract.outer(np.arange(4), np.arange(4)))
@@ -65,35 +65,35 @@ def test_only_those_in_range_hear_each_other_and_news_is_passed_on():
 
 
 @pytest.mark.parametrize("delay", [0, 5])
-def test_a_message_takes_its_time(delay):
-    _, _, times = talk(network(delay=delay), LINE[:2], 30)
+def test_a_message_arrives_after_the_delay(delay):
+    _, _, times = run_exchanges(network(delay=delay), LINE[:2], 30)
     np.testing.assert_allclose(29 * PERIOD_S - times[29][0, 1], delay * PERIOD_S, atol=1e-9)
 
 
-def test_losses_and_outages_are_as_frequent_as_asked_and_the_same_both_ways():
-    hears, _, _ = talk(network(loss=0.3, share=0.2, mean_s=1.0), LINE, 6000)
+def test_losses_and_outages_have_the_configured_frequency_in_both_directions():
+    hears, _, _ = run_exchanges(network(loss=0.3, share=0.2, mean_s=1.0), LINE, 6000)
     assert (hears == hears.transpose(0, 2, 1)).all()
     pairs = hears[:, *np.triu_indices(4, 1)]
     # six links, correlated over the outages of a second: 3600 independent spells or so
     assert pairs.mean() == pytest.approx(0.7 * 0.8, abs=0.02)
     # a link that was up is up again more often than one that was not: outages last
-    again = pairs[1:][pairs[:-1]].mean()
-    assert again > pairs.mean() + 0.05
+    repeated = pairs[1:][pairs[:-1]].mean()
+    assert repeated > pairs.mean() + 0.05
 
 
-def test_links_do_not_depend_on_how_many_others_there_are():
-    three, _, _ = talk(network(loss=0.4, share=0.1), LINE[:3], 100)
-    four, _, _ = talk(network(loss=0.4, share=0.1), LINE, 100)
+def test_links_are_independent_of_the_size_of_the_fleet():
+    three, _, _ = run_exchanges(network(loss=0.4, share=0.1), LINE[:3], 100)
+    four, _, _ = run_exchanges(network(loss=0.4, share=0.1), LINE, 100)
     assert (three == four[:, :3, :3]).all()
 
 
-def test_who_does_not_take_part_is_not_heard():
-    hears, _, times = talk(network(), LINE, 10, active=[True, False, True, True])
+def test_an_inactive_aircraft_has_no_links():
+    hears, _, times = run_exchanges(network(), LINE, 10, active=[True, False, True, True])
     assert not hears[:, 1].any()
     assert not hears[:, :, 1].any()
     assert (times[9][[0, 2, 3], 1] == 0.0).all()
 
 
-def test_another_seed_other_links():
-    one, other = (talk(network(loss=0.5), LINE, 50, seed=seed)[0] for seed in (1, 2))
-    assert (one != other).any()
+def test_links_depend_on_the_seed():
+    first_links, second_links = (run_exchanges(network(loss=0.5), LINE, 50, seed=seed)[0] for seed in (1, 2))
+    assert (first_links != second_links).any()

@@ -1,4 +1,4 @@
-"""Holds of a fleet: begun without a jump, apart from each other and from all that is still on its way, with bounds."""
+"""Holds of a fleet: a smooth start, separation from holds and approaches, and bounds."""
 
 import equinox as eqx
 import jax
@@ -30,25 +30,25 @@ CELLS = choose_cell_count(END)
 SETTINGS = GuidanceSettings(*(jnp.asarray(x) for x in (0.3, 20.0, 3000.0, 1.0, 20.0)))
 WIND = LayeredWind(jnp.array([0.0, 2000.0]), jnp.array([[4.0, 0.0, 0.0], [8.0, 6.0, 0.0]]))
 LIMITS = PathLimits(*(jnp.asarray(x) for x in (90.0, 240.0, np.deg2rad(55.0), 70.0, 100.0)))
-assign = compiled_quickly(lambda paths, own, space: assign_holds(paths, own, space, SETTINGS, 0.0, END, CELLS))
+assign = compiled_quickly(lambda paths, tasks, space: assign_holds(paths, tasks, space, SETTINGS, 0.0, END, CELLS))
 
 
-def number(x):
+def array_of(x):
     return jnp.asarray(x, dtype=float)
 
 
 def straight(end, course_deg, arrival, wind_n):
-    """A level approach of 60 s at `SPEED` through air that moves steadily."""
+    """A level approach of 60 s at `SPEED` in steady wind."""
     course = np.deg2rad(course_deg)
     air = SPEED * np.array([np.cos(course), np.sin(course), 0.0])
     times = arrival - 60.0 + 20.0 * np.arange(4)
-    since = (times - times[0])[:, None]
+    elapsed = (times - times[0])[:, None]
     begin = np.asarray(end) - 60.0 * (air + wind_n)
     knots = np.zeros((4, 3, 3))
     drift = np.zeros((4, 3, 3))
-    knots[:, 0], knots[:, 1] = begin + since * air, air
-    drift[:, 0], drift[:, 1] = since * wind_n, wind_n
-    return TimedPath(number(times), number(knots), number(drift))
+    knots[:, 0], knots[:, 1] = begin + elapsed * air, air
+    drift[:, 0], drift[:, 1] = elapsed * wind_n, wind_n
+    return TimedPath(array_of(times), array_of(knots), array_of(drift))
 
 
 def stacked(parts):
@@ -56,28 +56,28 @@ def stacked(parts):
 
 
 def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
-    """Approaches that end over the goals, and what the planner knows of their aircraft."""
+    """Approaches that end above the goals, and the planning tasks of the aircraft."""
     paths, tasks = [], []
     for goal, velocity, height, course, arrival in zip(
         goals_n, velocities_n, heights, courses_deg, arrivals, strict=True
     ):
         goal_n, velocity_n = np.append(goal, 0.0), np.append(velocity, 0.0)
         end = goal_n + arrival * velocity_n - np.array([0.0, 0.0, height])
-        path = straight(end, course, arrival, np.asarray(WIND.at(number(end), 0.0)))
+        path = straight(end, course, arrival, np.asarray(WIND.at(array_of(end), 0.0)))
         paths.append(path)
         tasks.append(
             AircraftTask(
                 position_n=path.position_n(0.0),
                 air_velocity_n=path.air_velocity_n(0.0),
                 air_acceleration_n=jnp.zeros(3),
-                goal_position_n=number(goal_n),
-                goal_velocity_n=number(velocity_n),
-                rendezvous=make_rendezvous(number([0.0, 0.0, -height])),
-                speed=number(SPEED),
+                goal_position_n=array_of(goal_n),
+                goal_velocity_n=array_of(velocity_n),
+                rendezvous=make_rendezvous(array_of([0.0, 0.0, -height])),
+                speed=array_of(SPEED),
                 side=jnp.asarray(0, dtype=jnp.int32),
                 limits=LIMITS,
-                roll_rate_max=number(0.35),
-                active=number(1.0),
+                roll_rate_max=array_of(0.35),
+                active=array_of(1.0),
             )
         )
     return stacked(paths), stacked(tasks)
@@ -85,8 +85,10 @@ def fleet(goals_n, velocities_n, heights, courses_deg, arrivals):
 
 def airspace(horizontal, vertical, keep_out=(9e5, 9e5, 100.0)):
     north, east, radius = keep_out
-    volumes = KeepOuts(number([[north, east]]), jnp.zeros((1, 2)), number([radius]), number([0.0]), number([5000.0]))
-    return Airspace(WIND, number(GRAVITY), Separation(number(horizontal), number(vertical)), volumes)
+    volumes = KeepOuts(
+        array_of([[north, east]]), jnp.zeros((1, 2)), array_of([radius]), array_of([0.0]), array_of([5000.0])
+    )
+    return Airspace(WIND, array_of(GRAVITY), Separation(array_of(horizontal), array_of(vertical)), volumes)
 
 
 GOALS = [(0.0, 0.0), (1500.0, 900.0), (-300.0, 800.0)]
@@ -97,34 +99,34 @@ MEETING = fleet(GOALS, DRIFTS, [300.0, 320.0, 300.0], [20.0, 330.0, 190.0], [90.
 def ratios(approaches, holds, horizontal, vertical, step=0.05):
     """Least ratio of distance to separation of each pair from the first arrival on, from dense samples."""
     times = np.arange(0.0, END, step)
-    places = []
+    positions = []
     for k in range(approaches.times.shape[0]):
         path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (approaches, holds))
-        before, after = (np.asarray(jax.vmap(p.position_n)(number(times))) for p in (path, hold))
-        places.append(np.where((times > float(path.times[-1]))[:, None], after, before))
+        on_path, in_hold = (np.asarray(jax.vmap(p.position_n)(array_of(times))) for p in (path, hold))
+        positions.append(np.where((times > float(path.times[-1]))[:, None], in_hold, on_path))
     arrivals = np.asarray(approaches.times[:, -1])
-    found = np.full((len(places), len(places)), np.inf)
-    for i in range(len(places)):
+    least_ratios = np.full((len(positions), len(positions)), np.inf)
+    for i in range(len(positions)):
         for j in range(i):
-            apart = places[i] - places[j]
-            flat = np.hypot(apart[:, 0], apart[:, 1]) / horizontal
-            tall = np.abs(apart[:, 2]) / vertical if vertical else np.zeros_like(flat)
-            since = times > min(arrivals[i], arrivals[j])
-            found[i, j] = found[j, i] = np.min(np.maximum(flat, tall)[since])
-    return found
+            offset = positions[i] - positions[j]
+            flat = np.hypot(offset[:, 0], offset[:, 1]) / horizontal
+            tall = np.abs(offset[:, 2]) / vertical if vertical else np.zeros_like(flat)
+            elapsed = times > min(arrivals[i], arrivals[j])
+            least_ratios[i, j] = least_ratios[j, i] = np.min(np.maximum(flat, tall)[elapsed])
+    return least_ratios
 
 
 def own_circles(paths, tasks, space):
-    """What everybody would fly with the circle that the scenario names: the holds before they were planned."""
+    """Flights with the scenario's circle for every aircraft: holds without planning."""
 
-    def one(path, task):
+    def single(path, task):
         arrival = path.times[-1]
         circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, space, SETTINGS))
         goal = task.goal_position_n + arrival * task.goal_velocity_n, task.goal_velocity_n
         begin = path.position_n(arrival), path.velocity_n(arrival), arrival
         return hold_path(task, begin, goal, circle, space.wind, END, SETTINGS, GRAVITY, CELLS)
 
-    return jax.vmap(one)(paths, tasks)
+    return jax.vmap(single)(paths, tasks)
 
 
 @pytest.fixture(scope="module", params=[(500.0, 150.0), (450.0, 0.0)], ids=["or in altitude", "in the plane"])
@@ -133,7 +135,7 @@ def assigned(request):
     return request.param, space, assign(*MEETING, space)
 
 
-def test_holds_keep_what_the_scenarios_own_circles_lose(assigned):
+def test_assigned_holds_are_separated_unlike_the_scenarios_circles(assigned):
     separation, space, holds = assigned
     lost = ratios(MEETING[0], compiled_quickly(own_circles)(*MEETING, space), *separation)
     assert np.min(lost) < 0.8
@@ -141,17 +143,17 @@ def test_holds_keep_what_the_scenarios_own_circles_lose(assigned):
     assert np.min(ratios(MEETING[0], holds.paths, *separation)) >= 1.0
 
 
-def test_bounds_hold_between_the_samples_and_are_close(assigned):
+def test_bounds_are_valid_between_the_samples_and_close(assigned):
     separation, _, holds = assigned
-    seen, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
-    off = ~np.eye(3, dtype=bool)
-    assert np.all(np.isinf(proven[~off]))
-    assert np.all(proven[off] <= seen[off] + 1e-9)
+    sampled, proven = ratios(MEETING[0], holds.paths, *separation), np.asarray(holds.clearance_ratio)
+    is_other = ~np.eye(3, dtype=bool)
+    assert np.all(np.isinf(proven[~is_other]))
+    assert np.all(proven[is_other] <= sampled[is_other] + 1e-9)
     # Slack of both, a h^2 / 8 with a up to 20 m/s^2 and h = 0.24 s, and the samples' own error: 0.3 m and 15 m/s x 0.05 s.
-    assert np.all(proven[off] >= seen[off] - 0.01)
+    assert np.all(proven[is_other] >= sampled[is_other] - 0.01)
 
 
-def test_begun_without_a_jump_and_flown_within_limits(assigned):
+def test_holds_start_smoothly_and_stay_within_limits(assigned):
     _, space, holds = assigned
     for k in range(3):
         path, hold = (jax.tree.map(lambda leaf, k=k: leaf[k], p) for p in (MEETING[0], holds.paths))
@@ -159,35 +161,37 @@ def test_begun_without_a_jump_and_flown_within_limits(assigned):
         np.testing.assert_allclose(hold.position_n(arrival), path.position_n(arrival), atol=1e-6)
         np.testing.assert_allclose(hold.velocity_n(arrival), path.velocity_n(arrival), atol=1e-9)
         times = jnp.linspace(arrival, END, 4001)
-        places, air, rates = (jax.vmap(f)(times) for f in (hold.position_n, hold.air_velocity_n, hold.acceleration_n))
+        positions_n, air, rates = (
+            jax.vmap(f)(times) for f in (hold.position_n, hold.air_velocity_n, hold.acceleration_n)
+        )
         ground = jax.vmap(hold.velocity_n)(times)
-        blowing = jax.vmap(lambda p: space.wind.at(p, 0.0))(places)
+        blowing = jax.vmap(lambda p: space.wind.at(p, 0.0))(positions_n)
         np.testing.assert_allclose(ground - blowing, air, atol=0.05)  # the drift is a quintic between knots 2 s apart
         assert np.all(np.abs(np.linalg.norm(air, axis=1) - SPEED) < 1.0)
         (u, v, _), (u_dot, v_dot, _) = np.asarray(air).T, np.asarray(rates).T
         side = np.abs(u * v_dot - v * u_dot) / SPEED
         assert np.max(side) <= GRAVITY * np.tan(float(LIMITS.bank_max))
-        assert np.min(-np.asarray(places)[:, 2]) >= 299.0
+        assert np.min(-np.asarray(positions_n)[:, 2]) >= 299.0
         goal = np.asarray(holds.goal_positions_n[k] + times[-1] * holds.goal_velocities_n[k])
-        away = np.linalg.norm(np.asarray(places)[-1, :2] - goal[:2])
-        assert away == pytest.approx(float(holds.circles.radius[k]), rel=0.05)
+        goal_distance = np.linalg.norm(np.asarray(positions_n)[-1, :2] - goal[:2])
+        assert goal_distance == pytest.approx(float(holds.circles.radius[k]), rel=0.05)
 
 
 def steep_hold(climb, load_factor_max):
-    """Heights (m) and vertical accelerations (m/s^2) of a hold that begins with a climb rate at a height of 500 m."""
+    """Heights (m) and vertical accelerations (m/s^2) of a hold that starts with a climb rate at a height of 500 m."""
     _, tasks = fleet(GOALS[:1], [(0.0, 0.0)], [500.0], [20.0], [90.0])
     task = jax.tree.map(lambda leaf: leaf[0], tasks)
-    task = eqx.tree_at(lambda t: t.limits.load_factor_max, task, number(load_factor_max))
+    task = eqx.tree_at(lambda t: t.limits.load_factor_max, task, array_of(load_factor_max))
     still = SteadyWind(jnp.zeros(3))
-    begin = number([0.0, 0.0, -500.0]), number([170.0, 0.0, -climb]), number(90.0)
+    begin = array_of([0.0, 0.0, -500.0]), array_of([170.0, 0.0, -climb]), array_of(90.0)
     circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, airspace(500.0, 150.0), SETTINGS))
-    made = hold_path(task, begin, (jnp.zeros(3), jnp.zeros(3)), circle, still, END, SETTINGS, GRAVITY, CELLS)
+    hold = hold_path(task, begin, (jnp.zeros(3), jnp.zeros(3)), circle, still, END, SETTINGS, GRAVITY, CELLS)
     times = jnp.linspace(90.0, END, 2001)
-    return -np.asarray(jax.vmap(made.position_n)(times))[:, 2], np.asarray(jax.vmap(made.acceleration_n)(times))[:, 2]
+    return -np.asarray(jax.vmap(hold.position_n)(times))[:, 2], np.asarray(jax.vmap(hold.acceleration_n)(times))[:, 2]
 
 
-def test_steep_arrival_is_levelled_off_as_hard_as_it_must():
-    """From 72 m/s of descent within 8 s: 9 m/s^2, a loss of 72^2 / 18 = 288 m (the climb wanted by then hides the lag)."""
+def test_a_steep_arrival_is_levelled_off_with_the_necessary_pull():
+    """From 72 m/s of descent within 8 s: 9 m/s^2, a loss of 72^2 / 18 = 288 m (the demanded climb hides the lag)."""
     heights, pulls = steep_hold(-72.0, np.inf)
     assert 500.0 - np.min(heights) == pytest.approx(72.0**2 / 18.0, rel=0.02)
     assert np.max(-pulls) == pytest.approx(9.0, abs=0.4)
@@ -196,80 +200,80 @@ def test_steep_arrival_is_levelled_off_as_hard_as_it_must():
     assert np.max(-steep_hold(-25.0, np.inf)[1]) == pytest.approx(4.0, abs=0.3)
 
 
-def test_stays_out_of_closed_volumes():
+def test_holds_stay_out_of_keep_outs():
     alone = jax.tree.map(lambda leaf: leaf[:1], MEETING)
-    free = assign(*alone, airspace(500.0, 150.0))
-    where = np.asarray(
-        jax.vmap(jax.tree.map(lambda leaf: leaf[0], free.paths).position_n)(jnp.linspace(100.0, 239.0, 400))
+    unrestricted = assign(*alone, airspace(500.0, 150.0))
+    track = np.asarray(
+        jax.vmap(jax.tree.map(lambda leaf: leaf[0], unrestricted.paths).position_n)(jnp.linspace(100.0, 239.0, 400))
     )
-    keep_out = (*where[300, :2], 400.0)
+    keep_out = (*track[300, :2], 400.0)
     holds = assign(*alone, airspace(500.0, 150.0, keep_out))
     assert bool(holds.clear[0])
     assert float(holds.keep_out_clearance[0, 0]) >= 0.0
-    assert (float(free.circles.radius[0]), float(free.circles.turn[0])) != (
+    assert (float(unrestricted.circles.radius[0]), float(unrestricted.circles.turn[0])) != (
         float(holds.circles.radius[0]),
         float(holds.circles.turn[0]),
     )
 
 
-def test_says_who_cannot_hold():
-    """Two who meet head-on at the arrival, apart only by what one separation is in the plane: nothing helps."""
+def test_aircraft_without_a_clear_hold_are_flagged():
+    """Two aircraft that meet head-on at the arrival, only one horizontal separation apart: no hold is clear."""
     facing = fleet([(0.0, 0.0), (560.0, 0.0), (9e3, 0.0)], [(0.0, 0.0)] * 3, [300.0] * 3, [0.0, 180.0, 0.0], [90.0] * 3)
     holds = assign(*facing, airspace(500.0, 0.0))
     assert np.asarray(holds.clear).tolist() == [False, False, True]
     assert float(holds.clearance_ratio[0, 1]) < 0.9
-    inactive = eqx.tree_at(lambda t: t.active, facing[1], number([1.0, 0.0, 1.0]))
+    inactive = eqx.tree_at(lambda t: t.active, facing[1], array_of([1.0, 0.0, 1.0]))
     assert np.all(assign(facing[0], inactive, airspace(500.0, 0.0)).clear)
 
 
-def test_who_holds_already_goes_on(assigned):
+def test_an_aircraft_in_its_hold_keeps_it(assigned):
     _, space, holds = assigned
     _, tasks = MEETING
-    now = 95.0
-    faster = tasks.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
-    elsewhere = tasks.goal_position_n + now * tasks.goal_velocity_n + 3.0
-    seen = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (elsewhere, faster))
-    again = compiled_quickly(
+    time = 95.0
+    new_velocities = tasks.goal_velocity_n + jnp.array([[1.0, -2.0, 0.0]])
+    new_positions = tasks.goal_position_n + time * tasks.goal_velocity_n + 3.0
+    moved_tasks = eqx.tree_at(lambda t: (t.goal_position_n, t.goal_velocity_n), tasks, (new_positions, new_velocities))
+    reassigned = compiled_quickly(
         lambda former: assign_holds(
-            MEETING[0], seen, space, SETTINGS, now, END, CELLS, move_with_goals(former, seen, now)
+            MEETING[0], moved_tasks, space, SETTINGS, time, END, CELLS, move_with_goals(former, moved_tasks, time)
         )
     )(holds)
-    expected = move_with_goals(holds, seen, now)
+    expected = move_with_goals(holds, moved_tasks, time)
     for k, arrived in enumerate([True, True, False]):
-        same = np.allclose(again.paths.air_n[k], expected.paths.air_n[k], atol=1e-9)
-        assert same == arrived
+        is_kept = np.allclose(reassigned.paths.air_n[k], expected.paths.air_n[k], atol=1e-9)
+        assert is_kept == arrived
     # Seen from its goal the hold is where it was.
     path = jax.tree.map(lambda leaf: leaf[0], expected.paths)
-    before = jax.tree.map(lambda leaf: leaf[0], holds.paths)
-    np.testing.assert_allclose(path.position_n(now) - before.position_n(now), [3.0, 3.0, 3.0], atol=1e-9)
-    np.testing.assert_allclose(path.velocity_n(now) - before.velocity_n(now), [1.0, -2.0, 0.0], atol=1e-9)
+    previous_path = jax.tree.map(lambda leaf: leaf[0], holds.paths)
+    np.testing.assert_allclose(path.position_n(time) - previous_path.position_n(time), [3.0, 3.0, 3.0], atol=1e-9)
+    np.testing.assert_allclose(path.velocity_n(time) - previous_path.velocity_n(time), [1.0, -2.0, 0.0], atol=1e-9)
 
 
-def test_reference_goes_with_the_goal_and_ends_where_it_moves_otherwise(assigned):
+def test_the_reference_moves_with_the_goal_and_is_invalid_after_a_change_of_velocity(assigned):
     _, _, holds = assigned
-    one = jax.tree.map(lambda leaf: leaf[0], broadcast_holds(holds))
+    single = jax.tree.map(lambda leaf: leaf[0], broadcast_holds(holds))
     time = 120.0
-    foreseen_n = holds.goal_positions_n[0] + time * holds.goal_velocities_n[0]
-    off, rate = jnp.array([4.0, -3.0, 0.0]), jnp.array([0.5, 0.0, 0.0])
-    reference, flown = hold_reference(one, time, foreseen_n + off, holds.goal_velocities_n[0] + rate, SPEED)
-    assert bool(flown)
+    predicted_n = holds.goal_positions_n[0] + time * holds.goal_velocities_n[0]
+    offset, rate = jnp.array([4.0, -3.0, 0.0]), jnp.array([0.5, 0.0, 0.0])
+    reference, is_valid = hold_reference(single, time, predicted_n + offset, holds.goal_velocities_n[0] + rate, SPEED)
+    assert bool(is_valid)
     path = jax.tree.map(lambda leaf: leaf[0], holds.paths)
-    np.testing.assert_allclose(reference.position_n(time) - path.position_n(time), off, atol=1e-9)
+    np.testing.assert_allclose(reference.position_n(time) - path.position_n(time), offset, atol=1e-9)
     np.testing.assert_allclose(reference.velocity_n(time) - path.velocity_n(time), rate, atol=1e-12)
-    away = holds.goal_velocities_n[0] + jnp.array([1.01 * GOAL_VELOCITY_TOLERANCE * SPEED, 0.0, 0.0])
-    assert not bool(hold_reference(one, time, foreseen_n, away, SPEED)[1])
-    assert not bool(hold_reference(one, END + 1.0, foreseen_n, holds.goal_velocities_n[0], SPEED)[1])
+    changed_velocity = holds.goal_velocities_n[0] + jnp.array([1.01 * GOAL_VELOCITY_TOLERANCE * SPEED, 0.0, 0.0])
+    assert not bool(hold_reference(single, time, predicted_n, changed_velocity, SPEED)[1])
+    assert not bool(hold_reference(single, END + 1.0, predicted_n, holds.goal_velocities_n[0], SPEED)[1])
 
 
 def test_derivatives_are_finite():
-    own = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
+    task = jax.tree.map(lambda leaf: leaf[0], MEETING[1])
     space = airspace(500.0, 150.0)
-    circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(own, space, SETTINGS))
+    circle = jax.tree.map(lambda leaf: leaf[0], _candidate_circles(task, space, SETTINGS))
 
     def end(goal_velocity_n):
         goal = jnp.zeros(3), goal_velocity_n
         begin = jnp.array([0.0, 0.0, -300.0]), jnp.array([150.0, 0.0, 0.0]), 10.0
         steady = SteadyWind(jnp.array([3.0, 0.0, 0.0]))
-        return jnp.sum(hold_path(own, begin, goal, circle, steady, 60.0, SETTINGS, GRAVITY, 16).position_n(59.0))
+        return jnp.sum(hold_path(task, begin, goal, circle, steady, 60.0, SETTINGS, GRAVITY, 16).position_n(59.0))
 
     assert np.all(np.isfinite(jax.jit(jax.jacfwd(end))(jnp.array([5.0, 0.0, 0.0]))))

@@ -34,24 +34,24 @@ from support.planning_cases import (
 RIGHT = jnp.ones(3)
 
 
-def arrive(case: PlanningTask, sides=RIGHT, time=0.0, even=False):
+def plan_arrival(case: PlanningTask, sides=RIGHT, time=0.0, even=False):
     return plan_at(time, case, sides, even)
 
 
 @jax.jit
-def longest_path_takes(case: PlanningTask, duration):
-    """The published scheme written out for still air and free arrivals: how long the longest path takes."""
-    ends = case.goal_position_n + case.goal_velocity_n * duration + case.rendezvous.stand_off_n
-    lines = ends - case.position_n
+def longest_flight_time(case: PlanningTask, duration):
+    """The published scheme written out for still air and free arrivals: flight time of the longest path."""
+    end_points = case.goal_position_n + case.goal_velocity_n * duration + case.rendezvous.stand_off_n
+    lines = end_points - case.position_n
     finals = SPEED * lines / jnp.linalg.norm(lines, axis=1)[:, None]
     paths = jax.vmap(lambda p, v, e, f: fit_trajectory(0.0, duration, p, v, e, f))(
-        case.position_n, case.air_velocity_n, ends, finals
+        case.position_n, case.air_velocity_n, end_points, finals
     )
     return jnp.max(jax.vmap(arc_length)(paths)) / SPEED
 
 
 def _outcome(goal_velocity_n, speed, position_n, case, weights):
-    """Weighted sum of what a plan is made of."""
+    """Weighted sum of the fields of a plan."""
     case = replace(case, goal_velocity_n=goal_velocity_n, position_n=position_n, origin_n=position_n)
     plan = coordinate(0.0, case, speed, RIGHT, jnp.asarray(False))
     middle = jax.vmap(lambda path: path.position_n(20.0))(plan.trajectories)
@@ -65,7 +65,7 @@ slopes = jax.jit(jax.grad(_outcome, argnums=(0, 1, 2)), compiler_options={"xla_b
 
 
 def check_arrival(case: PlanningTask, plan, time):
-    """All fly the reference length and meet their moving goals together, as planned."""
+    """The fleet flies the reference length and meets the moving goals at the planned time."""
     t_f = plan.arrival_time
     duration = t_f - time
     # Fixed point: the longest path at the airspeed takes the common time.
@@ -73,19 +73,19 @@ def check_arrival(case: PlanningTask, plan, time):
     assert plan.reference_length == jnp.max(plan.nominal_lengths)
     assert plan.lateral_bends[plan.farthest] == 0.0
     np.testing.assert_allclose(lengths_of(plan.trajectories), plan.reference_length, atol=1e-6)
-    here, start = along(plan.trajectories, time)
-    there, final = along(plan.trajectories, t_f)
+    position, start = along(plan.trajectories, time)
+    goal_position, final = along(plan.trajectories, t_f)
     goals = case.goal_position_n + case.goal_velocity_n * duration + case.rendezvous.stand_off_n
     # Rounding of coefficients of up to 1e5 m.
-    np.testing.assert_allclose(there, goals, atol=1e-8)
-    np.testing.assert_allclose(here, case.position_n, atol=1e-9)
+    np.testing.assert_allclose(goal_position, goals, atol=1e-8)
+    np.testing.assert_allclose(position, case.position_n, atol=1e-9)
     np.testing.assert_allclose(start, case.air_velocity_n, atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(final, axis=1), SPEED, rtol=1e-10)
 
 
-def test_published_three_aircraft_case():
+def test_the_published_three_aircraft_case_is_reproduced():
     case = published_fleet()
-    plan = arrive(case)
+    plan = plan_arrival(case)
     assert np.all(plan.status == PLANNED)
     assert np.all(plan.converged & plan.goal_reachable)
     check_arrival(case, plan, 0.0)
@@ -99,44 +99,44 @@ def test_published_three_aircraft_case():
 
 
 @pytest.mark.parametrize("side", [(1.0, -1.0, 1.0), (1.0, 1.0, -1.0)])
-def test_sides_of_the_detours(side):
-    plan = arrive(published_fleet(), jnp.array(side))
+def test_detours_are_on_the_requested_sides(side):
+    plan = plan_arrival(published_fleet(), jnp.array(side))
     assert jnp.all(plan.lateral_bends * jnp.array(side) >= 0.0)
     assert jnp.sum(plan.lateral_bends == 0.0) == 1
 
 
 @pytest.mark.parametrize("goal_speed_max", [30.0, 90.0])
-def test_generic_fleets_with_goals_at_up_to_60_percent_of_the_airspeed(goal_speed_max):
+def test_random_fleets_meet_goals_at_up_to_60_percent_of_the_airspeed(goal_speed_max):
     for seed in range(25):
         case = random_fleet(seed, goal_speed_max)
-        plan = arrive(case, time=100.0)
+        plan = plan_arrival(case, time=100.0)
         assert np.all(plan.converged), seed
         check_arrival(case, plan, 100.0)
         # It is the first such time: at no earlier one are all paths in time.
         for earlier in np.linspace(0.1, 0.999, 12) * float(plan.arrival_time - 100.0):
-            assert longest_path_takes(case, earlier) > earlier
+            assert longest_flight_time(case, earlier) > earlier
 
 
-def test_fixed_point_agrees_with_plain_iteration():
+def test_the_fixed_point_equals_plain_iteration():
     # The published scheme, iterated to rest: fit everything anew at T, then T = max L/V.
     case, duration = published_fleet(), 50.0
     for _ in range(100):
-        duration = longest_path_takes(case, duration)
-    np.testing.assert_allclose(arrive(case).arrival_time, duration, atol=1e-9)
+        duration = longest_flight_time(case, duration)
+    np.testing.assert_allclose(plan_arrival(case).arrival_time, duration, atol=1e-9)
 
 
-def test_plan_in_wind_is_the_plan_in_still_air_seen_from_the_drifting_frame():
+def test_a_plan_in_wind_is_the_still_air_plan_in_the_drifting_frame():
     wind = jnp.array([12.0, -20.0, 1.0])
     still = random_fleet(3, 40.0)
     windy = in_wind(still, wind)
-    a, b = arrive(still, time=20.0), arrive(windy, time=20.0)
+    a, b = plan_arrival(still, time=20.0), plan_arrival(windy, time=20.0)
     np.testing.assert_allclose(b.arrival_time, a.arrival_time, rtol=1e-12)
     np.testing.assert_allclose(b.lateral_bends, a.lateral_bends, rtol=1e-7, atol=1e-6)
     for fraction in (0.0, 0.3, 1.0):
         time = 20.0 + fraction * (a.arrival_time - 20.0)
-        there, blown = (along(plan.trajectories, time)[0] for plan in (a, b))
+        goal_position, drifting = (along(plan.trajectories, time)[0] for plan in (a, b))
         # A bend to 1e-10 of the length moves the middle of the path by micrometres.
-        np.testing.assert_allclose(blown, there + wind[None] * (time - 20.0), atol=1e-5)
+        np.testing.assert_allclose(drifting, goal_position + wind[None] * (time - 20.0), atol=1e-5)
 
 
 @pytest.mark.parametrize("elapsed", [0.5, 8.0, 15.0])
@@ -145,47 +145,47 @@ def test_replanning_on_the_paths_keeps_the_arrival_time(elapsed):
     # it flew faster or slower than the mean so far is due: arrival time and reference length follow exactly.
     # (Later on the farthest may change: from the middle of a detour the unbent path is not the shortest.)
     case = published_fleet()
-    plan = arrive(case)
+    plan = plan_arrival(case)
     later = on_plan(plan, case, elapsed, elapsed)
-    again = arrive(later, time=elapsed)
+    replanned = plan_arrival(later, time=elapsed)
     # A millimetre is what quadrature leaves of a length of 9 km split in two; 150 m/s.
-    np.testing.assert_allclose(again.arrival_time, plan.arrival_time, atol=1e-5)
-    assert again.farthest == plan.farthest
-    assert np.all(again.converged)
+    np.testing.assert_allclose(replanned.arrival_time, plan.arrival_time, atol=1e-5)
+    assert replanned.farthest == plan.farthest
+    assert np.all(replanned.converged)
     np.testing.assert_allclose(
-        lengths_of(again.trajectories), again.reference_length + later.path_length_deficit, atol=1e-6
+        lengths_of(replanned.trajectories), replanned.reference_length + later.path_length_deficit, atol=1e-6
     )
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_lengths_due_are_flown_on_top(seed):
+def test_length_deficits_are_added_to_the_paths(seed):
     case = random_fleet(seed, 40.0)
-    due = jnp.asarray(np.random.default_rng(seed).uniform(-300.0, 300.0, 3))
-    behind = replace(case, path_length_deficit=due)
-    plan = arrive(behind, time=30.0)
+    deficits = jnp.asarray(np.random.default_rng(seed).uniform(-300.0, 300.0, 3))
+    late_case = replace(case, path_length_deficit=deficits)
+    plan = plan_arrival(late_case, time=30.0)
     assert np.all(plan.converged)
     # What is due comes on top of each path, and the fleet's mean airspeed over the whole flight is the same for all.
-    np.testing.assert_allclose(lengths_of(plan.trajectories) - due, SPEED * (plan.arrival_time - 30.0), atol=1e-5)
+    np.testing.assert_allclose(lengths_of(plan.trajectories) - deficits, SPEED * (plan.arrival_time - 30.0), atol=1e-5)
 
 
 @pytest.mark.parametrize("part", [0.5, 0.8, 0.95, 0.999])
-def test_a_fleet_far_behind_still_finds_its_time(part):
+def test_a_late_fleet_has_an_arrival_time(part):
     # Nearly the whole way is due already: the time that is left tends to 0, far below the straight lines' time.
     case = published_fleet()
-    way = jnp.linalg.norm(case.goal_position_n + case.rendezvous.stand_off_n - case.position_n, axis=1)
-    behind = replace(case, path_length_deficit=part * way)
-    plan = arrive(behind)
+    distance = jnp.linalg.norm(case.goal_position_n + case.rendezvous.stand_off_n - case.position_n, axis=1)
+    late_case = replace(case, path_length_deficit=part * distance)
+    plan = plan_arrival(late_case)
     assert np.all(plan.converged)
-    assert plan.arrival_time < 1.1 * (1.0 - part) * jnp.max(way) / SPEED
+    assert plan.arrival_time < 1.1 * (1.0 - part) * jnp.max(distance) / SPEED
     np.testing.assert_allclose(
-        lengths_of(plan.trajectories) - behind.path_length_deficit, SPEED * plan.arrival_time, atol=1e-5
+        lengths_of(plan.trajectories) - late_case.path_length_deficit, SPEED * plan.arrival_time, atol=1e-5
     )
 
 
 @pytest.mark.long
-def test_a_fleet_behind_by_more_than_its_way_is_refused_and_stays_finite():
+def test_a_fleet_late_by_more_than_its_path_is_refused_with_finite_numbers():
     case = published_fleet()
-    plan = arrive(replace(case, path_length_deficit=jnp.full(3, 2e4)))
+    plan = plan_arrival(replace(case, path_length_deficit=jnp.full(3, 2e4)))
     assert np.all(plan.status == NO_COMMON_TIME)
     assert not np.any(plan.converged)
     # The time along straight lines at the airspeed stands in: 9 km for the farthest.
@@ -193,23 +193,23 @@ def test_a_fleet_behind_by_more_than_its_way_is_refused_and_stays_finite():
     assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(plan))
 
 
-def test_an_outrunning_goal_is_flagged_and_the_others_are_planned():
+def test_an_unreachable_goal_is_flagged_and_excluded():
     case = published_fleet()
     fleeing = replace(case, goal_velocity_n=case.goal_velocity_n.at[1].set(velocity(170.0, 0.8)))
-    plan = arrive(fleeing)
+    plan = plan_arrival(fleeing)
     assert plan.status.tolist() == [PLANNED, GOAL_OUTRUNS, PLANNED]
     assert plan.goal_reachable.tolist() == [True, False, True]
     assert plan.converged.tolist() == [True, False, True]
-    np.testing.assert_allclose(plan.arrival_time, arrive(case).arrival_time, rtol=1e-12)
+    np.testing.assert_allclose(plan.arrival_time, plan_arrival(case).arrival_time, rtol=1e-12)
     assert "outruns" in PLAN_MESSAGES[GOAL_OUTRUNS]
 
 
 @pytest.mark.long
-def test_all_outrun_stays_finite_and_bounded():
+def test_a_fleet_with_unreachable_goals_only_stays_finite():
     case = published_fleet()
-    away = case.goal_position_n - case.position_n
-    fleeing = replace(case, goal_velocity_n=200.0 * away / jnp.linalg.norm(away, axis=1)[:, None])
-    plan = arrive(fleeing)
+    direction = case.goal_position_n - case.position_n
+    fleeing = replace(case, goal_velocity_n=200.0 * direction / jnp.linalg.norm(direction, axis=1)[:, None])
+    plan = plan_arrival(fleeing)
     assert np.all(plan.status == GOAL_OUTRUNS)
     assert not np.any(plan.converged)
     assert plan.arrival_time < 1e3
@@ -222,7 +222,7 @@ def test_all_outrun_stays_finite_and_bounded():
 def test_fast_goals_never_give_nan(goal_speed_max):
     codes = set()
     for seed in range(20):
-        plan = arrive(random_fleet(seed, goal_speed_max))
+        plan = plan_arrival(random_fleet(seed, goal_speed_max))
         assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(plan))
         assert np.all(plan.converged == (plan.status == PLANNED))
         codes |= set(plan.status.tolist())
@@ -232,26 +232,26 @@ def test_fast_goals_never_give_nan(goal_speed_max):
 
 def test_a_fleet_at_its_rendezvous_stays_finite():
     case = published_fleet()
-    there = replace(case, position_n=case.goal_position_n + case.rendezvous.stand_off_n)
-    assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(arrive(there)))
+    goal_position = replace(case, position_n=case.goal_position_n + case.rendezvous.stand_off_n)
+    assert all(jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(plan_arrival(goal_position)))
 
 
-def test_prescribed_arrival_and_its_refusal():
+def test_a_prescribed_arrival_direction_is_flown_or_refused():
     case = published_fleet()
     north = make_rendezvous(jnp.array([0.0, 0.0, -300.0]), 0.0, 0.0)
     northward = replace(case, rendezvous=jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), north))
     breeze, storm = jnp.tile(jnp.array([[0.0, 30.0, 0.0]]), (3, 1)), jnp.tile(jnp.array([[0.0, 160.0, 0.0]]), (3, 1))
-    plan = arrive(replace(northward, wind_n=breeze))
+    plan = plan_arrival(replace(northward, wind_n=breeze))
     assert np.all(plan.status == PLANNED)
     final = along(plan.trajectories, plan.arrival_time)[1] + breeze
     # Crab angle: the ground speed is sqrt(150^2 - 30^2), due North, level.
     np.testing.assert_allclose(final, np.tile([np.sqrt(150.0**2 - 30.0**2), 0.0, 0.0], (3, 1)), atol=1e-9)
-    refused = arrive(replace(northward, wind_n=storm, goal_velocity_n=storm))
+    refused = plan_arrival(replace(northward, wind_n=storm, goal_velocity_n=storm))
     assert np.all(refused.status == DIRECTION_UNATTAINABLE)
 
 
 @pytest.mark.long
-def test_published_single_case():
+def test_the_published_single_case_is_reproduced():
     # Theory section 8: one aircraft flies its nominal path.
     case = fleet(
         jnp.array([[0.0, 0.0, -1000.0]]),
@@ -265,39 +265,39 @@ def test_published_single_case():
 
 
 @pytest.mark.long
-def test_gradient_against_finite_differences():
+def test_the_gradient_equals_finite_differences():
     case, speed = published_fleet(), jnp.asarray(SPEED)
     rng = np.random.default_rng(1)
     for weights in (jnp.zeros(7).at[0].set(1.0), jnp.asarray(rng.normal(size=7))):
         by_goal, by_speed, by_position = slopes(case.goal_velocity_n, speed, case.position_n, case, weights)
         for _ in range(3):
-            ways = [jnp.asarray(rng.normal(size=shape)) for shape in ((3, 3), (), (3, 3))]
+            directions = [jnp.asarray(rng.normal(size=shape)) for shape in ((3, 3), (), (3, 3))]
             # Central differences of step 1e-3: step^2 truncation and 1e-10/step of solver residual.
-            ahead, back = (
+            forward, backward = (
                 outcome(
-                    case.goal_velocity_n + step * ways[0],
-                    speed + step * ways[1],
-                    case.position_n + step * ways[2],
+                    case.goal_velocity_n + step * directions[0],
+                    speed + step * directions[1],
+                    case.position_n + step * directions[2],
                     case,
                     weights,
                 )
                 for step in (1e-3, -1e-3)
             )
-            slope = jnp.sum(by_goal * ways[0]) + by_speed * ways[1] + jnp.sum(by_position * ways[2])
-            np.testing.assert_allclose(slope, (ahead - back) / 2e-3, rtol=1e-5, atol=1e-6)
+            slope = jnp.sum(by_goal * directions[0]) + by_speed * directions[1] + jnp.sum(by_position * directions[2])
+            np.testing.assert_allclose(slope, (forward - backward) / 2e-3, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.long
-def test_vmap_over_fleets():
+def test_a_batch_of_fleets_equals_single_fleets():
     cases = [random_fleet(seed, 60.0) for seed in (5, 6)]
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(leaf) for leaf in leaves]), *cases)
     plans = jax.jit(jax.vmap(lambda case: coordinate(0.0, case, SPEED, RIGHT)))(stacked)
     for index, case in enumerate(cases):
-        np.testing.assert_allclose(plans.arrival_time[index], arrive(case).arrival_time, rtol=1e-12)
-        np.testing.assert_allclose(plans.lateral_bends[index], arrive(case).lateral_bends, rtol=1e-8, atol=1e-6)
+        np.testing.assert_allclose(plans.arrival_time[index], plan_arrival(case).arrival_time, rtol=1e-12)
+        np.testing.assert_allclose(plans.lateral_bends[index], plan_arrival(case).lateral_bends, rtol=1e-8, atol=1e-6)
 
 
-def test_no_weak_types():
+def test_a_plan_has_no_weak_types():
     # A plan is carried through lax.cond and lax.scan, where weak types do not match strong ones.
     for even in (False, True):
         shapes = jax.eval_shape(coordinate, 0.0, published_fleet(), SPEED, RIGHT, even)

@@ -1,4 +1,4 @@
-"""The least mean airspeed that gravity leaves an aircraft with its engine idle."""
+"""Least mean airspeed of a descending aircraft with the engine idle."""
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ solve = jax.jit(slowest_mean_speed)
 
 
 def straight(drop, length=6000.0, speed=150.0):
-    """A straight path of given length and drop (m), s running evenly along it."""
+    """A straight path with a length and a drop (m), with s linear along the path."""
     level = np.sqrt(length**2 - drop**2)
     direction = jnp.array([level, 0.0, drop]) / length
     start = jnp.array([0.0, 0.0, -2000.0])
@@ -24,12 +24,12 @@ def straight(drop, length=6000.0, speed=150.0):
 
 @settings(deadline=None, max_examples=30)
 @given(drop=st.floats(300.0, 1500.0), speed_0=st.floats(120.0, 180.0), deceleration=st.floats(0.5, 1.3))
-def test_straight_descent_is_uniformly_accelerated(drop, speed_0, deceleration):
+def test_a_straight_descent_is_uniformly_accelerated(drop, speed_0, deceleration):
     length = 6000.0
     braking = STANDARD_GRAVITY_M_S2 * drop / length - (deceleration - BRAKING_RESERVE_M_S2)
-    last = np.sqrt(speed_0**2 + 2 * braking * length)
+    final_speed = np.sqrt(speed_0**2 + 2 * braking * length)
     # Uniform acceleration: the mean over time is that of the ends. Exact in every cell, so to rounding.
-    np.testing.assert_allclose(solve(straight(drop), speed_0, deceleration), (speed_0 + last) / 2, rtol=1e-9)
+    np.testing.assert_allclose(solve(straight(drop), speed_0, deceleration), (speed_0 + final_speed) / 2, rtol=1e-9)
 
 
 def test_level_flight_can_be_slow_and_a_steep_descent_cannot():
@@ -45,7 +45,7 @@ def test_more_braking_is_never_faster():
     assert bool(jnp.all(jnp.diff(means) <= 0.0))
 
 
-def test_gradient_is_finite_also_where_the_floor_holds():
+def test_the_gradient_is_finite_at_the_speed_floor():
     for deceleration in (0.5, 1.1, 50.0):
         slope = jax.grad(lambda a: slowest_mean_speed(straight(700.0), 150.0, a))(deceleration)
         assert bool(jnp.isfinite(slope))

@@ -1,4 +1,4 @@
-"""The lateral bend that gives a wanted length."""
+"""Lateral bend for a required length."""
 
 import equinox as eqx
 import jax
@@ -20,9 +20,9 @@ bent_length_slope = jax.jit(jax.grad(lambda kappa, path: arc_length(bend_traject
 
 @jax.jit
 @jax.grad
-def solved_length_slope(coefficients, path, wanted, side):
-    other = eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)
-    return arc_length(bend_trajectory(other, solve_lateral_bend(other, wanted, side).kappa))
+def solved_length_slope(coefficients, path, target_length, side):
+    changed_path = eqx.tree_at(lambda p: p.coefficients_n, path, coefficients)
+    return arc_length(bend_trajectory(changed_path, solve_lateral_bend(changed_path, target_length, side).kappa))
 
 
 @settings(deadline=None, max_examples=60)
@@ -32,29 +32,31 @@ def solved_length_slope(coefficients, path, wanted, side):
     side=st.sampled_from([-1.0, 1.0]),
     guess=st.floats(0.0, 1.0),
 )
-def test_converges_from_either_side_up_to_twice_the_nominal(path, excess, side, guess):
+def test_the_bend_converges_from_either_side_up_to_twice_the_nominal_length(path, excess, side, guess):
     nominal = measure(path)
-    wanted = (1.0 + excess) * nominal
-    found = solve(path, wanted, side)
+    target_length = (1.0 + excess) * nominal
+    solution = solve(path, target_length, side)
     # From zero (left of the root), from far right (the bracket ends near 8 (L_ref + L)), and anywhere between.
-    others = [solve(path, wanted, side, start) for start in (0.0, 1e9, 24.0 * guess * nominal, found.kappa / 2)]
-    for bend in (found, *others):
+    solutions = [
+        solve(path, target_length, side, start) for start in (0.0, 1e9, 24.0 * guess * nominal, solution.kappa / 2)
+    ]
+    for bend in (solution, *solutions):
         assert bend.converged
         assert np.sign(bend.kappa) == side
         # The solver promises 1e-10 of the length.
-        np.testing.assert_allclose(bent_length(path, bend.kappa), wanted, rtol=2e-10)
+        np.testing.assert_allclose(bent_length(path, bend.kappa), target_length, rtol=2e-10)
 
 
-def test_published_lengths_are_met_and_give_the_published_bends_back():
+def test_published_lengths_give_the_published_bends():
     for b_4 in (0.0025, 0.005, 0.0075, 0.01):
         for side in (1.0, -1.0):
-            wanted = arc_length(published_path(-30.0, side * b_4))
-            bend = solve(published_path(-30.0), wanted, side)
+            target_length = arc_length(published_path(-30.0, side * b_4))
+            bend = solve(published_path(-30.0), target_length, side)
             # L is met to 1e-10; b_4 follows with the sensitivity (L/b_4)/(dL/db_4), below 100 here.
             np.testing.assert_allclose(bend.kappa / 36.0**4, side * b_4, rtol=1e-8)
 
 
-def test_nominal_length_gives_exactly_zero_and_shorter_is_refused():
+def test_the_nominal_length_gives_zero_bend_and_shorter_lengths_are_refused():
     path = published_path(-30.0)
     nominal = measure(path)
     at_rest = solve(path, nominal, 1.0)
@@ -77,19 +79,19 @@ def test_a_path_due_east_can_be_lengthened():
 
 @settings(deadline=None, max_examples=15)
 @given(path=trajectories(), ratio=st.floats(1.02, 1.9), side=st.sampled_from([-1.0, 1.0]))
-def test_gradient_is_the_implicit_one(path, ratio, side):
-    wanted = ratio * measure(path)
-    kappa, slope = kappa_and_slope(path, wanted, side)
+def test_the_gradient_is_the_implicit_derivative(path, ratio, side):
+    target_length = ratio * measure(path)
+    kappa, slope = kappa_and_slope(path, target_length, side)
     inverse = bent_length_slope(kappa, path)
     # One is the reciprocal of the other, by two routes.
     np.testing.assert_allclose(slope * inverse, 1.0, rtol=1e-9)
 
     # However the path changes, the solved length stays what was wanted: rounding of terms that cancel.
-    np.testing.assert_allclose(solved_length_slope(path.coefficients_n, path, wanted, side), 0.0, atol=1e-8)
+    np.testing.assert_allclose(solved_length_slope(path.coefficients_n, path, target_length, side), 0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("extra", [-10.0, 0.0, 1e-12, 1e-6, 1e-3])
-def test_gradient_is_finite_near_the_nominal_length(extra):
+def test_the_gradient_is_finite_near_the_nominal_length(extra):
     path = published_path(-30.0)
     nominal = measure(path)
 
@@ -100,7 +102,7 @@ def test_gradient_is_finite_near_the_nominal_length(extra):
     assert all(jnp.all(jnp.isfinite(g)) for g in gradients)
 
 
-def test_still_path_is_finite():
+def test_a_path_of_zero_length_is_finite():
     path = eqx.tree_at(lambda p: p.coefficients_n, published_path(-30.0), jnp.zeros((3, 5)))
     for length in (0.0, 100.0):
         value, gradient = kappa_and_slope(path, length, 1.0)
@@ -108,9 +110,9 @@ def test_still_path_is_finite():
         assert jnp.isfinite(gradient)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_a_batch_equals_single_bends():
     path, sides = published_path(-30.0), jnp.array([1.0, -1.0, 1.0])
     lengths = jnp.array([5600.0, 5800.0, 9000.0])
-    many = jax.jit(jax.vmap(lambda length, side: solve_lateral_bend(path, length, side).kappa))(lengths, sides)
+    batch = jax.jit(jax.vmap(lambda length, side: solve_lateral_bend(path, length, side).kappa))(lengths, sides)
     alone = [solve(path, length, side).kappa for length, side in zip(lengths, sides, strict=True)]
-    np.testing.assert_allclose(many, alone, rtol=1e-9)
+    np.testing.assert_allclose(batch, alone, rtol=1e-9)

@@ -25,7 +25,7 @@ derivative_of = [jax.jit(lambda path, s, n=order: path.path_derivative(s, n)) fo
 
 @settings(deadline=None, max_examples=30)
 @given(path=trajectories(), lateral=st.floats(-3e4, 3e4), vertical=st.floats(-3e4, 3e4))
-def test_bends_leave_the_ends_alone(path, lateral, vertical):
+def test_bends_keep_the_ends(path, lateral, vertical):
     bent = bend(path, lateral, vertical)
     for time in (path.start_time, path.start_time + path.duration):
         # Coefficients up to 1e5 m cancel: 1e-9 m is ten roundings of that.
@@ -38,7 +38,7 @@ def test_bends_leave_the_ends_alone(path, lateral, vertical):
     np.testing.assert_allclose(shift[2], -vertical / 16.0, atol=1e-9)
 
 
-def test_boundary_conditions_in_wind():
+def test_boundary_conditions_hold_in_wind():
     wind = jnp.array([7.0, -12.0, 0.5])
     start, end = jnp.array([100.0, -200.0, -900.0]), jnp.array([4100.0, 2900.0, -1500.0])
     v_0, v_f = velocity(140.0, 0.4, 0.1), velocity(160.0, 1.9, -0.2)
@@ -50,11 +50,11 @@ def test_boundary_conditions_in_wind():
     np.testing.assert_allclose(ground_velocity(path, 86.0), v_f + wind, atol=1e-9)
 
 
-def test_published_form_of_the_coefficients():
+def test_the_coefficients_match_the_published_form():
     # Theory section 6: (k_0..k_3) = B^-1 (Y - A k_4) in t itself, here for East with b_4 = 0.005.
     t_f, b_4 = 36.0, 0.005
-    rows = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [1, t_f, t_f**2, t_f**3], [0, 1, 2 * t_f, 3 * t_f**2]], dtype=float)
-    k = np.linalg.solve(rows, -np.array([0.0, 0.0, t_f**4, 4 * t_f**3]) * b_4)
+    matrix = np.array([[1, 0, 0, 0], [0, 1, 0, 0], [1, t_f, t_f**2, t_f**3], [0, 1, 2 * t_f, 3 * t_f**2]], dtype=float)
+    k = np.linalg.solve(matrix, -np.array([0.0, 0.0, t_f**4, 4 * t_f**3]) * b_4)
     path = published_path(-30.0, b_4=b_4)
     for t in np.linspace(0.0, 36.0, 7):
         east = k @ t ** np.arange(4) + b_4 * t**4
@@ -64,7 +64,7 @@ def test_published_form_of_the_coefficients():
 
 @settings(deadline=None, max_examples=20)
 @given(path=trajectories(), fraction=st.floats(-0.3, 1.3))
-def test_derivatives_are_derivatives(path, fraction):
+def test_derivatives_equal_automatic_differentiation(path, fraction):
     time = path.start_time + fraction * path.duration
     velocity_n, acceleration_n = rates(path, time)
     # Same polynomial differentiated by jax: rounding only.
@@ -74,7 +74,7 @@ def test_derivatives_are_derivatives(path, fraction):
 
 @settings(deadline=None, max_examples=20)
 @given(path=trajectories(), s=st.floats(-0.3, 1.3), order=st.integers(0, 3))
-def test_path_derivatives(path, s, order):
+def test_path_derivatives_equal_automatic_differentiation(path, s, order):
     derivative = np.asarray(path.coefficients_n)
     if order:
         derivative = np.polynomial.polynomial.polyder(derivative, order, axis=1)
@@ -83,7 +83,7 @@ def test_path_derivatives(path, s, order):
     np.testing.assert_allclose(derivative_of[order](path, s), expected, rtol=1e-12, atol=1e-8)
 
 
-def test_right_hand_side():
+def test_the_lateral_direction_is_to_the_right_of_the_line():
     north, east = jnp.array([1.0, 0.0, 0.0]), jnp.array([0.0, 1.0, 0.0])
     np.testing.assert_array_equal(lateral_direction_n(5e3 * north, east), east)
     np.testing.assert_array_equal(lateral_direction_n(5e3 * east, east), -north)
@@ -94,13 +94,15 @@ def test_right_hand_side():
 
 @settings(deadline=None, max_examples=20)
 @given(turn=angles, kappa=st.floats(-4e4, 4e4))
-def test_length_does_not_depend_on_the_compass(turn, kappa):
+def test_the_length_is_invariant_to_rotations(turn, kappa):
     # Theory section 6: the term as published, in the East axis only, cannot lengthen a path that runs due East.
     def length(course):
         c, s = np.cos(course), np.sin(course)
-        turned = jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        rotation = jnp.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         line, v_0, v_f = jnp.array([5e3, 0.0, 500.0]), velocity(150.0, 0.3), velocity(150.0, -0.5, -0.2)
-        return arc_length(fit_trajectory(0.0, 36.0, jnp.zeros(3), turned @ v_0, turned @ line, turned @ v_f, kappa))
+        return arc_length(
+            fit_trajectory(0.0, 36.0, jnp.zeros(3), rotation @ v_0, rotation @ line, rotation @ v_f, kappa)
+        )
 
     np.testing.assert_allclose(length(turn), length(0.0), rtol=1e-12)
     np.testing.assert_allclose(length(np.pi / 2), length(0.0), rtol=1e-12)
@@ -109,7 +111,7 @@ def test_length_does_not_depend_on_the_compass(turn, kappa):
 @pytest.mark.long
 @pytest.mark.parametrize("line", [(3e3, 1e3, -200.0), (0.0, 0.0, -500.0), (0.0, 0.0, 0.0)])
 @pytest.mark.parametrize("v_0", [(100.0, 50.0, 3.0), (0.0, 0.0, -150.0)])
-def test_gradient_is_finite_for_degenerate_lines(line, v_0):
+def test_the_gradient_is_finite_for_degenerate_lines(line, v_0):
     def value(line, v_0, kappa, duration):
         path = fit_trajectory(0.0, duration, jnp.zeros(3), v_0, line, v_0, kappa, 10.0)
         return jnp.sum(path.position_n(3.0) ** 2) + arc_length(path)
@@ -118,10 +120,10 @@ def test_gradient_is_finite_for_degenerate_lines(line, v_0):
     assert all(jnp.all(jnp.isfinite(g)) for g in gradients)
 
 
-def test_jit_and_vmap_agree_with_one_at_a_time():
+def test_a_batch_equals_single_positions():
     kappas = jnp.array([-8e3, 0.0, 2e4])
-    many = jax.jit(jax.vmap(lambda kappa: bend_trajectory(published_path(-30.0), kappa).position_n(11.0)))(kappas)
-    for kappa, place in zip(kappas, many, strict=True):
+    batch = jax.jit(jax.vmap(lambda kappa: bend_trajectory(published_path(-30.0), kappa).position_n(11.0)))(kappas)
+    for kappa, expected in zip(kappas, batch, strict=True):
         np.testing.assert_allclose(
-            place, position(bend_trajectory(published_path(-30.0), kappa), 11.0), rtol=1e-13, atol=1e-9
+            expected, position(bend_trajectory(published_path(-30.0), kappa), 11.0), rtol=1e-13, atol=1e-9
         )
