@@ -60,7 +60,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest files first, so that no worker waits for one at the end."""
     first = (
         "test_report_browser.py",
-        "test_many_flights.py",
+        "test_flight_batches.py",
         "test_cli.py",
         "test_plan_file.py",
         "test_capability.py",

@@ -44,7 +44,7 @@ COVERED = {
     "anser plan task.toml --out planned": ("tests/missions/test_certified.py", "return run(load("),
     "anser plan early.toml": (
         "tests/missions/test_certified.py",
-        "test_a_time_that_is_too_early_is_refused_with_the_times_that_work",
+        "test_an_early_arrival_time_is_refused_with_the_feasible_times",
     ),
     "anser run scenarios/twenty-aircraft.toml": (
         "tests/missions/test_certified.py",

@@ -1,4 +1,4 @@
-"""When plans of whole scenarios arrive: as soon as the farthest can be there at the fleet's speed, whatever the heading."""
+"""Arrival times of complete scenarios: the first time reachable at the fleet's speed, for every heading."""
 
 import math
 from pathlib import Path
@@ -39,12 +39,12 @@ def _degrees(angle_deg):
     return (angle_deg + 180.0) % 360.0 - 180.0
 
 
-def _arrival_s(ahead_m, side_m, rise_m, heading_deg=0.0, wind_m_s=0.0, goal_m_s=0.0):
-    """Of a task turned to a heading, its wind and its goal with it."""
+def _arrival_s(forward_m, side_m, rise_m, heading_deg=0.0, wind_m_s=0.0, goal_m_s=0.0):
+    """Arrival time of a task that is rotated to a heading together with wind and goal."""
     turn = math.radians(heading_deg)
     text = _SCENARIO.format(
-        north_m=ahead_m * math.cos(turn) - side_m * math.sin(turn),
-        east_m=ahead_m * math.sin(turn) + side_m * math.cos(turn),
+        north_m=forward_m * math.cos(turn) - side_m * math.sin(turn),
+        east_m=forward_m * math.sin(turn) + side_m * math.cos(turn),
         up_m=1000.0 + rise_m,
         course_deg=_degrees(heading_deg),
         wind_m_s=wind_m_s,
@@ -57,7 +57,7 @@ def _arrival_s(ahead_m, side_m, rise_m, heading_deg=0.0, wind_m_s=0.0, goal_m_s=
 
 @pytest.mark.parametrize("rise_m", [-10.0, -0.001, 0.0, 0.001, 1.0, 10.0, 200.0])
 def test_a_small_climb_costs_no_time(rise_m):
-    """9 km straight ahead at 150 m/s; a climb takes what its slope adds to the way."""
+    """The goal is 9 km straight ahead at 150 m/s; a climb adds the extra length of its slope only."""
     straight_s = math.hypot(9000.0, rise_m) / 150.0
     np.testing.assert_allclose(_arrival_s(9000.0, 0.0, rise_m), straight_s, rtol=1e-3)
 
@@ -65,16 +65,16 @@ def test_a_small_climb_costs_no_time(rise_m):
 @pytest.mark.parametrize(
     "task", [(9000.0, 0.0, 0.0, 0.0, 0.0), (7000.0, 2500.0, 0.001, 14.0, 8.0), (8000.0, -900.0, -300.0, 18.0, 12.0)]
 )
-def test_the_heading_does_not_matter(task):
-    """One task turned to 24 headings has one arrival time."""
-    ahead_m, side_m, rise_m, wind_m_s, goal_m_s = task
+def test_the_arrival_time_is_independent_of_the_heading(task):
+    """A task rotated to 24 headings has a single arrival time."""
+    forward_m, side_m, rise_m, wind_m_s, goal_m_s = task
     arrivals_s = [
-        _arrival_s(ahead_m, side_m, rise_m, heading_deg, wind_m_s, goal_m_s)
+        _arrival_s(forward_m, side_m, rise_m, heading_deg, wind_m_s, goal_m_s)
         for heading_deg in np.arange(0.0, 360.0, 15.0).tolist()
     ]
     assert np.ptp(arrivals_s) < 1e-6
 
 
-def test_the_storm_is_sampled_as_soon_as_the_farthest_is_there():
+def test_the_storm_fleet_arrives_at_the_first_reachable_time():
     planned = anser.plan(load(SCENARIOS / "storm-sampling.toml"))
     assert float(np.max(planned.plan.arrival_times)) < 81.0

@@ -1,4 +1,4 @@
-"""The certified planner through the front door: a small fleet planned, flown past a goal that turns, and refused."""
+"""The certified planner through public functions: a small fleet is planned, flown past a turning goal, and refused."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from anser.simulation.closed_loop import AT_GROUND
 from support.fleet_flight import own, segment, with_own
 from trials.check import dense_check
 from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, Paths, PlanCase, Starts
-from trials.data import WindProfile as JudgedWind
+from trials.data import WindProfile as CheckedWind
 
 pytestmark = pytest.mark.long
 
@@ -72,7 +72,7 @@ east_m = 1500.0
 """
 
 
-def _written(folder: Path, text: str = _SCENARIO) -> Path:
+def _write_scenario(folder: Path, text: str = _SCENARIO) -> Path:
     path = folder / "scenario.toml"
     path.write_text(text)
     return path
@@ -80,52 +80,52 @@ def _written(folder: Path, text: str = _SCENARIO) -> Path:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory):
-    return run(load(_written(tmp_path_factory.mktemp("certified"))))
+    return run(load(_write_scenario(tmp_path_factory.mktemp("certified"))))
 
 
-def test_the_fleet_arrives_together_apart_and_within_its_limits(flown):
+def test_the_fleet_arrives_together_with_separation_and_within_its_limits(flown):
     # The issue asks 5 m and 0.1 s of twenty aircraft; these two have the requirements of every scenario, 3 m and 0.05 s.
-    rows, fleet = flown.summary["aircraft"], flown.summary["fleet"]
-    assert [row["status"] for row in rows] == ["arrived", "arrived"]
-    assert max(row["miss_m"] for row in rows) < 3.0
+    entries, fleet = flown.summary["aircraft"], flown.summary["fleet"]
+    assert [entry["status"] for entry in entries] == ["arrived", "arrived"]
+    assert max(entry["miss_m"] for entry in entries) < 3.0
     assert fleet["arrival_spread_s"] < 0.05
     assert fleet["separation_ratio_min"] >= 1.0
     assert flown.met, flown.summary["requirements"]
     data, limits = flown.dataset, flown.scenario.limits
-    approach = data.sel(time=data.time <= max(row["arrival_s"] for row in rows))
+    approach = data.sel(time=data.time <= max(entry["arrival_s"] for entry in entries))
     assert float(np.abs(approach.bank_deg).max()) < limits.bank_max_deg
     assert float(approach.load_factor.max()) < limits.load_factor_max
     assert float(np.abs(approach.velocity_down_m_s).max()) < limits.climb_rate_max_m_s
 
 
-def test_the_plan_follows_a_goal_that_turns_and_says_how(flown):
+def test_the_plan_follows_a_turning_goal_and_records_the_replanning(flown):
     data = flown.dataset
-    renewal = data.renewal.isel(aircraft=0).values
+    replanning = data.renewal.isel(aircraft=0).values
     time = data.time.values
-    before, after = renewal[(time > 2.0) & (time < _TURN_S)], renewal[(time > _TURN_S + 1.5)]
-    assert set(before) <= {CORRECTED}
-    assert set(after) <= {CORRECTED, REPLANNED}
+    before_turn, after_turn = replanning[(time > 2.0) & (time < _TURN_S)], replanning[(time > _TURN_S + 1.5)]
+    assert set(before_turn) <= {CORRECTED}
+    assert set(after_turn) <= {CORRECTED, REPLANNED}
     # Without a renewal the boat's turn would be missed by what it moves off its old way: 5 m/s for half a minute.
     assert flown.summary["aircraft"][0]["miss_m"] < 3.0
     # No jerk: the command's rate of turn never jumps by what a bank of 60 deg in one recorded step (0.1 s) would be.
     banks = data.bank_deg.isel(aircraft=0).values[time < flown.summary["aircraft"][0]["arrival_s"]]
     assert np.max(np.abs(np.diff(banks))) < 6.0
-    assert UNCHANGED not in set(renewal)
+    assert UNCHANGED not in set(replanning)
 
 
-def test_one_that_has_stopped_is_planned_without(flown):
-    """The first stands still from the start on: its boat's turn is no longer a reason to plan anew."""
+def test_a_stopped_aircraft_is_excluded_from_replanning(flown):
+    """The first aircraft is stopped from the start: the turn of its boat no longer causes replanning."""
     planned, count = flown.planned, 2
     state = planned.initial_state()
-    first = jnp.arange(planned.flight.count) == 0  # two fill the fleet up
-    statuses = jnp.where(first, AT_GROUND, own(state).status).astype(jnp.int32)
-    stopped = with_own(lambda s: (s.stopped, s.status), state, (first | own(state).stopped, statuses))
-    renewals = set()
+    is_stopped = jnp.arange(planned.flight.count) == 0  # two fill the fleet up
+    statuses = jnp.where(is_stopped, AT_GROUND, own(state).status).astype(jnp.int32)
+    stopped = with_own(lambda s: (s.stopped, s.status), state, (is_stopped | own(state).stopped, statuses))
+    replanning_statuses = set()
     for number in range(17):
         stopped, history = segment(planned.flight, stopped, number)
-        renewals |= set(np.asarray(history["renewal"])[200:, 1].tolist())
+        replanning_statuses |= set(np.asarray(history["renewal"])[200:, 1].tolist())
         assert np.all(np.isfinite(history["north"]))
-    assert renewals == {CORRECTED}
+    assert replanning_statuses == {CORRECTED}
     assert own(stopped).status.tolist()[:count] == [AT_GROUND, 0]
     assert np.array_equal(stopped.planner.plan.arrival_times[:count], planned.plan.arrival_times)
     # The path of the one that stands is the first plan's; the other's is too, as its buoy lies where it lay.
@@ -133,7 +133,7 @@ def test_one_that_has_stopped_is_planned_without(flown):
     np.testing.assert_allclose(stopped.planner.plan.paths.air_n[1], planned.plan.paths.air_n[1], atol=1e-3)
 
 
-def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
+def test_the_independent_checker_finds_no_breach_at_any_millisecond(flown):
     planned = flown.planned
     plan, limits = planned.plan, jax.tree.map(np.asarray, planned.tasks.limits)
     tasks = planned.tasks
@@ -165,7 +165,7 @@ def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
             limits.acceleration_max,
             limits.deceleration_max,
         ),
-        JudgedWind(np.zeros(1), wind[None]),
+        CheckedWind(np.zeros(1), wind[None]),
         KeepOutCylinders(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0), np.zeros(0), np.zeros(0)),
         float(planned.airspace.separation.horizontal),
         float(planned.airspace.separation.vertical),
@@ -178,8 +178,8 @@ def test_an_independent_check_at_each_millisecond_finds_nothing(flown):
     assert report.passes, report.breaches
 
 
-def test_plan_of_python_is_that_of_the_scenarios_planner():
-    """Ways that cross, and a keep-out upon one: the published planner would take 487 m and go 580 m into it."""
+def test_anser_plan_uses_the_planner_of_the_scenario():
+    """Paths cross, and a keep-out covers one: the published planner would have 487 m separation, 580 m intrusion."""
     crossing = _SCENARIO.replace('goal = "boat"', 'goal = "buoy-"').replace('goal = "buoy"', 'goal = "boat"')
     storm = '[[keep_out]]\nname = "storm"\nnorth_m = -4000.0\neast_m = 700.0\nradius_m = 1000.0\n'
     planned = anser.plan(loads(f"{crossing.replace('buoy-', 'buoy')}\n{storm}"))
@@ -193,37 +193,44 @@ def test_plan_of_python_is_that_of_the_scenarios_planner():
     assert str(planned) == f"two-certified, certified planner: all arrive at {summary['arrival']['last_s']:.2f} s"
 
 
-def test_length_and_path_mean_what_they_do_with_the_other_planner(flown):
-    """The length is through the air in space, from the last renewal on; there is no lateral bend, and so no nominal."""
+def test_length_and_path_have_the_meaning_of_the_published_planner(flown):
+    """The length is measured through the air, from the last replanning on; lateral bend and nominal path are absent."""
     plan, data = flown.planned.plan, flown.dataset
     times = np.linspace(0.0, float(plan.arrival_times[0]), 4001)
-    for k, row in enumerate(flown.summary["aircraft"]):
+    for k, entry in enumerate(flown.summary["aircraft"]):
         path = jax.tree.map(lambda leaf, k=k: leaf[k], plan.paths)
         air_n = np.asarray(jax.vmap(path.air_velocity_n)(times))
         length = np.trapezoid(np.linalg.norm(air_n, axis=1), times)
-        level = np.trapezoid(np.linalg.norm(air_n[:, :2], axis=1), times)
-        assert length > level + 5.0  # it comes down 350 to 400 m
+        level_length = np.trapezoid(np.linalg.norm(air_n[:, :2], axis=1), times)
+        assert length > level_length + 5.0  # it comes down 350 to 400 m
         assert float(plan.lengths[k]) == pytest.approx(length, abs=0.01)
-        one = data.isel(aircraft=k)
+        aircraft = data.isel(aircraft=k)
         # the rest of the way: recorded at 40 s, when the path had just been renewed
-        there, left = float(one.arrival_time_s.sel(time=40.0)), float(one.planned_length_m.sel(time=40.0))
-        assert left == pytest.approx(150.0 * (there - 40.0), rel=0.05)
-        assert np.all(np.isnan(one.lateral_bend_m))
-        assert (row["lateral_bend_m"], row["nominal"]) == (None, None)
-        assert row["path"] == f"turns {np.degrees(float(plan.total_turn[k])):.0f} deg"
-    assert [row["length_m"] for row in record_plan(flown.planned).summary["aircraft"]] == list(np.asarray(plan.lengths))
+        arrival_s, remaining_m = (
+            float(aircraft.arrival_time_s.sel(time=40.0)),
+            float(aircraft.planned_length_m.sel(time=40.0)),
+        )
+        assert remaining_m == pytest.approx(150.0 * (arrival_s - 40.0), rel=0.05)
+        assert np.all(np.isnan(aircraft.lateral_bend_m))
+        assert (entry["lateral_bend_m"], entry["nominal"]) == (None, None)
+        assert entry["path"] == f"turns {np.degrees(float(plan.total_turn[k])):.0f} deg"
+    assert [entry["length_m"] for entry in record_plan(flown.planned).summary["aircraft"]] == list(
+        np.asarray(plan.lengths)
+    )
     assert "NaN" in data.lateral_bend_m.attrs["long_name"]
 
 
-def test_run_flies_the_plan_of_python(flown):
+def test_anser_run_flies_the_plan_of_anser_plan(flown):
     planned = anser.plan(flown.scenario)
-    for ours, flight in zip(jax.tree.leaves(planned.plan), jax.tree.leaves(flown.planned.plan), strict=True):
-        np.testing.assert_array_equal(ours, flight)
+    for planned_leaf, flown_leaf in zip(
+        jax.tree.leaves(planned.plan), jax.tree.leaves(flown.planned.plan), strict=True
+    ):
+        np.testing.assert_array_equal(planned_leaf, flown_leaf)
 
 
-def test_a_time_that_is_too_early_is_refused_with_the_times_that_work(tmp_path):
+def test_an_early_arrival_time_is_refused_with_the_feasible_times(tmp_path):
     early = _SCENARIO.replace("[separation]", '[arrival]\nrule = "at"\ntime_s = 40.0\n\n[separation]')
-    result = CliRunner().invoke(app, ["plan", str(_written(tmp_path, early)), "--out", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["plan", str(_write_scenario(tmp_path, early)), "--out", str(tmp_path / "out")])
     assert result.exit_code == 1
     assert 'aircraft "one" cannot arrive at 40.0 s' in result.stderr
     assert "by itself it can from" in result.stderr
@@ -238,11 +245,11 @@ def test_a_time_that_is_too_early_is_refused_with_the_times_that_work(tmp_path):
         run(loads(early))
 
 
-def test_the_rules_of_a_scenario_become_times(tmp_path):
+def test_a_sequence_rule_becomes_arrival_offsets(tmp_path):
     sequence = _SCENARIO.replace(
         "[separation]", '[arrival]\nrule = "sequence"\nspacing_s = 7.0\norder = ["two", "one"]\n\n[separation]'
     )
-    request = arrival_request(load(_written(tmp_path, sequence)))
+    request = arrival_request(load(_write_scenario(tmp_path, sequence)))
     assert request.rule == "sequence"
     np.testing.assert_array_equal(request.offsets_s, [7.0, 0.0])
     assert request.latest_s == 84.0

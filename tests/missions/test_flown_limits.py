@@ -1,4 +1,4 @@
-"""The limits that a record carries: of each aircraft its own stops, and the scenario's limits."""
+"""Limits in a record: the control surface stops of each aircraft, and the scenario's limits."""
 
 import json
 
@@ -8,7 +8,7 @@ from support.mixed_flight import NAMES, mixed_flight
 from support.other_surfaces import ELEVONS
 
 
-def test_each_aircraft_has_its_own_stops_and_the_limits_that_hold_for_it():
+def test_each_aircraft_has_its_stops_and_its_effective_limits():
     scenario = made_scenario(NAMES, ("boat", "buoy"), limits={"bank_max_deg": 42.0})
     light, fighter = json.loads(limits_text(scenario, mixed_flight()))
     assert light["bank_max_deg"] == fighter["bank_max_deg"] == 42.0

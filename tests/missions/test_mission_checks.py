@@ -1,4 +1,4 @@
-"""The standard mission under other conditions: the other Earth, other steps, a goal that turns."""
+"""The standard mission under changed conditions: round Earth, different steps, a turning goal."""
 
 from pathlib import Path
 
@@ -15,16 +15,16 @@ THREE = (Path(__file__).parents[2] / "scenarios" / missions.MISSION).read_text()
 FLOWN_S = 75.0
 
 
-def _until_after_the_arrival(scenario):
-    """What the checks compare ends at the arrival, at 60 s: the circles flown after it say nothing there."""
+def _run_shortened(scenario):
+    """The comparisons of the checks end at the arrival, at 60 s: the circles flown afterwards do not matter."""
     return anser.run(scenario.replace("timing.duration_s", FLOWN_S))
 
 
 @pytest.fixture(scope="module")
 def shorter():
-    """The checks' own flights, shorter."""
+    """Shorter flights for the checks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missions, "run", _until_after_the_arrival)
+        patch.setattr(missions, "run", _run_shortened)
         missions.mission.cache_clear()
         yield missions.mission
         missions.mission.cache_clear()
@@ -34,11 +34,11 @@ def shorter():
 def test_missions_over_both_earths_and_at_all_steps(shorter, check):
     for comparison in check.measure():
         assert comparison.passes, comparison
-    assert all(row["arrival_s"] < FLOWN_S - 10.0 for row in shorter().summary["aircraft"])
+    assert all(entry["arrival_s"] < FLOWN_S - 10.0 for entry in shorter().summary["aircraft"])
 
 
-def test_a_goal_that_turns_is_still_met():
-    """A boat that reverses 30 s before the arrival: the plan is coordinated anew and all still arrive together."""
+def test_a_turning_goal_is_still_met():
+    """A boat reverses 30 s before the arrival: the fleet is coordinated anew and still arrives together."""
     boat = (
         '[[goal]]\nname = "boat-north"\nkind = "surface"\nwaypoints = [{ time_s = 0.0, north_m = 100.0, east_m = 0.0, '
     )
@@ -47,5 +47,5 @@ def test_a_goal_that_turns_is_still_met():
     start = THREE.index('[[goal]]\nname = "boat-north"')
     end = THREE.index('[[goal]]\nname = "buoy"')
     flown = anser.run(loads(THREE[:start] + boat + THREE[end:]))
-    assert max(row["miss_m"] for row in flown.summary["aircraft"]) <= 3.0
+    assert max(entry["miss_m"] for entry in flown.summary["aircraft"]) <= 3.0
     assert flown.summary["fleet"]["arrival_spread_s"] <= 0.05

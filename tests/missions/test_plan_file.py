@@ -1,4 +1,4 @@
-"""A finished plan as a file: what is read is what was written, and what is anything else is refused."""
+"""Plan files: equality of the restored plan, and refusal of damaged or foreign files."""
 
 import io
 import json
@@ -18,8 +18,8 @@ THREE = (Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml").read_t
 THREE = THREE.replace("duration_s = 150.0", "duration_s = 65.0")  # just after the arrival
 
 
-def same(one, other):
-    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+def assert_same(tree_a, tree_b):
+    for a, b in zip(jax.tree.leaves(tree_a), jax.tree.leaves(tree_b), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -34,97 +34,97 @@ def written(planned, tmp_path):
     return tmp_path / "plan.npz"
 
 
-def test_what_is_read_is_what_was_written(planned, written):
-    again = read_plan(str(written.parent), loads(THREE))  # its folder, as a text
-    same(again.plan, planned.plan)
-    same(again.initial_state().planner, planned.initial_state().planner)
+def test_a_restored_plan_equals_the_written_plan(planned, written):
+    restored = read_plan(str(written.parent), loads(THREE))  # its folder, as a text
+    assert_same(restored.plan, planned.plan)
+    assert_same(restored.initial_state().planner, planned.initial_state().planner)
     # Trimmed again, and by another program: to the solver's rounding.
-    for one, other in zip(
-        jax.tree.leaves(again.initial_state()), jax.tree.leaves(planned.initial_state()), strict=True
+    for restored_leaf, written_leaf in zip(
+        jax.tree.leaves(restored.initial_state()), jax.tree.leaves(planned.initial_state()), strict=True
     ):
-        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
-    assert again.problems() == planned.problems() == ()
+        np.testing.assert_allclose(restored_leaf, written_leaf, rtol=1e-9, atol=1e-9)
+    assert restored.problems() == planned.problems() == ()
 
 
-def test_flown_without_a_search_it_is_the_same_flight(planned, written, monkeypatch):
+def test_a_restored_plan_gives_the_same_flight_without_a_search(planned, written, monkeypatch):
     scenario = loads(THREE)
     flown = anser.run(scenario)
-    read = read_plan(written, scenario)
+    restored = read_plan(written, scenario)
     monkeypatch.setattr("anser.missions.runs.plan", None)  # whoever plans fails
-    again = anser.run(scenario, planned=read)
+    repeated = anser.run(scenario, planned=restored)
     for name in ("north_m", "east_m", "altitude_m", "airspeed_m_s"):
-        np.testing.assert_allclose(again.dataset[name], flown.dataset[name], rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(repeated.dataset[name], flown.dataset[name], rtol=1e-9, atol=1e-6)
 
 
 @pytest.mark.long
-def test_a_certified_plan_with_holds(tmp_path):
+def test_a_certified_plan_is_restored_with_its_holds(tmp_path):
     scenario = loads(GOOD)
     planned = anser.plan(scenario)
     write_plan(planned, tmp_path / "plan.npz")
-    again = read_plan(tmp_path / "plan.npz", scenario)
-    same(again.plan, planned.plan)
-    same(again.holds, planned.holds)
-    assert anser.run(scenario, planned=again).met
+    restored = read_plan(tmp_path / "plan.npz", scenario)
+    assert_same(restored.plan, planned.plan)
+    assert_same(restored.holds, planned.holds)
+    assert anser.run(scenario, planned=restored).met
 
 
-def test_nothing_is_overwritten(planned, written):
-    held = written.read_bytes()
+def test_an_existing_file_is_not_overwritten(planned, written):
+    content = written.read_bytes()
     with pytest.raises(FileExistsError):
         write_plan(planned, written)
-    assert written.read_bytes() == held
+    assert written.read_bytes() == content
 
 
-def test_a_plan_flies_its_own_scenario_only(planned, written):
-    other = loads(THREE.replace("speed_m_s = 25.0", "speed_m_s = 24.0"))
+def test_a_plan_is_refused_for_another_scenario(planned, written):
+    changed_scenario = loads(THREE.replace("speed_m_s = 25.0", "speed_m_s = 24.0"))
     with pytest.raises(PlanFileError, match="holds the plan of another scenario"):
-        read_plan(written, other)
+        read_plan(written, changed_scenario)
     with pytest.raises(ValueError, match="planned: arrived a plan for three-aircraft; expected one for the scenario"):
-        anser.run(other, planned=planned)
+        anser.run(changed_scenario, planned=planned)
 
 
-def changed(path, change, sealed=True):
+def change_file(path, change, sealed=True):
     with np.load(path) as archive:
         arrays = dict(archive)
-    about = json.loads(str(arrays.pop("about")))
-    change(about, arrays)
+    metadata = json.loads(str(arrays.pop("about")))
+    change(metadata, arrays)
     archive = io.BytesIO()
-    np.savez(archive, about=np.array(json.dumps(about)), **arrays)
+    np.savez(archive, about=np.array(json.dumps(metadata)), **arrays)
     path.write_bytes(plans._with_checksum(archive) if sealed else archive.getvalue())
 
 
-def _lacking(about, arrays):
+def _remove_array(metadata, arrays):
     del arrays["plan.arrival_time"]
 
 
-def _later(about, arrays):
-    about["format_version"] = 99
+def _raise_format(metadata, arrays):
+    metadata["format_version"] = 99
 
 
-def _of_another_version(about, arrays):
-    about["version_anser"] = "9.9"
+def _change_version(metadata, arrays):
+    metadata["version_anser"] = "9.9"
 
 
-def _without_words(about, arrays):
-    about.clear()
+def _clear_metadata(metadata, arrays):
+    metadata.clear()
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (_lacking, "cannot be read as a plan"),
-        (_later, "has format_version 99; expected 2"),
-        (_of_another_version, "a plan of anser 9.9; expected one of"),
-        (_without_words, "cannot be read as a plan"),
+        (_remove_array, "cannot be read as a plan"),
+        (_raise_format, "has format_version 99; expected 2"),
+        (_change_version, "a plan of anser 9.9; expected one of"),
+        (_clear_metadata, "cannot be read as a plan"),
     ],
 )
 def test_a_changed_plan_is_refused(written, change, words):
-    changed(written, change)
+    change_file(written, change)
     with pytest.raises(PlanFileError, match=words):
         read_plan(written, loads(THREE))
 
 
 def test_a_plan_without_its_checksum_is_refused(written):
-    changed(written, lambda about, arrays: None, sealed=False)
+    change_file(written, lambda metadata, arrays: None, sealed=False)
     with pytest.raises(PlanFileError, match="a file without a checksum, cut or of an older version"):
         read_plan(written, loads(THREE))
 
@@ -150,11 +150,11 @@ def test_half_a_plan_is_refused(written):
         read_plan(written, loads(THREE))
 
 
-def test_a_plan_that_does_not_exist_is_not_written(tmp_path):
+def test_a_refused_plan_is_not_written(tmp_path):
     class Refused:
         scenario = loads(GOOD)
 
-        def kept(self):
+        def saved_state(self):
             raise NoPlanError(("the goal flees",))
 
     with pytest.raises(NoPlanError, match="the goal flees"):

@@ -1,4 +1,4 @@
-"""From a plan of the certified planner to its record: what is proven, what only fills the fleet up, moving goals."""
+"""Record of a certified plan: proven margins, padding aircraft, moving goals."""
 
 import equinox as eqx
 import jax
@@ -27,13 +27,13 @@ TURNING = (
 
 def _line(start, velocity):
     times = np.linspace(0.0, END, 13)
-    place = np.asarray(start) + times[:, None] * np.asarray(velocity)
-    knots = np.stack([place, np.tile(velocity, (13, 1)), np.zeros((13, 3))], axis=1)
+    positions = np.asarray(start) + times[:, None] * np.asarray(velocity)
+    knots = np.stack([positions, np.tile(velocity, (13, 1)), np.zeros((13, 3))], axis=1)
     return TimedPath(jnp.asarray(times), jnp.asarray(knots), jnp.zeros((13, 3, 3)))
 
 
 def _record(valid=(True, True, True)):
-    """Two aircraft, and a third that only fills the fleet up."""
+    """Two aircraft, and a padding aircraft."""
     assert BOAT in GOOD
     lines = [
         _line((9000.0, 0.0, -1000.0), (-150.0, 0.0, 0.0)),
@@ -41,7 +41,7 @@ def _record(valid=(True, True, True)):
         _line((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)),
     ]
 
-    def all_of(value):
+    def repeat(value):
         return jnp.full(3, float(value))
 
     limits = {
@@ -68,7 +68,7 @@ def _record(valid=(True, True, True)):
     ratio = jnp.array([[jnp.inf, 1.5, 0.1], [1.5, jnp.inf, 0.1], [0.1, 0.1, jnp.inf]])
     certificate = Certificate(
         bounds=PathBounds(
-            **{key: all_of(value) for key, value in bounds.items()},
+            **{key: repeat(value) for key, value in bounds.items()},
             cell_acceleration=jnp.zeros((3, 12)),
             cell_along=jnp.zeros((3, 12, 2)),
             cell_speeds=jnp.full((3, 12, 2), 150.0),
@@ -80,20 +80,20 @@ def _record(valid=(True, True, True)):
     )
     plan = CertifiedPlan(
         paths=jax.tree.map(lambda *leaves: jnp.stack(leaves), *lines),
-        arrival_times=all_of(END),
+        arrival_times=repeat(END),
         certificate=certificate,
         valid=jnp.array(valid),
-        lengths=all_of(9000),
-        total_turn=all_of(np.pi / 2),
-        speeds=all_of(150),
+        lengths=repeat(9000),
+        total_turn=repeat(np.pi / 2),
+        speeds=repeat(150),
     )
-    asked = PathLimits(
-        **{key: all_of(value) for key, value in limits.items()}, acceleration_max=all_of(8), deceleration_max=all_of(1)
+    path_limits = PathLimits(
+        **{key: repeat(value) for key, value in limits.items()}, acceleration_max=repeat(8), deceleration_max=repeat(1)
     )
     tasks = eqx.tree_at(
         lambda t: (t.limits, t.active),
         stack_tasks([aircraft_task((0.0, 0.0, 0.0))] * 3),
-        (asked, jnp.array([1.0, 1.0, 0.0])),
+        (path_limits, jnp.array([1.0, 1.0, 0.0])),
     )
     return record_certified(loads(GOOD.replace(BOAT, TURNING)), plan, tasks, 9.81)
 
@@ -103,13 +103,13 @@ def recorded():
     return _record()
 
 
-def test_margins_are_proven_ones(recorded):
+def test_margins_are_proven(recorded):
     summary = recorded.summary
-    assert [row["name"] for row in summary["aircraft"]] == ["alpha", "bravo"]
+    assert [entry["name"] for entry in summary["aircraft"]] == ["alpha", "bravo"]
     assert summary["bounds"] == "proven"
     assert summary["planner"] == "certified"
-    limits = {row["name"]: row for row in summary["aircraft"][0]["limits"]}
-    margins = {name: row["margin"] for name, row in limits.items()}
+    limits = {entry["name"]: entry for entry in summary["aircraft"][0]["limits"]}
+    margins = {name: entry["margin"] for name, entry in limits.items()}
     # limits of the scenario less the bounds above; the accelerations are the planner's own
     assert margins == pytest.approx(
         {
@@ -129,23 +129,23 @@ def test_margins_are_proven_ones(recorded):
     assert summary["separation"]["bound_ratio"] == 1.5
 
 
-def test_the_closest_pair_by_the_rule_and_in_space(recorded):
+def test_the_closest_pair_is_recorded_by_separation_and_by_distance(recorded):
     # They pass each other at 17000/300 s, 100 m apart in the plane and 500 m in altitude: 150 m of which count as 500 m.
-    separation, least = recorded.summary["separation"], recorded.summary["least_distance"]
-    assert least["time_s"] == pytest.approx(17000 / 300, abs=1e-5)
-    assert least["value_m"] == pytest.approx(np.hypot(100.0, 500.0), abs=1e-6)
+    separation, least_distance = recorded.summary["separation"], recorded.summary["least_distance"]
+    assert least_distance["time_s"] == pytest.approx(17000 / 300, abs=1e-5)
+    assert least_distance["value_m"] == pytest.approx(np.hypot(100.0, 500.0), abs=1e-6)
     assert separation["value_m"] == pytest.approx(500.0 * 500.0 / 150.0, abs=1e-6)
     assert separation["margin_m"] == pytest.approx(separation["value_m"] - 500.0)
 
 
-def test_a_goal_with_waypoints_moves_as_the_scenario_says(recorded):
+def test_a_goal_with_waypoints_follows_the_scenario(recorded):
     goal = recorded.dataset.isel(aircraft=1)
     north, east = (goal[f"goal_{axis}_m"].sel(time=[10.0, 30.0, 50.0]).values for axis in ("north", "east"))
     np.testing.assert_allclose(north, [0.0, 200.0, 400.0], atol=1e-9)
     np.testing.assert_allclose(east, [100.0, 200.0, 200.0], atol=1e-9)
 
 
-def test_a_path_without_proof_is_told():
+def test_a_path_without_proof_is_reported():
     summary = _record(valid=(True, False, False)).summary
     assert summary["problems"] == [f'aircraft "bravo": {UNPROVEN}']
-    assert [row["status"] for row in summary["aircraft"]] == ["planned", UNPROVEN]
+    assert [entry["status"] for entry in summary["aircraft"]] == ["planned", UNPROVEN]

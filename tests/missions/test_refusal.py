@@ -1,4 +1,4 @@
-"""What a refusal says of single aircraft: not that one has no way, where the search found it one."""
+"""Refusal messages about single aircraft: an aircraft with a path from the search is not called infeasible."""
 
 from types import SimpleNamespace
 
@@ -18,54 +18,56 @@ AT = ArrivalRequest("at", 600.0, times_s=np.full(3, 92.0))
 
 
 @pytest.fixture(autouse=True)
-def no_limit_named(monkeypatch):
-    monkeypatch.setattr(refusal, "_binding_constraint", lambda *about: "")
+def no_binding_constraint(monkeypatch):
+    monkeypatch.setattr(refusal, "_binding_constraint", lambda *arguments: "")
 
 
-def fleet_of(request_):
+def make_fleet_task(request_):
     """Three aircraft on their way to the same goal."""
     return FleetTask(stack_tasks([aircraft_task((8000.0, 0.0, 0.0))] * 3), airspace(SteadyWind(jnp.zeros(3))), request_)
 
 
-def outcome(valid, kept):
-    best = SimpleNamespace(valid=np.array(valid), certificate=SimpleNamespace(satisfied_individually=np.array(kept)))
+def make_outcome(valid, satisfied):
+    best = SimpleNamespace(
+        valid=np.array(valid), certificate=SimpleNamespace(satisfied_individually=np.array(satisfied))
+    )
     return SearchOutcome(None, 3, best)
 
 
 @pytest.mark.parametrize("request_", [WINDOWS, AT], ids=["windows", "at"])
-def test_a_way_that_was_found_is_not_denied(request_):
+def test_an_aircraft_with_a_path_is_not_called_infeasible(request_):
     arrivals = [[], [(120.0, 600.0)], [(80.0, 600.0)]]
-    denied = refusal._infeasible_aircraft(NAMES, fleet_of(request_), arrivals, SearchOutcome(None, 3))
-    assert len(denied) == 2
-    assert '"alpha" cannot arrive' in denied[0]
-    assert '"bravo" cannot arrive' in denied[1]
-    assert "by itself it can from 120.0 to 600.0 s" in denied[1]
+    messages = refusal._infeasible_aircraft(NAMES, make_fleet_task(request_), arrivals, SearchOutcome(None, 3))
+    assert len(messages) == 2
+    assert '"alpha" cannot arrive' in messages[0]
+    assert '"bravo" cannot arrive' in messages[1]
+    assert "by itself it can from 120.0 to 600.0 s" in messages[1]
     # The search found bravo a way, and alpha one that its certificate turned down.
-    (left,) = refusal._infeasible_aircraft(
-        NAMES, fleet_of(request_), arrivals, outcome([True, True, True], [False, True, True])
+    (message,) = refusal._infeasible_aircraft(
+        NAMES, make_fleet_task(request_), arrivals, make_outcome([True, True, True], [False, True, True])
     )
-    assert '"alpha" cannot arrive' in left
+    assert '"alpha" cannot arrive' in message
 
 
 def crowded_task(goals, moving):
-    """Two aircraft side by side on their way to goals given by their east coordinate, m, and its rate, m/s."""
+    """Two aircraft side by side on the way to goals with the given east coordinates, m, and their rates, m/s."""
     tasks = stack_tasks(
         [aircraft_task((8000.0, east, -1700.0), (0.0, rate, 0.0)) for east, rate in zip(goals, moving, strict=True)]
     )
     return tasks, airspace(SteadyWind(jnp.array([10.0, 5.0, 0.0])), 500.0, 150.0)
 
 
-def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
+def test_conflicting_rendezvous_points_are_named_with_their_distances():
     task = crowded_task((0.0, 400.0), (0.0, 0.0))
-    (said,) = refusal._conflicting_rendezvous(
+    (message,) = refusal._conflicting_rendezvous(
         NAMES, FleetTask(*task, ArrivalRequest("at", 200.0, times_s=np.full(2, 70.0)))
     )
-    assert 'of "alpha" and "bravo" are too close' in said
-    assert "at 70.0 s they leave 400 m / 0 m at most, 500 m / 150 m asked" in said
+    assert 'of "alpha" and "bravo" are too close' in message
+    assert "at 70.0 s they leave 400 m / 0 m at most, 500 m / 150 m asked" in message
     # One that moves away: what it leaves at most, at the latest.
     task = crowded_task((0.0, 200.0), (0.0, 1.0))
-    (said,) = refusal._conflicting_rendezvous(NAMES, FleetTask(*task, ArrivalRequest("together", 200.0)))
-    assert "when the first of them arrives they leave 400 m / 0 m at most" in said
+    (message,) = refusal._conflicting_rendezvous(NAMES, FleetTask(*task, ArrivalRequest("together", 200.0)))
+    assert "when the first of them arrives they leave 400 m / 0 m at most" in message
     assert refusal._conflicting_rendezvous(NAMES, FleetTask(*task, ArrivalRequest("together", 320.0))) == []
     assert refusal._conflicting_rendezvous(NAMES, FleetTask(*task, WINDOWS)) == []
     # A sequence longer than the flight leaves no time to look at.
@@ -73,15 +75,15 @@ def test_rendezvous_points_that_are_too_close_are_named_with_their_distances():
     assert refusal._conflicting_rendezvous(NAMES, FleetTask(*task, late)) == []
 
 
-def test_missing_holds_are_told_of_the_aircraft_there_are():
+def test_missing_holds_are_reported_without_padding_aircraft():
     scenario = SimpleNamespace(aircraft=[SimpleNamespace(name=name) for name in NAMES])
     fleet = SimpleNamespace(active=np.array([True, True, True]))
     ratios = np.full((4, 4), np.inf)
     ratios[0, 1] = ratios[1, 0] = 0.4
     ratios[3, :3] = ratios[:3, 3] = 0.1  # one that only fills the fleet up
     holds = SimpleNamespace(clear=np.array([False, False, False, False]), clearance_ratio=ratios)
-    found = refusal.diagnose_missing_holds(scenario, fleet, holds)
-    assert len(found) == 2
-    assert found[0].startswith('"alpha" and "bravo" can arrive, but no holds afterwards keep them apart')
-    assert "0.40 of the separation" in found[0]
-    assert found[1].startswith('aircraft "charlie" can arrive, but no hold afterwards keeps it within')
+    messages = refusal.diagnose_missing_holds(scenario, fleet, holds)
+    assert len(messages) == 2
+    assert messages[0].startswith('"alpha" and "bravo" can arrive, but no holds afterwards keep them apart')
+    assert "0.40 of the separation" in messages[0]
+    assert messages[1].startswith('aircraft "charlie" can arrive, but no hold afterwards keeps it within')

@@ -1,4 +1,4 @@
-"""The F-16 of TP-1538 by its name: trim beside the textbook's, linear models, scenarios, deviations, missions."""
+"""The F-16 of TP-1538: trim compared with the textbook model, linear models, scenarios, deviations, missions."""
 
 from pathlib import Path
 
@@ -15,15 +15,17 @@ SCENARIO = Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml"
 ALL = [x for k in range(3) for x in (f"aircraft[{k}].variant", "tp1538")]
 
 
-def rows(found):
-    return {name: value for name, value, _ in found.rows}
+def values_by_name(trim):
+    return {name: value for name, value, _ in trim.rows}
 
 
 @pytest.mark.parametrize("speed", [110.0, 150.0, 220.0])
-def test_level_trim_is_that_of_the_textbook_but_for_the_tunnels_asymmetry(speed):
-    """The textbook smoothed these tables: alpha within 0.3 deg, elevator 0.6 deg, thrust 8 % (at 220 m/s its flap
-    is further up than where the textbook froze it), some rudder."""
-    whole, reduced = (rows(anser.trim("f16", speed, 1000.0, variant=v)) for v in ("tp1538", "textbook"))
+def test_level_trim_differs_from_the_textbook_by_the_tunnel_asymmetry_only(speed):
+    """The textbook model smoothed the tables: alpha agrees within 0.3 deg, elevator 0.6 deg, thrust 8 %.
+
+    At 220 m/s the leading-edge flap is further up than the fixed flap of the textbook model.
+    """
+    whole, reduced = (values_by_name(anser.trim("f16", speed, 1000.0, variant=v)) for v in ("tp1538", "textbook"))
     assert whole["angle of attack"] == pytest.approx(reduced["angle of attack"], abs=0.3)
     assert whole["elevator"] == pytest.approx(reduced["elevator"], abs=0.6)
     assert whole["thrust"] == pytest.approx(reduced["thrust"], rel=0.08)
@@ -34,43 +36,45 @@ def test_level_trim_is_that_of_the_textbook_but_for_the_tunnels_asymmetry(speed)
     assert whole["leading edge flap"] == pytest.approx(flap, abs=1e-6)
 
 
-def test_trim_is_at_rest_flap_and_filter_included():
-    found = anser.trim("f16", 150.0, 1000.0, variant="tp1538")
-    state, actuators = found.point.state, load_airframe("f16", "tp1538").actuators
-    assert found.diagnosis is None
-    np.testing.assert_allclose(state.actuators.alpha_lag, found.point.alpha, atol=1e-12)
-    assert float(jnp.abs(state.surfaces[:3] - found.point.controls.surfaces[:3]).max()) < 1e-12
+def test_the_trimmed_flap_and_filter_are_at_rest():
+    trim = anser.trim("f16", 150.0, 1000.0, variant="tp1538")
+    state, actuators = trim.point.state, load_airframe("f16", "tp1538").actuators
+    assert trim.diagnosis is None
+    np.testing.assert_allclose(state.actuators.alpha_lag, trim.point.alpha, atol=1e-12)
+    assert float(jnp.abs(state.surfaces[:3] - trim.point.controls.surfaces[:3]).max()) < 1e-12
     assert actuators.state_names[-1] == "alpha_lag"
 
 
-def test_linear_model_has_the_flap_among_its_surfaces():
-    found = anser.linearize("f16", "tp1538", speed_m_s=150.0, altitude_m=1000.0, actuators=True)
-    assert found.condition["x_cg_over_c"] == 0.30
-    names = list(found.model.states)
+def test_the_linear_model_includes_the_flap():
+    linearization = anser.linearize("f16", "tp1538", speed_m_s=150.0, altitude_m=1000.0, actuators=True)
+    assert linearization.condition["x_cg_over_c"] == 0.30
+    names = list(linearization.model.states)
     assert names[-2:] == ["leading_edge_flap", "alpha_lag"]
-    commands = np.asarray(found.model.B)
-    assert not commands[:, list(found.model.inputs).index("leading_edge_flap_command")].any()
+    commands = np.asarray(linearization.model.B)
+    assert not commands[:, list(linearization.model.inputs).index("leading_edge_flap_command")].any()
     # flap' = (1.38 (2 alpha - x) - flap) / 0.136, x' = 7.25 (alpha - x)
-    A = np.asarray(found.model.A)
+    A = np.asarray(linearization.model.A)
     flap, x, alpha = (names.index(n) for n in ("leading_edge_flap", "alpha_lag", "alpha"))
     np.testing.assert_allclose(A[flap, [alpha, x, flap]] * 0.136, [2.76, -1.38, -1.0], atol=1e-9)
     np.testing.assert_allclose(A[x, [alpha, x]], [7.25, -7.25], atol=1e-9)
 
 
-def test_a_scenario_flies_it_and_its_deviations_reach_the_flight():
+def test_deviations_of_a_scenario_reach_the_airframe():
     path = "aircraft[0].deviation."
-    changed = (path + "mass", 1.1, path + "cg_shift", 0.02, path + "coefficients.Cmq", 0.5)
-    one, other = (build_flight(load(SCENARIO).replace(*ALL, *more)).aircraft(0)[0].airframe for more in ((), changed))
-    np.testing.assert_allclose(other.mass_properties.mass, 1.1 * one.mass_properties.mass, rtol=1e-14)
-    np.testing.assert_allclose(other.x_cg, one.x_cg + 0.02, rtol=1e-14)
-    np.testing.assert_allclose(other.tables.cells[0][..., 6], 0.5 * one.tables.cells[0][..., 6], rtol=1e-14)
+    deviations = (path + "mass", 1.1, path + "cg_shift", 0.02, path + "coefficients.Cmq", 0.5)
+    nominal, deviating = (
+        build_flight(load(SCENARIO).replace(*ALL, *changes)).aircraft(0)[0].airframe for changes in ((), deviations)
+    )
+    np.testing.assert_allclose(deviating.mass_properties.mass, 1.1 * nominal.mass_properties.mass, rtol=1e-14)
+    np.testing.assert_allclose(deviating.x_cg, nominal.x_cg + 0.02, rtol=1e-14)
+    np.testing.assert_allclose(deviating.tables.cells[0][..., 6], 0.5 * nominal.tables.cells[0][..., 6], rtol=1e-14)
     with pytest.raises(ScenarioError, match="tp1538"):
         load(SCENARIO).replace("aircraft[0].variant", "tp1539")
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("planner", ["published", "certified"])
-def test_three_of_them_arrive_together(planner):
+def test_three_aircraft_arrive_together(planner):
     summary = anser.run(load(SCENARIO).replace(*ALL, "fleet.planner", planner)).summary
     assert summary["fleet"]["arrival_spread_s"] < 0.05
     for aircraft in summary["aircraft"]:

@@ -1,4 +1,4 @@
-"""Sweeps: every combination, labelled; refused as a whole before one flies."""
+"""Sweeps: labelled flights of every combination; an invalid combination is refused before the first flight."""
 
 from pathlib import Path
 
@@ -23,19 +23,24 @@ def test_every_combination_is_flown_and_labelled():
     # What is swept reaches the flights: another wind and another goal are other arrivals.
     arrivals = data["arrival_s"].max("aircraft").values
     assert len(np.unique(arrivals.round(6))) == 4
-    one = anser.run(THREE.replace("wind.speed_m_s", 8.0, "goal[0].speed_m_s", 5.0))
-    chosen = data.sel({"wind.speed_m_s": 8.0, "goal[0].speed_m_s": 5.0})
-    for row in one.summary["aircraft"]:
-        own = chosen.sel(aircraft=row["name"])
-        assert float(own["arrival_s"]) == pytest.approx(row["arrival_s"], abs=1e-9)
-        assert float(own["miss_m"]) == pytest.approx(row["miss_m"], abs=1e-6)
+    single = anser.run(THREE.replace("wind.speed_m_s", 8.0, "goal[0].speed_m_s", 5.0))
+    combination = data.sel({"wind.speed_m_s": 8.0, "goal[0].speed_m_s": 5.0})
+    for entry in single.summary["aircraft"]:
+        aircraft_data = combination.sel(aircraft=entry["name"])
+        assert float(aircraft_data["arrival_s"]) == pytest.approx(entry["arrival_s"], abs=1e-9)
+        assert float(aircraft_data["miss_m"]) == pytest.approx(entry["miss_m"], abs=1e-6)
     assert data.attrs["scenario_hash"] == THREE.hash
     assert data["arrival_s"].attrs["units"] == "s"
 
 
 def test_the_last_path_varies_fastest():
-    made = swept_scenarios(THREE, {"wind.speed_m_s": [0.0, 5.0], "fleet.speed_m_s": [150.0, 160.0]})
-    assert [(one.wind.speed_m_s, one.fleet.speed_m_s) for one in made] == [(0, 150), (0, 160), (5, 150), (5, 160)]
+    variants = swept_scenarios(THREE, {"wind.speed_m_s": [0.0, 5.0], "fleet.speed_m_s": [150.0, 160.0]})
+    assert [(variant.wind.speed_m_s, variant.fleet.speed_m_s) for variant in variants] == [
+        (0, 150),
+        (0, 160),
+        (5, 150),
+        (5, 160),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -47,15 +52,15 @@ def test_the_last_path_varies_fastest():
         ({"aircraft[0].name": ["one", "two"]}, ("same fleet",)),
     ],
 )
-def test_no_combination_flies_where_one_is_refused(swept, said):
-    with pytest.raises(ScenarioError) as caught:
+def test_an_invalid_combination_refuses_the_sweep(swept, said):
+    with pytest.raises(ScenarioError) as refusal:
         anser.sweep(THREE, swept)
-    for words in said:
-        assert words in str(caught.value)
+    for text in said:
+        assert text in str(refusal.value)
 
 
 @pytest.mark.parametrize("swept", [{}, {"wind.speed_m_s": []}, {"wind.speed_m_s": [1, 1.0]}, {"wind.speed_m_s": "5"}])
-def test_what_is_no_sweep_is_refused(swept):
+def test_an_invalid_sweep_is_refused(swept):
     with pytest.raises(ValueError, match=r"sweep.*arrived.*expected"):
         swept_scenarios(THREE, swept)
 

@@ -1,4 +1,4 @@
-"""Whole flights of the published three-aircraft case: what it must achieve, and how failures are told."""
+"""Flights of the published three-aircraft scenario: required accuracy, records, and messages for failures."""
 
 import functools
 import json
@@ -30,7 +30,7 @@ def three():
 
 
 def _by_name(flown, key):
-    return {row["name"]: row[key] for row in flown.summary["aircraft"]}
+    return {entry["name"]: entry[key] for entry in flown.summary["aircraft"]}
 
 
 def test_three_aircraft_meet_their_goals_together(three):
@@ -47,7 +47,7 @@ def test_three_aircraft_meet_their_goals_together(three):
     assert set(_by_name(three, "status").values()) == {"arrived"}
 
 
-def test_the_farthest_flies_its_nominal_path_and_the_others_detour(three):
+def test_the_farthest_aircraft_flies_its_nominal_path_and_the_other_aircraft_detour(three):
     assert _by_name(three, "nominal") == {"aircraft-1": True, "aircraft-2": False, "aircraft-3": False}
     planned = anser.plan(three.scenario).plan
     assert int(planned.farthest) == 0
@@ -55,36 +55,40 @@ def test_the_farthest_flies_its_nominal_path_and_the_others_detour(three):
     np.testing.assert_allclose(planned.lengths, planned.reference_length, atol=1e-5)
 
 
-def test_arrival_is_an_extremum_of_the_range_that_the_record_shows(three):
+def test_the_arrival_is_the_minimum_of_the_recorded_range(three):
     dataset = three.dataset
-    for row in three.summary["aircraft"]:
-        ranges = dataset.range_to_rendezvous_m.sel(aircraft=row["name"])
+    for entry in three.summary["aircraft"]:
+        ranges = dataset.range_to_rendezvous_m.sel(aircraft=entry["name"])
         nearest = float(dataset.time[np.argmin(ranges.values)])
         # The record is thinned to 0.1 s.
-        assert abs(nearest - row["arrival_s"]) <= 0.1
+        assert abs(nearest - entry["arrival_s"]) <= 0.1
 
 
 @pytest.mark.long
 def test_the_planner_sees_the_goal_only_through_the_sensor(three):
-    """What the sensor says moves the plan; the truth behind it does not enter."""
+    """The sensed position of the goal moves the plan; the true position does not enter."""
 
     # Runs twice: XLA's optimizer takes longer than it saves.
     @functools.partial(eqx.filter_jit, compiler_options={"xla_backend_optimization_level": 0})
-    def ends(planner, fleet, shift_n):
-        told = eqx.tree_at(lambda r: r.goal_position_n, fleet.reports, fleet.reports.goal_position_n + shift_n)
-        plan = planner.first_plan(0.0, told, fleet.performance).plan
-        end = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(plan.trajectories, plan.arrival_time)
-        return end - told.goal_velocity_n * plan.arrival_time
+    def plan_endpoints(planner, fleet, shift_n):
+        reports = eqx.tree_at(lambda r: r.goal_position_n, fleet.reports, fleet.reports.goal_position_n + shift_n)
+        plan = planner.first_plan(0.0, reports, fleet.performance).plan
+        endpoints = jax.vmap(lambda path, t: path.position_n(t), in_axes=(0, None))(
+            plan.trajectories, plan.arrival_time
+        )
+        return endpoints - reports.goal_velocity_n * plan.arrival_time
 
     flight = build_flight(three.scenario)
     _, fleet = _start_flight(flight)
     shift_n = jnp.array([[100.0, 0.0, 0.0]])
-    moved = ends(flight.planner, fleet, shift_n) - ends(flight.planner, fleet, jnp.zeros((1, 3)))
-    np.testing.assert_allclose(moved, np.tile(shift_n, (3, 1)), atol=1e-6)
+    displacements = plan_endpoints(flight.planner, fleet, shift_n) - plan_endpoints(
+        flight.planner, fleet, jnp.zeros((1, 3))
+    )
+    np.testing.assert_allclose(displacements, np.tile(shift_n, (3, 1)), atol=1e-6)
 
 
-def test_history_says_which_limit_holds_a_command(three):
-    """The bends' ends ask for more bank than the limit for a moment; the engine's idle stop is felt in the descent."""
+def test_the_history_marks_commands_at_a_limit(three):
+    """The ends of the bends briefly demand more bank than the limit; the descent reaches the engine's idle stop."""
     dataset = three.dataset
     at_limit = np.abs(dataset.bank_command_deg) > three.scenario.limits.bank_max_deg - 1e-6
     np.testing.assert_array_equal(dataset.bank_limited.values[at_limit.values], True)
@@ -97,15 +101,15 @@ def test_history_says_which_limit_holds_a_command(three):
         assert not limited.values.all()
 
 
-def test_sensed_goal_is_the_true_one_throughout(three):
+def test_the_sensed_goal_equals_the_true_goal(three):
     dataset = three.dataset
     for axis in ("north", "east", "altitude"):
         # Noise-free geometry of some 10 km in float64: rounding, amplified by ranges of 300 m overhead.
         np.testing.assert_allclose(dataset[f"goal_estimate_{axis}_m"], dataset[f"goal_{axis}_m"], atol=1e-6)
 
 
-def test_hold_circles_the_goal(three):
-    """Through the last half minute the distance to the goal's vertical closes on the hold radius, at constant height."""
+def test_the_hold_circles_the_goal(three):
+    """In the last half minute the horizontal distance to the goal approaches the hold radius, at constant height."""
     late = three.dataset.isel(time=slice(-300, None))
     level = np.hypot(late.north_m - late.goal_north_m, late.east_m - late.goal_east_m)
     radius = three.scenario.hold.radius_m
@@ -113,18 +117,18 @@ def test_hold_circles_the_goal(three):
     np.testing.assert_allclose(late.altitude_m, 300.0, atol=5.0)
 
 
-def test_same_scenario_same_numbers(three):
+def test_a_repeated_flight_has_equal_numbers(three):
     assert anser.loads(THREE).hash == three.scenario.hash
     # The same flight given up earlier: the duration is no part of it.
-    again = anser.run(anser.loads(THREE.replace("duration_s = 150.0", "duration_s = 70.0")))
-    begun = three.dataset.isel(time=slice(again.dataset.sizes["time"]))
-    assert again.dataset.sizes["time"] == 701
+    repeated = anser.run(anser.loads(THREE.replace("duration_s = 150.0", "duration_s = 70.0")))
+    same_period = three.dataset.isel(time=slice(repeated.dataset.sizes["time"]))
+    assert repeated.dataset.sizes["time"] == 701
     for name in ("north_m", "altitude_m", "elevator_deg", "throttle"):
-        np.testing.assert_array_equal(again.dataset[name], begun[name])
+        np.testing.assert_array_equal(repeated.dataset[name], same_period[name])
 
 
-def test_other_numbers_do_not_compile_again(three, caplog):
-    """Every number of the scenario, one change each; strings that choose a side or a rule are numbers too."""
+def test_changed_numbers_cause_no_recompilation(three, caplog):
+    """Every number of the scenario is changed once; strings that select a side or a rule count as numbers."""
     changes = {
         "duration_s = 150.0": "duration_s = 120.0\nstep_s = 0.012\nrecord_period_s = 0.12\nreplan_period_s = 1.2\nfreeze_s = 5.0",
         "[fleet]\nplanner = ": "[earth]\nlatitude_deg = 30.0\nlongitude_deg = 5.0\n[wind]\nspeed_m_s = 3.0\n"
@@ -145,25 +149,25 @@ def test_other_numbers_do_not_compile_again(three, caplog):
         "course_deg = 90.0": "course_deg = 91.0",
     }
     text = THREE
-    for old, new in changes.items():
-        assert old in text
-        text = text.replace(old, new, 1)
+    for original, replacement in changes.items():
+        assert original in text
+        text = text.replace(original, replacement, 1)
 
-    def traced(function, *of):
+    def trace(function, *arguments):
         caplog.clear()
         with jax.log_compiles():
-            out = function(*of)
-        return out, set(re.findall(r"Finished tracing (?:\+ transforming )?(\w+) for", caplog.text))
+            result = function(*arguments)
+        return result, set(re.findall(r"Finished tracing (?:\+ transforming )?(\w+) for", caplog.text))
 
     def probe(x):
         return x
 
-    assert "probe" in traced(eqx.filter_jit(probe), jnp.zeros(3))[1]
+    assert "probe" in trace(eqx.filter_jit(probe), jnp.zeros(3))[1]
     # `three` has compiled both.
     for scenario in (loads(THREE), loads(text)):
         flight = build_flight(scenario, pad_fleet=True)
-        (state, _), at_start = traced(_start_flight, flight)
-        _, in_flight = traced(fly_segment, without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
+        (state, _), at_start = trace(_start_flight, flight)
+        _, in_flight = trace(fly_segment, without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
         assert not {"start_flight", "fly"} & (at_start | in_flight)
 
 
@@ -192,15 +196,15 @@ def test_files_and_provenance(three, tmp_path):
 
 
 def test_a_flight_is_printed_in_a_few_lines(three):
-    head, *rows, last = str(three).splitlines()
-    assert head == "three-aircraft: 3 of 3 aircraft arrived, all requirements met"
-    assert [row.split(":")[0].strip() for row in rows] == ["aircraft-1", "aircraft-2", "aircraft-3"]
-    assert all("arrived at 60.36 s, planned 60.36 s, miss 0." in row for row in rows)
-    assert re.match(r"  arrival spread [\d.]+ ms, least separation \d+ m", last)
+    heading, *lines, final_line = str(three).splitlines()
+    assert heading == "three-aircraft: 3 of 3 aircraft arrived, all requirements met"
+    assert [line.split(":")[0].strip() for line in lines] == ["aircraft-1", "aircraft-2", "aircraft-3"]
+    assert all("arrived at 60.36 s, planned 60.36 s, miss 0." in line for line in lines)
+    assert re.match(r"  arrival spread [\d.]+ ms, least separation \d+ m", final_line)
 
 
 @pytest.mark.long
-def test_it_shows_itself_in_a_notebook_and_in_a_browser(three, monkeypatch):
+def test_a_flight_is_displayed_in_a_notebook_and_in_a_browser(three, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     page = three.show()
@@ -208,12 +212,12 @@ def test_it_shows_itself_in_a_notebook_and_in_a_browser(three, monkeypatch):
     assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
     assert "<td>arrived</td>" in three._repr_html_()
     plan = three.planned._repr_html_()
-    assert all(f"<td>{one.name}</td>" in plan for one in three.scenario.aircraft)
+    assert all(f"<td>{aircraft.name}</td>" in plan for a in three.scenario.aircraft)
     assert "separation" in three.plot.names
 
 
 @pytest.mark.long
-def test_a_start_without_steady_flight_is_told():
+def test_a_start_without_steady_flight_is_reported():
     # 95 m/s at 14 km: even at 45 deg angle of attack the lift and thrust there do not carry the weight.
     text = THREE.replace("altitude_m = 1000.0, speed_m_s = 150.0", "altitude_m = 14000.0, speed_m_s = 95.0")
     for entry in (anser.plan, anser.run):
@@ -227,8 +231,8 @@ def test_a_start_without_steady_flight_is_told():
 
 
 @pytest.mark.long
-def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
-    """No autopilot authority upward: alpha held at the lower end makes the first aircraft sink to the ground."""
+def test_an_aircraft_that_meets_the_ground_stops_and_is_named():
+    """The autopilot has no authority upward: a low limit on alpha makes the first aircraft sink to the ground."""
     text = THREE.replace("bank_max_deg = 70.0", "bank_max_deg = 70.0\nalpha_min_deg = -5.0\nalpha_max_deg = 0.5")
     flown = anser.run(loads(text))
     assert not flown.met
@@ -238,17 +242,17 @@ def test_an_aircraft_that_meets_the_ground_stops_there_and_is_named():
 
 
 @pytest.mark.long
-def test_aircraft_that_fill_the_fleet_up_change_nothing():
-    found = []
-    for filled_up in (False, True):
-        flight = build_flight(loads(THREE), pad_fleet=filled_up)
+def test_padding_aircraft_change_nothing():
+    histories = []
+    for pad_fleet in (False, True):
+        flight = build_flight(loads(THREE), pad_fleet=pad_fleet)
         state, _ = _start_flight(flight)
         _, _, history = fly_segment(without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
-        found.append(history)
-    exact, filled = found
+        histories.append(history)
+    exact, padded = histories
     for key, values in exact.items():
-        rows = np.asarray(filled[key])[:, :3]
+        unpadded = np.asarray(padded[key])[:, :3]
         # Another program: rounding of what may be large.
-        np.testing.assert_allclose(rows, values, rtol=1e-9, atol=1e-7, err_msg=key)
-    assert filled["north"].shape[1] == 4
-    assert np.all(np.asarray(filled["north"])[:, 3] == filled["north"][0, 3])  # it never flies
+        np.testing.assert_allclose(unpadded, values, rtol=1e-9, atol=1e-7, err_msg=key)
+    assert padded["north"].shape[1] == 4
+    assert np.all(np.asarray(padded["north"])[:, 3] == padded["north"][0, 3])  # it never flies

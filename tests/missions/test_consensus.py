@@ -1,4 +1,4 @@
-"""A fleet without a centre, from its agreement to its holds."""
+"""A fleet without a central planner, from the agreement to the holds."""
 
 from pathlib import Path
 
@@ -52,7 +52,7 @@ east_m = 500.0
 
 @pytest.fixture(scope="module")
 def few_candidates():
-    """Fewer candidates than a plan has to choose from, in a smaller program; the shipped scenario has all."""
+    """Fewer candidates than the default in a smaller program; the shipped scenario uses the default number."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "STANDARD", MINIMAL)
         yield
@@ -69,12 +69,12 @@ def flown(planned):
 
 
 @pytest.mark.long
-def test_they_agree_on_one_arrival_and_keep_apart(planned):
+def test_the_fleet_agrees_on_one_arrival_time_with_separation(planned):
     assert planned.problems() == ()
     arrivals = np.asarray(planned.plan.arrival_times)
     assert np.ptp(arrivals) == 0.0
-    apart = np.asarray(planned.plan.certificate.clearance_ratio)
-    assert apart.min() >= 1.0
+    ratios = np.asarray(planned.plan.certificate.clearance_ratio)
+    assert ratios.min() >= 1.0
     assert np.asarray(planned.holds.clear).all()
     # all that is said takes at least one exchange and its delay
     assert planned.agreed_after_s >= 3 * 0.2
@@ -82,7 +82,7 @@ def test_they_agree_on_one_arrival_and_keep_apart(planned):
 
 
 @pytest.mark.long
-def test_they_arrive_together_by_clocks_that_stay_together(flown):
+def test_synchronized_clocks_give_a_common_arrival(flown):
     assert flown.met, flown.summary["requirements"]
     fleet = flown.summary["fleet"]
     assert fleet["arrival_spread_s"] < 0.02
@@ -92,59 +92,59 @@ def test_they_arrive_together_by_clocks_that_stay_together(flown):
 
 
 @pytest.mark.long
-def test_what_became_of_the_network_is_told(flown):
+def test_the_summary_reports_the_network(flown):
     network = flown.summary["network"]
     assert network["condition_met"]
     assert network["links_up"] == pytest.approx(0.7, abs=0.06)
     assert 0.0 < network["promised_rate_per_s"] < 0.2
-    heard = flown.dataset["heard_from"].values
+    received = flown.dataset["heard_from"].values
     # bit k for aircraft k, and nobody hears itself
-    assert set(np.unique(heard[:, 0])) == {0, 2}
-    assert set(np.unique(heard[:, 1])) == {0, 1}
+    assert set(np.unique(received[:, 0])) == {0, 2}
+    assert set(np.unique(received[:, 1])) == {0, 1}
 
 
 @pytest.mark.long
-def test_a_plan_kept_in_a_file_is_the_same(planned, tmp_path):
+def test_a_plan_read_from_a_file_is_the_same(planned, tmp_path):
     write_plan(planned, tmp_path / "plan.npz")
-    again = read_plan(tmp_path / "plan.npz", loads(TEXT))
-    np.testing.assert_array_equal(again.plan.paths.air_n, planned.plan.paths.air_n)
-    np.testing.assert_array_equal(again.holds.paths.air_n, planned.holds.paths.air_n)
-    assert again.agreed_after_s == planned.agreed_after_s
+    restored = read_plan(tmp_path / "plan.npz", loads(TEXT))
+    np.testing.assert_array_equal(restored.plan.paths.air_n, planned.plan.paths.air_n)
+    np.testing.assert_array_equal(restored.holds.paths.air_n, planned.holds.paths.air_n)
+    assert restored.agreed_after_s == planned.agreed_after_s
 
 
 @pytest.mark.long
-def test_out_of_range_nobody_agrees_and_it_is_said_why(few_candidates):
+def test_a_fleet_out_of_range_reports_why_it_does_not_agree(few_candidates):
     refused = anser.plan(loads(TEXT.replace("range_m = 40000.0", "range_m = 3000.0\nagree_within_s = 5.0")))
-    (why,) = refused.problems()
-    assert "does not agree within network.agree_within_s = 5 s" in why
-    assert '"alpha"' in why
-    assert '"bravo"' in why
+    (problem,) = refused.problems()
+    assert "does not agree within network.agree_within_s = 5 s" in problem
+    assert '"alpha"' in problem
+    assert '"bravo"' in problem
 
 
 @pytest.mark.long
-def test_with_a_perfect_network_they_arrive_when_a_centre_has_them_arrive():
+def test_a_perfect_network_gives_the_arrival_times_of_a_central_planner():
     text = Path("scenarios/no-centre.toml").read_text(encoding="utf-8")
     perfect = text[: text.index("[turbulence]")] + text[text.index("[[aircraft]]") :]
     network = perfect[perfect.index("[network]") : perfect.index("[separation]")]
-    alone = anser.plan(loads(perfect.replace(network, "")))
-    centre = anser.plan(
+    decentralised = anser.plan(loads(perfect.replace(network, "")))
+    central = anser.plan(
         loads(perfect.replace(network, "").replace('planner = "decentralised"', 'planner = "certified"'))
     )
-    np.testing.assert_allclose(alone.plan.arrival_times, centre.plan.arrival_times, atol=0.1)
+    np.testing.assert_allclose(decentralised.plan.arrival_times, central.plan.arrival_times, atol=0.1)
 
 
 @pytest.mark.long
-def test_the_shipped_scenario_without_a_centre():
+def test_the_shipped_scenario_without_a_central_planner_is_met():
     flown = anser.run(load("scenarios/no-centre.toml"))
     assert flown.met, flown.summary["requirements"]
     assert flown.summary["fleet"]["separation_min_m"] >= 200.0
 
 
 @pytest.mark.long
-def test_with_less_thrust_it_goes_on_and_the_others_wait_for_it():
+def test_the_fleet_waits_for_an_aircraft_with_less_thrust():
     event = '[[event]]\ntime_s = 15.0\nkind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.5\n'
     flown = anser.run(loads(TEXT + event))
     assert flown.met, flown.summary["requirements"]
-    (told,) = flown.summary["events"]
-    assert told["planned"]
-    assert "the others wait for it" in told["message"]
+    (outcome,) = flown.summary["events"]
+    assert outcome["planned"]
+    assert "the others wait for it" in outcome["message"]

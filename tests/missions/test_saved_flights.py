@@ -1,4 +1,4 @@
-"""A run read back from its folder: as it was saved, or one message that says what is no run."""
+"""Reading a saved flight: equality with the original, and messages for folders without a complete run."""
 
 import shutil
 
@@ -12,32 +12,32 @@ from support.made_flight import make_flight
 
 
 @pytest.fixture(scope="module")
-def made():
+def flight():
     return make_flight()
 
 
 @pytest.fixture(scope="module")
-def folder(made, tmp_path_factory):
-    place = tmp_path_factory.mktemp("run")
-    dataset, summary = made[:2]
-    write_netcdf(dataset, place / "flight.nc")
-    write_summary(summary, place / "summary.json")
-    return place
+def folder(flight, tmp_path_factory):
+    path = tmp_path_factory.mktemp("run")
+    dataset, summary = flight[:2]
+    write_netcdf(dataset, path / "flight.nc")
+    write_summary(summary, path / "summary.json")
+    return path
 
 
-def test_what_is_read_is_what_was_saved(made, folder, tmp_path, monkeypatch):
-    read = anser.load_flight(str(folder))
-    xr.testing.assert_identical(read.dataset, made[0])
-    assert read.summary == made[1]
-    assert str(read)
-    assert "tracks" in read.plot.names
+def test_a_restored_flight_equals_the_saved_flight(flight, folder, tmp_path, monkeypatch):
+    restored = anser.load_flight(str(folder))
+    xr.testing.assert_identical(restored.dataset, flight[0])
+    assert restored.summary == flight[1]
+    assert str(restored)
+    assert "tracks" in restored.plot.names
     opened = []
     monkeypatch.setattr("webbrowser.open", opened.append)
-    assert read.show().read_text().startswith("<!DOCTYPE html>")
+    assert restored.show().read_text().startswith("<!DOCTYPE html>")
     assert len(opened) == 1
 
 
-def test_what_is_no_run_is_refused(folder, tmp_path):
+def test_a_folder_without_a_run_is_refused(folder, tmp_path):
     with pytest.raises(ValueError, match="none, which is no folder; expected one that `anser run` wrote"):
         anser.load_flight(tmp_path / "none")
     with pytest.raises(ValueError, match=f"flight.nc, which is no folder; expected its folder, {folder}"):
@@ -65,13 +65,13 @@ def test_what_is_no_run_is_refused(folder, tmp_path):
         (lambda data: data.assign_attrs(scenario_hash="another"), r"arrived flight\.nc of scenario another with summary"),
     ],
 )  # fmt: skip
-def test_what_is_no_whole_flight_is_refused_by_name(made, folder, tmp_path, change, message):
+def test_an_incomplete_flight_is_refused_with_the_defect(flight, folder, tmp_path, change, message):
     shutil.copy(folder / "summary.json", tmp_path)
-    write_netcdf(change(made[0]), tmp_path / "flight.nc")
+    write_netcdf(change(flight[0]), tmp_path / "flight.nc")
     with pytest.raises(ValueError, match=message):
         anser.load_flight(tmp_path)
 
 
-def test_a_run_is_no_scenario_and_the_message_says_how_it_is_read(folder):
+def test_a_run_folder_given_as_a_scenario_is_refused_with_advice(folder):
     with pytest.raises(ScenarioError, match=r"arrived a folder; expected .*; a run is read by anser\.load_flight"):
         anser.load(folder)

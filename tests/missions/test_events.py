@@ -1,0 +1,98 @@
+"""Order of events, and the complete search if periodic replanning fails after a goal has changed."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from anser.missions import events as events_module
+from anser.missions.events import EventSchedule
+from anser.missions.replanning import NO_PLAN_MESSAGE, EventOutcome
+from anser.planning.certified.replanning import CORRECTED, UNCHANGED
+from anser.scenario import loads
+from missions.test_goal_reassignment import text
+
+TURNS = '[[event]]\ntime_s = 30.0\nkind = "goal-turns"\ngoal = "two"\ncourse_deg = 90.0\n'
+LEAVES = '[[event]]\ntime_s = 12.5\nkind = "aircraft-leaves"\naircraft = "c"\n'
+
+
+def state(replanning):
+    return SimpleNamespace(planner=SimpleNamespace(replanning=np.asarray(replanning)))
+
+
+@pytest.fixture
+def log(monkeypatch):
+    applied = []
+
+    def apply_event(scenario, flight, state, number, event, on_progress):
+        applied.append((number, event.kind))
+        return flight, state, EventOutcome(event.time_s, event.kind, "x", True, "renewed")
+
+    monkeypatch.setattr(events_module, "apply_event", apply_event)
+    return applied
+
+
+def record_searches(monkeypatch, result):
+    numbers = []
+
+    def replan_fleet(scenario, flight, state, number, on_progress):
+        numbers.append(number)
+        return result
+
+    monkeypatch.setattr(events_module, "replan_fleet", replan_fleet)
+    return numbers
+
+
+def test_events_are_applied_in_order_at_their_samples(log):
+    events = EventSchedule(loads(text() + TURNS + LEAVES), lambda message: None)
+    assert events.steps_until_next(0, 500) == 500
+    events.apply_due(None, state(CORRECTED), 500)
+    assert log == []
+    assert events.steps_until_next(1000, 500) == 250
+    events.apply_due(None, state(CORRECTED), 1250)
+    assert log == [(1250, "aircraft-leaves")]
+    assert events.steps_until_next(1250, 500) == 500
+    events.apply_due(None, state(CORRECTED), 3000)
+    assert log[-1] == (3000, "goal-turns")
+    assert [outcome.kind for outcome in events.outcomes] == ["aircraft-leaves", "goal-turns"]
+
+
+def test_every_replanning_is_checked_after_a_goal_has_turned(log, monkeypatch):
+    searched, events = record_searches(monkeypatch, None), EventSchedule(loads(text() + TURNS), lambda message: None)
+    events.apply_due(None, state(CORRECTED), 3000)
+    # the renewal at 30 s is within the next step; then the next, a second later
+    assert events.steps_until_next(3000, 500) == 1
+    assert events.steps_until_next(3001, 500) == 100
+    corrected = state(CORRECTED)
+    assert events.check_replanning(None, corrected, 3101) is corrected
+    assert events.check_replanning(None, corrected, 4001 + 100) is corrected
+    assert events.steps_until_next(4101, 500) == 500
+    assert searched == []
+    assert events.outcomes[0].planned
+
+
+def test_a_plan_of_the_search_is_flown_and_reported(log, monkeypatch):
+    replanned = state(CORRECTED)
+    searched, events = (
+        record_searches(monkeypatch, replanned),
+        EventSchedule(loads(text() + TURNS), lambda message: None),
+    )
+    events.apply_due(None, state(CORRECTED), 3000)
+    assert events.check_replanning(None, state(UNCHANGED), 3001) is replanned
+    assert searched == [3001]
+    (outcome,) = events.outcomes
+    assert outcome.planned
+    assert outcome.message == "planned anew (30.01 s)"
+    assert events.check_replanning(None, state(UNCHANGED), 3101).planner.replanning == UNCHANGED
+    assert searched == [3001]
+
+
+def test_a_failed_search_is_reported_and_repeated_at_most_three_times(log, monkeypatch):
+    searched, events = record_searches(monkeypatch, None), EventSchedule(loads(text() + TURNS), lambda message: None)
+    events.apply_due(None, state(CORRECTED), 3000)
+    for number in (3001, 3101, 3201, 3301, 3401):
+        events.check_replanning(None, state(UNCHANGED), number)
+    assert searched == [3001, 3101, 3201]
+    (outcome,) = events.outcomes
+    assert not outcome.planned
+    assert outcome.message.startswith(NO_PLAN_MESSAGE)
