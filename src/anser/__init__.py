@@ -1,11 +1,11 @@
-"""Fleets of fixed-wing aircraft that must be at moving places at the same time.
+"""Simulation of fleets of fixed-wing aircraft that meet moving goals at a common time.
 
 >>> import anser
 >>> flown = anser.run(anser.load("scenarios/three-aircraft.toml"))
 >>> flown.dataset.altitude_m, flown.summary["fleet"]["arrival_spread_s"]
 
-Importing anser switches JAX to float64, which all of it needs, whether JAX is imported before or after it; anser itself
-loads JAX only when something is used that computes with arrays.
+The import of anser switches JAX to float64, required throughout the package, whether JAX is imported earlier or later.
+JAX itself is imported on the first use of a function that computes with arrays.
 """
 
 import os

@@ -1,10 +1,10 @@
-"""Sourced physical constants and the least stand-offs, SI units; a name ends with its unit (none: dimensionless)."""
+"""Physical constants with sources, and minimum stand-off distances, SI units; a name ends with its unit, if any."""
 
-# [WGS84] NIMA TR8350.2: the two numbers that define the ellipsoid; what follows from them is `anser.spatial.Ellipsoid`.
+# [WGS84] NIMA TR8350.2: the two defining parameters of the ellipsoid; `anser.spatial.Ellipsoid` derives the others.
 WGS84_A_M = 6378137.0
 WGS84_F = 1.0 / 298.257223563
 
-# [WGS84]; the J2 is the value that the NESC check-cases flew with ([NESC], theory section 2).
+# [WGS84]; J2 is the value of the NESC check-cases ([NESC], theory section 2).
 EARTH_ROTATION_RAD_S = 7.292115e-5
 EARTH_GM_M3_S2 = 3.986004418e14
 EARTH_J2 = 1.08262982e-3
@@ -17,8 +17,8 @@ SOMIGLIANA_K = 0.00193185138639
 # CGPM 1901; the constant of the atmosphere's hydrostatic equation ([USSA76] table 2).
 STANDARD_GRAVITY_M_S2 = 9.80665
 
-# [USSA76] table 2 and part 1.2.5. The standard fixes the gas constant at 8.31432 for itself, whatever newer
-# measurements say: only with it do its printed base pressures and the air of the NESC check-cases come out.
+# [USSA76] table 2 and part 1.2.5. The standard fixes the gas constant at 8.31432, unlike newer measurements: its
+# printed base pressures and the air of the NESC check-cases result only from this value.
 GAS_CONSTANT_J_MOL_K = 8.31432
 AIR_MOLAR_MASS_KG_MOL = 0.0289644
 AIR_HEAT_RATIO = 1.4
@@ -29,4 +29,4 @@ GEOPOTENTIAL_RADIUS_M = 6356766.0
 
 SURFACE_STAND_OFF_MIN_M = 150.0
 AIRBORNE_STAND_OFF_MIN_M = 100.0
-"""Least distance that an aircraft keeps from a goal of each kind: the product's scope, whatever a scenario says."""
+"""Minimum distance of an aircraft from a surface or airborne goal: the product's scope, enforced for every scenario."""

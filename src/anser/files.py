@@ -1,7 +1,6 @@
-"""Files: input read up to a greatest size.
+"""Files: size-limited reading, XML decoding, and output files and folders that are either complete or absent.
 
-XML text in its declared encoding, and output files and folders that are complete under their name or absent,
-whatever ends the process.
+An interrupted or killed process leaves no partial file under the final name.
 """
 
 import codecs
@@ -24,19 +23,19 @@ _XML_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-
 
 
 def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
-    """Content of a file; a device or a file of gigabytes is refused before it fills the memory.
+    """Return the content of a file of limited size, so that a device or a huge file does not fill the memory.
 
     Parameters
     ----------
     path
-        The file.
+        Input file.
     size_max
-        Greatest size that is read, bytes.
+        Greatest accepted size, bytes.
 
     Raises
     ------
     OSError
-        The file cannot be read or is larger.
+        The file cannot be read or is larger than `size_max`.
     ValueError
         The path holds a null character.
     """
@@ -48,14 +47,14 @@ def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
 
 
 def decode_xml(content: bytes) -> str:
-    """Text of an XML document in the encoding that it declares.
+    """Return the text of an XML document, decoded by its declared encoding.
 
     Raises
     ------
     LookupError
-        The encoding is none of `XML_ENCODINGS`.
+        The declared encoding is not in `XML_ENCODINGS`.
     UnicodeDecodeError
-        The document is not in that encoding.
+        The content is not valid in the declared encoding.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16")
@@ -69,27 +68,27 @@ def decode_xml(content: bytes) -> str:
 
 
 _SUFFIX_MAX = 16
-"""Longer suffixes are no kinds of files; a temporary name with one could be too long for the file system."""
+"""Longer suffixes are no file types, and could make the temporary name too long for the file system."""
 _unfinished: set[Path] = set()
 
 
 @contextlib.contextmanager
 def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """Give a temporary path beside an output file; at the end what was written there gets the file's name.
+    """Yield a temporary path beside an output file, and rename the temporary file to the output file at the end.
 
-    The content is on the disk before it gets the name. Where the block raises, nothing has changed.
+    The content is flushed to disk before the renaming. If the block raises, the output file is unchanged.
 
     Parameters
     ----------
     path
-        The output file, in a folder that exists.
+        Output file, in an existing folder.
     overwrite
-        Whether a file of this name may be replaced.
+        Whether an existing file may be replaced.
 
     Raises
     ------
     FileExistsError
-        `path` exists and may not be replaced, or is no file.
+        `path` exists and may not be replaced, or is a folder or device.
     OSError
         The file cannot be written; `filename` is `path`.
     """
@@ -105,7 +104,7 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
 
 
 def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> None:
-    """Write a whole file; text in UTF-8, its ends of lines as they are. Raises as `new_file` does."""
+    """Write a complete file; text is encoded as UTF-8 with unchanged line ends. Raises the errors of `new_file`."""
     data = content.encode() if isinstance(content, str) else content
     with new_file(path, overwrite=overwrite) as partial:
         partial.write_bytes(data)
@@ -113,34 +112,34 @@ def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> 
 
 @contextlib.contextmanager
 def staged_folder(folder: Path) -> Iterator[Path]:
-    """Give a new, empty folder to write into; at the end its files go to their places in `folder`.
+    """Yield a new, empty staging folder, and move its files into `folder` at the end.
 
-    Files of the same names are replaced, each by one that is complete; all others in `folder` are left alone. Where the
-    block raises, nothing in `folder` has changed.
+    Files with the same names are replaced by complete files; the remaining content of `folder` is untouched. If the
+    block raises, `folder` is unchanged.
 
     Parameters
     ----------
     folder
-        That exists.
+        Existing folder.
 
     Raises
     ------
     FileExistsError
-        Something that is no file stands where a file is to go: then nothing is replaced.
+        The target of a file is a folder or device; then no file is replaced.
     """
-    beside = folder / f".anser-{secrets.token_hex(6)}"
-    with _temporary(beside, folder):
-        beside.mkdir()
-        yield beside
+    staging = folder / f".anser-{secrets.token_hex(6)}"
+    with _temporary(staging, folder):
+        staging.mkdir()
+        yield staging
         with defer_interrupts():
-            _move_into(beside, folder)
+            _move_into(staging, folder)
 
 
 @contextlib.contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder, and give one to write into, whose files it gets at the end.
+    """Create a folder and yield a staging folder, whose files move into the new folder at the end.
 
-    Where the block raises, or writes nothing, the new folder does not stay, nor its new parents.
+    If the block raises or writes no file, the new folder and its new parents are removed.
 
     Raises
     ------
@@ -148,31 +147,31 @@ def new_folder(folder: Path) -> Iterator[Path]:
         `folder` exists.
     """
     _refuse_null(folder)
-    made = [one for one in (folder, *folder.parents) if not one.exists()]
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True)
-        with staged_folder(folder) as beside:
-            yield beside
+        with staged_folder(folder) as staging:
+            yield staging
     finally:
-        remove_empty_folders(made)
+        remove_empty_folders(missing)
 
 
 def remove_empty_folders(folders: list[Path]) -> None:
-    """Remove folders, the innermost first, up to the first that is not empty."""
+    """Remove folders in the given order, innermost first, and stop at the first that is not empty."""
     with defer_interrupts(), contextlib.suppress(OSError):
-        for one in folders:
-            one.rmdir()
+        for folder in folders:
+            folder.rmdir()
 
 
 def remove_temporary_outputs() -> None:
-    """Remove the temporary files and folders of all outputs under way, before the process ends without finishing."""
-    for one in list(_unfinished):
-        _remove(one)
+    """Remove the temporary files and folders of unfinished outputs before the process ends early."""
+    for path in list(_unfinished):
+        _remove(path)
 
 
 @contextlib.contextmanager
 def defer_interrupts() -> Iterator[None]:
-    """Let Ctrl-C take effect at the end of the block: for steps that belong together and take no time."""
+    """Delay Ctrl-C to the end of the block, for short sequences of steps that must not be separated."""
     handler = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
@@ -189,7 +188,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _temporary(path: Path, target: Path) -> Iterator[None]:
-    """Remove a file or folder of this name at the end, if it is there; errors name what it stands for."""
+    """Remove a temporary file or folder at the end; the errors of the block name the target instead."""
     _unfinished.add(path)
     try:
         yield
@@ -216,7 +215,7 @@ def _remove(path: Path) -> None:
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
-    """Refuse a name that is taken, and where a file may be replaced, one of a folder or device."""
+    """Raise FileExistsError if the path exists; with `overwrite`, only if the path is a folder or device."""
     _refuse_null(path)
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")
@@ -231,18 +230,18 @@ def _refuse_null(path: Path) -> None:
 
 
 def _flush(path: Path) -> None:
-    """Put a file's content on the disk: some file systems only then say that there was no space for it."""
+    """Flush a file to disk: some file systems report a full disk only at this point."""
     with path.open("rb+") as file:
         os.fsync(file.fileno())
 
 
-def _move_into(beside: Path, folder: Path) -> None:
-    """Rename everything in a folder into another one; folders that are there already are merged."""
+def _move_into(staging: Path, folder: Path) -> None:
+    """Move the content of a folder into another folder, merging existing subfolders."""
     moves: list[tuple[Path, Path]] = []
-    waiting = sorted(beside.iterdir(), reverse=True)
+    waiting = sorted(staging.iterdir(), reverse=True)
     while waiting:
         source = waiting.pop()
-        target = folder / source.relative_to(beside)
+        target = folder / source.relative_to(staging)
         if source.is_dir() and target.is_dir():
             waiting += sorted(source.iterdir(), reverse=True)
             continue

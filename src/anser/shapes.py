@@ -1,4 +1,4 @@
-"""Array shapes used in signatures, one alias per kind (jaxtyping; checked by beartype in the tests)."""
+"""Array shapes for signatures, one alias per shape (jaxtyping; checked by beartype in the tests)."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ else:
     ScalarLike = Float[ArrayLike, ""]
 Vector3 = Float[Array, "3"]
 Vector = Float[Array, " n"]
-"""One number for each of something, of a control surface above all."""
+"""Vector of variable length, above all one entry for each control surface."""
 Quaternion = Float[Array, "4"]
 Matrix33 = Float[Array, "3 3"]
 Flag = Bool[Array, ""]

@@ -1,7 +1,7 @@
-"""Exact factors from a named unit to SI: multiply to enter, divide to leave.
+"""Exact factors from a named unit to SI: multiply to convert input, divide to convert output.
 
-All are plain floats that follow from the international foot and avoirdupois pound (1959), the international
-nautical mile (1929) and standard gravity; none is a rounded decimal.
+Plain floats that follow from the international foot and avoirdupois pound (1959), the international nautical mile
+(1929) and standard gravity, without rounding to decimals.
 """
 
 import math
@@ -10,7 +10,7 @@ from anser.constants import STANDARD_GRAVITY_M_S2
 
 DEG_RAD = math.pi / 180.0
 RAD_DEG = 180.0 / math.pi
-"""Degrees in one radian: the one factor that leads out of SI, for output."""
+"""Degrees in one radian: the only factor from SI to another unit, for output."""
 
 FOOT_M = 0.3048
 NAUTICAL_MILE_M = 1852.0

@@ -1,10 +1,10 @@
-"""The catalogue of every recorded variable: the one source of dataset attributes, plot labels and documentation.
+"""Catalogue of recorded variables: the only source of dataset attributes, plot labels and variable documentation.
 
 The kernels record a history, a dict of arrays of shape (time, aircraft) keyed by `Variable.key`, in SI units and
-radians. A dataset holds the same numbers as `Variable.name`, which carries a unit suffix: dataset = history * factor.
+radians. A dataset holds the same numbers under `Variable.name`, with a unit suffix: dataset = history * factor.
 
-Control surfaces have the names that their airframe gives them. `CATALOGUE` has those of an aircraft with one for each
-axis; `catalogue` gives it for aircraft of other surfaces.
+Control surfaces are named by their airframe. `CATALOGUE` holds the standard elevator, aileron and rudder; `catalogue`
+returns the variables for other surfaces.
 """
 
 import re
@@ -34,7 +34,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Variable:
-    """One recorded variable.
+    """A recorded variable.
 
     Attributes
     ----------
@@ -43,21 +43,21 @@ class Variable:
     key
         Key in a history, where the value is in SI units or radians: `roll_rate`.
     unit
-        Unit in a dataset, as CF writes it: "m s-1"; "1" where there is none.
+        Unit in a dataset, in CF notation: "m s-1"; "1" if dimensionless.
     factor
         Dataset value divided by history value.
     frame
-        Frame or reference of the quantity; "none" for a scalar that needs none.
+        Reference frame of the quantity; "none" for a scalar without a frame.
     symbol
-        Symbol of the field, with `_` before a subscript.
+        Mathematical symbol, with `_` before a subscript.
     long_name
-        Words for a plot label.
+        Description for a plot label.
     dtype
-        Kind of number in history and dataset.
+        Number type in history and dataset.
     flags
-        Meanings of the values 0, 1, 2, ... of a discrete variable, one word each; empty for all others.
+        Meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty.
     optional
-        Whether it is recorded only where there is such a thing: gusts, or sensors with errors.
+        Whether the variable is recorded only in flights with the feature: gusts, or sensors with errors.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Variable:
     optional: bool = False
 
 
-# Suffix of a name -> unit of the dataset, dataset value / history value.
+# Suffix of a name: unit in the dataset, and dataset value / history value.
 UNITS: dict[str, tuple[str, float]] = {
     "": ("1", 1.0),
     "m": ("m", 1.0),
@@ -123,16 +123,17 @@ _SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def surface_label(name: str) -> str:
-    """A surface as words: left elevon."""
+    """Return the readable label of a surface: "left elevon"."""
     return name.replace("_", " ")
 
 
 def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
-    """Positions of surfaces, then their commands; from their names and the subscripts of their symbols."""
-    told = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
-    positions = (_variable(name, "deg", _BODY, symbol, words) for name, symbol, words in told)
+    """Return the position variables of surfaces, then the command variables, from names and symbol subscripts."""
+    labelled = [(name, f"δ_{subscript}", surface_label(name).capitalize()) for name, subscript in subscripts.items()]
+    positions = (_variable(name, "deg", _BODY, symbol, label) for name, symbol, label in labelled)
     commands = (
-        _variable(f"{name}_command", "deg", _BODY, f"{symbol},c", f"{words} command") for name, symbol, words in told
+        _variable(f"{name}_command", "deg", _BODY, f"{symbol},c", f"{label} command")
+        for name, symbol, label in labelled
     )
     return (*positions, *commands)
 
@@ -239,8 +240,8 @@ CATALOGUE: tuple[Variable, ...] = (
         ("first", "corrected", "anew", "last_good_kept", "goal_awaited", "bent_in_part"),
     ),
     *(
-        _discrete(f"{what}_limited", "bool", f"{what}_lim", f"{words} at a limit", ("free", "limited"))
-        for what, words in (
+        _discrete(f"{prefix}_limited", "bool", f"{prefix}_lim", f"{label} at a limit", ("free", "limited"))
+        for prefix, label in (
             ("speed", "Airspeed command"),
             ("thrust", "Thrust command"),
             ("lift", "Angle of attack or load factor command"),
@@ -251,7 +252,7 @@ CATALOGUE: tuple[Variable, ...] = (
     ),
     _discrete("outside_tables", "bool", "outside", "Outside the aerodynamic tables", ("inside", "outside")),
     _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
-    # air that is not smooth
+    # turbulence and gusts
     *map(
         _optional,
         (
@@ -264,7 +265,7 @@ CATALOGUE: tuple[Variable, ...] = (
             _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
         ),
     ),
-    # what an aircraft knows, with sensors that have errors
+    # estimates of an aircraft whose sensors have errors
     *map(
         _optional,
         (
@@ -284,7 +285,7 @@ CATALOGUE: tuple[Variable, ...] = (
             _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
         ),
     ),
-    # what the aircraft of a fleet without a centre share
+    # coordination of a decentralised fleet
     *map(
         _optional,
         (
@@ -295,77 +296,79 @@ CATALOGUE: tuple[Variable, ...] = (
         ),
     ),
 )
-"""Every recorded variable, in the order in which a dataset lists them."""
+"""Every recorded variable, in dataset order."""
 
 DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
-"""Keys that no kernel records: they are computed when a history becomes a dataset."""
+"""Keys that kernels do not record: computed when a history becomes a dataset."""
 
 OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
-"""Keys that a history may have."""
+"""Keys that a history may contain."""
 
 
 def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
-    """Catalogue entries of control surfaces: the position of each, then the command of each.
+    """Return the catalogue entries of control surfaces: first the positions, then the commands.
 
     Parameters
     ----------
     names
-        Names of an airframe's surfaces, or of those of a whole fleet, each once.
+        Distinct surface names of an airframe or of a whole fleet.
 
     Returns
     -------
     tuple
-        Of `left_elevon` the variables `left_elevon_deg` and `left_elevon_command_deg`, keys `left_elevon` and
-        `left_elevon_command`. The symbol has the first letters of a name of several words, "le", or the one word; where
-        two would be the same, all words.
+        For `left_elevon` the variables `left_elevon_deg` and `left_elevon_command_deg`, keys `left_elevon` and
+        `left_elevon_command`. The symbol's subscript has the initials of a compound name, "le", or the single word; the
+        full name if two subscripts would be equal.
 
     Raises
     ------
     ValueError
-        A name is not made of lower-case words joined by `_`, occurs twice, or is that of another variable.
+        A name is not lower-case words joined by `_`, occurs twice, or is the name of another variable.
     """
-    named = list(names)
-    wrong = [name for name in named if not _SURFACE_NAME.fullmatch(name)]
+    surface_names = list(names)
+    wrong = [name for name in surface_names if not _SURFACE_NAME.fullmatch(name)]
     if wrong:
         raise ValueError(f"control surface {wrong[0]!r}: expected lower-case words joined by _, as in left_elevon")
-    short = {name: _SUBSCRIPTS.get(name) or _initials(name) for name in named}
-    taken = list(short.values())
-    found = _surfaces({n: own if taken.count(own) == 1 else n.replace("_", ",") for n, own in short.items()})
-    keys = [variable.key for variable in found]
-    others = {variable.key for variable in CATALOGUE} - _STANDARD_KEYS
-    twice = [name for name in named if named.count(name) > 1]
-    twice += [key for key in keys if key in others or keys.count(key) > 1]
+    short = {name: _SUBSCRIPTS.get(name) or _initials(name) for name in surface_names}
+    subscripts = list(short.values())
+    variables = _surfaces(
+        {n: subscript if subscripts.count(subscript) == 1 else n.replace("_", ",") for n, subscript in short.items()}
+    )
+    keys = [variable.key for variable in variables]
+    reserved_keys = {variable.key for variable in CATALOGUE} - _STANDARD_KEYS
+    twice = [name for name in surface_names if surface_names.count(name) > 1]
+    twice += [key for key in keys if key in reserved_keys or keys.count(key) > 1]
     if twice:
         raise ValueError(f"control surface {twice[0]!r}: another variable of the record has this name; choose another")
-    return found
+    return variables
 
 
 def _initials(name: str) -> str:
-    words = name.split("_")
-    return name if len(words) == 1 else "".join(word[0] for word in words)
+    parts = name.split("_")
+    return name if len(parts) == 1 else "".join(part[0] for part in parts)
 
 
 _STANDARD_KEYS = frozenset(variable.key for variable in _surfaces(_SUBSCRIPTS))
 
 
 def all_surface_names(names_by_aircraft: Iterable[Sequence[str]]) -> tuple[str, ...]:
-    """Names of the surfaces of some aircraft, each once, in the order in which they first occur."""
+    """Return the distinct surface names of several aircraft, in order of first occurrence."""
     return tuple(dict.fromkeys(name for names in names_by_aircraft for name in names))
 
 
 def catalogue(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[Variable, ...]:
-    """Every variable of a history of aircraft with these control surfaces, in the order of `CATALOGUE`."""
-    at = next(k for k, variable in enumerate(CATALOGUE) if variable.key in _STANDARD_KEYS)
-    return (*CATALOGUE[:at], *surface_variables(surfaces), *CATALOGUE[at + len(_STANDARD_KEYS) :])
+    """Return every variable of a history of aircraft with the given control surfaces, in the order of `CATALOGUE`."""
+    start = next(k for k, variable in enumerate(CATALOGUE) if variable.key in _STANDARD_KEYS)
+    return (*CATALOGUE[:start], *surface_variables(surfaces), *CATALOGUE[start + len(_STANDARD_KEYS) :])
 
 
 def recorded_keys(surfaces: Sequence[str] = STANDARD_SURFACES) -> tuple[str, ...]:
-    """Keys that a history of aircraft with these control surfaces must have, and no others but the optional ones."""
+    """Return the mandatory keys of a history of aircraft with the given control surfaces."""
     return tuple(v.key for v in catalogue(surfaces) if v.key not in DERIVED_KEYS | OPTIONAL_KEYS)
 
 
 RECORDED_KEYS: tuple[str, ...] = recorded_keys()
-"""Keys that a history of aircraft with the standard surfaces must have."""
+"""Mandatory keys of a history of aircraft with the standard surfaces."""
 
 PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),
@@ -373,7 +376,7 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
-"""What a plan has beside variables of the catalogue; no flight records it."""
+"""Variables of a plan that no flight records."""
 
 SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("lateral_shape", "m_s4", _NED, "b_4", "Lateral shape parameter"),
@@ -383,4 +386,4 @@ SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("length_estimate", "m", _NED, "L_6", "Length by the six-point rule"),
     _variable("length_published", "m", _NED, "L_pub", "Published length"),
 )
-"""What a family of paths has beside variables of the catalogue; no flight records it."""
+"""Variables of a family of paths that no flight records."""
