@@ -30,20 +30,20 @@ def package(tmp_path, monkeypatch):
     ],
 )
 def test_which_edits_change_which_hash(package, place, of_kernels, of_all):
-    before = keys._hashes_of_sources()
+    before = keys._hash_sources()
     (package / place).write_text("2")
-    after = keys._hashes_of_sources()
+    after = keys._hash_sources()
     assert [one != other for one, other in zip(before, after, strict=True)] == [of_kernels, of_all]
 
 
 def test_a_file_of_another_name_is_another_source(package):
-    before = keys._hashes_of_sources()
+    before = keys._hash_sources()
     (package / "simulation/loop.py").rename(package / "simulation/loops.py")
-    assert keys._hashes_of_sources()[0] != before[0]
+    assert keys._hash_sources()[0] != before[0]
 
 
 def test_programs_of_kernels_depend_on_kernels_only():
-    for program in (fly_segment, _open_model, _start_flight):
-        assert keys._sources_of(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
-    for function in (to_dataset, (solve_trim, to_dataset)):
-        assert keys._sources_of(keys.describe_value(function)) == keys._ALL_SOURCES
+    for program in (fly_segment, _start_flight):
+        assert keys._source_hash(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
+    for function in (to_dataset, (solve_trim, to_dataset), _open_model._function):
+        assert keys._source_hash(keys.describe_value(function)) == keys._ALL_SOURCES

@@ -22,7 +22,7 @@ import anser.compiling.store as store_module
 from anser.aircraft_files import load_airframe
 from anser.compiling.keys import NotCacheableError, describe_value
 from anser.compiling.options import compiled, compiled_quickly, program_store
-from anser.compiling.program import forget_programs, regions_used, release_all_programs, use_program_store
+from anser.compiling.program import forget_programs, memory_region_share, release_all_programs, use_program_store
 from anser.compiling.store import FolderStore
 from anser.environment import standard_environment
 from anser.numerics.linear import cross, solve3, times3
@@ -77,15 +77,15 @@ def test_kept_programs_give_the_bits_of_those_traced_afresh(store):
     use_program_store(None)
     found.append(compiled_quickly(solve_trim)(airframe, environment, target))
     assert len(store.files()) == 1
-    if regions_used():
+    if memory_region_share():
         # What is released is unmapped: a loaded trim takes some hundreds of memory regions of 65,530.
         use_program_store(store)
         program = compiled_quickly(solve_trim)
         jax.block_until_ready(program(airframe, environment, target))
-        before = regions_used()
+        before = memory_region_share()
         program.forget()
         deadline = time.monotonic() + 60.0
-        while before - regions_used() < 50 / 65_530:  # as soon as the thread that has run it lets go
+        while before - memory_region_share() < 50 / 65_530:  # as soon as the thread that has run it lets go
             assert time.monotonic() < deadline
             time.sleep(0.01)
     for other in found[1:]:
@@ -153,34 +153,38 @@ def test_a_program_swapped_with_that_of_another_key_is_made_anew(store):
 
 def test_a_program_of_another_processor_is_not_loaded(store, monkeypatch):
     expected = solved()(MATRIX, VECTOR)
-    monkeypatch.setattr(keys, "_target", functools.partial(str, "another processor"))
-    keys._surroundings.cache_clear()
+    monkeypatch.setattr(keys, "_target_fingerprint", functools.partial(str, "another processor"))
+    keys._describe_platform.cache_clear()
     try:
         np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
     finally:
-        keys._surroundings.cache_clear()
+        keys._describe_platform.cache_clear()
     assert len(store.files()) == 2
 
 
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of CPUs")
 @pytest.mark.parametrize("function", [solve3, lambda matrix, vector: solve3(matrix, vector)])
 def test_a_processor_without_a_fingerprint_keeps_nothing(store, monkeypatch, function):
-    monkeypatch.setattr(keys, "_target", str)
-    keys._surroundings.cache_clear()
+    monkeypatch.setattr(keys, "_target_fingerprint", str)
+    keys._describe_platform.cache_clear()
     try:
         np.testing.assert_allclose(MATRIX @ compiled(function)(MATRIX, VECTOR), VECTOR, rtol=1e-12)
     finally:
-        keys._surroundings.cache_clear()
+        keys._describe_platform.cache_clear()
     assert store.files() == []
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="XLA leaves features away there only")
 def test_the_fingerprint_of_the_processor_names_its_features():
     environment = os.environ | {"XLA_FLAGS": "--xla_cpu_max_isa=SSE4_2"}
-    command = [sys.executable, "-c", "from anser.compiling.keys import _target\nprint(_target())"]
+    command = [
+        sys.executable,
+        "-c",
+        "from anser.compiling.keys import _target_fingerprint\nprint(_target_fingerprint())",
+    ]
     fewer = subprocess.run(command, capture_output=True, text=True, env=environment, check=True).stdout.strip()
     assert fewer
-    assert fewer != keys._target() != ""
+    assert fewer != keys._target_fingerprint() != ""
 
 
 def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeypatch):
@@ -207,7 +211,7 @@ def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeyp
 def crowded(tmp_path, monkeypatch):
     """A process that has used two thirds of its memory regions, by other things than programs."""
     release_all_programs()
-    used = regions_used()
+    used = memory_region_share()
     if not used:
         pytest.skip("the system sets no limit")
     limit = tmp_path / "max_map_count"
@@ -242,7 +246,7 @@ def test_code_of_the_users_own_is_traced_but_compiled_once(store, monkeypatch):
     for factor in (2.0, 3.0):
         np.testing.assert_array_equal(program(factor)(VECTOR).first, factor * VECTOR)
     assert len(store.files()) == 2
-    monkeypatch.setattr(program_module, "_compiled", None)  # compiling anything fails
+    monkeypatch.setattr(program_module, "_compile_serializable", None)  # compiling anything fails
     for factor in (2.0, 3.0):
         pair = program(factor)(VECTOR)
         assert isinstance(pair, _ForeignPair)

@@ -1,4 +1,4 @@
-"""Compiled programs: options, the programs of a process, and the store that keeps them on disk."""
+"""Compiled programs: compiler options, the program cache of a process, and the program store on disk."""
 
 import lazy_loader
 

@@ -1,6 +1,6 @@
-"""Compiled programs as bytes: machine code and a JSON header with the structure of the result.
+"""Serialization of compiled programs: machine code, and a JSON header with the structure of the result.
 
-Python never executes any part of the file, as it would a pickle.
+Unlike a pickle, the file contains no Python code to execute.
 """
 
 import dataclasses
@@ -23,12 +23,12 @@ _PACKAGE = "anser"
 
 
 def encode_structure(value: Any) -> Any:
-    """Value for `json.dumps`: a result with `jax.ShapeDtypeStruct` in the place of arrays.
+    """Encode a result, with `jax.ShapeDtypeStruct` in place of arrays, as a value for `json.dumps`.
 
     Raises
     ------
-    NotKeptError
-        A part is of a class that `decode` would not make.
+    NotCacheableError
+        The result contains a class that `decode_structure` rejects.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -47,19 +47,19 @@ def encode_structure(value: Any) -> Any:
 
 
 def decode_structure(value: Any) -> Any:
-    """Value that was encoded; no code of the classes runs.
+    """Decode a value from `encode_structure`, without running code of the decoded classes.
 
     Raises
     ------
-    NotKeptError
-        It is no value that `encode` makes.
+    NotCacheableError
+        The value is not an output of `encode_structure`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
     if type(value) is not dict or len(value) != 1:
         raise NotCacheableError(repr(value)[:80])
-    ((kind, content),) = value.items()
-    match kind, content:
+    ((tag, content),) = value.items()
+    match tag, content:
         case "array", [str(dtype), list(shape), bool(weak)] if all(type(size) is int and size >= 0 for size in shape):
             return jax.ShapeDtypeStruct(tuple(shape), _dtype(dtype), weak_type=weak)
         case "tuple", list():
@@ -77,7 +77,7 @@ def decode_structure(value: Any) -> Any:
 
 
 def _dtype(name: str) -> np.dtype[Any]:
-    """Type of numbers; NotKeptError: types that are not NumPy's own, such as keys of random numbers, are not kept."""
+    """Return a NumPy number type by name; raise NotCacheableError for extension types such as random keys."""
     try:
         dtype = np.dtype(name)
     except TypeError as error:
@@ -88,7 +88,7 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def _class(name: str) -> type[Any]:
-    """Class at the top of a module of the package, by its name MODULE:CLASS; NotKeptError: anything else."""
+    """Return a top-level class of the package by its name MODULE:CLASS; raise NotCacheableError for other names."""
     module_name, _, class_name = name.partition(":")
     parts = [*module_name.split("."), class_name]
     if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
@@ -102,41 +102,42 @@ def _class(name: str) -> type[Any]:
     return value
 
 
-def _fields(of: type[Any]) -> tuple[str, ...]:
-    if dataclasses.is_dataclass(of):
-        return tuple(field.name for field in dataclasses.fields(of))
-    if issubclass(of, tuple) and hasattr(of, "_fields"):
-        return tuple(getattr(of, "_fields"))  # noqa: B009 - a named tuple
-    raise NotCacheableError(of.__qualname__)
+def _fields(class_: type[Any]) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(class_):
+        return tuple(field.name for field in dataclasses.fields(class_))
+    if issubclass(class_, tuple) and hasattr(class_, "_fields"):
+        return tuple(getattr(class_, "_fields"))  # noqa: B009 - a named tuple
+    raise NotCacheableError(class_.__qualname__)
 
 
-def _instance(of: type[Any], fields: dict[str, Any]) -> Any:
-    if issubclass(of, tuple):
-        return tuple.__new__(of, fields.values())
-    instance = object.__new__(of)
+def _instance(class_: type[Any], fields: dict[str, Any]) -> Any:
+    if issubclass(class_, tuple):
+        return tuple.__new__(class_, fields.values())
+    instance = object.__new__(class_)
     for name, value in fields.items():
         object.__setattr__(instance, name, value)
     return instance
 
 
 _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
-"""Processor features that code for a CPU declares as required: `+64bit,+avx,-sgx, ...`."""
+"""Processor features declared as required by code for a CPU: `+64bit,+avx,-sgx, ...`."""
 
 
 class Executable(NamedTuple):
-    """Machine code, and the indices of the arguments that it takes; unused arguments are left out."""
+    """Machine code, and the indices of its arguments; unused arguments are left out."""
 
     code: bytes
     argument_indices: list[int]
 
 
 def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
-    """Length of the JSON header, the header (structure of the result, indices of arguments), the code.
+    """Serialize a program as: length of the JSON header, header (result structure, argument indices), machine code.
 
     Raises
     ------
-    NotKeptError
-        The program calls back into Python, has effects or is for other devices, or its result has a foreign class.
+    NotCacheableError
+        The program calls back into Python, has effects, runs on other devices, or returns a class from outside the
+        package.
     """
     executable = _serialize(compiled)
     header = json.dumps({"result": encode_structure(result), "argument_indices": executable.argument_indices}).encode()
@@ -144,12 +145,12 @@ def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
 
 
 def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any]:
-    """Code, and the structure of its result with `jax.ShapeDtypeStruct` in the place of arrays.
+    """Return the code, and the structure of the result with `jax.ShapeDtypeStruct` in place of arrays.
 
     Raises
     ------
-    NotKeptError, ValueError, KeyError, TypeError
-        The header is none that `pack_program` writes, or the program is for fewer arguments.
+    NotCacheableError, ValueError, KeyError, TypeError
+        The header is not from `pack_program`, or an argument index exceeds `argument_count`.
     """
     end = 8 + int.from_bytes(content[:8], "big")
     header = json.loads(content[8:end])
@@ -164,12 +165,12 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
 def load_executable(
     executable: Executable, results: Iterable[jax.ShapeDtypeStruct]
 ) -> Callable[[list[Any]], list[Any]]:
-    """Load code on the first device; what is returned takes all arguments and gives arrays of the results' shapes.
+    """Load code on the first device, as a function from the list of arguments to the list of result arrays.
 
     Raises
     ------
     ImportError, AttributeError
-        This version of JAX has other internals: then programs are compiled anew.
+        The internals of the installed JAX differ; the caller then compiles the program again.
     """
     from jax._src import core
     from jax._src.interpreters import pxla
@@ -184,9 +185,9 @@ def load_executable(
     indices = executable.argument_indices
 
     def call(arrays: list[Any]) -> list[Any]:
-        # NumPy's arrays are taken, too, as by a program that was compiled here
-        taken = (arrays[index] for index in indices)
-        arguments = [array if isinstance(array, jax.Array) else jax.device_put(array, device) for array in taken]
+        # NumPy arrays are accepted, as by a program compiled in this process
+        selected = (arrays[index] for index in indices)
+        arguments = [array if isinstance(array, jax.Array) else jax.device_put(array, device) for array in selected]
         return program.execute_sharded(arguments).consume_with_handlers(wrap)
 
     return call
@@ -208,16 +209,16 @@ def _serialize(compiled: Any) -> Executable:
 
 
 def _without_features(code: bytes) -> bytes:
-    """Code that declares no processor feature as required.
+    """Return the code without required processor features.
 
-    XLA compares the declared features with the processor's when code is loaded, and reports `prefer-no-gather` and
-    `prefer-no-scatter` as missing: preferences of its own compiler, which no processor has. The comparison is not
-    needed here. The key of a program has the features of the processor, so that code for another one is never loaded.
+    When loading code, XLA compares the declared features with the processor, and reports `prefer-no-gather` and
+    `prefer-no-scatter` (preferences of XLA's compiler, not features of any processor) as missing. The comparison is
+    redundant here: the key of a program includes the processor features, so code for another processor is never loaded.
     """
     return _FEATURES.sub(lambda features: features[0].replace(b"+", b"-"), code)
 
 
 @functools.cache
 def _register_lapack() -> None:
-    """Have JAX look up LAPACK's functions, which it does when it lowers a call of one, not when it loads one."""
+    """Make JAX register the LAPACK functions, by lowering a LAPACK call; loading a program does not."""
     jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), jnp.float32))

@@ -1,4 +1,4 @@
-"""What a compiled program depends on, as a name under which it is kept."""
+"""Keys of compiled programs: hashes of everything that the machine code depends on."""
 
 import dataclasses
 import enum
@@ -20,7 +20,7 @@ import numpy as np
 
 _FORMAT = 2
 _PACKAGE = Path(__file__).parents[1]
-_KNOWN = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
+_TRUSTED = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
 _KERNELS = {
     "aircraft",
     "compiling",
@@ -46,16 +46,16 @@ _SETTINGS = (
 
 
 class NotCacheableError(Exception):
-    """A function or argument that nothing but this process knows."""
+    """A function or argument that another process could not identify reliably."""
 
 
 def describe_value(value: Any) -> str:
-    """All of a value that a compiled function depends on: structure, static parts, shapes and types of arrays.
+    """Describe structure, static parts, array shapes and types of a value: everything that compiled code depends on.
 
     Raises
     ------
-    NotKeptError
-        Part of it is code that is not the package's own, which could be other code in the next process.
+    NotCacheableError
+        The value contains code from outside the trusted packages, which may differ in the next process.
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"
@@ -82,53 +82,53 @@ def describe_value(value: Any) -> str:
 
 
 def _name(code: Any) -> str:
-    """Name of a class or function of a package that is known by its version."""
+    """Return the qualified name of a class or function from a trusted, versioned package."""
     module, name = getattr(code, "__module__", None), getattr(code, "__qualname__", "<")
-    if module is None or module.split(".")[0] not in _KNOWN or "<" in name:
+    if module is None or module.split(".")[0] not in _TRUSTED or "<" in name:
         raise NotCacheableError(f"{module}.{name}")
     return f"{module}.{name}"
 
 
-def _hashes_of_sources() -> tuple[str, str]:
-    """Of the kernels and what they import, and of everything."""
+def _hash_sources() -> tuple[str, str]:
+    """Return a hash of the kernels with their imports, and a hash of the whole package."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
     for path in sorted(_PACKAGE.rglob("*")):
         if path.suffix in (".py", ".json"):
-            place = path.relative_to(_PACKAGE)
-            content = str(place).encode() + b"\0" + path.read_bytes()
+            relative_path = path.relative_to(_PACKAGE)
+            content = str(relative_path).encode() + b"\0" + path.read_bytes()
             everything.update(content)
-            if len(place.parts) == 1 or place.parts[0] in _KERNELS:
+            if len(relative_path.parts) == 1 or relative_path.parts[0] in _KERNELS:
                 kernels.update(content)
     return kernels.hexdigest(), everything.hexdigest()
 
 
-_KERNEL_SOURCES, _ALL_SOURCES = _hashes_of_sources()
-"""When this was imported: what is edited later is not what runs."""
+_KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
+"""Hashed at import: later edits of the files do not change the running code."""
 
 
-def _sources_of(description: str) -> str:
-    """Hash of the sources on which a program depends: imports point downwards, from no kernel to any other room."""
+def _source_hash(description: str) -> str:
+    """Return the hash of the sources behind a program; kernels import only kernels."""
     rooms = set(re.findall(r"\banser\.(\w+)\.", description))
     return _KERNEL_SOURCES if rooms <= _KERNELS else _ALL_SOURCES
 
 
-def _as_loaded() -> str:
-    """Names and numbers of the kernels' modules, as they stand in this process: somebody may have replaced some.
+def _hash_loaded_code() -> str:
+    """Hash the names and numbers in the loaded kernel modules, to detect functions or constants replaced at run time.
 
     Raises
     ------
-    NotKeptError
-        Code of somebody else stands there.
+    NotCacheableError
+        A replacement comes from outside the trusted packages.
     """
-    found = []
+    entries = []
 
-    def add(place: str, value: Any) -> None:
+    def add(qualified_name: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
-            if value.__module__.split(".")[0] not in _KNOWN:
+            if value.__module__.split(".")[0] not in _TRUSTED:
                 raise NotCacheableError(f"{value.__module__}.{value.__qualname__}")
-            found.append(f"{place}:{value.__module__}.{value.__qualname__}")
+            entries.append(f"{qualified_name}:{value.__module__}.{value.__qualname__}")
         elif isinstance(value, bool | int | float | str):
-            found.append(f"{place}={value!r}")
+            entries.append(f"{qualified_name}={value!r}")
 
     for name, module in sorted(sys.modules.items()):
         if name.startswith("anser.") and name.split(".")[1] in _KERNELS:
@@ -136,14 +136,14 @@ def _as_loaded() -> str:
                 if not key.startswith("__"):
                     add(f"{name}.{key}", value)
                 if inspect.isclass(value) and value.__module__ == name:
-                    for of, method in vars(value).items():
+                    for method_name, method in vars(value).items():
                         if inspect.isfunction(method):
-                            add(f"{name}.{key}.{of}", method)
-    return hashlib.sha256("\n".join(found).encode()).hexdigest()
+                            add(f"{name}.{key}.{method_name}", method)
+    return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 
-def _target() -> str:
-    """Fingerprint of the machine that XLA compiles for: a CPU with its features; empty where it gives none."""
+def _target_fingerprint() -> str:
+    """Return the fingerprint of XLA's target machine: a CPU with its features. Empty if XLA reports no fingerprint."""
     try:
         from jax._src.lib import xla_client  # pyright: ignore[reportPrivateImportUsage] - another version may lack it
 
@@ -153,12 +153,12 @@ def _target() -> str:
 
 
 @functools.cache
-def _surroundings() -> str:
-    """Everything but code and arguments on which a compiled program depends: versions, machine."""
+def _describe_platform() -> str:
+    """Describe the versions and the machine: the dependencies of a compiled program besides code and arguments."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
-    target = _target()
+    target = _target_fingerprint()
     if device.platform == "cpu" and not target:
         raise NotCacheableError("code for a processor whose features are not known")
     machine.append(target)
@@ -166,33 +166,33 @@ def _surroundings() -> str:
 
 
 def jax_settings() -> str:
-    """What the user can change from one call to the next."""
+    """Describe the JAX settings that the user can change between calls."""
     values = [f"{name}={getattr(jax.config, name)}" for name in _SETTINGS]
     return "\n".join([*values, os.environ.get("XLA_FLAGS", "")])
 
 
 def program_key(value: Any) -> str:
-    """Name of a program that depends on a value, and on the package, its surroundings and the settings.
+    """Hash a value together with the package sources, the platform and the JAX settings, as the key of a program.
 
     Raises
     ------
-    NotKeptError
-        Part of it is code that another process could not be sure of.
+    NotCacheableError
+        The value contains code that another process could not identify reliably.
     """
     description = describe_value(value)
-    parts = [_surroundings(), _sources_of(description), jax_settings(), _as_loaded(), description]
+    parts = [_describe_platform(), _source_hash(description), jax_settings(), _hash_loaded_code(), description]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
 def operations_key(text: str, options: Mapping[str, bool | str]) -> str:
-    """Key of a lowered program by its operations: they say all of what code computes that is not the package's own.
+    """Hash a lowered program by its operations, which identify code from outside the package completely.
 
     Parameters
     ----------
     text
-        StableHLO of the program with all of its constants.
+        StableHLO of the program with its constants.
     options
-        Of the compiler.
+        Compiler options.
     """
-    parts = ["operations", _surroundings(), jax_settings(), repr(sorted(options.items())), text]
+    parts = ["operations", _describe_platform(), jax_settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

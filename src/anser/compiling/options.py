@@ -20,8 +20,8 @@ _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **
 
 
 @functools.cache
-def _known(option: str, value: bool | str) -> bool:
-    """Whether the compiler that is installed takes an option: asked once, with a program of one addition."""
+def _accepts(option: str, value: bool | str) -> bool:
+    """Test whether the installed compiler accepts an option, by compiling a trivial program once."""
     probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
     try:
         probe.compile({option: value})
@@ -33,19 +33,19 @@ def _known(option: str, value: bool | str) -> bool:
 
 
 def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
-    """Those of some options that the compiler takes: XLA gives them up from one version to the next."""
-    return {option: value for option, value in requested.items() if _known(option, value)}
+    """Filter out options that the installed compiler rejects: XLA removes options between versions."""
+    return {option: value for option, value in requested.items() if _accepts(option, value)}
 
 
 def compiled(function: Callable[_P, _R]) -> Program[_P, _R]:
-    """Compile a function, with the compiler's own options."""
+    """Compile a function with the compiler's default options."""
     return Program(function, dict)
 
 
 def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
     """Compile a function without XLA's optimizer, in a sixth to a half of the time (measured: trims, linear models).
 
-    The function runs more slowly, and its results differ by rounding.
+    The function runs more slowly, and the results differ by rounding.
     """
     return Program(function, lambda: supported_options(_UNOPTIMIZED))
 
@@ -53,9 +53,9 @@ def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
 def compiled_by_older_generator(
     static_argnames: Sequence[str],
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
-    """Compile by XLA's older code generator for the CPU, where the installed one still has it.
+    """Compile with XLA's older code generator for the CPU, if still supported.
 
-    That compiles large programs in half the time, and they run as fast. All arguments but those named are traced.
+    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are traced.
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
@@ -65,29 +65,29 @@ def compiled_by_older_generator(
 
 
 CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"
-"""Environment variable: a folder to use instead of the user's cache folder, or "off"."""
+"""Environment variable: a folder instead of the user's cache folder, or "off"."""
 
 
 def cache_folder() -> Path | None:
-    """Folder of the cache: what `ANSER_COMPILATION_CACHE` says, JAX's own `jax_compilation_cache_dir`, or the user's.
+    """Return the cache folder: `ANSER_COMPILATION_CACHE`, else JAX's `jax_compilation_cache_dir`, else the user's.
 
-    None where that variable is "off", or where the user has no folder.
+    None if the variable is "off" or the user has no cache folder.
     """
-    wanted = os.environ.get(CACHE_VARIABLE, "")
-    if wanted.lower() == "off":
+    environment_value = os.environ.get(CACHE_VARIABLE, "")
+    if environment_value.lower() == "off":
         return None
-    already: str | None = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    folder = Path(wanted or already or platformdirs.user_cache_path("anser") / "compiled")
-    return folder if wanted or already or folder.is_absolute() else None
+    jax_folder: str | None = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    folder = Path(environment_value or jax_folder or platformdirs.user_cache_path("anser") / "compiled")
+    return folder if environment_value or jax_folder or folder.is_absolute() else None
 
 
 def program_store() -> FolderStore | None:
-    """Store of compiled programs in the cache's folder; None without one."""
+    """Return the program store in the cache folder, or None without a cache folder."""
     folder = cache_folder()
     return None if folder is None else FolderStore(folder / "programs")
 
 
 def enable_compilation_cache() -> Path | None:
-    """Keep programs in `cache_folder`, which is returned; None: they are kept nowhere."""
+    """Store compiled programs in `cache_folder` and return the folder; None if caching is off."""
     use_program_store(program_store())
     return cache_folder()

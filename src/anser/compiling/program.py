@@ -1,6 +1,6 @@
-"""Functions that are compiled once per machine.
+"""Functions compiled once per machine.
 
-Programs in this process, the store that keeps them between processes, and the memory that loaded programs take.
+Programs of the process, the store that shares programs between processes, and the memory of loaded programs.
 """
 
 import contextlib
@@ -31,10 +31,10 @@ _REGIONS = Path("/proc/self/maps")
 _REGIONS_MAX = Path("/proc/sys/vm/max_map_count")
 
 
-def regions_used() -> float:
-    """Share of the memory regions that the system gives a process, 0 to 1; 0 where there is no such limit.
+def memory_region_share() -> float:
+    """Return the fraction of the process's limit of memory regions in use, 0 to 1; 0 if the system has no limit.
 
-    A loaded program takes up to some thousands; a process that has none left is ended within the compiler.
+    A loaded program takes up to several thousand regions; the system kills a process without free regions.
     """
     try:
         return _REGIONS.read_bytes().count(b"\n") / int(_REGIONS_MAX.read_text())
@@ -48,7 +48,7 @@ def _trim() -> Callable[[int], int] | None:
 
 
 def return_freed_memory() -> None:
-    """Give freed memory back to the system: glibc keeps what loading took beside the program, as much as it again."""
+    """Return freed memory to the system: glibc retains the memory used for loading, as much as the program itself."""
     trim = _trim()
     if trim is not None:
         trim(0)
@@ -60,31 +60,31 @@ _HIT = "/jax/compilation_cache/cache_hits"
 
 
 class ProgramStore(Protocol):
-    """Where exported programs are kept between processes; neither method may raise."""
+    """Storage of compiled programs shared between processes; the methods must not raise."""
 
     def load(self, key: str) -> bytes | None:
-        """Content that was saved under a key; None where there is none, or none that is whole."""
+        """Return the content saved under a key, or None if missing or damaged."""
 
     def save(self, key: str, content: bytes) -> None:
-        """Keep content under a key, or do nothing."""
+        """Save content under a key, or do nothing."""
 
 
-_in_use: list[ProgramStore] = []
+_active_stores: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
 _announcing: list[None] = []
 _LoadedProgram: TypeAlias = tuple[Callable[..., list[Any]], int]
-"""A program of arrays, and the size of its code."""
+"""Program on flat lists of arrays, and the size of the code, bytes."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
 def use_program_store(store: ProgramStore | None) -> None:
-    """Keep programs in a store from now on; None: in none."""
-    _in_use[:] = [] if store is None else [store]
+    """Set the store for programs compiled from now on; None disables storing."""
+    _active_stores[:] = [] if store is None else [store]
 
 
 @contextlib.contextmanager
 def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
-    """Have a function called with True whenever compiling begins and with False when it has ended."""
+    """Call a function with True at the start of each compilation and with False at the end."""
     _watchers.append(on_compiling)
     try:
         yield
@@ -93,29 +93,29 @@ def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _announced() -> Iterator[None]:
-    """Tell the watchers, once where this is entered within itself."""
+def _announce() -> Iterator[None]:
+    """Notify the watchers of a compilation; nested entries notify once."""
     watchers = [] if _announcing else list(_watchers)
     _announcing.append(None)
-    for tell in watchers:
-        tell(True)
+    for notify in watchers:
+        notify(True)
     try:
         yield
     finally:
         _announcing.pop()
-        for tell in watchers:
-            tell(False)
+        for notify in watchers:
+            notify(False)
 
 
 def forget_programs() -> None:
-    """Give up all compiled programs of this process, as `jax.clear_caches` does with JAX's own."""
+    """Drop every compiled program of this process, like `jax.clear_caches` for JAX's programs."""
     for program in _programs:
         program.forget()
 
 
-def _make_room(size: int) -> None:
-    """Release the programs used longest ago, so that the code of all, with one of a size, stays within a bound."""
-    with _releasing:
+def _release_oldest(size: int) -> None:
+    """Release the least recently used programs until the total code size, plus a new program's, is within the limit."""
+    with _release_lock:
         present = sorted(
             (
                 (prepared.last_use, prepared.size, program, key)
@@ -133,17 +133,17 @@ def _make_room(size: int) -> None:
 
 
 def limit_memory_regions() -> None:
-    """Release all programs, JAX's own too, if the process has used half of the memory regions that it may have.
+    """Release every program, including JAX's, if the process uses half of its permitted memory regions.
 
-    A region more than allowed ends the process. What is released is loaded or compiled anew where it is needed again.
+    Exceeding the limit kills the process. Released programs are loaded or compiled again when needed.
     """
-    if regions_used() >= _REGIONS_SHARE_MAX:
+    if memory_region_share() >= _REGIONS_SHARE_MAX:
         _log_crowding()
         release_all_programs()
 
 
 def release_all_programs() -> None:
-    """Release all programs, JAX's own too, and give their memory back to the system."""
+    """Release every program, including JAX's, and return the memory to the system."""
     forget_programs()
     jax.clear_caches()
     gc.collect()
@@ -158,62 +158,62 @@ def _log_crowding() -> None:
     )
 
 
-class _Hole:
-    """In the place of an array in the structure of arguments."""
+class _ArrayMarker:
+    """Marker in place of an array in the structure of arguments."""
 
 
-_hits: list[int] = []
-"""The thread of each program that came out of JAX's own cache."""
-_beside = ThreadPoolExecutor(2, "anser-compiling")
+_cache_hits: list[int] = []
+"""Thread of each program that JAX's persistent cache supplied."""
+_executor = ThreadPoolExecutor(2, "anser-compiling")
 _CODE_MAX = 72 << 20
-"""Bytes of code of all programs of the process; loaded they take some twenty times as much memory."""
+"""Greatest total code size of a process, bytes; loaded programs take about twenty times as much memory."""
 _REGIONS_SHARE_MAX = 0.5
 _LARGE = 4 << 20
 _LOG = logging.getLogger(__name__)
 _uses = itertools.count()
-_releasing = threading.Lock()
-_loading = threading.Lock()
-_changing = threading.Lock()
-_compiling: list[float] = []
+_release_lock = threading.Lock()
+_load_lock = threading.Lock()
+_setting_lock = threading.Lock()
+_former_minimums: list[float] = []
 
 
 @functools.cache
 def _listen() -> None:
     jax.monitoring.register_event_listener(
-        lambda event, **_: _hits.append(threading.get_ident()) if event == _HIT else None
+        lambda event, **_: _cache_hits.append(threading.get_ident()) if event == _HIT else None
     )
 
 
 @contextlib.contextmanager
-def _kept_by_the_store() -> Iterator[None]:
-    """What is compiled here, in whatever thread, is kept once, in the store, and not in JAX's own cache."""
+def _bypass_jax_cache() -> Iterator[None]:
+    """Disable JAX's persistent cache, in every thread, for programs that go into the program store."""
     setting = "jax_persistent_cache_min_compile_time_secs"
-    with _changing:
-        _compiling.append(getattr(jax.config, setting))
+    with _setting_lock:
+        _former_minimums.append(getattr(jax.config, setting))
         jax.config.update(setting, math.inf)
     try:
         yield
     finally:
-        with _changing:
-            # The last one out puts back what the first one found.
-            found = _compiling.pop(0) if len(_compiling) == 1 else _compiling.pop(1)
-            jax.config.update(setting, found)
+        with _setting_lock:
+            # The first entry is the original setting: the last of concurrent blocks to end restores it.
+            former_minimum = _former_minimums.pop(0) if len(_former_minimums) == 1 else _former_minimums.pop(1)
+            jax.config.update(setting, former_minimum)
 
 
-def _compiled(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
-    """The program, and whether it can be kept: XLA cannot serialize one again that came out of JAX's own cache."""
+def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
+    """Compile, and report whether the program is serializable: XLA cannot serialize programs from JAX's cache."""
     _listen()
-    own = threading.get_ident()
-    before = _hits.count(own)
-    with _kept_by_the_store():
-        return lowered.compile(options or None), _hits.count(own) == before
+    thread = threading.get_ident()
+    former_hits = _cache_hits.count(thread)
+    with _bypass_jax_cache():
+        return lowered.compile(options or None), _cache_hits.count(thread) == former_hits
 
 
 def _load(executable: Executable, result: Any, size: int) -> _LoadedProgram:
-    """Load a program of `size` bytes, whose result has `jax.ShapeDtypeStruct` in the place of arrays."""
-    # Loading takes as much memory again as the loaded program.
-    with _loading if size > _LARGE else contextlib.nullcontext():
-        _make_room(size)
+    """Load a program of `size` bytes; its result has `jax.ShapeDtypeStruct` in place of arrays."""
+    # Loading takes as much extra memory as the loaded program.
+    with _load_lock if size > _LARGE else contextlib.nullcontext():
+        _release_oldest(size)
         program = load_executable(executable, filter(_is_shape, jax.tree.leaves(result)))
         if size > _LARGE:
             return_freed_memory()
@@ -232,69 +232,70 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=getattr(array, "weak_type", False))
 
 
-def _returning(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
-    """Call a compiled program of arrays and put its arrays into the structure of the result."""
+def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
+    """Wrap a compiled program of flat arrays, so that the result has its original structure."""
     leaves, structure = jax.tree.flatten(result)
-    places = [k for k, leaf in enumerate(leaves) if _is_shape(leaf)]
+    array_indices = [k for k, leaf in enumerate(leaves) if _is_shape(leaf)]
 
     def call(arrays: list[Any]) -> Any:
-        filled = list(leaves)
-        for place, array in zip(places, compiled(arrays), strict=True):
-            filled[place] = array
-        return structure.unflatten(filled)
+        result_leaves = list(leaves)
+        for index, array in zip(array_indices, compiled(arrays), strict=True):
+            result_leaves[index] = array
+        return structure.unflatten(result_leaves)
 
     return call
 
 
 class PreparedProgram:
-    """A program that is loaded or compiled beside other work: what is kept at once, what is not from `begin` on.
+    """A program loaded or compiled in the background: loading starts at once, compiling on `start`.
 
     Attributes
     ----------
     shapes
-        What the program gives, with `jax.ShapeDtypeStruct` in the place of arrays.
+        Result of the program, with `jax.ShapeDtypeStruct` in place of arrays.
     size
-        Bytes of its code; 0 until it is there.
-    used
-        Number of its last use, counted over all programs.
+        Code size, bytes; 0 until loaded or compiled.
+    last_use
+        Counter value at the last use; the counter is common to every program.
     """
 
     def __init__(self, shapes: Any, make: Callable[[], _LoadedProgram], *, compiles: bool) -> None:
-        self.shapes, self._made, self._compiles, self._begun = shapes, make, compiles, False
+        self.shapes, self._make, self._compiles, self._started = shapes, make, compiles, False
         self.size, self.last_use = 0, next(_uses)
         if not compiles:
             self.start()
 
     def start(self) -> "PreparedProgram":
-        """Have it made, in a thread of its own."""
-        if not self._begun:
-            self._made, self._begun = _beside.submit(self._made).result, True
+        """Start compiling in a background thread."""
+        if not self._started:
+            self._make, self._started = _executor.submit(self._make).result, True
         return self
 
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:
-        """The program, as soon as it is there: arrays in, result out."""
-        with _announced() if self._compiles else contextlib.nullcontext():
-            made = self._made()
-        self._made, self._begun = (lambda: made), True  # the arrays that it was made for go
-        self.size = made[1]
-        return _returning(made[0], self.shapes)
+        """The compiled function of a list of arrays; waits for the compilation."""
+        with _announce() if self._compiles else contextlib.nullcontext():
+            loaded = self._make()
+        self._make, self._started = (lambda: loaded), True  # releases the arrays of the first call
+        self.size = loaded[1]
+        return _restore_structure(loaded[0], self.shapes)
 
 
 class Program(Generic[_P, _R]):
-    """A function of arrays, compiled for each structure, shape and static value of its arguments.
+    """A function of arrays, compiled for each combination of structure, shapes and static arguments.
 
-    With a store in use (`use_program_store`), what another process compiled is neither traced nor compiled again.
-    Within another compiled function or a derivative it is a part of that one.
+    With an active store (`use_program_store`), programs compiled by another process are neither traced nor compiled
+    again. Inside another compiled function or a derivative, the function is inlined.
 
     Parameters
     ----------
     function
-        Pure.
+        Pure function.
     options
-        Gives the compiler's options when they are first needed.
+        Returns the compiler options; called on first use.
     static_argnames
-        Names of static arguments, as of `jax.jit`: all others are traced. None: all that are no arrays are static.
+        Names of static arguments, as in `jax.jit`; other arguments are traced. None: every argument without arrays is
+        static.
     """
 
     def __init__(
@@ -309,8 +310,8 @@ class Program(Generic[_P, _R]):
         _programs.add(self)
 
     @functools.cached_property
-    def _within(self) -> Callable[..., Any]:
-        """Part of another compiled function: JAX takes compiler options for the outermost one only."""
+    def _inner_function(self) -> Callable[..., Any]:
+        """Function for use inside another compiled function; JAX takes compiler options for the outermost only."""
         if self._static is None:
             return eqx.filter_jit(self._function)
         return jax.jit(self._function, static_argnames=self._static)
@@ -324,94 +325,94 @@ class Program(Generic[_P, _R]):
         return self.ready(*args, **kwargs)()
 
     def ready(self, *args: _P.args, **kwargs: _P.kwargs) -> Callable[[], _R]:
-        """Have the program for such arguments compiled; what is returned calls it with these ones."""
+        """Compile the program for the arguments, and return a function without arguments that calls the program."""
         traced = any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((args, kwargs)))
         if traced or jax.config.jax_disable_jit or jax.config.jax_debug_nans:  # pyright: ignore[reportAttributeAccessIssue]
-            return functools.partial(self._within, *args, **kwargs)
-        arrays, static = self._parted(args, kwargs)
-        prepared = self._known(arrays, static)
+            return functools.partial(self._inner_function, *args, **kwargs)
+        arrays, static = self._split_arguments(args, kwargs)
+        prepared = self._find(arrays, static)
         if prepared is None:
-            with _announced():
-                return functools.partial(self._prepared(arrays, static).function, arrays)
+            with _announce():
+                return functools.partial(self._find_or_trace(arrays, static).function, arrays)
         return functools.partial(prepared.function, arrays)
 
     def prepare(self, *args: Any, **kwargs: Any) -> PreparedProgram:
-        """Begin with the program for arguments of such shapes: `jax.ShapeDtypeStruct` may stand for arrays."""
-        return self._prepared(*self._parted(args, kwargs))
+        """Prepare the program for the shapes of the arguments; `jax.ShapeDtypeStruct` may replace arrays."""
+        return self._find_or_trace(*self._split_arguments(args, kwargs))
 
     def forget(self) -> None:
-        """Give up what is compiled."""
+        """Drop the compiled programs."""
         self._ready.clear()
 
     def release(self, key: Any) -> None:
-        """Give up the program of a key of `__iter__`; whoever is calling it still has it."""
+        """Drop the program of a key from `__iter__`; running calls keep the program alive."""
         self._ready.pop(key, None)
 
     def __iter__(self) -> Iterator[tuple[Any, PreparedProgram]]:
-        """What is compiled, with its key."""
+        """Iterate over keys and compiled programs."""
         return iter(list(self._ready.items()))
 
-    def _parted(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
-        """Array leaves of the arguments; structure and everything else, hashable."""
+    def _split_arguments(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
+        """Return the array leaves of the arguments, and the hashable rest: structure and static leaves."""
         if self._static is None:
             leaves, structure = jax.tree.flatten((args, kwargs))
-            return [one for one in leaves if _is_array(one)], (
+            return [leaf for leaf in leaves if _is_array(leaf)], (
                 structure,
-                tuple(_Hole if _is_array(one) else one for one in leaves),
+                tuple(_ArrayMarker if _is_array(leaf) else leaf for leaf in leaves),
             )
-        named = self._signature.bind(*args, **kwargs).arguments
-        # Numbers of Python become weakly typed arrays, as by `jax.jit`.
+        arguments = self._signature.bind(*args, **kwargs).arguments
+        # Python numbers become weakly typed arrays, as in `jax.jit`.
         traced = {
             name: jax.tree.map(lambda leaf: leaf if _is_array(leaf) else jnp.asarray(leaf), value)
-            for name, value in named.items()
+            for name, value in arguments.items()
             if name not in self._static
         }
         leaves, structure = jax.tree.flatten(traced)
-        return leaves, (structure, tuple((name, named[name]) for name in self._static if name in named))
+        return leaves, (structure, tuple((name, arguments[name]) for name in self._static if name in arguments))
 
-    def _arguments(self, arrays: Sequence[Any], static: tuple[Any, tuple[Any, ...]]) -> tuple[Any, Any]:
-        structure, rest = static
+    def _join_arguments(self, arrays: Sequence[Any], static: tuple[Any, tuple[Any, ...]]) -> tuple[Any, Any]:
+        structure, static_leaves = static
         if self._static is None:
-            left = iter(arrays)
-            return structure.unflatten([next(left) if one is _Hole else one for one in rest])
-        return (), structure.unflatten(arrays) | dict(rest)
+            remaining = iter(arrays)
+            return structure.unflatten([next(remaining) if leaf is _ArrayMarker else leaf for leaf in static_leaves])
+        return (), structure.unflatten(arrays) | dict(static_leaves)
 
     def _key(self, arrays: list[Any], static: tuple[Any, Any], options: dict[str, bool | str]) -> str | None:
-        """Name of the program for such arguments in a store; None: it cannot be kept."""
+        """Return the store key of the program for the given arguments, or None if the program cannot be stored."""
         try:
-            return program_key((self._function, self._arguments(list(map(_shape_of, arrays)), static), options))
+            return program_key((self._function, self._join_arguments(list(map(_shape_of, arrays)), static), options))
         except NotCacheableError:
             return None
 
-    def _prepared(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram:
-        """The program for such arguments: known, or traced to be compiled and put into the store."""
-        prepared = self._known(arrays, static)
+    def _find_or_trace(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram:
+        """Return the program for the given arguments, from memory or the store, or newly traced for compilation."""
+        prepared = self._find(arrays, static)
         if prepared is None:
-            with _announced():
-                prepared = PreparedProgram(*self._compiling(arrays, static), compiles=True)
-            self._ready[self._called(arrays, static)] = prepared
+            with _announce():
+                prepared = PreparedProgram(*self._trace_and_lower(arrays, static), compiles=True)
+            self._ready[self._call_key(arrays, static)] = prepared
         return prepared
 
-    def _called(self, arrays: list[Any], static: tuple[Any, Any]) -> Any:
-        shapes = tuple((one.shape, one.dtype, getattr(one, "weak_type", False)) for one in arrays)
+    def _call_key(self, arrays: list[Any], static: tuple[Any, Any]) -> Any:
+        shapes = tuple((array.shape, array.dtype, getattr(array, "weak_type", False)) for array in arrays)
         return static, shapes, jax_settings()
 
-    def _known(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """The program for such arguments that this process has, or the store; None: neither."""
-        called = self._called(arrays, static)
-        known = self._ready.get(called)
-        if known is None:
+    def _find(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
+        """Return the program for the given arguments from memory or the store, or None."""
+        key = self._call_key(arrays, static)
+        prepared = self._ready.get(key)
+        if prepared is None:
             limit_memory_regions()
-            known = self._kept(arrays, static)
-            if known is None:
+            prepared = self._load_stored(arrays, static)
+            if prepared is None:
                 return None
-            self._ready[called] = known
-        known.last_use = next(_uses)
-        return known
+            self._ready[key] = prepared
+        prepared.last_use = next(_uses)
+        return prepared
 
-    def _kept(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
-        """What is kept of the program; None: nothing. Whatever is wrong with it, it is made anew."""
-        store = _in_use[0] if _in_use else None
+    def _load_stored(self, arrays: list[Any], static: tuple[Any, Any]) -> PreparedProgram | None:
+        """Return the program from the store, or None if missing or invalid."""
+        store = _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static, self._options())
         content = store.load(key) if store is not None and key is not None else None
         if content is None:
@@ -422,28 +423,32 @@ class Program(Generic[_P, _R]):
             def load_or_compile() -> _LoadedProgram:
                 with contextlib.suppress(Exception):
                     return _load(parts, shapes, size)
-                return self._compiling(arrays, static)[1]()
+                return self._trace_and_lower(arrays, static)[1]()
 
             return PreparedProgram(shapes, load_or_compile, compiles=False)
         return None
 
-    def _compiling(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _LoadedProgram]]:
-        """What the program gives, traced and lowered; what compiles it and puts it into the store."""
+    def _trace_and_lower(self, arrays: list[Any], static: tuple[Any, Any]) -> tuple[Any, Callable[[], _LoadedProgram]]:
+        """Trace and lower the program; return the shapes of the result, and a function that compiles and stores it."""
         results: list[Any] = []
         function: Callable[..., Any] = self._function
 
         def flat(arrays: list[Any]) -> list[Any]:
-            args, kwargs = self._arguments(arrays, static)
+            args, kwargs = self._join_arguments(arrays, static)
             leaves, structure = jax.tree.flatten(function(*args, **kwargs))
             results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
-        lowered, options, store = jax.jit(flat).lower(arrays), self._options(), _in_use[0] if _in_use else None
+        lowered, options, store = (
+            jax.jit(flat).lower(arrays),
+            self._options(),
+            _active_stores[0] if _active_stores else None,
+        )
         key = None if store is None else self._key(arrays, static, options)
         shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
         def make() -> _LoadedProgram:
-            # Parts of a user's own are traced in each process; what they compile to is kept by its operations.
+            # Code from outside the package is traced in each process, and stored under a key of its operations.
             store_key = key
             if store is not None and key is None:
                 with contextlib.suppress(NotCacheableError):
@@ -454,15 +459,15 @@ class Program(Generic[_P, _R]):
                     executable, stored_shapes = unpack_program(content, argument_count)
                     if stored_shapes == shapes:
                         return _load(executable, shapes, len(content))
-            compiled, whole = _compiled(lowered, options)
+            compiled, whole = _compile_serializable(lowered, options)
             content = b""
             if whole:
-                # Some cannot be serialized, such as those that call back into Python.
+                # Programs that call back into Python, among others, cannot be serialized.
                 with contextlib.suppress(Exception):
                     content = pack_program(compiled, shapes if key is None else results[0])
             if store is not None and store_key is not None and content:
                 store.save(store_key, content)
-            _make_room(len(content))
+            _release_oldest(len(content))
             return_freed_memory()
             return compiled, len(content)
 

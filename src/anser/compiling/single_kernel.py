@@ -1,6 +1,6 @@
-"""Compiling small arithmetic as one kernel.
+"""Compilation of small arithmetic as one CPU kernel.
 
-XLA makes hundreds of kernels of one step of a small fleet, and a CPU takes longer to dispatch them than to compute.
+XLA divides a step of a small fleet into hundreds of kernels, and dispatching the kernels takes longer than computing.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,8 +13,8 @@ from jax.experimental.xla_metadata import set_xla_metadata
 from jax.extend.core import ClosedJaxpr, Jaxpr, jaxpr_as_fun
 
 COMPUTED_MAX, MOVED_MAX = 320, 16_384
-"""Elements of the largest array that is computed, or only moved, within one kernel. XLA divides larger ones among cores
-(from 256 KiB on, or 200,000 operations), and cannot do that within a kernel: it ends with an internal fault."""
+"""Greatest sizes of computed arrays and of arrays that are only moved, elements, within one kernel. XLA divides larger
+arrays (from 256 KiB or 200,000 operations) among cores; inside a kernel that division ends with an internal fault."""
 _MOVES = frozenset(
     """
     broadcast_in_dim concatenate convert_element_type copy copy_p custom_jvp_call custom_vmap_call dynamic_slice
@@ -31,19 +31,19 @@ _ARITHMETIC = frozenset(
     sign sin sinh sqrt square stop_gradient sub tan tanh threefry2x32 xor
     """.split()  # noqa: SIM905
 )
-"""Primitives that XLA's CPU compiler never hands to a library, which it cannot call from within a kernel either."""
+"""Primitives that XLA's CPU compiler never passes to a library; library calls within a kernel are not possible."""
 
 
 _tracing: ContextVar[bool] = ContextVar("tracing one kernel", default=False)
 
 
 def is_tracing_single_kernel() -> bool:
-    """Whether what is traced now is meant for one kernel: it can hold no condition, only selections."""
+    """Whether the code being traced may become one kernel, which allows selections but no conditions."""
     return _tracing.get()
 
 
 def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
-    """All equations, those of the programs within among them."""
+    """Yield the equations of a program and, recursively, of nested programs."""
     for equation in jaxpr.eqns:
         yield equation
         within = jax.tree.leaves(equation.params, is_leaf=lambda leaf: isinstance(leaf, Jaxpr | ClosedJaxpr))
@@ -53,7 +53,7 @@ def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
 
 
 def is_elementary(jaxpr: Jaxpr) -> bool:
-    """Whether a program is only arithmetic on small arrays, which XLA can compile as one kernel of a CPU."""
+    """Whether a program is pure arithmetic on small arrays, which XLA can compile as one CPU kernel."""
 
     def fits(equation: Any) -> bool:
         name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
@@ -63,27 +63,27 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The same function, compiled as one kernel where it can be: on a CPU, and if it `is_elementary`.
+    """Compile a function as one kernel if possible: on a CPU, and if `is_elementary` holds; otherwise as usual.
 
-    To be called while a larger function is traced, which must not be batched afterwards: what was small would be large
-    then.
+    Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
+    become large.
     """
 
     def call(*args: Any) -> Any:
         if jax.default_backend() != "cpu":
             return function(*args)
-        before = _tracing.set(True)
+        token = _tracing.set(True)
         try:
-            traced, shapes, rest = eqx.filter_make_jaxpr(function)(*args)
+            traced, shapes, static_result = eqx.filter_make_jaxpr(function)(*args)
         finally:
-            _tracing.reset(before)
+            _tracing.reset(token)
         program, arrays = jaxpr_as_fun(traced), jax.tree.leaves(eqx.filter(args, eqx.is_array))
         if is_elementary(traced.jaxpr):
-            # XLA's own attributes of a call, with which it marks the small loops that it makes one kernel itself.
+            # XLA attributes of calls that become one kernel; XLA sets them on small loops.
             with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
-                found = jax.jit(program)(*arrays)
+                results = jax.jit(program)(*arrays)
         else:
-            found = program(*arrays)
-        return eqx.combine(jax.tree.unflatten(jax.tree.structure(shapes), found), rest)
+            results = program(*arrays)
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(shapes), results), static_result)
 
     return call

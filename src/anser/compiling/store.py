@@ -1,4 +1,4 @@
-"""Compiled programs on disk."""
+"""Folder of compiled programs on disk."""
 
 import contextlib
 import hashlib
@@ -10,24 +10,24 @@ import time
 from pathlib import Path
 
 _MARK = b"anser program 2\n"
-_LEFT_S = 3600.0  # age of a half-written file whose process must have ended
-_READING = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_ABANDONED_S = 3600.0  # age of an unfinished file from which an ended process is inferred
+_OPEN_FLAGS = os.O_RDONLY | sum(getattr(os, flag, 0) for flag in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 _LOG = logging.getLogger(__name__)
 
 
 class FolderStore:
-    """Programs in a folder, one file each: written whole or not at all, the oldest given up beyond a size.
+    """Programs in a folder, one file per program, written atomically; the oldest are deleted above a total size.
 
-    A folder that cannot be read or written, or a full disk, costs time only. A file that is damaged, or that was saved
-    under another key, counts as none. Code is loaded only where no other user could have put it: a folder or file that
-    is not the user's, or that others may write, is not used, which one caution says.
+    An unreadable or unwritable folder, or a full disk, costs time only. A damaged file, or a file saved under another
+    key, is ignored. For security, code is loaded only from a folder and files that belong to the user and that other
+    users cannot write; otherwise a warning is logged once.
 
     Attributes
     ----------
     folder
-        May not exist yet.
+        Folder of the programs, created on the first save.
     size_max
-        Of all files together, bytes.
+        Greatest total size, bytes.
     """
 
     _reported: set[Path] = set()  # noqa: RUF012 - of the process: each place once
@@ -36,34 +36,34 @@ class FolderStore:
         self.folder, self.size_max = folder, size_max
 
     def files(self) -> list[Path]:
-        """The programs, those used last at the end."""
-        found = []
+        """Return the program files, most recently used last."""
+        dated_paths = []
         with contextlib.suppress(OSError):
             for path in self.folder.glob("*.program"):
                 with contextlib.suppress(OSError):
-                    found.append((path.lstat().st_mtime_ns, path))
-        return [path for _, path in sorted(found)]
+                    dated_paths.append((path.lstat().st_mtime_ns, path))
+        return [path for _, path in sorted(dated_paths)]
 
     def load(self, key: str) -> bytes | None:
-        """Content that was saved under a key; None where there is none, or none that is whole."""
+        """Return the content saved under a key, or None if missing or damaged."""
         if not self._trusted_folder():
             return None
         path = self.folder / f"{key}.program"
-        held, reason = _read_trusted(path)
+        data, reason = _read_trusted(path)
         if reason:
             self._report(path, reason)
-        if held is None:
+        if data is None:
             return None
         start = len(_MARK) + 32
-        content = held[start:]
-        if held[:start] != _head(key, content):
+        content = data[start:]
+        if data[:start] != _header(key, content):
             return None
         with contextlib.suppress(OSError):
             os.utime(path)
         return content
 
     def save(self, key: str, content: bytes) -> None:
-        """Keep content under a key, if the folder takes it."""
+        """Save content under a key; an unwritable folder is ignored."""
         with contextlib.suppress(OSError):
             self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not self._trusted_folder():
@@ -71,7 +71,7 @@ class FolderStore:
             handle, name = tempfile.mkstemp(dir=self.folder, prefix=".new-")
             try:
                 with os.fdopen(handle, "wb") as file:
-                    file.write(_head(key, content) + content)
+                    file.write(_header(key, content) + content)
                 Path(name).replace(self.folder / f"{key}.program")
             except OSError:
                 Path(name).unlink(missing_ok=True)
@@ -79,7 +79,7 @@ class FolderStore:
             self._shrink()
 
     def distrust_reason(self) -> str | None:
-        """Why the folder is not used; None: it is used, or does not exist yet."""
+        """Return the reason for not using the folder, or None if the folder is trusted or does not exist."""
         try:
             return _distrust_reason(self.folder.stat(), folder=True)
         except OSError:
@@ -105,26 +105,26 @@ class FolderStore:
             path.unlink(missing_ok=True)
             total -= size
         for path in self.folder.glob(".new-*"):
-            if time.time() - path.lstat().st_mtime > _LEFT_S:
+            if time.time() - path.lstat().st_mtime > _ABANDONED_S:
                 path.unlink(missing_ok=True)
 
     def clear(self) -> int:
-        """Delete all programs, and what an interrupted process left; how many programs it were."""
+        """Delete the programs and the leftovers of interrupted processes; return the number of deleted programs."""
         count = len(self.files())
         for path in [*self.folder.glob("*.program"), *self.folder.glob(".new-*")]:
             path.unlink(missing_ok=True)
         return count
 
 
-def _head(key: str, content: bytes) -> bytes:
-    """What stands before the content: it is whole, and the content of no other key."""
+def _header(key: str, content: bytes) -> bytes:
+    """Return the header of a file: a hash of key and content, for verification on loading."""
     return _MARK + hashlib.sha256(key.encode() + b"\0" + content).digest()
 
 
 def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | None:
-    """Why a file or folder may be another user's; None: it is the user's alone.
+    """Return the reason why another user could have written a file or folder, or None if only the user could.
 
-    On Windows nothing is distrusted: the cache lies in the user's profile, which is closed to other users.
+    On Windows every file is trusted: the cache lies in the user's profile, closed to other users.
     """
     if stat.S_IFMT(status.st_mode) != (stat.S_IFDIR if folder else stat.S_IFREG):
         return "it is no folder" if folder else "it is no regular file"
@@ -138,9 +138,9 @@ def _distrust_reason(status: os.stat_result, *, folder: bool = False) -> str | N
 
 
 def _read_trusted(path: Path) -> tuple[bytes | None, str | None]:
-    """Content of a file; without it, why the file is distrusted, or nothing where it cannot be read at all."""
+    """Return the content of a file (None if unreadable or distrusted) and the reason for distrust, if any."""
     try:
-        handle = os.open(path, _READING)
+        handle = os.open(path, _OPEN_FLAGS)
     except OSError:
         return None, "it is a link" if path.is_symlink() else None
     try:

@@ -1,4 +1,4 @@
-"""The air as a function of altitude: the interface, and the U.S. Standard Atmosphere 1976."""
+"""Atmosphere models: the interface, and the U.S. Standard Atmosphere 1976."""
 
 import abc
 import math
@@ -22,7 +22,7 @@ AIR_GAS_CONSTANT_J_KG_K = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
 
 
 class Air(eqx.Module):
-    """State of the air at one place: density kg/m^3, pressure Pa, temperature K, speed of sound m/s."""
+    """Local state of the air: density kg/m^3, pressure Pa, temperature K, speed of sound m/s."""
 
     density: Scalar
     pressure: Scalar
@@ -31,7 +31,7 @@ class Air(eqx.Module):
 
 
 class AbstractAtmosphere(eqx.Module):
-    """The air over the Earth, as far as it depends on altitude only."""
+    """An atmosphere that depends on altitude only."""
 
     @abc.abstractmethod
     def at(self, altitude: ScalarLike) -> Air:
@@ -41,10 +41,9 @@ class AbstractAtmosphere(eqx.Module):
 class StandardAtmosphere(AbstractAtmosphere):
     """U.S. Standard Atmosphere 1976, geometric altitudes from -5 km to 86 km.
 
-    Outside that range, which `is_within_atmosphere` reports, the air stays defined and harmless: below -5 km it is that
-    of -5 km, above 86 km (84.852 km geopotential) it goes on at the last temperature with exponentially falling
-    pressure.
-    The temperature is the molecular-scale one; the standard's kinetic temperature parts from it above 80 km only, by
+    Outside this range, reported by `is_within_atmosphere`, the air stays well defined: below -5 km it is the air at -5
+    km; above 86 km (84.852 km geopotential) the temperature is constant and the pressure falls exponentially. The
+    temperature is the molecular-scale temperature; the kinetic temperature of the standard differs above 80 km only, by
     up to 0.04 %.
     """
 
@@ -56,11 +55,9 @@ class StandardAtmosphere(AbstractAtmosphere):
         altitude
             Geometric altitude above mean sea level, m.
 
-        Returns
-        -------
-        Air of the standard day. Pressure and temperature are continuous over all altitudes; at a layer's base, where
-        their slopes differ on the two sides, the layer above counts. Source: theory section 3; [USSA76] eq. (23),
-        (33a), (33b), (42), (50).
+        Returns ------- Air of the standard day. Pressure and temperature are continuous in altitude; at the base of a
+        layer, where the slopes are discontinuous, derivatives are those of the layer above. Source: theory section 3;
+        [USSA76] eq. (23), (33a), (33b), (42), (50).
         """
         h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), _LOWEST_M))
         layer = jnp.asarray(_LAYERS, h.dtype)[jnp.sum(h >= jnp.asarray(_BASES_M[1:], h.dtype))]
@@ -103,17 +100,17 @@ _LAPSES_K_M = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
 
 
 def _layers() -> np.ndarray:
-    """Each layer's constants in one row, for one gather; bases chained from sea level, so that p is continuous."""
+    """Constants of each layer in a row, for one gather; base pressures are chained from sea level for continuity."""
     hydrostatic = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K
-    rows = []
+    layers = []
     temperature, pressure = SEA_LEVEL_TEMPERATURE_K, SEA_LEVEL_PRESSURE_PA
     for base, top, lapse in zip(_BASES_M, [*_BASES_M[1:], _BASES_M[-1]], _LAPSES_K_M, strict=True):
         power, decay = (hydrostatic / lapse, 0.0) if lapse else (0.0, hydrostatic / temperature)
-        rows.append([base, temperature, lapse, lapse / temperature, pressure, power, decay])
+        layers.append([base, temperature, lapse, lapse / temperature, pressure, power, decay])
         thickness = top - base
         pressure *= math.exp(-power * math.log1p(lapse / temperature * thickness) - decay * thickness)
         temperature += lapse * thickness
-    return np.array(rows)
+    return np.array(layers)
 
 
 _LAYERS = _layers()

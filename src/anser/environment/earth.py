@@ -1,6 +1,6 @@
-"""The Earth under a flight, flat or rotating and round.
+"""Earth models, flat or rotating and round.
 
-Gravity and gravitation, the local map, and the terms of the equations of motion in local axes.
+Gravity and gravitation, the local map (chart), and the terms of the equations of motion in local axes.
 """
 
 import abc
@@ -47,7 +47,7 @@ def somigliana(latitude: ScalarLike) -> Scalar:
 def gravitation_j2(
     position_e: Vector3, gravitational_parameter: ScalarLike, oblateness_j2: ScalarLike, equatorial_radius: ScalarLike
 ) -> Vector3:
-    """Gravitation of an oblate Earth, without the centrifugal acceleration of its rotation.
+    """Gravitation of an oblate Earth, without centrifugal acceleration.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def gravitation_j2(
     gravitational_parameter
         GM, m^3/s^2.
     oblateness_j2, equatorial_radius
-        J2 and the radius in m that it refers to; with J2 = 0 the Earth attracts as a point does.
+        J2 and its reference radius, m; J2 = 0 gives the field of a point mass.
 
     Returns
     -------
@@ -71,15 +71,15 @@ def gravitation_j2(
 
 
 class LocalEarth(eqx.Module):
-    """What the Earth means for motion at one place and velocity, in the local NED axes.
+    """Terms of the equations of motion at one position and velocity, in local NED axes.
 
     Attributes
     ----------
     gravity
         Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
     apparent_gravity_n
-        What a free body accelerates with, seen from the NED axes that travel with it: effective gravity less the
-        accelerations of Coriolis and of the turning axes, m/s^2.
+        Acceleration of a free body relative to the travelling NED axes: effective gravity less the Coriolis
+        acceleration and the acceleration of the turning axes, m/s^2.
     earth_rate_n
         Angular velocity of the Earth, rad/s.
     transport_rate_n
@@ -96,7 +96,7 @@ class LocalEarth(eqx.Module):
 
 
 class AbstractEarth(eqx.Module):
-    """An Earth with a chart on it: places are (north, east, down) from an origin, m; down is minus the altitude."""
+    """An Earth with a chart (local map); positions are (north, east, down) from an origin, m; altitude is up."""
 
     @property
     @abc.abstractmethod
@@ -105,32 +105,30 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """What the Earth means at a place of the chart (3,), m, for a velocity over ground (3,), NED, m/s."""
+        """Terms of the equations of motion at a chart position (3,), m, for a velocity over ground (3,), NED, m/s."""
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Another point and its motion, as seen from a place.
+        """Line of sight to a second point, and the second point's velocity, seen from a position.
 
         Parameters
         ----------
         position_n, other_n
-            Places of the chart (3,), m.
+            Chart positions of the observer and of the second point (3,), m.
         other_velocity_n
-            Rate of change of the other's chart coordinates (3,), m/s.
+            Rate of change of the second point's chart coordinates (3,), m/s.
 
-        Returns
-        -------
-        Straight line from the place to the other (3,), m, and the other's velocity over ground (3,), m/s, both in the
-        NED axes of the place.
+        Returns ------- Straight line from the observer to the second point (3,), m, and the second point's velocity
+        over ground (3,), m/s, both in the NED axes of the observer.
         """
 
     @abc.abstractmethod
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Place and rate in the chart of a point seen from a place: the inverse of `sight`."""
+        """Chart position and rate of a point seen from a position: the inverse of `sight`."""
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with the same gravity everywhere (theory section 2).
+    """A flat Earth at rest with uniform gravity (theory section 2).
 
     Attributes
     ----------
@@ -146,7 +144,7 @@ class FlatEarth(AbstractEarth):
         return self.gravity
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Gravity down and nothing else; the chart is the plane itself."""
+        """Gravity along down only; the chart is the plane itself."""
         zero = jnp.zeros_like(self.gravity)
         return LocalEarth(
             gravity=self.gravity,
@@ -157,33 +155,34 @@ class FlatEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Difference of the places; velocity as it is."""
+        """Difference of the positions; unchanged velocity."""
         return other_n - position_n, other_velocity_n
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Sum of place and line; velocity as it is."""
+        """Sum of position and line; unchanged velocity."""
         return position_n + line_n, velocity_n
 
 
 class RotatingEarth(AbstractEarth):
     """A rotating ellipsoid (or sphere) with the gravitation of an oblate body.
 
-    The chart is the flat-Earth map of theory section 1 around a reference, taken exactly (`geodetic_from_flat`): its
-    coordinates are functions of longitude, of latitude and of height alone. Its scale departs from 1 by about the
-    distance over the Earth's radius, and tan(latitude) times that, which `chart_scale` accounts for. It has one place
-    for each of the Earth's; what follows from a place is right everywhere. But neighbours across a pole or the meridian
-    opposite to the origin are far apart in it, so that no path may be planned across those.
+    The chart is the flat-Earth map of theory section 1 around a reference, without approximation
+    (`geodetic_from_flat`): its coordinates are functions of longitude, of latitude and of height alone. Its scale
+    differs from 1 by about the distance over the Earth's radius, also times tan(latitude); `chart_scale` accounts for
+    the difference. The map is one-to-one and quantities at a position are exact everywhere. Neighbours across a pole or
+    across the meridian opposite to the origin are far apart in the chart, so no path may be planned across a pole or
+    that meridian.
 
     Attributes
     ----------
     ellipsoid
-        Figure of the Earth; altitudes are heights above it.
+        Figure of the Earth; altitudes are heights above the ellipsoid.
     rotation_rate
-        About the polar axis, rad/s.
+        Rotation rate about the polar axis, rad/s.
     gravitational_parameter, oblateness_j2
         GM, m^3/s^2, and J2.
     latitude, longitude
-        Geodetic place of the chart's origin at height 0, rad; not a pole.
+        Geodetic coordinates of the chart's origin at height 0, rad; not a pole.
     """
 
     ellipsoid: Ellipsoid
@@ -200,15 +199,15 @@ class RotatingEarth(AbstractEarth):
         return self.local_earth(zero, zero).gravity
 
     def geodetic(self, position_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-        """Latitude and longitude, rad, and height, m, of a place of the chart."""
+        """Latitude and longitude, rad, and height, m, of a chart position."""
         return geodetic_from_flat(position_n, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
     def ecef_from_chart(self, position_n: Vector3) -> Vector3:
-        """Earth-fixed position (3,), m, of a place of the chart."""
+        """Earth-fixed position (3,), m, of a chart position."""
         return ecef_from_geodetic(*self.geodetic(position_n), self.ellipsoid)
 
     def chart_from_ecef(self, position_e: Vector3) -> Vector3:
-        """Place in the chart (3,), m, of an Earth-fixed position, m."""
+        """Chart position (3,), m, of an Earth-fixed position, m."""
         lat, lon, h = geodetic_from_ecef(position_e, self.ellipsoid)
         return flat_from_geodetic(lat, lon, h, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
@@ -222,7 +221,7 @@ class RotatingEarth(AbstractEarth):
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Effective gravity, Coriolis acceleration, the turning of the axes and the chart's scale.
+        """Effective gravity, Coriolis acceleration, rotation of the axes and the chart's scale.
 
         Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
         """
@@ -251,14 +250,14 @@ class RotatingEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Straight line through space and velocity over ground, both turned into the place's axes."""
+        """Straight line through space and velocity over ground, both in the observer's axes."""
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
         velocity_n = other_velocity_n / self.local_earth(other_n, jnp.zeros_like(other_n)).chart_scale
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Place and rate in the chart of what stands at the end of a straight line."""
+        """Chart position and rate of the endpoint of a straight line."""
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
@@ -270,16 +269,16 @@ class RotatingEarth(AbstractEarth):
 
 
 def wgs84_earth(latitude: ScalarLike, longitude: ScalarLike) -> RotatingEarth:
-    """Rotating WGS-84 Earth with J2 gravitation, its chart around a geodetic place (rad)."""
+    """Rotating WGS-84 Earth with J2 gravitation, with the chart around a geodetic position (rad)."""
     return _earth(WGS84_A_M, WGS84_F, EARTH_ROTATION_RAD_S, EARTH_J2, latitude, longitude)
 
 
 def spherical_earth(
     radius: ScalarLike, latitude: ScalarLike, longitude: ScalarLike, rotation_rate: ScalarLike = 0.0
 ) -> RotatingEarth:
-    """Spherical Earth of a radius in m with inverse-square gravitation, at rest unless it rotates (rad/s).
+    """Spherical Earth of a radius in m with inverse-square gravitation, by default not rotating (rad/s).
 
-    The chart's origin is a geodetic place in rad. Source: [NESC] cases 4 and 5.
+    The chart's origin is a geodetic position in rad. Source: [NESC] cases 4 and 5.
     """
     return _earth(radius, 0.0, rotation_rate, 0.0, latitude, longitude)
 

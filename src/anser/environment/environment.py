@@ -1,4 +1,4 @@
-"""The surroundings of a flight: wind fields, and the atmosphere, the wind and the Earth together."""
+"""Environment of a flight: wind fields, and atmosphere, wind and Earth combined."""
 
 import abc
 
@@ -15,7 +15,7 @@ from anser.units import DEG_RAD
 
 
 class AbstractWind(eqx.Module):
-    """A wind field: the velocity of the air at a place and time."""
+    """A wind field: the velocity of the air at a position and time."""
 
     @abc.abstractmethod
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
@@ -23,44 +23,44 @@ class AbstractWind(eqx.Module):
 
 
 class SteadyWind(AbstractWind):
-    """The same wind everywhere and always.
+    """A uniform, constant wind.
 
     Attributes
     ----------
     velocity_n
-        Velocity of the air (3,), NED, m/s: where the air moves to.
+        Velocity of the air (3,), NED, m/s: the direction toward which the air moves.
     """
 
     velocity_n: Vector3
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s; position and time make no difference."""
+        """Velocity of the air (3,), NED, m/s; position and time are ignored."""
         return self.velocity_n
 
 
 class LayeredWind(AbstractWind):
-    """Wind that changes with altitude, the same at all times and over the whole ground: a shear profile.
+    """Wind profile over altitude, constant in time and horizontally uniform.
 
     Attributes
     ----------
     altitudes
         Geometric altitudes (layer,), m, rising.
     velocities_n
-        Velocity of the air there (layer, 3), local NED, m/s; linear in between, and beyond the lowest and highest
-        altitude that of the end.
+        Velocity of the air at the altitudes (layer, 3), local NED, m/s; linear in between, and constant below the
+        lowest and above the highest altitude.
     """
 
     altitudes: Float[Array, " layer"]
     velocities_n: Float[Array, "layer 3"]
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s, at the altitude of a position; time makes no difference."""
+        """Velocity of the air (3,), NED, m/s, at the altitude of a position; time is ignored."""
         altitude = -position_n[2]
         return jnp.stack([jnp.interp(altitude, self.altitudes, self.velocities_n[:, k]) for k in range(3)])
 
 
 class VaryingWind(AbstractWind):
-    """Wind that changes with altitude and time, the same over the whole ground: soundings or forecasts in a row.
+    """Wind profile over altitude and time, horizontally uniform: a sequence of soundings or forecasts.
 
     Attributes
     ----------
@@ -69,8 +69,8 @@ class VaryingWind(AbstractWind):
     altitudes
         Geometric altitudes (layer,), m, rising.
     velocities_n
-        Velocity of the air then and there (t, layer, 3), local NED, m/s; linear in between in both, and beyond the
-        first and last time, the lowest and highest altitude that of the end.
+        Velocity of the air at the times and altitudes (t, layer, 3), local NED, m/s; linear in between, and constant
+        before the first and after the last time, below the lowest and above the highest altitude.
     """
 
     times: Float[Array, " t"]
@@ -84,23 +84,23 @@ class VaryingWind(AbstractWind):
 
 
 def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Weights of values at rising places: linear between two of them, that of the end beyond; one place has it all."""
+    """Weights of linear interpolation between rising breakpoints; constant beyond the first and last breakpoint."""
     parts = jnp.clip((at - breakpoints[:-1]) / (breakpoints[1:] - breakpoints[:-1]), 0.0, 1.0)
-    # each gap takes from the place below what it gives to the one above
+    # in each interval the weights of the lower and the upper breakpoint sum to 1
     return jnp.concatenate([jnp.ones_like(breakpoints[:1]), parts]) - jnp.concatenate(
         [parts, jnp.zeros_like(breakpoints[:1])]
     )
 
 
 def steady_wind_from_report(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s: ScalarLike = 0.0) -> SteadyWind:
-    """Steady wind in the terms of a weather report.
+    """Steady wind from the quantities of a weather report.
 
     Parameters
     ----------
     speed_m_s
         Horizontal speed, m/s.
     from_deg
-        Direction that the wind comes from, degrees clockwise from true north: 270 is a west wind, which moves east.
+        Direction from which the wind blows, degrees clockwise from true north: 270 is a west wind, moving east.
     up_m_s
         Vertical speed, m/s, up positive.
     """
@@ -110,16 +110,16 @@ def steady_wind_from_report(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s:
 
 
 class Environment(eqx.Module):
-    """Surroundings of a flight.
+    """Environment of a flight.
 
     Attributes
     ----------
     atmosphere
-        The air by altitude.
+        Air as a function of altitude.
     wind
-        The motion of the air.
+        Wind field.
     earth
-        The Earth, flat or round, with the chart on it that places refer to.
+        Flat or round Earth, with the chart (local map) in which positions are given.
     """
 
     atmosphere: AbstractAtmosphere
@@ -128,24 +128,24 @@ class Environment(eqx.Module):
 
     @property
     def gravity(self) -> Scalar:
-        """Effective gravity at the chart's origin, m/s^2: the one value that planning and scaling reckon with."""
+        """Effective gravity at the chart's origin, m/s^2: the constant used by planning and scaling."""
         return self.earth.gravity_at_origin
 
 
 def standard_environment(
     latitude: ScalarLike | None = None, wind_n: Vector3 | None = None, earth: AbstractEarth | None = None
 ) -> Environment:
-    """Put together the standard atmosphere, a steady wind and an Earth, flat unless another is given.
+    """Combine the standard atmosphere, a steady wind and an Earth, by default flat.
 
     Parameters
     ----------
     latitude
-        Geodetic latitude, rad, whose normal gravity acts on the flat Earth (`somigliana`). Without one it is standard
-        gravity, 9.80665 m/s^2, the value in the atmosphere's own hydrostatic law.
+        Geodetic latitude, rad, for the gravity of the flat Earth (`somigliana`). None: standard gravity,
+        9.80665 m/s^2, the value in the atmosphere's hydrostatic law.
     wind_n
-        Velocity of the air (3,), NED, m/s; still air without one.
+        Velocity of the air (3,), NED, m/s; None: still air.
     earth
-        Another Earth; `latitude` then counts for nothing.
+        Earth model instead of the flat Earth; `latitude` is then ignored.
     """
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(

@@ -1,7 +1,7 @@
-"""Shaping filters of turbulence: white noise in, gusts of a given spectrum out, exact from sample to sample.
+"""Shaping filters of turbulence: white noise in, gusts of a given spectrum out, exactly discretized.
 
-Time is counted in units of the scale over the airspeed, L/V, and gusts in units of their intensity; so the filters
-hold while airspeed, height and intensity change.
+Time is in units of scale over airspeed, L/V, and gusts in units of their intensity; the filters remain valid while
+airspeed, height and intensity change.
 """
 
 import abc
@@ -19,40 +19,40 @@ _SERIES = [(-2.0) ** k / (np.prod(np.arange(1, k + 1), dtype=float) * (k + 3)) f
 
 
 class AbstractShapingFilter(eqx.Module):
-    """A filter of white noise for unit intensity; concrete ones are final."""
+    """A filter of white noise with unit intensity; concrete subclasses are final."""
 
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """Number of states, and of standard normals for each step."""
+        """Number of states, and of standard normals per step."""
 
     @abc.abstractmethod
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
-        """State of noise that has been blowing for ever."""
+        """Random state with the stationary distribution."""
 
     @abc.abstractmethod
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """What a span (in units of L/V) makes of the state, and a root of the covariance of what it adds."""
+        """State transition matrix over a time span (in units of L/V), and a square root of the added covariance."""
 
     @abc.abstractmethod
     def output(self, state: Float[Array, " size"]) -> Scalar:
-        """The gust, in units of its intensity."""
+        """Gust, in units of the intensity."""
 
     def advance(
         self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
     ) -> Float[Array, " size"]:
-        """State a span later: exact for any span."""
-        # float64 whatever flies: a root of what a short span adds is all cancellation
-        kept, added = (one.astype(state.dtype) for one in self.transition(span.astype(float)))
-        return jnp.sum(kept * state[None, :], axis=1) + jnp.sum(added * normals[None, :], axis=1)
+        """State after a time span of any length, without discretization error."""
+        # float64 at any precision: the covariance added in a short span suffers from cancellation
+        transition, noise_root = (matrix.astype(state.dtype) for matrix in self.transition(span.astype(float)))
+        return jnp.sum(transition * state[None, :], axis=1) + jnp.sum(noise_root * normals[None, :], axis=1)
 
 
 class FirstOrderFilter(AbstractShapingFilter):
-    """H(s) = sqrt(2) / (1 + s): the spectrum (2/pi) / (1 + w^2). Dryden's longitudinal gust, and all roll rates."""
+    """H(s) = sqrt(2) / (1 + s): the spectrum (2/pi) / (1 + w^2). Dryden's longitudinal gust, and every roll rate."""
 
     @property
     def size(self) -> int:
-        """One."""
+        """1."""
         return 1
 
     def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
@@ -74,28 +74,28 @@ class DrydenTransverse(AbstractShapingFilter):
 
     @property
     def size(self) -> int:
-        """Two."""
+        """2."""
         return 2
 
     def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
-        """See `AbstractShapingFilter`: both states are independent, of variance 1/4."""
+        """See `AbstractShapingFilter`: the two states are independent with variance 1/4."""
         return 0.5 * normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
         """See `AbstractShapingFilter`; x1' = x2, x2' = -x1 - 2 x2 + n."""
         t, faded = span, jnp.exp(-span)
-        forgotten = faded**2
-        kept = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
+        faded_square = faded**2
+        transition = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
         small = jnp.minimum(t, _SERIES_BELOW)
         series = small**3 * sum(c * small**k for k, c in enumerate(_SERIES))
-        whole = 0.25 - forgotten * (0.5 * t * t + 0.5 * t + 0.25)
-        first = jnp.where(t < _SERIES_BELOW, series, whole)
-        both = 0.5 * t * t * forgotten
-        second = jnp.maximum(0.25 + forgotten * (0.5 * t - 0.5 * t * t - 0.25), 1e-30)
-        root = jnp.sqrt(second)
-        rest = jnp.sqrt(jnp.maximum(first - both**2 / second, 1e-60))
+        closed_form = 0.25 - faded_square * (0.5 * t * t + 0.5 * t + 0.25)
+        variance_1 = jnp.where(t < _SERIES_BELOW, series, closed_form)
+        covariance = 0.5 * t * t * faded_square
+        variance_2 = jnp.maximum(0.25 + faded_square * (0.5 * t - 0.5 * t * t - 0.25), 1e-30)
+        root = jnp.sqrt(variance_2)
+        remainder_root = jnp.sqrt(jnp.maximum(variance_1 - covariance**2 / variance_2, 1e-60))
         zero = jnp.zeros_like(t)
-        return kept, jnp.stack([jnp.stack([both / root, rest]), jnp.stack([root, zero])])
+        return transition, jnp.stack([jnp.stack([covariance / root, remainder_root]), jnp.stack([root, zero])])
 
     def output(self, state: Float[Array, "2"]) -> Scalar:
         """See `AbstractShapingFilter`."""
@@ -108,7 +108,7 @@ class ModalFilter(AbstractShapingFilter):
     Attributes
     ----------
     poles, residues
-        Concrete: p_i and r_i.
+        p_i and r_i, static.
     """
 
     poles: tuple[float, ...] = eqx.field(static=True)
@@ -125,7 +125,7 @@ class ModalFilter(AbstractShapingFilter):
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """See `AbstractShapingFilter`; all modes get the same noise."""
+        """See `AbstractShapingFilter`; the modes share the same noise."""
         poles = np.asarray(self.poles)
         sums = np.add.outer(poles, poles)
         added = -jnp.expm1(-sums * span) / sums
@@ -137,19 +137,21 @@ class ModalFilter(AbstractShapingFilter):
 
 
 def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
-    """Cholesky's root of a small matrix, written out; pivots that rounding makes negative count as none."""
-    rows: list[list[Array]] = []
+    """Cholesky factor of a small matrix, unrolled; pivots made negative by rounding are replaced by a tiny number."""
+    lower: list[list[Array]] = []
     for i in range(count):
-        row: list[Array] = []
+        lower_row: list[Array] = []
         for j in range(i + 1):
-            left = matrix[i, j] - sum((a * b for a, b in zip(row[:j], rows[j] if j < i else row, strict=False)), 0.0)
+            remainder = matrix[i, j] - sum(
+                (a * b for a, b in zip(lower_row[:j], lower[j] if j < i else lower_row, strict=False)), 0.0
+            )
             if i == j:
-                row.append(jnp.sqrt(jnp.maximum(left, 1e-60)))
+                lower_row.append(jnp.sqrt(jnp.maximum(remainder, 1e-60)))
             else:
-                row.append(left / rows[j][j])
-        rows.append(row)
+                lower_row.append(remainder / lower[j][j])
+        lower.append(lower_row)
     zero = jnp.zeros_like(matrix[0, 0])
-    return jnp.stack([jnp.stack([*row, *[zero] * (count - len(row))]) for row in rows])
+    return jnp.stack([jnp.stack([*lower_row, *[zero] * (count - len(lower_row))]) for lower_row in lower])
 
 
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
@@ -158,7 +160,7 @@ def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[f
     Raises
     ------
     ValueError
-        The poles are others.
+        A pole is complex or not stable.
     """
     bottom = np.polynomial.Polynomial(denominator)
     roots = bottom.roots()
@@ -177,17 +179,21 @@ Rational approximations: J. Yeager, *Implementation and Testing of Turbulence Mo
 NASA/CR-1998-206937, equations 16 and 17.
 """
 VON_KARMAN_TRANSVERSE = modal_filter(1.0, (1.0, 2.7478, 0.3398), (1.0, 2.9958, 1.9754, 0.1539))
-"""Von Karman's gusts across the flight; see `VON_KARMAN_LONGITUDINAL`."""
+"""Von Karman's gusts perpendicular to the flight direction; see `VON_KARMAN_LONGITUDINAL`."""
 DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE = FirstOrderFilter(), DrydenTransverse()
 
 
 def sampled_spectrum(shaping: AbstractShapingFilter, span: float, frequencies: Float[np.ndarray, " n"]) -> np.ndarray:
-    """One-sided spectrum of the sequence that a filter gives with samples a span apart.
+    """One-sided spectrum of a filter's output sequence at a sampling interval `span`.
 
-    Frequencies in units of V/L, up to pi over the span; the integral over all of them is the variance.
+    Frequencies in units of V/L, up to pi over the span; the integral over frequency is the variance.
     """
-    kept, added = (np.asarray(matrix) for matrix in shaping.transition(jnp.asarray(span)))
-    rows = np.stack([np.asarray(shaping.output(jnp.asarray(row))) for row in np.eye(kept.shape[0])])
-    eye = np.eye(kept.shape[0])
-    seen = np.stack([rows @ np.linalg.solve(eye - kept * np.exp(-1j * w * span), added) for w in frequencies])
-    return span / np.pi * np.sum(np.abs(seen) ** 2, axis=1)
+    transition, noise_root = (np.asarray(matrix) for matrix in shaping.transition(jnp.asarray(span)))
+    output_row = np.stack(
+        [np.asarray(shaping.output(jnp.asarray(unit_state))) for unit_state in np.eye(transition.shape[0])]
+    )
+    eye = np.eye(transition.shape[0])
+    response = np.stack(
+        [output_row @ np.linalg.solve(eye - transition * np.exp(-1j * w * span), noise_root) for w in frequencies]
+    )
+    return span / np.pi * np.sum(np.abs(response) ** 2, axis=1)

@@ -1,4 +1,4 @@
-"""Gusts: what is added to the mean wind at one aircraft."""
+"""Gusts: velocity and rotation of the air relative to the mean wind at one aircraft."""
 
 import abc
 import itertools
@@ -17,7 +17,7 @@ class Gust(eqx.Module):
     Attributes
     ----------
     velocity_b
-        Of the air beyond the mean wind, body axes, m/s.
+        Velocity of the air relative to the mean wind, body axes, m/s.
     rates_b
         Equivalent rotation of the air, body axes, rad/s.
     """
@@ -27,14 +27,14 @@ class Gust(eqx.Module):
 
 
 class AirFlow(eqx.Module):
-    """What the gusts at one aircraft depend on, at one instant.
+    """Inputs of a gust model: flow at one aircraft at one time.
 
     Attributes
     ----------
     airspeed
         True airspeed without gusts, m/s.
     height
-        Above the ground, m.
+        Height above the ground, m.
     R_bn
         Rotation NED to body.
     wind_n
@@ -51,24 +51,24 @@ class AirFlow(eqx.Module):
 
 
 class AbstractGusts(eqx.Module):
-    """Gusts that one aircraft meets; concrete ones are final."""
+    """Gust model of one aircraft; concrete subclasses are final."""
 
     @property
     @abc.abstractmethod
     def normals(self) -> int:
-        """How many standard normal numbers are drawn at each sample, and once before the first."""
+        """Number of standard normals drawn per sample, and for the initial state."""
 
     @abc.abstractmethod
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Any:
-        """State before the first sample, of gusts that have been blowing for long."""
+        """Initial state; for random gusts with the stationary distribution."""
 
     @abc.abstractmethod
     def at(self, state: Any, flow: AirFlow) -> Gust:
-        """The gust of a sample, which acts until the next."""
+        """Gust of a sample, constant until the next sample."""
 
     @abc.abstractmethod
     def advance(self, state: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
-        """State a sampling period (s) later."""
+        """State after one sampling period (s)."""
 
 
 class NoGusts(AbstractGusts):
@@ -76,23 +76,23 @@ class NoGusts(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """None are drawn."""
+        """0."""
         return 0
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> None:
-        """Nothing is kept."""
+        """No state."""
 
     def at(self, state: None, flow: AirFlow) -> Gust:
-        """No gust."""
-        none = jnp.zeros_like(flow.wind_n)
-        return Gust(none, none)
+        """Zero gust."""
+        zero = jnp.zeros_like(flow.wind_n)
+        return Gust(zero, zero)
 
     def advance(self, state: None, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> None:
-        """Nothing is kept."""
+        """No state."""
 
 
 class DiscreteGust(AbstractGusts):
-    """A gust of the form 1 - cos by MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)) on the way x from its edge on.
+    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x from the edge of the gust.
 
     Attributes
     ----------
@@ -101,9 +101,9 @@ class DiscreteGust(AbstractGusts):
     length
         d_m, m.
     start
-        When its edge is met, s.
+        Time at which the aircraft enters the gust, s.
     returns
-        Whether it dies down again as it grew, over d_m to 2 d_m, as in gusts for certification; else it stays.
+        Whether the gust decays symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
     """
 
     amplitudes: Vector3
@@ -113,11 +113,11 @@ class DiscreteGust(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """None are drawn."""
+        """0."""
         return 0
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Scalar:
-        """The way flown in it, m: none."""
+        """Distance flown in the gust, m: 0."""
         return jnp.zeros_like(self.length)
 
     def at(self, state: Scalar, flow: AirFlow) -> Gust:
@@ -127,39 +127,41 @@ class DiscreteGust(AbstractGusts):
         return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
 
     def advance(self, state: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
-        """The way flown in it, m."""
+        """Distance flown in the gust, m."""
         return state + jnp.where(flow.time >= self.start, step * flow.airspeed, 0.0)
 
 
 class SummedGusts(AbstractGusts):
-    """Several kinds of gusts at once."""
+    """Sum of several gust models."""
 
     parts: tuple[AbstractGusts, ...]
 
     @property
     def normals(self) -> int:
-        """Of all parts."""
+        """Total over the parts."""
         return sum(part.normals for part in self.parts)
 
     def _shared(self, normals: Float[Array, " count"]) -> list[Array]:
-        ends = list(itertools.accumulate(part.normals for part in self.parts))
-        return [normals[end - part.normals : end] for part, end in zip(self.parts, ends, strict=True)]
+        stops = list(itertools.accumulate(part.normals for part in self.parts))
+        return [normals[stop - part.normals : stop] for part, stop in zip(self.parts, stops, strict=True)]
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> tuple[Any, ...]:
-        """Of each part."""
-        return tuple(part.init(own, flow) for part, own in zip(self.parts, self._shared(normals), strict=True))
+        """States of the parts."""
+        return tuple(
+            part.init(part_normals, flow) for part, part_normals in zip(self.parts, self._shared(normals), strict=True)
+        )
 
     def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
-        """The sum."""
-        gusts = [part.at(own, flow) for part, own in zip(self.parts, state, strict=True)]
+        """Sum of the gusts."""
+        gusts = [part.at(part_state, flow) for part, part_state in zip(self.parts, state, strict=True)]
         velocities, rates = (
-            jnp.stack(rows) for rows in zip(*((one.velocity_b, one.rates_b) for one in gusts), strict=True)
+            jnp.stack(vectors) for vectors in zip(*((gust.velocity_b, gust.rates_b) for gust in gusts), strict=True)
         )
         return Gust(jnp.sum(velocities, axis=0), jnp.sum(rates, axis=0))
 
     def advance(
         self, state: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> tuple[Any, ...]:
-        """Of each part."""
-        rows = zip(self.parts, state, self._shared(normals), strict=True)
-        return tuple(part.advance(own, drawn, flow, step) for part, own, drawn in rows)
+        """States of the parts."""
+        inputs = zip(self.parts, state, self._shared(normals), strict=True)
+        return tuple(part.advance(part_state, part_normals, flow, step) for part, part_state, part_normals in inputs)

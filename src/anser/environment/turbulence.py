@@ -31,7 +31,7 @@ _SCALE_FT = {"dryden": 1750.0, "von-karman": 2500.0}  # above 2,000 ft
 
 
 class ExceedanceTable(eqx.Module):
-    """Root-mean-square gust velocity by height and by the probability of being exceeded.
+    """Root-mean-square gust velocity by height and exceedance probability.
 
     Attributes
     ----------
@@ -48,9 +48,9 @@ class ExceedanceTable(eqx.Module):
     sigmas: Float[Array, "heights probabilities"]
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
-        """M/s: linear in the height and in the logarithm of the probability, at the ends as there."""
+        """Root-mean-square gust velocity, m/s: linear in height and log probability, constant beyond the table."""
         shares = linear_weights(jnp.asarray(height), self.heights)
-        # column by column: together they would be too large for one kernel
+        # column by column: the full product would be too large for one kernel
         across = jnp.stack([jnp.sum(shares * self.sigmas[:, k]) for k in range(self.sigmas.shape[1])])
         return jnp.sum(linear_weights(-jnp.asarray(log_probability), -self.log_probabilities) * across)
 
@@ -61,11 +61,11 @@ class TurbulenceLevels(eqx.Module):
     Attributes
     ----------
     lengths
-        Scales of u, v, w, m: those with which the forms of MIL-F-8785C hold; twice L_v and L_w of MIL-HDBK-1797.
+        Scales of u, v, w, m, as in the spectra of MIL-F-8785C; twice L_v and L_w of MIL-HDBK-1797.
     sigmas
         Intensities of u, v, w, m/s.
-    high
-        0 up to 1,000 ft, 1 from 2,000 ft on, linear in between.
+    altitude_blend
+        0 up to 1,000 ft, 1 from 2,000 ft, linear in between.
     """
 
     lengths: Vector3
@@ -82,11 +82,10 @@ def turbulence_levels(
 ) -> TurbulenceLevels:
     """Scales and intensities at a height above the ground (m).
 
-    Both documents give the same: MIL-HDBK-1797 halves the scales of v and w, and has twice them in its spectra.
+    MIL-F-8785C and MIL-HDBK-1797 agree: the latter halves the scales of v and w, and doubles them in the spectra.
 
-    Up to 1,000 ft by the wind at 20 ft (m/s), from 2,000 ft on by the probability of being exceeded; in between scales
-    and intensities are linear in the height, from their values at 1,000 ft to those at 2,000 ft. Below 10 ft they are
-    those at 10 ft.
+    Up to 1,000 ft intensity follows from the wind at 20 ft (m/s), from 2,000 ft from the exceedance probability; in
+    between scales and intensities are interpolated linearly in height. Below 10 ft the values at 10 ft apply.
     """
     height_ft = jnp.asarray(height) / FOOT_M
     low_ft = jnp.clip(height_ft, _LOWEST_FT, _LOW_FT)
@@ -105,7 +104,7 @@ def turbulence_levels(
     )
 
 
-_SLOWEST = 10.0  # m/s: below, turbulence is met as at this airspeed
+_AIRSPEED_MIN = 10.0  # m/s: below, turbulence is as at this airspeed
 _ROLL = FirstOrderFilter()
 
 
@@ -117,9 +116,9 @@ class TurbulenceState(eqx.Module):
     u, v, w
         States of the shaping filters.
     p
-        Of that of the roll rate.
-    pitching, yawing
-        Gusts w and v as the wing has low-passed them, over their intensities.
+        State of the shaping filter of the roll rate.
+    low_passed_w, low_passed_v
+        Gusts w and v after the wing's low-pass, over their intensities.
     """
 
     u: Array
@@ -131,26 +130,26 @@ class TurbulenceState(eqx.Module):
 
 
 class Turbulence(AbstractGusts):
-    """Turbulence by MIL-F-8785C and MIL-HDBK-1797, which give the same spectra; each aircraft meets its own.
+    """Turbulence of MIL-F-8785C and MIL-HDBK-1797 (identical spectra), independent for each aircraft.
 
-    The field is frozen and one aircraft flies through it: gusts of two aircraft are independent, as they are where
-    these are several scales apart. Up to 1,000 ft u is horizontal along the flight through the air, v horizontal to its
-    right, w down; from 2,000 ft on they are body axes; in between the gust is a mean of both, linear in the height.
-    Rates: q is the gradient of w along the flight and r minus that of v, each low-passed by the span; p is noise of
-    its own. Between samples the gust is held.
+    An aircraft flies through a frozen field; gusts of two aircraft are independent, an assumption for distances of
+    several scales. Up to 1,000 ft, u is horizontal along the velocity through the air, v horizontal to the right, w
+    down; from 2,000 ft the axes are the body axes; in between the gust is the average, linear in height. Rates: q is
+    the gradient of w along the flight and r minus the gradient of v, both low-passed by the span; p is independent
+    noise. Gusts are constant between samples.
 
     Attributes
     ----------
     wind_20ft
         Wind at 20 ft, which sets the intensity below 1,000 ft, m/s.
     log_probability
-        Logarithm to base 10 of the probability that the intensity above 2,000 ft is exceeded.
+        Logarithm to base 10 of the exceedance probability of the intensity above 2,000 ft.
     table
-        Of intensities.
+        Table of intensities.
     span
-        Of the wing, m.
+        Wing span, m.
     family
-        Of the spectra.
+        Spectrum family.
     """
 
     wind_20ft: Scalar
@@ -161,14 +160,14 @@ class Turbulence(AbstractGusts):
 
     @property
     def filters(self) -> tuple[AbstractShapingFilter, AbstractShapingFilter]:
-        """Of the gust along the flight, and of those across it."""
+        """Shaping filters of the longitudinal and of the transverse gusts."""
         if self.family == "dryden":
             return DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE
         return VON_KARMAN_LONGITUDINAL, VON_KARMAN_TRANSVERSE
 
     @property
     def normals(self) -> int:
-        """Of all filters."""
+        """Total over the filters."""
         along, across = self.filters
         return along.size + 2 * across.size + 1
 
@@ -177,7 +176,7 @@ class Turbulence(AbstractGusts):
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
-        """See `AbstractGusts`; the wing's low-passes begin with the gusts as they are."""
+        """See `AbstractGusts`; the wing's low-passes start at the initial gusts."""
         along, across = self.filters
         u, v, w, p = self._shared(normals)
         v, w = across.stationary_state(v), across.stationary_state(w)
@@ -188,7 +187,7 @@ class Turbulence(AbstractGusts):
     def at(self, state: TurbulenceState, flow: AirFlow) -> Gust:
         """See `AbstractGusts`."""
         along, across = self.filters
-        level, airspeed = self.levels(flow), jnp.maximum(flow.airspeed, _SLOWEST)
+        level, airspeed = self.levels(flow), jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         u, v, w = along.output(state.u), across.output(state.v), across.output(state.w)
         lag_q, lag_r = self._lags(airspeed)
         rates = jnp.stack(
@@ -206,7 +205,7 @@ class Turbulence(AbstractGusts):
     ) -> TurbulenceState:
         """See `AbstractGusts`."""
         along, across = self.filters
-        lengths, airspeed = self.levels(flow).lengths, jnp.maximum(flow.airspeed, _SLOWEST)
+        lengths, airspeed = self.levels(flow).lengths, jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         spans = step * airspeed / lengths
         lag_q, lag_r = self._lags(airspeed)
         u, v, w, p = self._shared(normals)
@@ -221,18 +220,18 @@ class Turbulence(AbstractGusts):
         )
 
     def _lags(self, airspeed: Scalar) -> tuple[Scalar, Scalar]:
-        """Time constants of the wing's low-passes of pitch and yaw rate, s; that of the roll rate is that of pitch."""
+        """Time constants of the wing's low-passes of pitch (also roll) and yaw rate, s."""
         return 4.0 * self.span / (np.pi * airspeed), 3.0 * self.span / (np.pi * airspeed)
 
     def _shared(self, normals: Float[Array, " count"]) -> tuple[Array, Array, Array, Array]:
         along, across = self.filters
-        ends = np.cumsum([along.size, across.size, across.size, 1])
-        u, v, w, p = (normals[a:b] for a, b in zip([0, *ends[:-1]], ends, strict=True))
+        stops = np.cumsum([along.size, across.size, across.size, 1])
+        u, v, w, p = (normals[a:b] for a, b in zip([0, *stops[:-1]], stops, strict=True))
         return u, v, w, p
 
 
 def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scalar:
-    """Standard deviation of the roll rate of gusts, rad/s, from scale (m) and intensity (m/s) of w and the span (m).
+    """Standard deviation of the gust roll rate, rad/s, from scale (m) and intensity (m/s) of w and the wing span (m).
 
     The integral of (sigma^2 / (V L)) 0.8 (pi L / 4 b)^(1/3) / (1 + (4 b w / pi V)^2) over w.
     """
@@ -240,15 +239,15 @@ def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scala
     return sigma * jnp.sqrt(ratio * np.pi**2 / (8.0 * span * length))
 
 
-def lag_response(state: Scalar, before: Scalar, after: Scalar, span: ScalarLike) -> Scalar:
-    """First-order lag of a signal that changes evenly over a span (in time constants): exact for such a signal."""
-    fade = jnp.expm1(-jnp.asarray(span))
-    kept, mean = 1.0 + fade, -fade / span
-    return kept * state + (mean - kept) * before + (1.0 - mean) * after
+def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: ScalarLike) -> Scalar:
+    """Exact response of a first-order lag to an input that changes linearly over a span (in time constants)."""
+    decay_less_1 = jnp.expm1(-jnp.asarray(span))
+    decay, mean = 1.0 + decay_less_1, -decay_less_1 / span
+    return decay * state + (mean - decay) * former_input + (1.0 - mean) * new_input
 
 
 class _Axes(eqx.Module):
-    """From the axes of turbulence to body axes."""
+    """Transformation from turbulence axes to body axes."""
 
     R_bn: Matrix33
     ahead: Float[Array, "2"]

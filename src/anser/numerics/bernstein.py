@@ -1,7 +1,7 @@
-"""Polynomials on an interval in Bernstein form: their coefficients bound them.
+"""Polynomials on an interval in Bernstein form, bounded by their coefficients.
 
-A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1; it lies between its least and its
-greatest coefficient. Coefficients run along the last axis.
+A polynomial of degree n is sum_k c_k C(n, k) u^k (1 - u)^(n - k) on 0 <= u <= 1; its values lie between the least and
+the greatest coefficient. Coefficients run along the last axis.
 """
 
 import functools
@@ -24,13 +24,13 @@ def _product_weights(m: int, n: int) -> np.ndarray:
 
 
 def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batch k"]:
-    """Product of two polynomials; its degree is the sum of theirs."""
+    """Coefficients of the product of two polynomials; the degrees add."""
     weights = jnp.asarray(_product_weights(a.shape[-1] - 1, b.shape[-1] - 1))
     return jnp.einsum("kij,...i,...j->...k", weights, a, b)
 
 
 def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
-    """The same polynomial, written with a higher degree."""
+    """Coefficients of the same polynomial at a higher degree."""
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")
@@ -38,5 +38,5 @@ def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
 
 
 def bounds(a: Coefficients) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """What the polynomial lies between."""
+    """Lower and upper bound of the polynomial: least and greatest coefficient."""
     return jnp.min(a, axis=-1), jnp.max(a, axis=-1)

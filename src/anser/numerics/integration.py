@@ -36,8 +36,8 @@ def rk4_step(derivative: Callable[[ScalarLike, Y], Y], t: ScalarLike, y: Y, h: S
 class QuadratureRule(NamedTuple):
     """Nodes and weights on [0, 1]; the weights are positive and sum to 1.
 
-    Positive weights matter: a weighted sum of convex functions is then convex, so that a length computed by any of
-    these rules keeps the convexity of the exact one.
+    With positive weights a weighted sum of convex functions is convex, so the approximate length of a path is convex
+    like the exact length.
     """
 
     nodes: Float[np.ndarray, " nodes"]
@@ -63,6 +63,6 @@ def integrate(
     high: ScalarLike,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Scalar:
-    """Integral of a function, which takes all nodes at once, over [low, high]; low > high changes the sign."""
+    """Integrate a vectorized function over [low, high] by a quadrature rule; low > high changes the sign."""
     low, span = jnp.asarray(low), jnp.asarray(high) - jnp.asarray(low)
     return span * jnp.sum(jnp.asarray(rule.weights) * function(low + span * jnp.asarray(rule.nodes)))

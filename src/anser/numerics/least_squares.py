@@ -1,6 +1,6 @@
-"""Damped Gauss-Newton and Levenberg-Marquardt.
+"""Damped Gauss-Newton and Levenberg-Marquardt methods.
 
-One loop for one start or a batch of starts, and the implicit derivative of the solution.
+Loops for a single start or a batch of starts, and the implicit derivative of the solution.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from anser.numerics.linear import solve_positive
 from anser.shapes import Count, Flag, Scalar
 
 Evaluate = Callable[[PyTree, Array], Any]
-"""Equations for what belongs to a start and its unknowns."""
+"""Linearized equations as a function of the context of a start and of the unknowns."""
 StepRule = Callable[[PyTree, Any, Scalar], Array]
-"""What to take off the unknowns, for what belongs to a start, equations and damping."""
+"""Step to subtract from the unknowns, from the context of a start, the linearized equations and the damping."""
 
 
 class Linearized(NamedTuple):
-    """Residuals at a place, and their Jacobian."""
+    """Residuals and Jacobian at a point."""
 
     residual: Float[Array, "*batch equations"]
     jacobian: Float[Array, "*batch equations unknowns"]
@@ -33,7 +33,7 @@ class Linearized(NamedTuple):
 
 
 class Damping(NamedTuple):
-    """The first damping as a function of the first cost; factors after a step that helps or does not; bounds."""
+    """Initial damping as a function of the initial cost; factors after a successful and a failed step; bounds."""
 
     initial: Callable[[Scalar], Scalar]
     decrease: float
@@ -43,18 +43,18 @@ class Damping(NamedTuple):
 
 
 class SearchState(NamedTuple):
-    """How far the search from one start has come: the best so far, and where to look next.
+    """State of the search from one start.
 
     Attributes
     ----------
-    about
-        What belongs to this start, beside its unknowns.
+    context
+        Data of this start besides the unknowns.
     best, trial
-        Unknowns.
+        Unknowns: the best so far, and the next to evaluate.
     at
-        Equations at the best.
+        Linearized equations at the best unknowns.
     damping
-        Of the last step; NaN before the first.
+        Damping of the last step; NaN before the first.
     """
 
     context: PyTree
@@ -65,20 +65,20 @@ class SearchState(NamedTuple):
 
 
 def start_search(context: PyTree, start: Array, unknown: Any) -> SearchState:
-    """Before the first step, with equations of the shapes that are to come, which cost more than any."""
+    """Return the state before the first step; `unknown` has the shapes of the equations and an infinite cost."""
     return SearchState(context, start, start, unknown, jnp.asarray(jnp.nan))
 
 
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
-    """One step: kept where the cost is less after it, else tried again with more damping."""
-    about, best, trial, at, former = search
-    tried = evaluate(about, trial)
+    """Make one step: accept the trial unknowns if the cost decreases, else retry with more damping."""
+    context, best, trial, at, former = search
+    tried = evaluate(context, trial)
     better = tried.cost < at.cost  # not-a-number is no improvement
     best, at = jax.tree.map(lambda new, old: jnp.where(better, new, old), (trial, tried), (best, at))
-    now = former * jnp.where(better, damping.decrease, damping.increase)
-    now = jnp.where(jnp.isnan(former), damping.initial(tried.cost), now)
-    now = jnp.clip(now, damping.minimum, damping.maximum)
-    return SearchState(about, best, best - move(about, at, now), at, now)
+    new_damping = former * jnp.where(better, damping.decrease, damping.increase)
+    new_damping = jnp.where(jnp.isnan(former), damping.initial(tried.cost), new_damping)
+    new_damping = jnp.clip(new_damping, damping.minimum, damping.maximum)
+    return SearchState(context, best, best - move(context, at, new_damping), at, new_damping)
 
 
 def search_steps(
@@ -90,29 +90,31 @@ def search_steps(
     required_count: int | None = None,
     sufficient_cost: float = 0.0,
 ) -> SearchState:
-    """So many steps of each of a batch; fewer once as many as are wanted cost no more than is enough."""
+    """Make `number` steps of a batch; stop early when `required_count` costs are within `sufficient_cost`."""
 
-    def every(now: SearchState) -> SearchState:
-        return jax.vmap(lambda one: search_step(evaluate, move, damping, one))(now)
+    def step_all(state: SearchState) -> SearchState:
+        return jax.vmap(lambda search: search_step(evaluate, move, damping, search))(state)
 
     if required_count is None:
-        return jax.lax.fori_loop(0, number, lambda _, now: every(now), searches)
+        return jax.lax.fori_loop(0, number, lambda _, state: step_all(state), searches)
 
-    def going(carry: tuple[Count, SearchState]) -> Bool[Array, ""]:
-        done, now = carry
-        return (done < number) & (jnp.sum(now.at.cost <= sufficient_cost) < required_count)
+    def is_unfinished(carry: tuple[Count, SearchState]) -> Bool[Array, ""]:
+        count, state = carry
+        return (count < number) & (jnp.sum(state.at.cost <= sufficient_cost) < required_count)
 
-    return jax.lax.while_loop(going, lambda carry: (carry[0] + 1, every(carry[1])), (jnp.asarray(0), searches))[1]
+    return jax.lax.while_loop(
+        is_unfinished, lambda carry: (carry[0] + 1, step_all(carry[1])), (jnp.asarray(0), searches)
+    )[1]
 
 
 def best_searches(searches: SearchState, count: int) -> SearchState:
-    """Those of a batch with the least cost."""
+    """Select the `count` searches of a batch with the lowest cost."""
     closest = jax.lax.top_k(-searches.at.cost, count)[1]
     return jax.tree.map(lambda leaf: leaf[closest], searches)
 
 
 def minimum_norm_step(max_length: float) -> StepRule:
-    """Steps of least size for fewer equations than unknowns, none longer than this."""
+    """Return the step rule for underdetermined equations: the step of least norm, limited to `max_length`."""
 
     def move(_: PyTree, at: Linearized, damping: Scalar) -> Array:
         square = at.jacobian @ at.jacobian.T + damping * jnp.eye(at.residual.shape[0])
@@ -126,11 +128,11 @@ Parameters = TypeVar("Parameters")
 
 _DAMPING = Damping(lambda _: jnp.asarray(1e-3), 0.1, 10.0)
 _LAST_DAMPING = 1e12
-"""No step this short makes progress: the search has ended in a local minimum or at a kink."""
+"""Damping at which steps are too short to make progress: the search has reached a local minimum or a kink."""
 
 
 class Solution(NamedTuple):
-    """A point and the largest absolute residual there."""
+    """A solution and its largest absolute residual."""
 
     x: Float[Array, " n"]
     residual: Scalar
@@ -143,27 +145,27 @@ def levenberg_marquardt(
     steps: int = 64,
     tolerance: float = 1e-12,
 ) -> Solution:
-    """Point x where `function(x, parameters)`, as many residuals as unknowns, is zero, or smaller than at the start.
+    """Find x with `function(x, parameters)` = 0, or a smaller cost than at the start; as many residuals as unknowns.
 
-    The damping falls by ten after a step that helps and rises by ten after one that does not (D. W. Marquardt, *J.
-    SIAM* 11(2), 1963). A step costs one evaluation of the function with its Jacobian, and that is the only copy of the
-    function in the compiled code: a large model compiles several times faster than with a general solver. Not
-    differentiated: see `with_implicit_derivative`.
+    The damping falls by ten after a successful step and rises by ten after a failed step (D. W. Marquardt, *J. SIAM*
+    11(2), 1963). Each step evaluates the function with its Jacobian once, in the only copy of the function in the
+    compiled code: a large model compiles several times faster than with a general solver. The search is not
+    differentiated; see `with_implicit_derivative`.
 
     Parameters
     ----------
     function
-        Residuals, scaled so that 1 is large in each.
+        Residuals, scaled so that 1 is large.
     parameters
         Any pytree.
     start
-        Where to start, scaled so that 1 is large in each.
+        Initial unknowns, scaled so that 1 is large.
     steps
         Greatest number of steps.
     tolerance
-        The search ends when no residual is larger.
+        Largest absolute residual at which the search stops.
     """
-    # Without tangents at its inputs the loop is not differentiated along: it would be thrown away, but compiled.
+    # Inputs without tangents keep the loop from being differentiated: its derivative would be compiled but unused.
     parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)
     start = jax.lax.stop_gradient(start)
 
@@ -176,17 +178,17 @@ def levenberg_marquardt(
 
     def proceed(carry: tuple[SearchState, Count]) -> Flag:
         search, count = carry
-        # The first evaluation is the loop's own first pass, taken with an infinite residual before it.
-        left = jnp.max(jnp.abs(search.at.residual)) > tolerance
-        return (count <= steps) & left & ~(search.damping >= _LAST_DAMPING)
+        # The first pass of the loop evaluates the start; the residual before the pass is infinite.
+        unsolved = jnp.max(jnp.abs(search.at.residual)) > tolerance
+        return (count <= steps) & unsolved & ~(search.damping >= _LAST_DAMPING)
 
     unknown = Linearized(jnp.full_like(start, jnp.inf), jnp.eye(start.size))
-    found, _ = jax.lax.while_loop(
+    final, _ = jax.lax.while_loop(
         proceed,
         lambda carry: (search_step(evaluate, move, _DAMPING, carry[0]), carry[1] + 1),
         (start_search(None, start, unknown), jnp.asarray(0)),
     )
-    return Solution(found.best, jnp.max(jnp.abs(found.at.residual)))
+    return Solution(final.best, jnp.max(jnp.abs(final.at.residual)))
 
 
 def with_implicit_derivative(
@@ -194,10 +196,10 @@ def with_implicit_derivative(
     parameters: Parameters,
     root: Float[Array, " n"],
 ) -> Float[Array, " n"]:
-    """Attach to a root of `function(x, parameters)` its derivative with respect to the parameters.
+    """Attach to a root of `function(x, parameters)` the derivative with respect to the parameters.
 
-    dx = -(df/dx)^-1 (df/dp) dp, the implicit function theorem; nothing is evaluated unless it is asked for. First
-    derivatives only. Where df/dx is singular the derivative is that of least squares, so it stays finite.
+    dx = -(df/dx)^-1 (df/dp) dp, by the implicit function theorem; first derivatives only, evaluated only when
+    differentiating. If df/dx is singular, the derivative is the least-squares solution and stays finite.
     """
     return _implicit(function, parameters, jax.lax.stop_gradient(root))
 
@@ -223,7 +225,7 @@ def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], dampin
     normal = matrix.T @ matrix
     floor = 1e-14 * jnp.max(jnp.diagonal(normal)) + 1e-30
     square = normal + (damping + floor) * jnp.eye(vector.size)
-    # Its own derivative: that of the system, not of the elimination.
+    # The derivative is that of the linear system, not of the elimination steps.
     return jax.lax.custom_linear_solve(
         lambda x: square @ x, matrix.T @ vector, lambda _, right: solve_positive(square, right), symmetric=True
     )

@@ -20,7 +20,7 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
     """Product of a 3x3 matrix and a vector, as explicit sums."""
     if not is_tracing_single_kernel():
-        vector = jax.lax.optimization_barrier(vector)  # or each row would compute it anew
+        vector = jax.lax.optimization_barrier(vector)  # otherwise each row recomputes the vector
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 
@@ -30,20 +30,20 @@ def product3(a: Float[Array, "n 3"], b: Matrix33) -> Float[Array, "n 3"]:
 
 
 def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
-    """Inverse of a 3x3 matrix by cross products of its columns.
+    """Inverse of a 3x3 matrix by cross products of the columns.
 
     A determinant below `floor` times the product of the column lengths (columns nearly in one plane) is replaced by
-    that bound, so that the result stays finite; such a matrix has no useful inverse.
+    that bound, to keep the result finite; such a matrix has no useful inverse.
     """
     # The smallest length under the root keeps derivatives in range where a column is zero.
-    least = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
-    lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + least)
+    smallest_square = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
+    lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + smallest_square)
     unit = matrix / lengths[None, :]
     a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
-    rows = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
-    determinant = jnp.sum(a * rows[0])
+    unscaled_inverse = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
+    determinant = jnp.sum(a * unscaled_inverse[0])
     safe = jnp.where(jnp.abs(determinant) < floor, jnp.where(determinant < 0, -floor, floor), determinant)
-    return rows / (safe * lengths[:, None])
+    return unscaled_inverse / (safe * lengths[:, None])
 
 
 def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
@@ -52,12 +52,12 @@ def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
 
 
 def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solution of a small positive definite system by elimination: a batch of them is one computation."""
+    """Solve a small positive definite system by elimination, in one computation for a batch of systems."""
     count = vector.shape[0]
 
-    def eliminate(k: Count, rows: Array) -> Array:
-        pivot = rows[k] / rows[k, k]
-        return (rows - rows[:, k, None] * pivot[None, :]).at[k].set(pivot)
+    def eliminate(k: Count, augmented: Array) -> Array:
+        pivot = augmented[k] / augmented[k, k]
+        return (augmented - augmented[:, k, None] * pivot[None, :]).at[k].set(pivot)
 
     return jax.lax.fori_loop(0, count, eliminate, jnp.concatenate([matrix, vector[:, None]], axis=1))[:, count]
 
@@ -71,9 +71,9 @@ class BlockTridiagonal(NamedTuple):
     Attributes
     ----------
     diagonal
-        Block of each group.
+        Diagonal block of each group.
     subdiagonal
-        Block of each group with the one before, (group, of this one, of the one before); the first is not used.
+        Coupling block of each group (row) with the preceding group (column); the first block is unused.
     """
 
     diagonal: Float[Array, "groups n n"]
@@ -81,29 +81,29 @@ class BlockTridiagonal(NamedTuple):
 
 
 def solve_tridiagonal(form: BlockTridiagonal, right: Groups) -> Groups:
-    """What a positive definite form maps to the right side: block elimination, then back."""
+    """Solve a positive definite block tridiagonal system by block elimination and back substitution."""
     lower = jax.scipy.linalg.solve_triangular
 
     def eliminate(carry: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Any]:
-        factor, found = carry
-        diagonal, subdiagonal, wanted = group
+        factor, intermediate = carry
+        diagonal, subdiagonal, right_side = group
         across = lower(factor, subdiagonal.T, lower=True).T
         factor = jnp.linalg.cholesky(diagonal - across @ across.T)
-        found = lower(factor, wanted - across @ found, lower=True)
-        return (factor, found), (factor, across, found)
+        intermediate = lower(factor, right_side - across @ intermediate, lower=True)
+        return (factor, intermediate), (factor, across, intermediate)
 
     size = right.shape[1]
     none = form.subdiagonal.at[0].set(0.0)
     begin = (jnp.eye(size), jnp.zeros(size))
-    _, (factors, acrosses, founds) = jax.lax.scan(eliminate, begin, (form.diagonal, none, right))
+    _, (factors, acrosses, intermediates) = jax.lax.scan(eliminate, begin, (form.diagonal, none, right))
 
     def back(later: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
         across_later, solved_later = later
-        factor, across, found = group
-        solved = lower(factor, found - across_later.T @ solved_later, lower=True, trans="T")
+        factor, across, intermediate = group
+        solved = lower(factor, intermediate - across_later.T @ solved_later, lower=True, trans="T")
         return (across, solved), solved
 
     _, solved = jax.lax.scan(
-        back, (jnp.zeros((size, size)), jnp.zeros(size)), (factors, acrosses, founds), reverse=True
+        back, (jnp.zeros((size, size)), jnp.zeros(size)), (factors, acrosses, intermediates), reverse=True
     )
     return solved

@@ -1,4 +1,4 @@
-"""Random numbers without hidden state: each follows from (seed, flight, aircraft, part, sample) alone."""
+"""Random numbers without hidden state: each number is a function of (seed, flight, aircraft, part, sample)."""
 
 import abc
 from collections.abc import Mapping
@@ -14,50 +14,50 @@ from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Count
 
 AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
-"""Parts of the closed loop that draw random numbers; a user's own are numbered from 100 on."""
+"""Parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
 INITIAL_SAMPLE = -1
-"""Sample number of what is drawn once, before the first sample."""
+"""Sample number of the draw before the first sample, for initial values."""
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 _PARITY = 0x1BD11BDA
-_LANES = 1 << 16  # numbers that a part may draw at one sample
+_LANES = 1 << 16  # greatest count of numbers that a part draws at one sample
 
 
 class AbstractRandomness(eqx.Module):
-    """Source of the random numbers of a flight; concrete ones are final."""
+    """Source of the random numbers of a flight; concrete subclasses are final."""
 
     @abc.abstractmethod
     def for_aircraft(self, index: Count) -> "AbstractRandomness":
-        """The source of one aircraft, from that of the flight."""
+        """Return the source of one aircraft."""
 
     @abc.abstractmethod
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """Independent standard normal numbers that a part draws at a sample."""
+        """Draw independent standard normal numbers for a part at a sample."""
 
     @abc.abstractmethod
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """Independent numbers between 0 and 1, both excluded, that a part draws at a sample: Phi of the normals."""
+        """Draw independent numbers in the open interval (0, 1) for a part at a sample: Phi of the normals."""
 
 
 class SeededRandomness(AbstractRandomness):
-    """Counter-based generator: Threefry-2x32 of (part and place, sample) under a key of (seed, flight, aircraft).
+    """Counter-based generator: Threefry-2x32 of (part and lane, sample) with a key from (seed, flight, aircraft).
 
-    The bits, and with them the numbers, are the same for one aircraft alone and in any batch.
+    The numbers are bit-identical for an aircraft alone and in any batch.
 
     Attributes
     ----------
     key
-        Of the seed and the flight, or of one aircraft in it.
+        Key of a flight, or of one aircraft in a flight.
     """
 
     key: UInt32[Array, "2"]
 
     def for_aircraft(self, index: Count) -> "SeededRandomness":
-        """The key with the aircraft's place in the fleet folded in."""
+        """Return the source with the aircraft's index folded into the key."""
         return SeededRandomness(fold_key(self.key, index))
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`: the inverse of the normal distribution at the uniform numbers."""
+        """See `AbstractRandomness`: the inverse normal distribution of the uniform numbers."""
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
@@ -69,20 +69,20 @@ class SeededRandomness(AbstractRandomness):
 
 
 class PrescribedRandomness(AbstractRandomness):
-    """Numbers that were designed or recorded, to be flown or replayed.
+    """Designed or recorded random numbers, for tests and replays.
 
     Attributes
     ----------
-    drawn
-        By part: standard normals of (aircraft, samples, count), or of one aircraft; the first sample is the one before
-        the start (`INITIAL_SAMPLE`).
+    standard_normals
+        Standard normals by part, shape (aircraft, samples, count), or (samples, count) for one aircraft; the first
+        sample is `INITIAL_SAMPLE`.
     """
 
     standard_normals: Mapping[int, Float[Array, "..."]]
 
     def for_aircraft(self, index: Count) -> "PrescribedRandomness":
-        """The rows of one aircraft."""
-        return PrescribedRandomness({part: rows[index] for part, rows in self.standard_normals.items()})
+        """Return the numbers of one aircraft."""
+        return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`.
@@ -90,13 +90,13 @@ class PrescribedRandomness(AbstractRandomness):
         Raises
         ------
         ValueError
-            None, or too few, are given for the part.
+            The part has no or too few prescribed numbers.
         """
-        rows = self.standard_normals.get(part)
-        if rows is None or rows.shape[-1] < count:
-            given = "none" if rows is None else f"{rows.shape[-1]} a sample"
-            raise ValueError(f"part {part} draws {count} random numbers a sample; {given} given for it")
-        return rows[jnp.asarray(number) + 1, :count]
+        numbers = self.standard_normals.get(part)
+        if numbers is None or numbers.shape[-1] < count:
+            available = "none" if numbers is None else f"{numbers.shape[-1]} a sample"
+            raise ValueError(f"part {part} draws {count} random numbers a sample; {available} given for it")
+        return numbers[jnp.asarray(number) + 1, :count]
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`."""
@@ -104,21 +104,21 @@ class PrescribedRandomness(AbstractRandomness):
 
 
 class BlendedRandomness(AbstractRandomness):
-    """Weighted sums of the normals of several seeded sources, standard normal again: what a walk has come to.
+    """Weighted sums of the normals of several seeded sources, again standard normal: a state of a Markov chain.
 
-    A walk that mixes the standard normals of a flight with fresh ones, as Markov chains do, is the list of the sources
-    and their weights: nothing of the length of the flight is kept, and nobody has to know how many numbers it draws.
+    A chain that blends the standard normals of a flight with new ones (preconditioned Crank-Nicolson) is fully
+    described by the keys and weights of its sources: storage is independent of the flight's length and number of draws.
 
     Attributes
     ----------
     keys
-        Of the sources, of a flight or of one aircraft in it.
+        Keys of the sources, for a flight or for one aircraft.
     weights
-        Of each; the sum of their squares is 1.
+        Weights of the sources; the sum of squares is 1.
     count
-        How many count; those after them are there for the shape. The numbers of a sample cost so many times one draw.
+        Number of sources in use; the remaining entries are padding. The cost of a draw is proportional to `count`.
     aircraft
-        Place in the fleet; None: the source of the flight.
+        Index in the fleet; None: source of the flight.
     """
 
     keys: UInt32[Array, "terms 2"]
@@ -127,19 +127,19 @@ class BlendedRandomness(AbstractRandomness):
     aircraft: Count | None = None
 
     def for_aircraft(self, index: Count) -> "BlendedRandomness":
-        """The sources of one aircraft."""
+        """Return the sources of one aircraft."""
         return BlendedRandomness(self.keys, self.weights, self.count, index)
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`."""
 
-        def more(k: Count, total: Array) -> Array:
+        def add_source(k: Count, total: Array) -> Array:
             source = SeededRandomness(self.keys[k])
             if self.aircraft is not None:
                 source = source.for_aircraft(self.aircraft)
             return total + self.weights[k] * source.normals(part, number, count)
 
-        return jax.lax.fori_loop(0, self.count, more, jnp.zeros(count, self.weights.dtype))
+        return jax.lax.fori_loop(0, self.count, add_source, jnp.zeros(count, self.weights.dtype))
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
         """See `AbstractRandomness`."""
@@ -147,42 +147,42 @@ class BlendedRandomness(AbstractRandomness):
 
 
 def flight_randomness(seed: int, flight: int = 0) -> SeededRandomness:
-    """Source of the random numbers of one flight of a seed (both up to 2^32 - 1); compiles nothing."""
+    """Return the source of one flight of a seed (both below 2^32), without compilation."""
     key = np.array([0, seed], dtype=np.uint32)
     return SeededRandomness(as_array(fold_key(key, np.asarray(flight)), np.uint32))
 
 
 def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
-    """Keys of flights of a seed, shape (flights, 2); as `seeded` has them, of known numbers."""
+    """Return the keys of several flights of a seed, shape (flights, 2), equal to those of `flight_randomness`."""
     zeros = np.zeros(flights.size, np.uint32)
     return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
 
 
 def draw_uniforms(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
-    """Numbers between 0 and 1, both excluded, of a part, of samples and of places: centres of 2^52 equal intervals."""
+    """Draw numbers in the open interval (0, 1) for a part, samples and lanes: centres of 2^52 equal intervals."""
     xp = namespace(key, samples)
-    first = lanes.astype(np.uint32) + np.uint32(part * _LANES)
-    high, low = threefry(key, first, xp.asarray(samples).astype(np.uint32))
+    counters = lanes.astype(np.uint32) + np.uint32(part * _LANES)
+    high, low = threefry(key, counters, xp.asarray(samples).astype(np.uint32))
     dtype = xp.result_type(float)
     return (high.astype(dtype) * 2.0**20 + xp.right_shift(low, np.uint32(12)).astype(dtype) + 0.5) * 2.0**-52
 
 
 def fold_key(key: Any, value: Any) -> UInt32[Array, "2"]:
-    """Another key, for a value that a key is to hold for; as `jax.random.fold_in` makes it."""
+    """Derive a new key from a key and an integer, like `jax.random.fold_in`."""
     xp = namespace(key, value)
     zero = xp.zeros((1,), dtype=np.uint32)
     return xp.concatenate(threefry(key, zero, xp.asarray(value).astype(np.uint32)[None]))
 
 
-def threefry(key: Any, first: Any, second: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
-    """Threefry-2x32 in 20 rounds: two words for each pair of counters.
+def threefry(key: Any, counter_high: Any, counter_low: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
+    """Threefry-2x32 in 20 rounds: two random words for each pair of counters.
 
     Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.
-    Written out, because jax's own is a loop within the step, which costs more than the step's other random work.
+    Unrolled here: JAX's implementation is a loop, slower inside a step than all of the step's other random work.
     """
-    xp = namespace(key, first, second)
+    xp = namespace(key, counter_high, counter_low)
     keys = (key[0], key[1], key[0] ^ key[1] ^ np.uint32(_PARITY))
-    x, y = xp.asarray(first) + keys[0], xp.asarray(second) + keys[1]
+    x, y = xp.asarray(counter_high) + keys[0], xp.asarray(counter_low) + keys[1]
     for group in range(5):
         for rotation in _ROTATIONS[group % 2]:
             x = x + y

@@ -1,6 +1,6 @@
-"""Roots of a scalar function within a bracket.
+"""Bracketed roots of a scalar function.
 
-By Newton's method or the Illinois method, with a fixed number of steps and the implicit derivative of the root.
+Newton's method and the Illinois method, with a fixed number of steps and the implicit derivative of the root.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ Parameters = TypeVar("Parameters")
 
 
 class Root(NamedTuple):
-    """A root and what is left of the function there."""
+    """A root and its residual."""
 
     x: Scalar
     residual: Scalar
@@ -31,27 +31,27 @@ def bracketed_newton(
     guess: ScalarLike,
     steps: int,
 ) -> Root:
-    """Root of a scalar function that is not positive at `low` and not negative at `high`.
+    """Find the root of a scalar function that is not positive at `low` and not negative at `high`.
 
-    A Newton step is taken where it stays inside the bracket and is at most half as long as the step before the last;
-    otherwise the bracket is halved. The number of steps is fixed (no early exit), so that a batch takes equal time
-    for each member. The best point seen is returned: rounding noise near the root cannot spoil it.
+    A Newton step is taken if it stays inside the bracket and is at most half as long as the step before the last;
+    otherwise the bracket is halved. The number of steps is fixed (no early exit), so every member of a batch takes
+    equal time. The point of least residual is returned, unaffected by rounding noise near the root.
 
-    The steps are not differentiated. The root carries its derivative by the implicit function theorem,
-    dx = -(df/dp) dp / (df/dx); where df/dx is zero there, the derivative is reported as zero. First derivatives only.
+    The steps are not differentiated. The root carries the derivative by the implicit function theorem,
+    dx = -(df/dp) dp / (df/dx), or zero if df/dx is zero. First derivatives only.
 
     Parameters
     ----------
     function
-        Takes x and the parameters, returns the value and its slope with respect to x. It must reach everything that
-        is to be differentiated through `parameters`, not through a closure.
+        Maps x and the parameters to the value and the slope with respect to x. Differentiable inputs must be in
+        `parameters`, not in a closure.
     parameters
         Any pytree.
     low, high
-        The bracket, low <= high. Without a change of sign between them the result is the point of least residual
-        among those tried: look at `residual`.
+        Bracket, low <= high. Without a change of sign the result is the evaluated point of least residual: check
+        `residual`.
     guess
-        Where to start; clipped to the bracket.
+        Initial x, clipped to the bracket.
     steps
         Number of function evaluations in the loop.
     """
@@ -60,22 +60,22 @@ def bracketed_newton(
     start = jnp.clip(guess.astype(float), low, high)
 
     def step(_: object, carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        x, low, high, last, before_last, best, residual = carry
+        x, low, high, last_length, length_before, best, residual = carry
         value, slope = function(x, fixed)
         better = jnp.abs(value) < jnp.abs(residual)
         best, residual = jnp.where(better, x, best), jnp.where(better, value, residual)
         low, high = jnp.where(value < 0.0, x, low), jnp.where(value < 0.0, high, x)
         newton = x - value / jnp.where(slope == 0.0, 1.0, slope)
         inside = (newton >= low) & (newton <= high) & (slope != 0.0)
-        take = inside & (jnp.abs(newton - x) <= 0.5 * before_last)
+        take = inside & (jnp.abs(newton - x) <= 0.5 * length_before)
         following = jnp.where(take, newton, 0.5 * (low + high))
-        return following, low, high, jnp.abs(following - x), last, best, residual
+        return following, low, high, jnp.abs(following - x), last_length, best, residual
 
     # Twice the width lets the first two Newton steps go anywhere inside the bracket.
     width = 2.0 * (high - low)
     unknown = jnp.full_like(start, jnp.inf)
-    found, residual = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5:]
-    return Root(_implicit(function, parameters, found), residual)
+    root, residual = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5:]
+    return Root(_implicit(function, parameters, root), residual)
 
 
 @eqx.filter_custom_jvp
@@ -102,22 +102,23 @@ def bracketed_secant(
     value_high: ScalarLike,
     steps: int,
 ) -> Root:
-    """Root of a scalar function whose values at the ends of a bracket differ in sign, by the Illinois method.
+    """Find the root of a scalar function with opposite signs at the bracket's endpoints, by the Illinois method.
 
-    The number of steps is fixed. The root carries its derivative by the implicit function theorem,
-    dx = -(df/dp) dp / (df/dx), both taken at the root and only where asked for; where df/dx is zero there, the
-    derivative is reported as zero. The steps themselves are not differentiated. First derivatives only.
+    The number of steps is fixed. The steps are not differentiated. The root carries the derivative by the implicit
+    function theorem, dx = -(df/dp) dp / (df/dx), evaluated only when differentiating, or zero if df/dx is zero. First
+    derivatives only.
 
     Parameters
     ----------
     function
-        Takes x and the parameters; everything that is to be differentiated goes through `parameters`.
+        Function of x and the parameters; differentiable inputs must be in `parameters`.
     parameters
         Any pytree.
     low, high
-        The bracket.
+        Bracket.
     value_low, value_high
-        Values there. Without a change of sign the result is some point of the bracket: look at `residual`.
+        Values at the endpoints. Without a change of sign the result is an arbitrary point of the bracket: check
+        `residual`.
     steps
         Number of function evaluations in the loop.
     """
@@ -131,30 +132,30 @@ def bracketed_secant(
         return jnp.where(inside, x, 0.5 * (a + b))
 
     def step(_: object, carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        a, b, fa, fb, best, least = carry
+        a, b, fa, fb, best, least_residual = carry
         x = following(a, b, fa, fb)
         fx = function(x, fixed)
         across = fx * fb < 0.0
         a, fa = jnp.where(across, b, a), jnp.where(across, fb, 0.5 * fa)
-        better = jnp.abs(fx) < least
-        return a, x, fa, fx, jnp.where(better, x, best), jnp.where(better, jnp.abs(fx), least)
+        better = jnp.abs(fx) < least_residual
+        return a, x, fa, fx, jnp.where(better, x, best), jnp.where(better, jnp.abs(fx), least_residual)
 
     a, b, fa, fb = begin
-    first = jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
-    least = jnp.minimum(jnp.abs(fa), jnp.abs(fb))
-    found = lax.fori_loop(0, steps, step, (a, b, fa, fb, first, least))[4]
-    residual = function(found, fixed)
+    start = jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
+    least_residual = jnp.minimum(jnp.abs(fa), jnp.abs(fb))
+    best_x = lax.fori_loop(0, steps, step, (a, b, fa, fb, start, least_residual))[4]
+    residual = function(best_x, fixed)
 
     @jax.custom_jvp
-    def root(x: Scalar, given: Parameters) -> Scalar:
-        del given
+    def root(x: Scalar, values: Parameters) -> Scalar:
+        del values
         return x
 
     @root.defjvp
     def _(at: tuple[Scalar, Parameters], rates: tuple[Scalar, Parameters]) -> tuple[Scalar, Scalar]:
-        x, given = at
-        across = jax.jvp(lambda p: function(x, p), (given,), (rates[1],))[1]
-        slope = jax.jvp(lambda y: function(y, given), (x,), (jnp.ones_like(x),))[1]
+        x, values = at
+        across = jax.jvp(lambda p: function(x, p), (values,), (rates[1],))[1]
+        slope = jax.jvp(lambda y: function(y, values), (x,), (jnp.ones_like(x),))[1]
         return x, jnp.where(slope == 0.0, 0.0, -across / jnp.where(slope == 0.0, 1.0, slope))
 
-    return Root(root(found, parameters), residual)
+    return Root(root(best_x, parameters), residual)

@@ -1,4 +1,4 @@
-"""Passage between inertial (ECI), Earth-fixed (ECEF) and local (NED) frames. Source: theory section 1."""
+"""Transformations between inertial (ECI), Earth-fixed (ECEF) and local (NED) frames. Source: theory section 1."""
 
 import jax.numpy as jnp
 
@@ -11,28 +11,28 @@ from anser.spatial.wgs84 import ecef_from_geodetic
 def rotation_ecef_from_eci(
     time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Matrix33:
-    """Rotation ``R_ei`` (3, 3), ECI to ECEF, after a time in s.
+    """Rotation ``R_ei`` (3, 3), ECI to ECEF, at a time in s.
 
     ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0);
-    ``rotation_rate``, rad/s, is that of the Earth, here and below.
+    ``rotation_rate``, rad/s, is the Earth's rotation rate, in every function of this module.
     """
     eta = jnp.asarray(longitude_0) + rotation_rate * jnp.asarray(time)
     s, c = jnp.sin(eta), jnp.cos(eta)
-    zero, one = jnp.zeros_like(s), jnp.ones_like(s)
-    return jnp.stack([jnp.stack([c, s, zero]), jnp.stack([-s, c, zero]), jnp.stack([zero, zero, one])])
+    zero, unity = jnp.zeros_like(s), jnp.ones_like(s)
+    return jnp.stack([jnp.stack([c, s, zero]), jnp.stack([-s, c, zero]), jnp.stack([zero, zero, unity])])
 
 
 def ecef_from_eci(
     position_i: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Vector3:
-    """Earth-fixed position (3,), m, of an inertial one (3,), m; time in s, lambda_0 in rad."""
+    """Convert a position (3,), m, from inertial to Earth-fixed axes; time in s, lambda_0 in rad."""
     return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_i)
 
 
 def eci_from_ecef(
     position_e: Vector3, time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Vector3:
-    """Inertial position (3,), m, of an Earth-fixed one (3,), m; time in s, lambda_0 in rad."""
+    """Convert a position (3,), m, from Earth-fixed to inertial axes; time in s, lambda_0 in rad."""
     return rotate_back(rotation_ecef_from_eci(time, longitude_0, rotation_rate), position_e)
 
 
@@ -45,7 +45,7 @@ def velocity_ecef_from_eci(
 ) -> Vector3:
     """Velocity relative to the rotating Earth (3,), ECEF axes, m/s: ``R_ei (v_i - w_E x p_i)``.
 
-    From inertial position (3,), m, and velocity (3,), m/s; time in s, lambda_0 in rad.
+    Inputs: inertial position (3,), m, and velocity (3,), m/s; time in s, lambda_0 in rad.
     """
     relative_i = velocity_i - _earth_rotation_cross(position_i, rotation_rate)
     return rotate(rotation_ecef_from_eci(time, longitude_0, rotation_rate), relative_i)
@@ -58,9 +58,9 @@ def velocity_eci_from_ecef(
     longitude_0: ScalarLike,
     rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
-    """Inertial velocity (3,), ECI axes, m/s, of a point that moves: ``R_ei.T (v_e + w_E x p_e)``.
+    """Inertial velocity (3,), ECI axes, m/s, of a moving point: ``R_ei.T (v_e + w_E x p_e)``.
 
-    From Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s,
+    Inputs: Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s,
     lambda_0 in rad.
     """
     inertial_e = velocity_e + _earth_rotation_cross(position_e, rotation_rate)
@@ -68,8 +68,8 @@ def velocity_eci_from_ecef(
 
 
 def _earth_rotation_cross(position: Vector3, rotation_rate: ScalarLike) -> Vector3:
-    turned: list[Scalar] = [-position[1], position[0], jnp.zeros_like(position[2])]
-    return rotation_rate * jnp.stack(turned)
+    axis_cross_position: list[Scalar] = [-position[1], position[0], jnp.zeros_like(position[2])]
+    return rotation_rate * jnp.stack(axis_cross_position)
 
 
 def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
@@ -88,19 +88,17 @@ def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
 def ned_from_ecef_point(
     position_e: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
 ) -> Vector3:
-    """Position in the local tangent plane of a reference.
+    """Convert an Earth-fixed position to the local tangent plane of a reference point.
 
     Parameters
     ----------
     position_e
         Position (3,), ECEF, m.
     reference_latitude, reference_longitude, reference_height
-        Geodetic place of the tangent plane's origin: rad, rad, m above the ellipsoid.
+        Geodetic coordinates of the tangent plane's origin: rad, rad, m above the ellipsoid.
 
-    Returns
-    -------
-    (3,), NED of the tangent plane, m; exact, and not the flat-Earth map of `flat_from_geodetic`,
-    which bends with the Earth.
+    Returns ------- (3,), NED of the tangent plane, m; exact, unlike the flat-Earth map of `flat_from_geodetic`, which
+    follows the Earth's curvature.
     """
     origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
     return rotate(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_e - origin_e)
@@ -109,6 +107,6 @@ def ned_from_ecef_point(
 def ecef_from_ned_point(
     position_n: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
 ) -> Vector3:
-    """ECEF position (3,), m, of a tangent-plane NED point (3,), m: the inverse of `ned_from_ecef_point`."""
+    """Convert a tangent-plane NED position (3,), m, to ECEF, m: the inverse of `ned_from_ecef_point`."""
     origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
     return origin_e + rotate_back(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_n)

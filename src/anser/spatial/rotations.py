@@ -1,7 +1,4 @@
-"""Rotation matrices, quaternions and Euler angles.
-
-And the lengths and angles that they need, whose gradients stay finite at zero.
-"""
+"""Rotation matrices, quaternions and Euler angles, and lengths and angles with finite gradients at zero."""
 
 import jax.numpy as jnp
 
@@ -37,16 +34,15 @@ def _is_zero(squared: Scalar) -> Flag:
     return squared < max(_TINY_SQUARED, float(jnp.finfo(squared.dtype).tiny))
 
 
-# Below this cosine of the pitch angle roll and yaw are rounding noise one by one and only their difference or sum has
-# meaning. The noise is about 1e-16 / cosine and the error of ignoring the cosine is the cosine, so 1e-8 balances the
-# two.
+# Below this cosine of the pitch angle, roll and yaw separately are rounding noise; only their difference or sum is
+# defined. The noise is about 1e-16 / cosine, and the error of neglecting the cosine is the cosine: 1e-8 balances both.
 _GIMBAL_COSINE = 1e-8
 
 
 def rotation_from_quaternion(q: Quaternion) -> Matrix33:
     """Rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,). Source: theory section 1.
 
-    A quaternion of another length scales the matrix by its square.
+    For a quaternion of another length, the matrix is scaled by the squared length.
     """
     q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
     s0, s1, s2, s3 = q0 * q0, q1 * q1, q2 * q2, q3 * q3
@@ -62,9 +58,9 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
     """Find the unit quaternion (4,), with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
-    The matrix of all products ``4 q_i q_j`` is linear in ``R_bn``; its row with the largest diagonal, at least 1, is
-    the quaternion up to its length. So no small number is ever a divisor (Shepperd, J. Guidance and Control 1(3),
-    1978).
+    The matrix of the products ``4 q_i q_j`` is linear in ``R_bn``; the row with the largest diagonal entry, at least 1,
+    is proportional to the quaternion. Dividing by small numbers is thus avoided (Shepperd, J. Guidance and Control
+    1(3), 1978).
     """
     (r11, r12, r13), (r21, r22, r23), (r31, r32, r33) = ([R_bn[i, j] for j in range(3)] for i in range(3))
     q0q1, q0q2, q0q3 = r23 - r32, r31 - r13, r12 - r21
@@ -73,7 +69,7 @@ def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
     q1q1 = 1.0 + r11 - r22 - r33
     q2q2 = 1.0 - r11 + r22 - r33
     q3q3 = 1.0 - r11 - r22 + r33
-    rows = jnp.stack(
+    products = jnp.stack(
         [
             jnp.stack([q0q0, q0q1, q0q2, q0q3]),
             jnp.stack([q0q1, q1q1, q1q2, q1q3]),
@@ -81,7 +77,7 @@ def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
             jnp.stack([q0q3, q1q3, q2q3, q3q3]),
         ]
     )
-    q = rows[jnp.argmax(jnp.stack([q0q0, q1q1, q2q2, q3q3]))]
+    q = products[jnp.argmax(jnp.stack([q0q0, q1q1, q2q2, q3q3]))]
     return normalize(jnp.where(q[0] < 0.0, -q, q))
 
 
@@ -112,7 +108,7 @@ def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) ->
 
 
 def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Quaternion:
-    """Find the unit quaternion (4,) of roll, pitch, yaw in rad; its sign follows the angles. Source: [SL] chapter 1."""
+    """Unit quaternion (4,) of roll, pitch, yaw in rad; the sign is continuous in the angles. Source: [SL] chapter 1."""
     roll, pitch, yaw = jnp.asarray(roll), jnp.asarray(pitch), jnp.asarray(yaw)
     s_roll, c_roll = jnp.sin(0.5 * roll), jnp.cos(0.5 * roll)
     s_pitch, c_pitch = jnp.sin(0.5 * pitch), jnp.cos(0.5 * pitch)
@@ -154,9 +150,9 @@ def euler_from_quaternion(q: Quaternion) -> Vector3:
 
 
 def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
-    """Time derivative of the attitude quaternion (4,), 1/s, always at right angles to it. Source: theory section 2.
+    """Time derivative of the attitude quaternion (4,), 1/s, orthogonal to the quaternion. Source: theory section 2.
 
-    ``rates_b`` is the angular velocity of the body against NED (3,), in body axes: P, Q, R in rad/s.
+    ``rates_b`` is the angular velocity of the body relative to NED (3,), in body axes: P, Q, R in rad/s.
     """
     P, Q, R = rates_b[0], rates_b[1], rates_b[2]
     q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
@@ -173,8 +169,8 @@ def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
 def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     """Hamilton product ``p q`` (4,).
 
-    With quaternions that take NED to body, the first rotation stands on the left: the product of ``q_ba`` and
-    ``q_cb`` is ``q_ca``, and its matrix is ``R_cb @ R_ba``.
+    For quaternions from NED to body, the first rotation is the left factor: the product of ``q_ba`` and ``q_cb`` is
+    ``q_ca``, with matrix ``R_cb @ R_ba``.
     """
     return jnp.stack(
         [
@@ -187,19 +183,19 @@ def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def normalize(q: Quaternion) -> Quaternion:
-    """Scale a quaternion (4,) to unit length; one shorter than 1e-145 is no attitude and comes back as it is."""
+    """Scale a quaternion (4,) to unit length; a quaternion shorter than 1e-145 is returned unchanged."""
     squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     no_attitude = squared < 1e-290
     return q / jnp.sqrt(jnp.where(no_attitude, 1.0, squared))
 
 
 def rotate(R_ba: Matrix33, v_a: Vector3) -> Vector3:
-    """Take a vector from frame a to frame b: ``R_ba @ v_a``, any unit."""
+    """Transform a vector from frame a to frame b: ``R_ba @ v_a``, any unit."""
     return R_ba[:, 0] * v_a[0] + R_ba[:, 1] * v_a[1] + R_ba[:, 2] * v_a[2]
 
 
 def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
-    """Take a vector from frame b to frame a: ``R_ba.T @ v_b``, any unit."""
+    """Transform a vector from frame b to frame a: ``R_ba.T @ v_b``, any unit."""
     return R_ba[0] * v_b[0] + R_ba[1] * v_b[1] + R_ba[2] * v_b[2]
 
 

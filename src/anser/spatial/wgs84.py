@@ -1,6 +1,6 @@
-"""Geodetic coordinates on an ellipsoid of revolution, WGS-84 unless another is given.
+"""Geodetic coordinates on an ellipsoid of revolution, by default WGS-84; a sphere is the special case f = 0.
 
-A sphere is an ellipsoid without flattening. Source: theory section 1, [WGS84].
+Source: theory section 1, [WGS84].
 """
 
 import equinox as eqx
@@ -53,9 +53,9 @@ def radii_of_curvature(lat: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> tuple[S
 
 
 def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> Vector3:
-    """Earth-centred, Earth-fixed position (3,), m, of geodetic latitude and longitude in rad and height in m.
+    """Earth-fixed position (3,), m, at a geodetic latitude and longitude in rad and height above the ellipsoid in m.
 
-    The height is above the ellipsoid. Closed form, exact.
+    Closed form, exact.
     """
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
     _, R_N = radii_of_curvature(lat, ellipsoid)
@@ -122,19 +122,19 @@ def geodetic_from_flat(
     position_n
         Flat-Earth position (3,), NED from the reference, m.
     reference_latitude, reference_longitude, reference_height
-        Geodetic place of the flat Earth's origin: rad, rad, m above the ellipsoid; not a pole.
+        Geodetic coordinates of the flat Earth's origin: rad, rad, m above the ellipsoid; not a pole.
     ellipsoid
         Figure of the Earth.
 
     Returns
     -------
-    Latitude and longitude, rad, and height, m. Both angles continue the reference's: the longitude across +-pi, it is
-    not wrapped, and the latitude of a position beyond a pole across +-pi/2.
+    Latitude and longitude, rad, and height, m. The angles are continuous: longitude is not wrapped at +-pi, and the
+    latitude of a position beyond a pole exceeds +-pi/2.
 
     Notes
     -----
-    Theory section 1 up to an eighth of a turn from the reference. From there the arctangent goes on along its tangent,
-    so that the map reaches every place, each longitude once within half a turn of the reference's.
+    Theory section 1 up to an eighth of a turn from the reference. Farther away the arctangent is continued along its
+    tangent, so that the map covers the whole Earth, each longitude once within half a turn of the reference.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
     north = _angle_of(position_n[0], R_M + reference_height)
@@ -147,7 +147,7 @@ def geodetic_from_flat(
 
 
 recorded_geodetic_from_flat = jax.jit(geodetic_from_flat)
-"""`geodetic_from_flat`, compiled, for places recorded of a flight: the first axis is NED, others may follow."""
+"""Compiled `geodetic_from_flat` for recorded positions: the first axis is NED, followed by any further axes."""
 
 
 def flat_from_geodetic(
@@ -159,15 +159,15 @@ def flat_from_geodetic(
     reference_height: ScalarLike,
     ellipsoid: Ellipsoid = WGS84,
 ) -> Vector3:
-    """Flat-Earth position of a geodetic one: the exact inverse of `geodetic_from_flat`.
+    """Convert a geodetic to a flat-Earth position: the exact inverse of `geodetic_from_flat`.
 
     Parameters
     ----------
     lat, lon, h
-        Geodetic latitude and longitude, rad, and height, m; any place, the longitude in any turn (+-2 pi makes no
-        difference). East jumps at half a turn from the reference's longitude, and there alone.
+        Geodetic latitude and longitude, rad, and height, m, anywhere on Earth; adding 2 pi to the longitude makes no
+        difference. East is discontinuous only at half a turn from the reference's longitude.
     reference_latitude, reference_longitude, reference_height
-        Geodetic place of the flat Earth's origin: rad, rad, m; not a pole.
+        Geodetic coordinates of the flat Earth's origin: rad, rad, m; not a pole.
     ellipsoid
         Figure of the Earth.
 
@@ -176,24 +176,24 @@ def flat_from_geodetic(
     Position (3,), NED from the reference, m.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
-    turned = jnp.asarray(lon) - reference_longitude
-    turned = turned - 2.0 * jnp.pi * jnp.round(turned / (2.0 * jnp.pi))
+    east_angle = jnp.asarray(lon) - reference_longitude
+    east_angle = east_angle - 2.0 * jnp.pi * jnp.round(east_angle / (2.0 * jnp.pi))
     north = _length_of(jnp.asarray(lat) - reference_latitude, R_M + reference_height)
-    east = _length_of(turned, (R_N + reference_height) * jnp.cos(reference_latitude))
+    east = _length_of(east_angle, (R_N + reference_height) * jnp.cos(reference_latitude))
     return jnp.stack([north, east, jnp.asarray(reference_height) - h])
 
 
 def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
-    """Derivative of a flat-Earth length, m, by the arc of the angle that it stands for, at a radius, m: 1 to 2."""
+    """Derivative of a flat-Earth length, m, with respect to the arc on the Earth of the given radius, m: 1 to 2."""
     tangent = jnp.clip(length / radius, -1.0, 1.0)
     return 1.0 + tangent * tangent
 
 
 def _angle_of(length: ScalarLike, radius: ScalarLike) -> Scalar:
-    near = jnp.clip(length, -radius, radius)
-    return jnp.arctan2(near, radius) + 0.5 * (length - near) / radius
+    arctangent_part = jnp.clip(length, -radius, radius)
+    return jnp.arctan2(arctangent_part, radius) + 0.5 * (length - arctangent_part) / radius
 
 
 def _length_of(angle: ScalarLike, radius: ScalarLike) -> Scalar:
-    near = jnp.clip(angle, -0.25 * jnp.pi, 0.25 * jnp.pi)
-    return radius * (jnp.tan(near) + 2.0 * (angle - near))
+    tangent_part = jnp.clip(angle, -0.25 * jnp.pi, 0.25 * jnp.pi)
+    return radius * (jnp.tan(tangent_part) + 2.0 * (angle - tangent_part))

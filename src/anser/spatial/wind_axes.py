@@ -1,4 +1,4 @@
-"""Flow angles, path angles and the bank about the velocity vector. Source: theory section 2."""
+"""Flow angles, path angles and the bank angle about the velocity vector. Source: theory section 2."""
 
 import jax.numpy as jnp
 
@@ -22,10 +22,8 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     """Airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
 
-    Returns
-    -------
-    V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest all three are 0 with zero gradients. Beta is
-    ``asin(V_y / V)`` written as an arctangent, so that its gradient is finite at a pure side flow.
+    Returns ------- V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest V, alpha and beta are 0 with
+    zero gradients. Beta is ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
     """
     U, V_y, W = velocity_air_b[0], velocity_air_b[1], velocity_air_b[2]
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
@@ -61,7 +59,7 @@ def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> 
 def attitude_from_path(
     mu: ScalarLike, gamma: ScalarLike, chi: ScalarLike, alpha: ScalarLike, beta: ScalarLike
 ) -> Matrix33:
-    """Attitude that flies a given path: the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` together.
+    """Attitude for a given flight path: the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
 
     Parameters
     ----------
@@ -72,7 +70,7 @@ def attitude_from_path(
 
     Returns
     -------
-    ``R_bn`` (3, 3), NED to body: ``R_wb.T @ R_wn``, where ``R_wn`` is the 3-2-1 matrix of (mu, gamma, chi).
+    ``R_bn`` (3, 3), NED to body: ``R_wb.T @ R_wn`` with the 3-2-1 matrix ``R_wn`` of (mu, gamma, chi).
     """
     R_wb = rotation_wind_from_body(alpha, beta)
     return compose(R_wb.T, rotation_from_euler(mu, gamma, chi))
