@@ -14,9 +14,8 @@ from anser.compiling.store import FolderStore
 
 _KEPT = """
 import jax.numpy as jnp
-from anser.compiling import cache_folder, enable_compilation_cache
-from anser.compiling.options import compiled
-from anser.numerics import solve3
+from anser.compiling.options import cache_folder, compiled, enable_compilation_cache
+from anser.numerics.linear import solve3
 enable_compilation_cache()
 print(cache_folder(), compiled(solve3)(jnp.eye(3), jnp.arange(3.0)).tolist())
 """

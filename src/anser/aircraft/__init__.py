@@ -1,4 +1,4 @@
-"""Airframes, actuators and engines: forces, moments and their derivatives in state space."""
+"""Aircraft models: airframes, actuators, engines, and the six-degree-of-freedom equations of motion."""
 
 import lazy_loader
 

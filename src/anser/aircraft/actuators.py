@@ -13,18 +13,18 @@ from anser.variables import STANDARD_SURFACES
 
 
 class AbstractActuators(eqx.Module):
-    """Actuators of any number of control surfaces; what they carry along is their own, but for its `position`.
+    """Actuators of any number of control surfaces; the state is specific to the class, but has an attribute `position`.
 
     Attributes
     ----------
     time_constant
-        Lag from command to position that a controller may invert, s, shape (surfaces,).
+        Lag from command to position, for inversion by a controller, s, shape (surfaces,).
     lower, upper
         Position limits, rad, shape (surfaces,).
     rate_limit
         rad/s, shape (surfaces,).
     names
-        Of the surfaces, unique.
+        Distinct names of the surfaces.
     """
 
     time_constant: eqx.AbstractVar[Vector]
@@ -35,33 +35,33 @@ class AbstractActuators(eqx.Module):
 
     @abc.abstractmethod
     def steady_state(self, position: Vector) -> Any:
-        """State of actuators at rest at a position (rad); has an attribute `position`."""
+        """State at rest at a position (rad)."""
 
     @abc.abstractmethod
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
-        """Time derivative of the state under a command (rad), as a state of derivatives."""
+        """Time derivative of the state for a command (rad), in the state's structure."""
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
-        """Steady positions (rad) where surfaces that no controller commands stand as the flow has them."""
+        """Replace the positions (rad) of scheduled surfaces, without command, by the steady values for the air data."""
         return position
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
-        """State of actuators at rest in a steady flow, scheduled surfaces where the flow has them."""
+        """State at rest in a steady flow, with scheduled surfaces at the values for the air data."""
         return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """Whether a controller commands each surface; the others move by schedules of their own."""
+        """Whether each surface is commanded by the controller; the remaining surfaces follow a schedule."""
         return (True,) * len(self.names)
 
     @property
     def controls_yaw(self) -> bool:
-        """Whether the commanded surfaces turn the aircraft about three axes, yaw among them."""
+        """Whether there are enough commanded surfaces to control roll, pitch and yaw."""
         return sum(self.is_commanded) >= len(STANDARD_SURFACES)
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the elements of the state, in the order of its leaves."""
+        """Names of the state's elements, in leaf order."""
         return self.names
 
     def limit_command(self, command: Vector) -> Vector:
@@ -69,7 +69,7 @@ class AbstractActuators(eqx.Module):
         return jnp.clip(command, self.lower, self.upper)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Command (rad, within the position limits) whose lag moves the surfaces at a wanted rate (rad/s)."""
+        """Command (rad, within the position limits) for a required surface rate (rad/s): the inverse of the lag."""
         return self.limit_command(position + self.time_constant * rate)
 
 
@@ -80,7 +80,7 @@ class Deflections(eqx.Module):
 
 
 class FirstOrderActuators(AbstractActuators):
-    """Each surface follows its command with a first-order lag."""
+    """Actuators with a first-order lag from command to position."""
 
     time_constant: Vector
     lower: Vector
@@ -89,24 +89,24 @@ class FirstOrderActuators(AbstractActuators):
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
     def steady_state(self, position: Vector) -> Deflections:
-        """At rest: the position alone."""
+        """The position alone."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
         """(limited command - position) / time constant, within the rate limits."""
-        wanted = (self.limit_command(command) - state.position) / self.time_constant
-        return Deflections(jnp.clip(wanted, -self.rate_limit, self.rate_limit))
+        unlimited_rate = (self.limit_command(command) - state.position) / self.time_constant
+        return Deflections(jnp.clip(unlimited_rate, -self.rate_limit, self.rate_limit))
 
 
 class MovingDeflections(eqx.Module):
-    """State of second-order actuators: `position` (rad) and `velocity` (rad/s), shape (surfaces,) each."""
+    """State of second-order actuators: `position` (rad) and `velocity` (rad/s), both of shape (surfaces,)."""
 
     position: Vector
     velocity: Vector
 
 
 class SecondOrderActuators(AbstractActuators):
-    """Each surface follows its command as a damped oscillator whose speed is limited.
+    """Actuators with second-order dynamics and limited speed.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class SecondOrderActuators(AbstractActuators):
 
     @property
     def time_constant(self) -> Float[Array, " surfaces"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Lag of slow motion: 2 damping / frequency, s."""
+        """Lag in slow motion: 2 damping / frequency, s."""
         return 2.0 * self.damping / self.frequency
 
     @property
@@ -139,15 +139,21 @@ class SecondOrderActuators(AbstractActuators):
         return MovingDeflections(position, jnp.zeros_like(position))
 
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
-        """X'' = w^2 (limited command - x) - 2 z w x', with x' held within the rate limit."""
+        """X'' = w^2 (limited command - x) - 2 z w x', with x' within the rate limit."""
         w = self.frequency
-        pulled = w * w * (self.limit_command(command) - state.position) - 2.0 * self.damping * w * state.velocity
-        moving = jnp.clip(state.velocity, -self.rate_limit, self.rate_limit)
-        # at the limit nothing accelerates further, and what lies beyond by a step of the integrator comes back
-        back = (moving - state.velocity) * w
+        free_acceleration = (
+            w * w * (self.limit_command(command) - state.position) - 2.0 * self.damping * w * state.velocity
+        )
+        limited_velocity = jnp.clip(state.velocity, -self.rate_limit, self.rate_limit)
+        # at the rate limit the speed cannot grow, and an overshoot by an integration step decays
+        return_acceleration = (limited_velocity - state.velocity) * w
         acceleration = jnp.where(
             state.velocity >= self.rate_limit,
-            jnp.minimum(pulled, back),
-            jnp.where(state.velocity <= -self.rate_limit, jnp.maximum(pulled, back), pulled),
+            jnp.minimum(free_acceleration, return_acceleration),
+            jnp.where(
+                state.velocity <= -self.rate_limit,
+                jnp.maximum(free_acceleration, return_acceleration),
+                free_acceleration,
+            ),
         )
-        return MovingDeflections(moving, acceleration)
+        return MovingDeflections(limited_velocity, acceleration)

@@ -1,6 +1,6 @@
-"""Quantities that the parts of an aircraft exchange.
+"""Quantities exchanged between the parts of an aircraft.
 
-Air data, force and moment, gust and thrust loss, and the range of air data in which a model is valid.
+Air data, force and moment, gust and thrust loss, and the validity range of a model.
 """
 
 import math
@@ -20,8 +20,8 @@ class Wrench(eqx.Module):
     force_b: Vector3
     moment_b: Vector3
 
-    def __add__(self, other: "Wrench") -> "Wrench":
-        return Wrench(self.force_b + other.force_b, self.moment_b + other.moment_b)
+    def __add__(self, addend: "Wrench") -> "Wrench":
+        return Wrench(self.force_b + addend.force_b, self.moment_b + addend.moment_b)
 
 
 class AirData(eqx.Module):
@@ -41,7 +41,7 @@ class AirData(eqx.Module):
 
 
 def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData:
-    """Air data from the air-relative velocity in body axes (m/s), the altitude (m) and the air there."""
+    """Air data from the air-relative velocity in body axes (m/s), the altitude (m) and the local air."""
     V, alpha, beta = flow_angles(velocity_air_b)
     return AirData(
         V=V,
@@ -55,9 +55,9 @@ def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData
 
 
 class Validity(eqx.Module):
-    """Least and greatest values for which data hold; infinite where nothing bounds them.
+    """Ranges in which the data are valid, infinite if unlimited.
 
-    True airspeed (m/s), geometric altitude (m) and Mach number.
+    True airspeed (m/s), geometric altitude (m) and Mach number, minimum and maximum.
     """
 
     airspeed: tuple[Scalar, Scalar]
@@ -65,7 +65,7 @@ class Validity(eqx.Module):
     mach: tuple[Scalar, Scalar]
 
     def excludes(self, air_data: AirData) -> Flag:
-        """Whether one of the three lies outside."""
+        """Whether airspeed, altitude or Mach number is out of range."""
         return (
             is_outside(air_data.V, self.airspeed)
             | is_outside(air_data.altitude, self.altitude)
@@ -74,25 +74,25 @@ class Validity(eqx.Module):
 
 
 def unlimited_validity() -> Validity:
-    """Validity that nothing bounds."""
-    ends = as_array(-math.inf), as_array(math.inf)
-    return Validity(ends, ends, ends)
+    """Validity without limits."""
+    limits = as_array(-math.inf), as_array(math.inf)
+    return Validity(limits, limits, limits)
 
 
 def is_outside(value: Scalar, limits: tuple[Scalar, Scalar]) -> Flag:
-    """Whether a value lies outside its least and greatest one."""
+    """Whether a value is below the lower or above the upper limit."""
     return (value < limits[0]) | (value > limits[1])
 
 
 class Disturbance(eqx.Module):
-    """Gust and thrust of one aircraft, held over a sampling period.
+    """Gust and thrust loss of one aircraft, constant over a sampling period.
 
     Attributes
     ----------
     gust
-        What is added to the mean wind.
+        Gust relative to the mean wind.
     thrust
-        Part of the engine's thrust that is left, 0..1.
+        Remaining fraction of the engine's thrust, 0..1.
     """
 
     gust: Gust
@@ -100,5 +100,5 @@ class Disturbance(eqx.Module):
 
 
 def no_disturbance() -> Disturbance:
-    """Smooth air and a sound engine."""
+    """Smooth air and full thrust."""
     return Disturbance(Gust(as_array([0.0] * 3), as_array([0.0] * 3)), as_array(1.0))

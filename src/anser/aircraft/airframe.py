@@ -1,7 +1,6 @@
-"""The interface of an airframe.
+"""The interface of an airframe to autopilot, trim and simulation: state, controls, mass properties, aerodynamics.
 
-All that autopilot, trim and simulation know of an aircraft, its state and controls, and the check that its mass
-properties are those of a possible body.
+Includes the check that mass properties are physically possible.
 """
 
 import abc
@@ -18,9 +17,10 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft as seen in the local NED axes, over any Earth.
+    """State of one aircraft in the local NED axes, over any Earth.
 
-    Over a flat Earth it is what is integrated; over a round one it is derived (`anser.aircraft.motion`).
+    Integrated directly over a flat Earth; derived from the integrated state over a round Earth
+    (`anser.aircraft.motion`).
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class AircraftState(eqx.Module):
     quaternion
         (q0, q1, q2, q3), scalar first, NED to body.
     rates_b
-        (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth these are the inertial rates.
+        (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
     actuators
-        State of the airframe's actuators, a structure of their own with the attribute `position`.
+        State of the airframe's actuators, with an attribute `position`.
     engine
-        State of the airframe's engine, a structure of its own with the attribute `power`.
+        State of the airframe's engine, with an attribute `power`.
     """
 
     position_n: Vector3
@@ -57,7 +57,7 @@ class AircraftState(eqx.Module):
 
 
 class Controls(eqx.Module):
-    """What a pilot or autopilot sets: commanded surfaces (in the airframe's order, rad) and throttle (0..1)."""
+    """Inputs from pilot or autopilot: surface commands (in the airframe's order, rad) and throttle (0..1)."""
 
     surfaces: Vector
     throttle: Scalar
@@ -71,7 +71,7 @@ class MassProperties(eqx.Module):
     mass
         kg.
     inertia_b, inertia_inverse_b
-        Inertia matrix about the centre of gravity in body axes, kg m^2, and its inverse.
+        Inertia matrix about the centre of gravity in body axes, kg m^2, and the inverse matrix.
     spin_momentum_b
         Angular momentum of spinning parts (engine), kg m^2/s.
     """
@@ -83,18 +83,18 @@ class MassProperties(eqx.Module):
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe; concrete airframes are final.
+    """Interface of an airframe; concrete subclasses are final.
 
     Attributes
     ----------
     mass_properties
         See `MassProperties`.
     actuators
-        Dynamics, limits and names of its control surfaces.
+        Dynamics, limits and names of the control surfaces.
     engine
-        Thrust, lag and their inverses.
+        Thrust, lag and the inverses of both.
     alpha_range, beta_range
-        Least and greatest angle of attack and sideslip for which the data are valid, rad.
+        Valid range of angle of attack and of sideslip, rad.
     """
 
     mass_properties: eqx.AbstractVar[MassProperties]
@@ -105,9 +105,9 @@ class AbstractAirframe(eqx.Module):
 
     @property
     def symmetric(self) -> bool:
-        """Whether there is no side force without sideslip, rates and deflections; False where nobody knows.
+        """Whether the side force is zero without sideslip, rates and deflections; False if unknown.
 
-        Static: the autopilot then does not look for one.
+        A static property: if True, the autopilot does not compensate a side force.
         """
         return False
 
@@ -117,33 +117,35 @@ class AbstractAirframe(eqx.Module):
 
     @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition lies outside the range of the airframe's data, its engine's among them."""
+        """Whether the flight condition is outside the valid range of the airframe's or the engine's data."""
 
 
 _LENGTHS = ("span", "wing_area", "mean_chord")
-"""Attributes that airframes have where their aerodynamics need them."""
+"""Attributes of airframes with such reference quantities."""
 
 
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
-    """Raise ValueError if an airframe has a mass, inertia, area or length that no body has.
+    """Raise ValueError if an airframe's mass, inertia, area or length is physically impossible.
 
     Parameters
     ----------
     airframe
-        Of a user's own code; its numbers are known, not traced.
+        User-defined airframe with concrete, untraced numbers.
     name
-        What the message calls it.
+        Name of the airframe for the message.
     """
     properties = airframe.mass_properties
     J_b = np.asarray(properties.inertia_b, dtype=float)
     if J_b.shape != (3, 3) or not np.allclose(J_b, J_b.T, rtol=0.0, atol=1e-9 * np.abs(J_b).max()):
-        what = f"of shape {J_b.shape}" if J_b.shape != (3, 3) else "that is not symmetric"
-        raise ValueError(f"{name}: arrived mass_properties.inertia_b {what}; expected a symmetric matrix, 3 by 3")
+        defect = f"of shape {J_b.shape}" if J_b.shape != (3, 3) else "that is not symmetric"
+        raise ValueError(f"{name}: arrived mass_properties.inertia_b {defect}; expected a symmetric matrix, 3 by 3")
     positive = {"mass_properties.mass": float(properties.mass)}
     positive |= {key: float(value) for key in _LENGTHS if (value := getattr(airframe, key, None)) is not None}
     for fault in body_faults(positive, J_b.tolist()):
-        where = fault.quantity if fault.quantity in positive else f"{fault.quantity} in mass_properties.inertia_b"
-        raise ValueError(f"{name}: arrived {fault.arrived:.10g} as {where}; expected {fault.expected}")
+        quantity_path = (
+            fault.quantity if fault.quantity in positive else f"{fault.quantity} in mass_properties.inertia_b"
+        )
+        raise ValueError(f"{name}: arrived {fault.arrived:.10g} as {quantity_path}; expected {fault.expected}")
     if not np.allclose(J_b @ np.asarray(properties.inertia_inverse_b, dtype=float), np.eye(3), atol=1e-6):
-        words = "the inverse of mass_properties.inertia_b"
-        raise ValueError(f"{name}: arrived another matrix as mass_properties.inertia_inverse_b; expected {words}")
+        requirement = "the inverse of mass_properties.inertia_b"
+        raise ValueError(f"{name}: arrived another matrix as mass_properties.inertia_inverse_b; expected {requirement}")

@@ -1,7 +1,4 @@
-"""An airframe and an engine whose numbers come from DAVE-ML files (ANSI/AIAA S-119) with the standard's.
-
-Variable names.
-"""
+"""Airframe and engine from DAVE-ML files with the variable names of the standard (ANSI/AIAA S-119)."""
 
 import dataclasses
 import math
@@ -36,9 +33,9 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 _THRUST = tuple(f"thrustBodyForce_{axis}" for axis in "XYZ")
 _TORQUE = tuple(f"thrustBodyMoment_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 ENGINE_OUTPUTS = (*_THRUST, *_TORQUE)
-"""What a file of propulsion must give."""
+"""Required outputs of a propulsion file."""
 ENGINE_POWER = "powerLeverAngle"
-"""The input of a file of propulsion by which it is set, percent."""
+"""Input of a propulsion file for the power, percent."""
 AIR_INPUTS = (
     "trueAirspeed",
     "angleOfAttack",
@@ -48,13 +45,13 @@ AIR_INPUTS = (
     "dynamicPressure",
     "airDensity",
 )
-"""Inputs that say in what air a file is asked."""
+"""Inputs of a file that describe the air data."""
 _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
-    """Those of `AIR_INPUTS` that a file has as inputs, SI units and rad."""
-    given = (
+    """Return the values of `AIR_INPUTS` that are inputs of a file, SI units and rad."""
+    values = (
         air_data.V,
         air_data.alpha,
         air_data.beta,
@@ -63,28 +60,28 @@ def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]
         air_data.qbar,
         air_data.density,
     )
-    asked = {evaluator.structure.by_id[one].name for one in evaluator.structure.inputs}
-    return {name: value for name, value in zip(AIR_INPUTS, given, strict=True) if name in asked}
+    input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
+    return {name: value for name, value in zip(AIR_INPUTS, values, strict=True) if name in input_names}
 
 
 class DaveMlEngine(AbstractEngine):
-    """Thrust by a file, set by its power lever in percent; the power follows the throttle with one lag.
+    """Thrust from a file as a function of the power in percent, with a first-order lag from throttle to power.
 
     Attributes
     ----------
     evaluator
-        Of the file.
+        Evaluator of the file.
     lag
-        Time constant, s: a file of propulsion has none.
+        Time constant, s; not part of a propulsion file.
     altitude_range, mach_range
-        Where its tables hold: m and Mach number.
-    beyond
-        Thrust by 100 percent of power beyond 0 to 100, N. No flight gets there; a search for a steady one does on its
-        way, and finds no way back where a file holds its thrust at the ends.
+        Valid range of the tables: m and Mach number.
+    extrapolation_thrust
+        Thrust per 100 percent of power outside 0 to 100, N. Unused in flight; gives a trim search a slope where the
+        file's thrust is constant beyond the ends.
     point_b
-        What the moment of the file is about, seen from the centre of gravity, m.
+        Moment reference point of the file relative to the centre of gravity, m.
     thrust_factor
-        On all thrust and its moment; 1 as the file has it.
+        Factor on thrust and thrust moment; 1 for the values of the file.
     """
 
     evaluator: Evaluator
@@ -96,7 +93,7 @@ class DaveMlEngine(AbstractEngine):
     thrust_factor: Scalar
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone."""
+        """The power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -104,39 +101,39 @@ class DaveMlEngine(AbstractEngine):
         return lagged_power_rate(state.power, throttle, self.lag)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust and its moment about the centre of gravity."""
-        # percent is a fraction in SI units
+        """Thrust, and the thrust moment about the centre of gravity."""
+        # in SI units percent becomes a fraction
         within = jnp.clip(power, 0.0, 100.0)
         inputs = {**air_inputs(self.evaluator, air_data), ENGINE_POWER: within / 100.0}
-        found = self.evaluator.evaluate_si(inputs, ENGINE_OUTPUTS)
-        force_b, moment_b = (jnp.stack([found[name] for name in names]) for names in (_THRUST, _TORQUE))
+        outputs = self.evaluator.evaluate_si(inputs, ENGINE_OUTPUTS)
+        force_b, moment_b = (jnp.stack([outputs[name] for name in names]) for names in (_THRUST, _TORQUE))
         force_b = self.thrust_factor * force_b.at[0].add(self.extrapolation_thrust * (power - within) / 100.0)
         return Wrench(force_b, self.thrust_factor * moment_b + cross(self.point_b, force_b))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) whose thrust is nearest to `thrust` (N): exact where it is linear between tenths."""
+        """Power (0..100 percent) with the thrust nearest to `thrust` (N), by linear interpolation every ten percent."""
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
-        known = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
-        rising = jax.lax.cummax(known)
-        at = jnp.clip(jnp.sum(thrust >= rising) - 1, 0, _POWER_GRID.size - 2)
-        span = rising[at + 1] - rising[at]
-        share = (thrust - rising[at]) / jnp.where(span > 0.0, span, 1.0)
-        return jnp.clip(powers[at] + 10.0 * jnp.clip(share, 0.0, 1.0), 0.0, 100.0)
+        thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
+        rising = jax.lax.cummax(thrusts)
+        index = jnp.clip(jnp.sum(thrust >= rising) - 1, 0, _POWER_GRID.size - 2)
+        span = rising[index + 1] - rising[index]
+        share = (thrust - rising[index]) / jnp.where(span > 0.0, span, 1.0)
+        return jnp.clip(powers[index] + 10.0 * jnp.clip(share, 0.0, 1.0), 0.0, 100.0)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
+        """Throttle for a steady power."""
         return steady_throttle(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
+        """Throttle for the power rate nearest to the required rate."""
         return throttle_for_rate(power, power_rate, self.lag)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number lies outside what is told of the tables."""
+        """Whether altitude or Mach number is outside the declared range of the tables."""
         low, high = self.altitude_range
-        slow, fast = self.mach_range
-        out = (air_data.altitude < low) | (air_data.altitude > high)
-        return out | (air_data.mach < slow) | (air_data.mach > fast)
+        mach_min, mach_max = self.mach_range
+        altitude_outside = (air_data.altitude < low) | (air_data.altitude > high)
+        return altitude_outside | (air_data.mach < mach_min) | (air_data.mach > mach_max)
 
 
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
@@ -144,10 +141,10 @@ _MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch
 _RATES = tuple(f"bodyAngularRate_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 AERO_OUTPUTS = (*_FORCES, *_MOMENTS)
-"""What a file of aerodynamics must give, besides `AERO_LENGTHS`."""
+"""Required outputs of an aerodynamics file, besides `AERO_LENGTHS`."""
 AERO_LENGTHS = _LENGTHS
 STANDARD_INPUTS = (*AIR_INPUTS, *_RATES)
-"""Inputs that are known of any aircraft; all others have to be its surfaces, or have a usual value."""
+"""Inputs available for any aircraft; other inputs must be surfaces or have a default value."""
 _INERTIAS = (
     *(f"bodyMomentOfInertia_{axis}" for axis in ("Roll", "Pitch", "Yaw")),
     *(f"bodyProductOfInertia_{axes}" for axes in ("XY", "YZ", "ZX")),
@@ -155,33 +152,33 @@ _INERTIAS = (
 _QUANTITIES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jxz")
 _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
-"""What a file of inertia must give."""
+"""Required outputs of an inertia file."""
 _GRAVITY_M_S2 = 9.80665
 _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.0)
-"""Where a side force is looked for: Mach numbers up to 1.8, at sea level."""
+"""Grid of the search for a static side force: Mach numbers up to 1.8, at sea level."""
 
 
 class DaveMlAircraft(AbstractAirframe):
-    """Aerodynamics by a file: coefficients in body axes about its moment reference centre.
+    """Aerodynamics from a file: coefficients in body axes about the file's moment reference centre.
 
     Attributes
     ----------
     evaluator
-        Of the file.
+        Evaluator of the file.
     span, wing_area, mean_chord
         Reference lengths (m) and area (m^2) of the file.
     centre_b
-        Centre of mass seen from the moment reference centre, body axes, m.
+        Centre of mass relative to the moment reference centre, body axes, m.
     coefficient_factors
-        On CX, CY, CZ, Cl, Cm, Cn of the file; 1 as they are.
-    inputs
-        The file's input that each surface moves.
-    still_side_force
-        Whether there may be a side force without sideslip, rates and deflections.
-    airspeed_least
-        Below it the airspeed of the file is held, m/s: p b/2V has no bound at rest.
+        Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
+    airspeed_min
+        Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
     validity
-        Of airspeed, altitude and Mach number.
+        Valid range of airspeed, altitude and Mach number.
+    inputs
+        Input of the file driven by each surface.
+    has_static_side_force
+        Whether a side force without sideslip, rates and deflections is possible.
     """
 
     mass_properties: MassProperties
@@ -195,37 +192,37 @@ class DaveMlAircraft(AbstractAirframe):
     mean_chord: Scalar
     centre_b: Vector3
     coefficient_factors: Float[Array, "6"]
-    airspeed_least: Scalar
+    airspeed_min: Scalar
     validity: Validity
     inputs: tuple[str, ...] = eqx.field(static=True)
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property
     def symmetric(self) -> bool:
-        """Whether `has_static_side_force` says so."""
+        """Negation of `has_static_side_force`."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
-        """CX, CY, CZ, Cl, Cm, Cn of the file times their factors, moments about its reference centre."""
-        slow = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_least))
+        """CX, CY, CZ, Cl, Cm, Cn of the file times the factors, moments about the reference centre."""
+        limited_air_data = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_min))
         inputs = {
-            **air_inputs(self.evaluator, slow),
+            **air_inputs(self.evaluator, limited_air_data),
             **dict(zip(_RATES, rates_b, strict=True)),
             **dict(zip(self.inputs, surfaces, strict=True)),
         }
-        found = self.evaluator.evaluate_si(inputs, AERO_OUTPUTS)
-        return self.coefficient_factors * jnp.stack([found[name] for name in AERO_OUTPUTS])
+        outputs = self.evaluator.evaluate_si(inputs, AERO_OUTPUTS)
+        return self.coefficient_factors * jnp.stack([outputs[name] for name in AERO_OUTPUTS])
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Force qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) less the centre of mass cross the force."""
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
         force_b = scale * c[:3]
-        about_reference = scale * jnp.stack([self.span, self.mean_chord, self.span]) * c[3:]
-        return Wrench(force_b, about_reference - cross(self.centre_b, force_b))
+        reference_moment_b = scale * jnp.stack([self.span, self.mean_chord, self.span]) * c[3:]
+        return Wrench(force_b, reference_moment_b - cross(self.centre_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
+        """Whether alpha, beta, airspeed, altitude, Mach number or the engine's data are out of range."""
         return (
             is_outside(air_data.alpha, self.alpha_range)
             | is_outside(air_data.beta, self.beta_range)
@@ -246,67 +243,72 @@ def dave_ml_airframe(
     engine_lag: float = 1.0,
     altitude_range: tuple[float, float] = (-math.inf, math.inf),
     mach_range: tuple[float, float] = (0.0, math.inf),
-    given: Mapping[str, float] | None = None,
+    inertia_inputs: Mapping[str, float] | None = None,
     validity: Validity | None = None,
 ) -> DaveMlAircraft:
-    """Build an airframe from models that name their variables as S-119 does.
+    """Build an airframe from models with S-119 variable names.
 
     Parameters
     ----------
     aerodynamics
-        Gives the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
+        Model with the six coefficients in body axes (`AERO_OUTPUTS`) and the reference area, span and chord.
     inertia
-        Gives mass, moments and products of inertia, and the centre of mass seen from the moment reference centre (body
-        axes, m); or these themselves.
+        Model with mass, moments and products of inertia, and the centre of mass relative to the moment reference centre
+        (body axes, m); or these quantities themselves.
     propulsion
-        Gives thrust and its moment (`ENGINE_OUTPUTS`) from the power lever angle in percent; or an engine; None: none.
+        Model with thrust and thrust moment (`ENGINE_OUTPUTS`) as functions of the power lever angle in percent; or an
+        engine; None: no engine.
     actuators
-        Of the surfaces: a file of aerodynamics has none.
+        Actuators of the surfaces: not part of an aerodynamics file.
     inputs
-        The variable of `aerodynamics` that each surface moves.
+        Variable of `aerodynamics` driven by each surface.
     alpha_range, beta_range
-        Where its tables hold, rad.
+        Valid range of the tables, rad.
     engine_lag
-        Time constant with which the power follows the throttle, s: a file of propulsion has none.
+        Time constant from throttle to power, s: not part of a propulsion file.
     altitude_range, mach_range
-        Where the tables of the engine hold, m and Mach number.
-    given
-        Inputs of `inertia`, such as the centre of gravity, in the units of the file.
+        Valid range of the engine tables, m and Mach number.
+    inertia_inputs
+        Inputs of `inertia`, for example the centre of gravity, in the units of the file.
     validity
-        For which airspeeds, altitudes and Mach numbers the data hold; None: for any.
+        Valid range of airspeed, altitude and Mach number; None: unlimited.
 
     Raises
     ------
     ValueError
-        A model lacks a variable; the message names it and what there is. Or an input of the aerodynamics is none of the
-        air, the body rates or the surfaces, and has no usual value. Or mass properties are none that a body has.
+        A model lacks a variable (the message names it); an input of the aerodynamics is neither air data, body rate nor
+        surface, and has no default value; or the mass properties are physically impossible.
     DaveMlError
-        A reference length, the mass or the inertia is none that a body has, or the input of a surface is no angle.
+        A reference length, the mass or the inertia is physically impossible, or the input of a surface is not an angle.
     """
     _require("aerodynamics", aerodynamics, (*AERO_OUTPUTS, *AERO_LENGTHS))
     structure = aerodynamics.evaluator.structure
-    named = {structure.by_id[one].name: one for one in structure.inputs}
-    unknown = [name for name in inputs if name not in named and name not in structure.inputs]
+    ids_by_name = {structure.by_id[variable_id].name: variable_id for variable_id in structure.inputs}
+    unknown = [name for name in inputs if name not in ids_by_name and name not in structure.inputs]
     if len(inputs) != len(actuators.names) or unknown:
         raise ValueError(
-            f"inputs of the surfaces: arrived {', '.join(inputs)}; expected one of {', '.join(named)} for each of "
-            f"{', '.join(actuators.names)}"
+            f"inputs of the surfaces: arrived {', '.join(inputs)}; expected one of {', '.join(ids_by_name)} "
+            f"for each of {', '.join(actuators.names)}"
         )
     for name in inputs:
         refuse_other_units(aerodynamics.definition.variables[structure.find(name)], ANGLE)
     constants = aerodynamics.evaluator.constants
-    needed = structure.required_variables({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
+    required_ids = structure.required_variables({structure.find(name) for name in AERO_OUTPUTS}, constants.keys())
     missing = [
-        n for n, one in named.items() if one in needed - constants.keys() and n not in (*STANDARD_INPUTS, *inputs)
+        n
+        for n, variable_id in ids_by_name.items()
+        if variable_id in required_ids - constants.keys() and n not in (*STANDARD_INPUTS, *inputs)
     ]
     if missing:
         raise ValueError(f"aerodynamics: nothing gives {', '.join(missing)}; expected inputs of {STANDARD_INPUTS}")
     if isinstance(inertia, Model):
         _require("inertia", inertia, INERTIA_OUTPUTS)
-    faults = dave_ml_body_faults(aerodynamics, inertia if isinstance(inertia, Model) else None, given or {})
+    faults = dave_ml_body_faults(aerodynamics, inertia if isinstance(inertia, Model) else None, inertia_inputs or {})
     if faults:
         raise faults[0][1]
-    mass_properties, centre_b = _mass_of(inertia, given or {}) if isinstance(inertia, Model) else inertia
+    mass_properties, centre_b = (
+        _read_mass_properties(inertia, inertia_inputs or {}) if isinstance(inertia, Model) else inertia
+    )
     engine: AbstractEngine = NoEngine()
     if isinstance(propulsion, AbstractEngine):
         engine = propulsion
@@ -324,7 +326,7 @@ def dave_ml_airframe(
             thrust_factor=as_array(1.0),
         )
     wing_area, span, mean_chord = (as_array(value) for value in _si(aerodynamics, AERO_LENGTHS, {}).values())
-    made = DaveMlAircraft(
+    aircraft = DaveMlAircraft(
         mass_properties=mass_properties,
         actuators=actuators,
         engine=engine,
@@ -336,19 +338,19 @@ def dave_ml_airframe(
         mean_chord=mean_chord,
         centre_b=centre_b,
         coefficient_factors=as_array(np.ones(6)),
-        airspeed_least=as_array(1.0),
+        airspeed_min=as_array(1.0),
         validity=unlimited_validity() if validity is None else validity,
         inputs=tuple(inputs),
     )
-    refuse_impossible_body(made, "dave_ml_airframe")
-    return dataclasses.replace(made, has_static_side_force=_has_still_side_force(made))
+    refuse_impossible_body(aircraft, "dave_ml_airframe")
+    return dataclasses.replace(aircraft, has_static_side_force=_has_static_side_force(aircraft))
 
 
-def _has_still_side_force(aircraft: DaveMlAircraft) -> bool:
-    """Whether files leave a side force at any of some angles of attack, airspeeds and powers, all else at rest."""
+def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
+    """Whether any grid point of angle of attack, airspeed and power has a side force, with everything else at rest."""
     low, high = aircraft.alpha_range
     alphas = np.linspace(float(low), float(high), _ALPHAS)
-    return bool(np.any(_side_forces(aircraft, *(as_array(one) for one in (alphas, _SPEEDS_M_S, _POWERS)))))
+    return bool(np.any(_side_forces(aircraft, *(as_array(grid) for grid in (alphas, _SPEEDS_M_S, _POWERS)))))
 
 
 @jax.jit
@@ -359,43 +361,43 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
     def side(alpha: Scalar, speed: Scalar) -> Vector:
         air_data = AirData(speed, alpha, zero, zero + 1.0, 0.5 * speed**2, speed / 340.0, zero)
         force_b = aircraft.aerodynamics(air_data, jnp.zeros(3), jnp.zeros(len(aircraft.inputs))).force_b
-        pushed = jax.vmap(lambda power: aircraft.engine.propulsion(power, air_data).force_b[1])(powers)
-        return jnp.append(pushed, force_b[1])
+        engine_forces = jax.vmap(lambda power: aircraft.engine.propulsion(power, air_data).force_b[1])(powers)
+        return jnp.append(engine_forces, force_b[1])
 
     return jax.vmap(jax.vmap(side, in_axes=(None, 0)), in_axes=(0, None))(alphas, speeds)
 
 
 def dave_ml_body_faults(
-    aerodynamics: Model | None, inertia: Model | None, given: Mapping[str, float]
+    aerodynamics: Model | None, inertia: Model | None, inertia_inputs: Mapping[str, float]
 ) -> list[tuple[str, DaveMlError]]:
-    """Find reference lengths, mass and inertia of files that no body has.
+    """Return physically impossible reference lengths, masses and inertias of files.
 
     Parameters
     ----------
     aerodynamics, inertia
-        As of `dave_ml_airframe`, with all variables that it asks for; None: no such file.
-    given
+        As in `dave_ml_airframe`, with the required variables; None: no file.
+    inertia_inputs
         Inputs of `inertia`, in the units of the file.
 
     Returns
     -------
-    Each with the part, "aerodynamics" or "inertia", and its place in the file.
+    For each fault "aerodynamics" or "inertia", and an error with the position in the file.
     """
-    found: list[tuple[str, DaveMlError]] = []
+    located_faults: list[tuple[str, DaveMlError]] = []
     if aerodynamics is not None:
         faults = body_faults(_si(aerodynamics, AERO_LENGTHS, {}), np.eye(3).tolist())
-        found += [("aerodynamics", _fault(aerodynamics, fault.quantity, fault)) for fault in faults]
+        located_faults += [("aerodynamics", _fault(aerodynamics, fault.quantity, fault)) for fault in faults]
     if inertia is None:
-        return found
-    values = _si(inertia, INERTIA_OUTPUTS, given)
-    found += [
+        return located_faults
+    values = _si(inertia, INERTIA_OUTPUTS, inertia_inputs)
+    located_faults += [
         ("inertia", _fault(inertia, name, BodyFault(name, values[name], "a finite number")))
         for name in _CENTRE
         if not math.isfinite(values[name])
     ]
     names = {**dict(zip(_QUANTITIES, _INERTIAS, strict=True)), "totalMass": "totalMass"}
     faults = body_faults({"totalMass": values["totalMass"]}, _inertia_matrix(values).tolist())
-    return found + [("inertia", _fault(inertia, names[fault.quantity], fault)) for fault in faults]
+    return located_faults + [("inertia", _fault(inertia, names[fault.quantity], fault)) for fault in faults]
 
 
 def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
@@ -408,9 +410,9 @@ def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
     return variable.location.fault(arrived, fault.expected)
 
 
-def _si(model: Model, names: Sequence[str], given: Mapping[str, float]) -> dict[str, float]:
-    """Values of variables, SI units."""
-    values = model.evaluate(given, names)
+def _si(model: Model, names: Sequence[str], inputs: Mapping[str, float]) -> dict[str, float]:
+    """Values of variables in SI units."""
+    values = model.evaluate(inputs, names)
     return {name: float(value) * model.evaluator.unit(name).factor for name, value in values.items()}
 
 
@@ -419,9 +421,9 @@ def _inertia_matrix(si: Mapping[str, float]) -> np.ndarray:
     return np.array([[Jx, -Jxy, -Jzx], [-Jxy, Jy, -Jyz], [-Jzx, -Jyz, Jz]])
 
 
-def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
+def _read_mass_properties(inertia: Model, inputs: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
     """Mass, inertia and centre of mass by a file."""
-    si = _si(inertia, INERTIA_OUTPUTS, given)
+    si = _si(inertia, INERTIA_OUTPUTS, inputs)
     inertia_b = _inertia_matrix(si)
     properties = MassProperties(
         mass=as_array(si["totalMass"]),
@@ -432,10 +434,10 @@ def _mass_of(inertia: Model, given: Mapping[str, float]) -> tuple[MassProperties
     return properties, as_array([si[name] for name in _CENTRE])
 
 
-def _require(what: str, model: Model, names: Sequence[str]) -> None:
+def _require(file_label: str, model: Model, names: Sequence[str]) -> None:
     structure = model.evaluator.structure
-    there = {quantity.name for quantity in structure.quantities} | set(structure.by_id)
-    there |= {quantity.name for quantity in structure.by_id.values()}
-    missing = [name for name in names if name not in there]
+    available_names = {quantity.name for quantity in structure.quantities} | set(structure.by_id)
+    available_names |= {quantity.name for quantity in structure.by_id.values()}
+    missing = [name for name in names if name not in available_names]
     if missing:
-        raise ValueError(f"{what}: the file has no variable named {', '.join(missing)}")
+        raise ValueError(f"{file_label}: the file has no variable named {', '.join(missing)}")

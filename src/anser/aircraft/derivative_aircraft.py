@@ -1,4 +1,4 @@
-"""An aircraft by its stability and control derivatives, with what tables it has, and a stall to a flat plate."""
+"""An aircraft from stability and control derivatives, optional tables, and a stall blending to a flat plate."""
 
 import equinox as eqx
 import jax
@@ -16,39 +16,38 @@ from anser.numerics.tables import Tables
 from anser.shapes import Flag, Scalar, Vector, Vector3
 
 NO_STALL = 100.0
-"""Angle of attack of the stall, rad, of an aircraft that has none."""
-_OF_ALPHA = tuple(DERIVATIVE_ARGUMENTS.index(one) for one in STATIC_ARGUMENTS)
+"""Stall angle of attack, rad, of an aircraft without stall model."""
+_STATIC_COLUMNS = tuple(DERIVATIVE_ARGUMENTS.index(argument) for argument in STATIC_ARGUMENTS)
 
 
 class DerivativeAircraft(AbstractAirframe):
-    """Aerodynamic coefficients linear in everything but for drag, stall and tables.
+    """Aerodynamic coefficients that are linear except for drag, stall and tables.
 
     Attributes
     ----------
     span, wing_area, mean_chord
         Reference lengths (m) and area (m^2).
     cg_offset_b
-        Centre of gravity seen from the point that the moment coefficients refer to, body axes, m.
+        Centre of gravity relative to the reference point of the moment coefficients, body axes, m.
     derivatives
-        Row: of `anser.airframe_data.COEFFICIENTS`; column: of `ARGUMENTS` there, then the surfaces in the actuators'
-        order; per rad.
+        Per rad. Rows: `anser.airframe_data.COEFFICIENTS`; columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the
+        actuators' order.
     induced_drag
-        1 / (pi e AR): factor of the square of the lift that the angle of attack makes.
+        1 / (pi e AR): factor of the square of the lift due to angle of attack.
     stall_sharpness, stall_alpha
-        M and alpha0 of the blending to a flat plate; alpha0 in rad, `NEVER` for an aircraft without.
-    tables
-        Over alpha, beta (rad) and surfaces (rad); None where there are none.
-    table_arguments
-        What each axis of the tables is along: place in alpha, beta, surfaces.
-    table_places
-        Of each function of the tables, in the order of its groups: row and column of the derivative whose place it
-        takes.
-    table_factors
-        On the values of each function; 1 as published.
+        M and alpha0 of the blending to a flat plate; alpha0 in rad, `NO_STALL` without stall model.
     validity
-        Of airspeed, altitude and Mach number.
-    still_side_force
-        Whether there may be a side force without sideslip, rates and deflections: CY0 and the like.
+        Valid range of airspeed, altitude and Mach number.
+    tables
+        Tables over alpha, beta (rad) and surfaces (rad); None: no tables.
+    table_factors
+        Factor on each function of the tables; 1 for the published values.
+    table_derivatives
+        Row and column in `derivatives` to which each function of the tables is added.
+    table_arguments
+        Index of each table axis in (alpha, beta, *surfaces).
+    has_static_side_force
+        Whether a side force without sideslip, rates and deflections is possible, for example by CY0.
     """
 
     mass_properties: MassProperties
@@ -73,15 +72,15 @@ class DerivativeAircraft(AbstractAirframe):
 
     @property
     def symmetric(self) -> bool:
-        """Whether `has_static_side_force` says so."""
+        """Negation of `has_static_side_force`."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
         """`COEFFICIENTS` about the reference point.
 
-        Rates are made dimensionless with b/2V and c/2V; below 1 m/s the speed is held at 1 m/s there, so that the
-        coefficients stay finite for an aircraft at rest. Stall and drag: [BM] section 4.2, where lift of the angle of
-        attack fades into that of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
+        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
+        aircraft at rest finite. Stall and drag: [BM] section 4.2; the lift due to angle of attack fades into the lift
+        of a flat plate, 2 sign(alpha) sin^2(alpha) cos(alpha).
         """
         alpha, beta = air_data.alpha, air_data.beta
         V = jnp.maximum(air_data.V, 1.0)
@@ -93,10 +92,10 @@ class DerivativeAircraft(AbstractAirframe):
         if self.tables is not None and self.table_factors is not None:
             inputs = (alpha, beta, *surfaces)
             values = jnp.concatenate(self.tables(*(inputs[k] for k in self.table_arguments))) * self.table_factors
-            rows, columns = np.asarray(self.table_derivatives).T
-            parts = parts.at[rows, columns].add(values * argument[columns])
+            row_indices, column_indices = np.asarray(self.table_derivatives).T
+            parts = parts.at[row_indices, column_indices].add(values * argument[column_indices])
         total = jnp.sum(parts, axis=1)
-        attached = jnp.sum(parts[0, np.asarray(_OF_ALPHA)])
+        attached = jnp.sum(parts[0, np.asarray(_STATIC_COLUMNS)])
         sine, cosine = jnp.sin(alpha), jnp.cos(alpha)
         plate = 2.0 * jnp.abs(sine) * sine * cosine
         stalled = self.flow_separation(alpha)
@@ -105,13 +104,13 @@ class DerivativeAircraft(AbstractAirframe):
         return jnp.concatenate([jnp.stack([lift, drag]), total[2:]])
 
     def flow_separation(self, alpha: Scalar) -> Scalar:
-        """How far the flow is separated, 0..1: sigma of [BM] equation 4.10, in a form that never overflows."""
+        """Degree of flow separation, 0..1: sigma of [BM] equation 4.10, in a form without overflow."""
         M, alpha0 = self.stall_sharpness, self.stall_alpha
         above, below = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
         return above + below - above * below
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force of lift and drag turned by alpha, and of the side; moment of the coefficients, and of the force."""
+        """Lift and drag rotated by alpha, and side force; moments transferred to the centre of gravity."""
         CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
         sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)
         scale = air_data.qbar * self.wing_area
@@ -120,7 +119,7 @@ class DerivativeAircraft(AbstractAirframe):
         return Wrench(force_b=force_b, moment_b=moment_b - cross(self.cg_offset_b, force_b))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside the ranges of alpha, beta, airspeed, altitude or Mach number, or of the engine's data."""
+        """Whether alpha, beta, airspeed, altitude, Mach number or the engine's data are out of range."""
         return (
             is_outside(air_data.alpha, self.alpha_range)
             | is_outside(air_data.beta, self.beta_range)

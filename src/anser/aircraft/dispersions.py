@@ -1,6 +1,6 @@
-"""Dispersed aircraft: mass.
+"""Dispersed aircraft: deviations from published data.
 
-Inertia, centre of gravity, actuators, thrust and aerodynamic coefficients that differ from the published data.
+Mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
 """
 
 from typing import TypeVar, cast
@@ -23,18 +23,18 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """How one aircraft differs from its data but for its aerodynamics; factors of 1 and a shift of 0 leave it as it is.
+    """Dispersion of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change.
 
     Attributes
     ----------
     thrust, mass
         Factors.
     second_moments
-        Factors on the second moments of mass along body x, y, z, shape (3,); positive. See `dispersed_mass`.
+        Positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
     actuator_bandwidth
-        Factor on the bandwidth of all actuators; positive.
+        Positive factor on the bandwidth of every actuator.
     cg_shift
-        Of the centre of gravity, part of the mean chord; positive is aft.
+        Shift of the centre of gravity, fraction of the mean chord, positive aft.
     """
 
     thrust: Scalar
@@ -45,16 +45,16 @@ class BodyDispersion(eqx.Module):
 
 
 def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vector3) -> MassProperties:
-    """Mass properties with a factor on the mass, and on each second moment of mass.
+    """Scale the mass, and the second moments of mass along the body axes.
 
-    The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the latter two, and so on.
-    A product of inertia changes by the root of both of its factors: the body is stretched along its axes, so that its
-    principal moments are positive and within the triangle inequality whatever the factors.
+    The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the second and third, and
+    so on. A product of inertia is scaled by the square root of both factors: the body is stretched along its axes, so
+    the principal moments remain positive and within the triangle inequality for any factors.
     """
     root = jnp.sqrt(second_moments)
     J_b, eye = properties.inertia_b, jnp.eye(3, dtype=properties.inertia_b.dtype)
     integrals = 0.5 * jnp.trace(J_b) * eye - J_b  # of r r^T
-    # as a change of J, which is exactly none for factors of 1
+    # as a change of J, exactly zero for factors of 1
     change = integrals * (root[:, None] * root[None, :] - 1.0)
     changed_b = J_b + jnp.trace(change) * eye - change
     inverse_b = jnp.where(jnp.all(second_moments == 1.0), properties.inertia_inverse_b, inverse3(changed_b))
@@ -66,38 +66,38 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
 
 
 def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: Vector3) -> AnyAirframe:
-    """Airframe of the same structure with another mass, other actuators and another thrust.
+    """Return an airframe of the same structure with dispersed mass, actuators and thrust.
 
-    Its aerodynamics are as before: whoever calls moves their centre of gravity.
+    The aerodynamics are unchanged; the caller must shift the moment reference.
 
     Parameters
     ----------
     airframe
-        As its data have it.
+        Nominal airframe.
     dispersion
-        How it differs.
+        Deviations.
     shift_b
-        What the centre of gravity was before, seen from where it is now, m.
+        Former centre of gravity relative to the new one, m.
     """
     changed = eqx.tree_at(
         lambda a: (a.mass_properties, a.actuators, a.engine),
         airframe,
         (
             dispersed_mass(airframe.mass_properties, dispersion.mass, dispersion.second_moments),
-            _quickened(airframe.actuators, dispersion.actuator_bandwidth),
-            _changed_engine(airframe.engine, dispersion.thrust, shift_b),
+            _scale_bandwidth(airframe.actuators, dispersion.actuator_bandwidth),
+            _scale_thrust(airframe.engine, dispersion.thrust, shift_b),
         ),
     )
     return cast(AnyAirframe, changed)
 
 
-def _quickened(actuators: AbstractActuators, factor: Scalar) -> AbstractActuators:
-    """Actuators of another bandwidth.
+def _scale_bandwidth(actuators: AbstractActuators, factor: Scalar) -> AbstractActuators:
+    """Scale the bandwidth of actuators.
 
     Raises
     ------
     TypeError
-        Actuators of a kind that has no bandwidth known here.
+        Unsupported class of actuators.
     """
     if isinstance(actuators, FirstOrderActuators):
         return eqx.tree_at(lambda a: a.time_constant, actuators, actuators.time_constant / factor)
@@ -106,13 +106,13 @@ def _quickened(actuators: AbstractActuators, factor: Scalar) -> AbstractActuator
     raise TypeError(f"actuators: arrived {type(actuators).__name__}; expected first- or second-order ones")
 
 
-def _changed_engine(engine: AbstractEngine, thrust: Scalar, shift_b: Vector3) -> AbstractEngine:
-    """Engine with a factor on its thrust, seen from a centre of gravity that lies so far behind (m).
+def _scale_thrust(engine: AbstractEngine, thrust: Scalar, shift_b: Vector3) -> AbstractEngine:
+    """Scale the thrust of an engine, and refer its position to a centre of gravity moved by -`shift_b` (m).
 
     Raises
     ------
     TypeError
-        An engine of a kind whose thrust is not known here.
+        Unsupported class of engine.
     """
     if isinstance(engine, NoEngine):
         return engine
@@ -124,16 +124,16 @@ def _changed_engine(engine: AbstractEngine, thrust: Scalar, shift_b: Vector3) ->
 
 
 class DerivativeDispersion(eqx.Module):
-    """How one aircraft differs from its data; factors of 1 leave it as it is.
+    """Dispersion of an aircraft given by derivatives; factors of 1 mean no change.
 
     Attributes
     ----------
     derivatives
         Factor on each of `DerivativeAircraft.derivatives`.
     tables
-        Factor on each function of its tables; None where it has none.
+        Factor on each function of the aircraft's tables; None without tables.
     body
-        How the rest of it differs.
+        Dispersion of mass, actuators and thrust.
     """
 
     derivatives: Float[Array, "6 columns"]
@@ -142,7 +142,7 @@ class DerivativeDispersion(eqx.Module):
 
 
 def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: DerivativeDispersion) -> DerivativeAircraft:
-    """Aircraft of the same structure with dispersed data."""
+    """Return an aircraft of the same structure with dispersed data."""
     forward_b = jnp.stack([dispersion.body.cg_shift * aircraft.mean_chord, *jnp.zeros(2)])
     changed = eqx.tree_at(
         lambda a: (a.derivatives, a.cg_offset_b),
@@ -157,16 +157,16 @@ def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: Deri
 def dispersed_dave_ml_aircraft(
     aircraft: DaveMlAircraft, coefficients: Float[Array, "6"], body: BodyDispersion
 ) -> DaveMlAircraft:
-    """Aircraft of the same structure with dispersed data.
+    """Return an aircraft of the same structure with dispersed data.
 
     Parameters
     ----------
     aircraft
-        As its files have it.
+        Nominal aircraft.
     coefficients
-        Factors on CX, CY, CZ, Cl, Cm, Cn as the file gives them, about its moment reference centre.
+        Factors on CX, CY, CZ, Cl, Cm, Cn about the moment reference centre of the file.
     body
-        How the rest of it differs.
+        Dispersion of mass, actuators and thrust.
     """
     forward_b = jnp.stack([body.cg_shift * aircraft.mean_chord, *jnp.zeros(2)])
     return eqx.tree_at(
@@ -180,20 +180,20 @@ AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class F16Dispersion(eqx.Module):
-    """How one F-16 differs from its published data; factors of 1 and a shift of 0 leave it as it is.
+    """Dispersion of an F-16; factors of 1 and a shift of 0 mean no change.
 
     Attributes
     ----------
     coefficients
-        Factor on each of `F16_COEFFICIENTS`, shape (22,); positive or negative.
+        Factor on each of `F16_COEFFICIENTS`, shape (22,), of any sign.
     thrust, mass
         Factors.
     second_moments
-        Factors on the second moments of mass along body x, y, z, shape (3,); positive. See `dispersed_mass`.
+        Positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
     actuator_bandwidth
-        Factor on the bandwidth (inverse time constant) of all actuators; positive.
+        Positive factor on the bandwidth (inverse time constant) of every actuator.
     cg_shift
-        Of the centre of gravity, part of the mean chord; positive is aft.
+        Shift of the centre of gravity, fraction of the mean chord, positive aft.
     """
 
     coefficients: Float[Array, "22"]
@@ -205,16 +205,16 @@ class F16Dispersion(eqx.Module):
 
 
 def no_dispersion() -> F16Dispersion:
-    """Leave the aircraft as published."""
-    one = jnp.ones(())
-    return F16Dispersion(jnp.ones(len(F16_COEFFICIENTS)), one, one, jnp.ones(3), one, jnp.zeros(()))
+    """Published data without deviations."""
+    unity = jnp.ones(())
+    return F16Dispersion(jnp.ones(len(F16_COEFFICIENTS)), unity, unity, jnp.ones(3), unity, jnp.zeros(()))
 
 
 def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
-    """F-16 of the same kind and structure with dispersed data.
+    """Return an F-16 of the same class and structure with dispersed data.
 
-    A factor multiplies the whole of its table or coefficient, so that its contribution to the build-up scales exactly;
-    the arguments of the tables stay. Both c.g. terms, in Cm and Cn, follow the shift.
+    A factor scales a table or coefficient as a whole, hence its contribution to the build-up; the table arguments are
+    unchanged. The c.g. terms in Cm and Cn follow the shift.
     """
     scaled = eqx.tree_at(
         lambda a: (

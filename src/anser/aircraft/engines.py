@@ -1,6 +1,6 @@
-"""Engines: the interface with the inverses of thrust and lag.
+"""Engines: the interface, with inverses of thrust and lag.
 
-The first-order power lag that most engines share, no engine, and a jet engine by thrust tables.
+The first-order power lag of most engines, a missing engine, and a jet engine with thrust tables.
 """
 
 import abc
@@ -22,23 +22,23 @@ class EnginePower(eqx.Module):
 
 
 class AbstractEngine(eqx.Module):
-    """An engine with whatever it drives; what it carries along is its own, but for its `power`, percent of maximum.
+    """An engine with its propeller, if any; the state depends on the class and has an attribute `power`, percent.
 
-    Thrust follows from the power and the air; a controller reaches it through the inverses.
+    Thrust is a function of power and air data; a controller uses the inverse functions.
     """
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the elements of the state, in the order of its leaves."""
+        """Names of the state's elements, in leaf order."""
         return ("power",)
 
     @abc.abstractmethod
     def steady_state(self, power: ScalarLike) -> Any:
-        """State of an engine that runs steadily at a power (percent); has an attribute `power`."""
+        """State of steady running at a power (percent)."""
 
     @abc.abstractmethod
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Time derivative of the state at a throttle (0..1), as a state of derivatives."""
+        """Time derivative of the state at a throttle (0..1), in the state's structure."""
 
     @abc.abstractmethod
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -46,47 +46,47 @@ class AbstractEngine(eqx.Module):
 
     @abc.abstractmethod
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (percent, within what the engine can give) whose thrust along body x is nearest to `thrust` (N)."""
+        """Available power (percent) with the thrust along body x nearest to `thrust` (N)."""
 
     @abc.abstractmethod
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle (0..1) that holds a power (percent) steadily."""
+        """Throttle (0..1) for steady running at a power (percent)."""
 
     @abc.abstractmethod
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle (0..1) whose lag gives nearest to the wanted rate (percent/s) at the present power."""
+        """Throttle (0..1) for the available power rate nearest to `power_rate` (percent/s) at the current power."""
 
     @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether the flight condition lies outside the range of the engine's data."""
+        """Whether the flight condition is outside the valid range of the engine's data."""
 
 
 class NoEngine(AbstractEngine):
-    """No engine: no thrust, no power, whatever is wanted."""
+    """No engine: zero thrust, for gliders."""
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power is kept as it is told: nothing follows from it."""
+        """The power as given, without effect."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """None."""
+        """Zero."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """None."""
-        none = jnp.zeros(3, jnp.result_type(air_data.V))
-        return Wrench(none, none)
+        """Zero."""
+        zero = jnp.zeros(3, jnp.result_type(air_data.V))
+        return Wrench(zero, zero)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """0, whatever is wanted."""
+        """0."""
         return jnp.zeros((), jnp.result_type(thrust, 0.0))
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """0, whatever is wanted."""
+        """0."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """0, whatever is wanted."""
+        """0."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -101,29 +101,29 @@ def thrust_along_body_x(thrust: Scalar) -> Wrench:
 
 
 def lagged_power_rate(power: Scalar, throttle: ScalarLike, lag: Scalar) -> EnginePower:
-    """Rate of a power (percent) toward 100 times the throttle, held within 0..1: (100 throttle - power) / lag."""
+    """Rate of the power (percent) with a first-order lag (s): (100 throttle - power) / lag; throttle within 0..1."""
     return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - power) / lag)
 
 
 def steady_throttle(power: ScalarLike) -> Scalar:
-    """Throttle (0..1) that holds a power (percent)."""
+    """Throttle (0..1) for a steady power (percent)."""
     return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
 
 
 def throttle_for_rate(power: ScalarLike, power_rate: ScalarLike, lag: Scalar) -> Scalar:
-    """Throttle (0..1) whose lag (s) gives nearest to a rate (percent/s) at a power (percent)."""
+    """Throttle (0..1) for the available rate nearest to `power_rate` (percent/s) at a power (percent); lag in s."""
     return jnp.clip((power + lag * power_rate) / 100.0, 0.0, 1.0)
 
 
 def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
-    """Thrust (N) along body x at a point seen from the centre of gravity (m), and a torque about body x (N m)."""
+    """Thrust (N) along body x at a point relative to the centre of gravity (m), and a torque about body x (N m)."""
     zero = jnp.zeros_like(thrust)
     force_b = jnp.stack([thrust, zero, zero])
     return Wrench(force_b=force_b, moment_b=cross(point_b, force_b) + jnp.stack([torque, zero, zero]))
 
 
 class JetEngine(AbstractEngine):
-    """Thrust between idle and full in proportion to a power that follows the throttle with one lag.
+    """Thrust interpolated between idle and full by the power, with a first-order lag from throttle to power.
 
     Attributes
     ----------
@@ -132,9 +132,9 @@ class JetEngine(AbstractEngine):
     lag
         Time constant, s.
     point_b
-        Where the thrust acts, seen from the centre of gravity, m.
+        Point of thrust application relative to the centre of gravity, m.
     thrust_factor
-        On all thrust; 1 as published.
+        Factor on the thrust; 1 for the published values.
     """
 
     thrust_tables: Tables
@@ -148,7 +148,7 @@ class JetEngine(AbstractEngine):
         return self.thrust_factor * idle, self.thrust_factor * full
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone."""
+        """The power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -161,21 +161,21 @@ class JetEngine(AbstractEngine):
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) whose thrust is nearest to `thrust` (N)."""
+        """Power (0..100 percent) with the thrust nearest to `thrust` (N)."""
         idle, full = self.idle_and_full_thrust(air_data)
         span = full - idle
-        gives_any = span > 0.0
-        share = (thrust - idle) / jnp.where(gives_any, span, 1.0)
-        return jnp.clip(100.0 * jnp.where(gives_any, share, 0.0), 0.0, 100.0)
+        is_positive = span > 0.0
+        share = (thrust - idle) / jnp.where(is_positive, span, 1.0)
+        return jnp.clip(100.0 * jnp.where(is_positive, share, 0.0), 0.0, 100.0)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
+        """Throttle for a steady power."""
         return steady_throttle(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
+        """Throttle for the power rate nearest to the required rate."""
         return throttle_for_rate(power, power_rate, self.lag)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number lies outside the tables of thrust."""
+        """Whether altitude or Mach number is outside the thrust tables."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))

@@ -1,7 +1,7 @@
 """The F-16 of Stevens & Lewis.
 
-Its engine, the interface common to all F-16 table sets, and the three published variants (theory section 4; [SL]
-appendix A; [S119]; [TH]).
+Engine, common interface of the F-16 table sets, and the three published variants (theory section 4; [SL] appendix A;
+[S119]; [TH]).
 """
 
 import abc
@@ -37,7 +37,7 @@ class F16Engine(AbstractEngine):
     thrust_tables: Tables
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone."""
+        """The power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -49,14 +49,15 @@ class F16Engine(AbstractEngine):
         return thrust_along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
-        """Commanded power (percent) of a throttle setting, held within 0..1 ([SL] TGEAR)."""
+        """Commanded power (percent) at a throttle, limited to 0..1 ([SL] TGEAR)."""
         t = jnp.clip(throttle, 0.0, 1.0)
         return jnp.where(t <= 0.77, 64.94 * t, 217.38 * t - 117.38)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle of a commanded power (percent): inverse of the gearing.
+        """Throttle for a commanded power (percent): the inverse of the gearing.
 
-        The published gearing falls by 0.0012 percent at throttle 0.77; powers in that gap belong to its upper side.
+        The published gearing falls by 0.0012 percent at throttle 0.77; powers in this gap are assigned to the upper
+        branch.
         """
         power = jnp.clip(power, 0.0, 100.0)
         return jnp.where(power <= 64.94 * 0.77, power / 64.94, (power + 117.38) / 217.38)
@@ -69,7 +70,7 @@ class F16Engine(AbstractEngine):
         return jnp.where(power < 50, low, high)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (percent, 0..100) whose thrust is nearest to `thrust` (N): the inverted thrust tables."""
+        """Power (percent, 0..100) with the thrust nearest to `thrust` (N): the inverse of the thrust tables."""
         idle, military, maximum = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
         wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
@@ -77,34 +78,34 @@ class F16Engine(AbstractEngine):
 
     def power_rate(self, power: ScalarLike, power_command: ScalarLike) -> Scalar:
         """Engine lag, percent per second ([SL] PDOT and RTAU)."""
-        wet_now, wet_wanted = power >= 50, power_command >= 50
+        is_afterburning, afterburner_commanded = power >= 50, power_command >= 50
         target = jnp.where(
-            wet_wanted,
-            jnp.where(wet_now, power_command, 60.0),
-            jnp.where(wet_now, 40.0, power_command),
+            afterburner_commanded,
+            jnp.where(is_afterburning, power_command, 60.0),
+            jnp.where(is_afterburning, 40.0, power_command),
         )
         gap = target - power
         slow = jnp.clip(1.9 - 0.036 * gap, 0.1, 1.0)
-        return jnp.where(wet_now, 5.0, slow) * gap
+        return jnp.where(is_afterburning, 5.0, slow) * gap
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """See `power_command_for_rate`."""
         return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
 
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Power command (percent, 0..100) whose lag gives the wanted rate (percent/s): the inverted lag.
+        """Power command (percent, 0..100) for a required power rate (percent/s): the inverse of the lag.
 
-        With the afterburner lit the lag is 5 1/s, otherwise 1 1/s for commands up to 25 percent above the power; a
-        larger step makes this engine spool up more slowly, so none is asked for. Across 50 percent the published lag
-        leaves out some rates; a wanted rate there gets the command that crosses, which is faster, so that a closed loop
-        cannot stick at 50 percent.
+        With afterburner the rate constant is 5 1/s; otherwise 1 1/s for commands up to 25 percent above the power.
+        Larger steps slow the engine's spool-up, so the command is limited to +25 percent. Around 50 percent the
+        published lag cannot produce certain rates; for these the command crosses 50 percent and is faster, so that a
+        closed loop cannot stick at 50 percent.
         """
-        wet = power + power_rate / 5.0
-        dry = power + jnp.minimum(power_rate, 25.0)
-        return jnp.clip(jnp.where(power >= 50, wet, dry), 0.0, 100.0)
+        command_with_afterburner = power + power_rate / 5.0
+        command_without = power + jnp.minimum(power_rate, 25.0)
+        return jnp.clip(jnp.where(power >= 50, command_with_afterburner, command_without), 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Whether altitude or Mach number lies outside the thrust tables."""
+        """Whether altitude or Mach number is outside the thrust tables."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
 
 
@@ -120,7 +121,7 @@ class F16Coefficients(eqx.Module):
 
 
 class AbstractF16(AbstractAirframe):
-    """An F-16 with its engine; its coefficients are its own.
+    """An F-16 with its engine; subclasses define the coefficients.
 
     Attributes
     ----------
@@ -143,7 +144,7 @@ class AbstractF16(AbstractAirframe):
 
     @abc.abstractmethod
     def with_coefficients_scaled(self, factors: Float[Array, " coefficients"]) -> "AbstractF16":
-        """The same aircraft with each of `anser.aircraft.F16_COEFFICIENTS` multiplied by its factor."""
+        """Return the aircraft with `F16_COEFFICIENTS` multiplied by factors."""
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
@@ -155,10 +156,10 @@ class AbstractF16(AbstractAirframe):
         )
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Outside the ranges of alpha and beta, altitude 0..50,000 ft or Mach 0..1.
+        """Whether alpha, beta, altitude (0..50,000 ft) or Mach number (0..1) is out of range.
 
-        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: that last degree is part of the
-        published model and not flagged.
+        The textbook's elevator table ends at 24 deg while the surface moves to 25 deg: the last degree is part of the
+        published model and not reported.
         """
         return (
             (air_data.alpha < self.alpha_range[0])
@@ -174,10 +175,10 @@ TABLE_COEFFICIENTS = (
     ("CX0", "Cm0"),
     ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
 )
-"""Coefficients in each group of `F16.tables`, in their order."""
+"""Coefficients in each group of `F16.tables`, in order."""
 _GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
 F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
-"""Coefficients of the build-up (theory section 4): those of `F16.tables`, `side_force`, `normal_force_elevator`."""
+"""Coefficients of the build-up (theory section 4), in `F16.tables`, `side_force` and `normal_force_elevator`."""
 _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
@@ -191,14 +192,14 @@ class F16(AbstractF16):
     x_cg, x_cg_reference
         Centre of gravity and moment reference, fractions of the mean chord.
     surface_reference
-        Deflections (elevator, aileron, rudder; deg) that the linear coefficients refer to.
+        Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
     side_force
         CY per degree of sideslip, per unit aileron and per unit rudder deflection.
     normal_force_elevator
         CZ per unit elevator deflection.
     tables
-        Of angle of attack, sideslip and elevator, degrees: functions of the first alone, of it and the elevator, and of
-        it and the sideslip.
+        Tables over angle of attack, sideslip and elevator, degrees. Groups: functions of alpha, of (alpha, elevator),
+        and of (alpha, beta).
     """
 
     mass_properties: MassProperties
@@ -218,14 +219,14 @@ class F16(AbstractF16):
 
     @property
     def symmetric(self) -> bool:
-        """Side force by sideslip, aileron, rudder and rates alone."""
+        """True: side force depends only on sideslip, aileron, rudder and rates."""
         return True
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
         """Force and moment coefficients (theory section 4).
 
-        Rates are made dimensionless with b/2V and c/2V; below 1 m/s the speed is held at 1 m/s there, so that the
-        coefficients stay finite for an aircraft at rest.
+        Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
+        aircraft at rest finite.
         """
         V = jnp.maximum(air_data.V, 1.0)
         alpha_deg = air_data.alpha * RAD_DEG
@@ -235,10 +236,10 @@ class F16(AbstractF16):
         p = rates_b[0] * self.span / (2 * V)
         q = rates_b[1] * self.mean_chord / (2 * V)
         y = rates_b[2] * self.span / (2 * V)
-        of_alpha, of_elevator, of_sideslip = self.tables(alpha_deg, beta_deg, deflection_deg[0])
-        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = of_alpha
-        CX0, Cm0 = of_elevator
-        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = of_sideslip
+        alpha_values, elevator_values, sideslip_values = self.tables(alpha_deg, beta_deg, deflection_deg[0])
+        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = alpha_values
+        CX0, Cm0 = elevator_values
+        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = sideslip_values
         lever = self.x_cg_reference - self.x_cg
         CX = CX0 + CXq * q
         CY = self.side_force[0] * beta_deg + self.side_force[1] * a + self.side_force[2] * r + CYr * y + CYp * p
@@ -253,14 +254,17 @@ class F16(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":
-        """Each of `F16_COEFFICIENTS` multiplied by its factor, as a whole table: its contribution scales exactly."""
-        ends = np.cumsum([len(names) for names in _GROUPS])[:-1]
-        *tables, side_force, normal_force = jnp.split(factors, ends)
+        """Return the aircraft with `F16_COEFFICIENTS` multiplied by factors, applied to whole tables."""
+        splits = np.cumsum([len(names) for names in _GROUPS])[:-1]
+        *tables, side_force, normal_force = jnp.split(factors, splits)
         return eqx.tree_at(
             lambda a: (a.tables.cells, a.side_force, a.normal_force_elevator),
             self,
             (
-                tuple(cells * part[None, None, :] for cells, part in zip(self.tables.cells, tables, strict=True)),
+                tuple(
+                    cells * factors_of_group[None, None, :]
+                    for cells, factors_of_group in zip(self.tables.cells, tables, strict=True)
+                ),
                 self.side_force * side_force,
                 self.normal_force_elevator * normal_force[0],
             ),
@@ -277,30 +281,30 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
     variant
         "textbook", "s119" or "founding".
     x_cg_over_c
-        Centre of gravity as a fraction of the mean chord; the variant's own where None.
+        Centre of gravity as a fraction of the mean chord; None: value of the variant.
 
     Raises
     ------
     ValueError
-        If the variant is unknown, or an entry that a variant changes is not what the file says it should be.
+        Unknown variant, or a table entry to be replaced differs from the value expected by the variant.
     """
     if variant not in data["variants"]:
         raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(data['variants'])}")
-    chosen = data["variants"][variant]
+    variant_data = data["variants"][variant]
     tables = variant_tables(data, variant)
-    clamp = chosen["table_ends"].startswith("clamped")
+    clamp = variant_data["table_ends"].startswith("clamped")
     axes = data["axes"]
     airframe = data["airframe"]
-    mass = chosen["mass_kg"] if "mass_kg" in chosen else chosen["mass_slug"] * SLUG_KG
-    x_cg = chosen.get("x_cg_over_c", airframe["x_cg_over_c"]) if x_cg_over_c is None else x_cg_over_c
+    mass = variant_data["mass_kg"] if "mass_kg" in variant_data else variant_data["mass_slug"] * SLUG_KG
+    x_cg = variant_data.get("x_cg_over_c", airframe["x_cg_over_c"]) if x_cg_over_c is None else x_cg_over_c
     actuators = data["actuators"]
     limit = np.asarray(actuators["position_limit_deg"]) * DEG_RAD
     span = airframe["span_ft"] * FOOT_M
-    side = data["side_force"]
-    of_alpha, of_elevator, of_sideslip = TABLE_COEFFICIENTS
+    side_force = data["side_force"]
+    alpha_values, elevator_values, sideslip_values = TABLE_COEFFICIENTS
     validity = data["validity"]
     built = F16(
-        mass_properties=f16_mass_properties(airframe, mass, spinning=chosen["engine_angular_momentum"]),
+        mass_properties=f16_mass_properties(airframe, mass, spinning=variant_data["engine_angular_momentum"]),
         actuators=FirstOrderActuators(
             time_constant=as_array(actuators["time_constant_s"]),
             lower=as_array(-limit),
@@ -315,17 +319,20 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
         mean_chord=as_array(airframe["mean_chord_ft"] * FOOT_M),
         x_cg=as_array(float(x_cg)),
         x_cg_reference=as_array(airframe["x_cg_reference_over_c"]),
-        surface_reference=as_array([float(chosen[f"{n}_reference_deg"]) for n in actuators["order"]]),
-        side_force=as_array([side["beta_per_deg"], side["aileron"], side["rudder"]]),
-        normal_force_elevator=as_array(side["normal_force_elevator"]),
+        surface_reference=as_array([float(variant_data[f"{n}_reference_deg"]) for n in actuators["order"]]),
+        side_force=as_array([side_force["beta_per_deg"], side_force["aileron"], side_force["rudder"]]),
+        normal_force_elevator=as_array(side_force["normal_force_elevator"]),
         tables=make_tables(
-            make_axes([axes["alpha_deg"], np.arange(-30.0, 31.0, 5.0), chosen["elevator_axis_deg"]], clamp=clamp),
+            make_axes([axes["alpha_deg"], np.arange(-30.0, 31.0, 5.0), variant_data["elevator_axis_deg"]], clamp=clamp),
             [
-                ((0,), [tables[name] for name in of_alpha]),
-                ((0, 2), [tables[name] for name in of_elevator]),
+                ((0,), [tables[name] for name in alpha_values]),
+                ((0, 2), [tables[name] for name in elevator_values]),
                 (
                     (0, 1),
-                    [(_odd_extension if n in _ODD_IN_SIDESLIP else _on_five_degrees)(tables[n]) for n in of_sideslip],
+                    [
+                        (_odd_extension if n in _ODD_IN_SIDESLIP else _on_five_degrees)(tables[n])
+                        for n in sideslip_values
+                    ],
                 ),
             ],
         ),
@@ -335,18 +342,18 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
 
 
 def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarray]:
-    """Textbook tables with the variant's changed entries; each old value is checked against what the file states."""
+    """Return the textbook tables with the variant's changes; each replaced value is first checked against the file."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     for name, index, old, new in data["variants"][variant]["changes"]:
-        at = tuple(index)
-        if tables[name][at] != old:
-            raise ValueError(f"F-16 variant {variant}: {name}{index} is {tables[name][at]}, expected {old}")
-        tables[name][at] = new
+        entry = tuple(index)
+        if tables[name][entry] != old:
+            raise ValueError(f"F-16 variant {variant}: {name}{index} is {tables[name][entry]}, expected {old}")
+        tables[name][entry] = new
     return tables
 
 
 def _on_five_degrees(table: np.ndarray) -> np.ndarray:
-    """A table on beta = -30, -20, ..., 30 deg given on every fifth degree: the same bilinear function."""
+    """Refine a table on beta = -30, -20, ..., 30 deg to every fifth degree, without changing the bilinear function."""
     fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))
     fine[:, ::2] = table
     fine[:, 1::2] = (table[:, 1:] + table[:, :-1]) / 2
@@ -354,12 +361,12 @@ def _on_five_degrees(table: np.ndarray) -> np.ndarray:
 
 
 def _odd_extension(table: np.ndarray) -> np.ndarray:
-    """A table on |beta| = 0, 5, ..., 30 deg times sign(beta), given on beta = -30, -25, ..., 30 deg."""
+    """Extend a table on |beta| = 0, 5, ..., 30 deg as an odd function to beta = -30, -25, ..., 30 deg."""
     return np.concatenate([-table[:, :0:-1], table], axis=1)
 
 
 def f16_engine_from_data(data: Mapping[str, Any]) -> F16Engine:
-    """Build the engine alone from `aircraft/data/f16.json`: the textbook's thrust tables, which are TP-1538's."""
+    """Build the engine from `aircraft/data/f16.json`; the textbook's thrust tables are from TP-1538."""
     tables = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     return _engine(data["axes"], tables, clamp=False)
 
@@ -374,12 +381,12 @@ def _engine(axes: Mapping[str, Any], tables: Mapping[str, np.ndarray], *, clamp:
 
 
 def range_from_deg(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
-    """Least and greatest angle, given in deg, as arrays in rad."""
+    """Convert an angle range from deg to arrays in rad."""
     return as_array(range_deg[0] * DEG_RAD), as_array(range_deg[1] * DEG_RAD)
 
 
 def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
-    """Mass (kg) with the inertia of a data file's `airframe`, and its engine's angular momentum if that spins."""
+    """Mass (kg) and inertia from a data file's `airframe`, and the engine's angular momentum if `spinning`."""
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0

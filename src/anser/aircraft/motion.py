@@ -1,7 +1,7 @@
 """Six-degree-of-freedom motion of one aircraft.
 
-Flight condition and forces, the equations over a flat Earth in local axes and over a rotating round Earth in Earth-
-fixed coordinates, and the choice between them.
+Flight condition and forces, the equations over a flat Earth in local axes and over a rotating round Earth in
+Earth-fixed coordinates, and the choice between them.
 """
 
 from typing import Any, TypeVar, cast
@@ -28,18 +28,18 @@ from anser.spatial.rotations import (
 
 
 class FlightCondition(eqx.Module):
-    """Everything that follows from one state at one instant, computed once and passed on.
+    """Quantities derived from one state at one time, computed once.
 
     Attributes
     ----------
     R_bn
         Rotation NED to body.
     wind_n
-        Mean velocity of the air over ground, without gusts, m/s.
+        Mean wind over ground, without gusts, m/s.
     air_data
-        See `AirData`; gusts are in it.
+        See `AirData`; includes gusts.
     earth
-        What the Earth means here at this velocity.
+        Terms of the equations of motion from the Earth model.
     aerodynamic, propulsive
         Forces and moments on the aircraft.
     """
@@ -67,10 +67,10 @@ def flight_condition(
 ) -> FlightCondition:
     """Air data, forces and moments of a state at a time (s).
 
-    The air turns with the Earth: what damps are the body rates relative to it, not those relative to the travelling NED
-    axes, nor the inertial ones. Where they are known otherwise, `rates_air_b` gives them, rad/s: at a pole, where the
-    travelling axes turn without bound, they do not follow from the state. `disturbance` is what is met besides the mean
-    wind, None: nothing.
+    The air rotates with the Earth, so aerodynamic damping depends on the body rates relative to the Earth, neither on
+    the rates relative to the travelling NED axes nor on the inertial rates. `rates_air_b`, rad/s, overrides the value
+    computed from the state, which is singular at a pole, where the rates of the travelling axes are unbounded.
+    `disturbance` adds gusts and thrust loss; None: undisturbed.
     """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, time)
@@ -103,7 +103,7 @@ def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, mome
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Moment that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    """Moment for an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 
@@ -116,31 +116,31 @@ def state_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AircraftState:
-    """Time derivative of the state over a flat Earth, as a state of derivatives; see `round_earth` for the other.
+    """Time derivative of the state over a flat Earth, in the state's structure; round: `earth_fixed_derivative`.
 
-    Wind enters through the air-relative velocity only, which is exact for a steady wind.
+    Wind enters only through the air-relative velocity, which is exact for a steady wind.
     """
-    now = flight_condition(airframe, environment, time, state, disturbance=disturbance)
-    wrench = now.wrench
+    condition = flight_condition(airframe, environment, time, state, disturbance=disturbance)
+    wrench = condition.wrench
     return AircraftState(
-        position_n=rotate_back(now.R_bn, state.velocity_b),
+        position_n=rotate_back(condition.R_bn, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass
-        + rotate(now.R_bn, now.earth.apparent_gravity_n)
+        + rotate(condition.R_bn, condition.earth.apparent_gravity_n)
         - cross(state.rates_b, state.velocity_b),
         quaternion=quaternion_derivative(state.quaternion, state.rates_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
-        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
-        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, condition.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, condition.air_data),
     )
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft over a round Earth: regular everywhere, poles and date line included.
+    """State of one aircraft over a round Earth, without singularities at poles or date line.
 
     Attributes
     ----------
     position_e
-        Of the centre of gravity, ECEF, m.
+        Position of the centre of gravity, ECEF, m.
     velocity_b
         (U, V, W) relative to the rotating Earth in body axes, m/s.
     quaternion
@@ -160,7 +160,7 @@ class EarthFixedState(eqx.Module):
 
 
 def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedState:
-    """State over a round Earth from what is seen in local axes: the inverse of `local_state`."""
+    """Convert a state in local axes to an Earth-fixed state: the inverse of `local_state`."""
     lat, lon, _ = earth.geodetic(state.position_n)
     R_bn = rotation_from_quaternion(state.quaternion)
     local = earth.local_earth(state.position_n, rotate_back(R_bn, state.velocity_b))
@@ -175,9 +175,10 @@ def earth_fixed_state(earth: RotatingEarth, state: AircraftState) -> EarthFixedS
 
 
 def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
-    """What is seen of a state in local axes: place in the chart, attitude and rates relative to local NED.
+    """Convert an Earth-fixed state to local axes: chart position, attitude and rates relative to local NED.
 
-    At a pole, where no north exists, the attitude is that for longitude 0 and the rate of the axes has no bound.
+    At a pole, where north is undefined, the attitude is relative to longitude 0 and the rates of the axes are
+    unbounded.
     """
     position_n = earth.chart_from_ecef(state.position_e)
     lat, lon, _ = earth.geodetic(position_n)
@@ -196,12 +197,12 @@ def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
 
 
 def _quaternion_ned_from_ecef(lat: Scalar, lon: Scalar) -> Quaternion:
-    """Quaternion of `rotation_ned_from_ecef`: a turn by the longitude, then down from the pole by the latitude."""
+    """Quaternion of `rotation_ned_from_ecef`: rotation by the longitude, then from the pole by the latitude."""
     return quaternion_from_euler(jnp.zeros_like(lat), -lat - 0.5 * jnp.pi, lon)
 
 
 def require_round_earth(environment: Environment) -> RotatingEarth:
-    """Give the environment's Earth where it is round; TypeError otherwise."""
+    """Return the environment's Earth, or raise TypeError if not a `RotatingEarth`."""
     if not isinstance(environment.earth, RotatingEarth):
         raise TypeError(f"an Earth-fixed state needs a RotatingEarth, not a {type(environment.earth).__name__}")
     return environment.earth
@@ -215,7 +216,7 @@ def earth_fixed_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> EarthFixedState:
-    """Time derivative of the state over the environment's round Earth, as a state of derivatives.
+    """Time derivative of the state over the environment's round Earth, in the state's structure.
 
     p_e' = R_eb v_b; v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b with g = gravitation - w_E x (w_E x p_e);
     q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Source: [SL] eq. 1.7-18.
@@ -224,8 +225,8 @@ def earth_fixed_derivative(
     R_be = rotation_from_quaternion(state.quaternion)
     earth_rate_b = earth.rotation_rate * R_be[:, 2]
     rates_air_b = state.rates_b - earth_rate_b
-    now = flight_condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
-    wrench = now.wrench
+    condition = flight_condition(airframe, environment, time, local_state(earth, state), rates_air_b, disturbance)
+    wrench = condition.wrench
     return EarthFixedState(
         position_e=rotate_back(R_be, state.velocity_b),
         velocity_b=wrench.force_b / airframe.mass_properties.mass
@@ -233,25 +234,25 @@ def earth_fixed_derivative(
         - cross(state.rates_b + earth_rate_b, state.velocity_b),
         quaternion=quaternion_derivative(state.quaternion, rates_air_b),
         rates_b=angular_acceleration(airframe.mass_properties, state.rates_b, wrench.moment_b),
-        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, now.air_data),
-        engine=airframe.engine.rate(state.engine, controls.throttle, now.air_data),
+        actuators=airframe.actuators.rate(state.actuators, controls.surfaces, condition.air_data),
+        engine=airframe.engine.rate(state.engine, controls.throttle, condition.air_data),
     )
 
 
 MotionState = AircraftState | EarthFixedState
-"""What is integrated: the local state over a flat Earth, the Earth-fixed one over a round Earth."""
+"""Integrated state: local over a flat Earth, Earth-fixed over a round Earth."""
 
 AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
 
 def to_motion_state(environment: Environment, state: AircraftState) -> MotionState:
-    """State to integrate, from what is seen in local axes."""
+    """Convert a state in local axes to the integrated state."""
     earth = environment.earth
     return earth_fixed_state(earth, state) if isinstance(earth, RotatingEarth) else state
 
 
 def to_local_state(environment: Environment, state: MotionState) -> AircraftState:
-    """What is seen in local axes of a state that is integrated."""
+    """Convert an integrated state to local axes."""
     if isinstance(state, AircraftState):
         return state
     return local_state(require_round_earth(environment), state)
@@ -265,7 +266,7 @@ def motion_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """Time derivative of a state that is integrated, of the same kind."""
+    """Time derivative of an integrated state, in the same structure."""
     if isinstance(state, AircraftState):
         return cast(AnyMotionState, state_derivative(airframe, environment, time, state, controls, disturbance))
     return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -1,7 +1,4 @@
-"""Propeller engines: a brushless motor with a propeller of fixed pitch.
-
-And a piston engine with a propeller of constant efficiency.
-"""
+"""Propeller engines: electric motor with fixed pitch, and piston engine with constant efficiency."""
 
 import jax.numpy as jnp
 
@@ -18,35 +15,36 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _TWO_PI = 2.0 * jnp.pi
 _TINY = 1e-12
-"""Least argument of a square root, so that its gradient stays finite: far below any speed squared that matters."""
+"""Minimum argument of a square root, for finite gradients: far below relevant squared speeds."""
 
 
 class ElectricPropeller(AbstractEngine):
-    """Motor at a voltage in proportion to the power, propeller with quadratics in the advance ratio.
+    """Motor with voltage proportional to power, and a propeller with coefficients quadratic in the advance ratio.
 
-    R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers:
-    C_T(J) and C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second;
-    motor torque K_Q ((V_in - K_V Omega) / R - i0) with K_Q = K_V in SI. Where both torques are equal, Omega solves a
-    quadratic. A slow propeller in fast air brakes (negative thrust) and turns the motor; it never turns backwards.
+    R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers: C_T(J) and
+    C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second; motor
+    torque K_Q ((V_in - K_V Omega) / R - i0) with K_Q = K_V in SI. Equating the torques gives a quadratic equation for
+    Omega. A slow propeller at high airspeed brakes (negative thrust) and drives the motor; it never turns backwards.
 
     Attributes
     ----------
     diameter
         D, m.
     thrust_polynomial, torque_polynomial
-        Of C_T and C_Q: factors of 1, J, J^2.
+        Polynomials C_T and C_Q: coefficients of 1, J, J^2.
     motor_constant
         K_V, V s / rad, and K_Q, N m / A.
     resistance, no_load_current, voltage_max
         R (ohm), i0 (A) and V_in (V) at full power.
     direction
-        1 for a propeller that turns to the right seen from behind, whose reaction rolls the aircraft to the left; -1.
+        1 for a propeller that turns to the right as seen from behind, whose reaction rolls the aircraft to the left;
+        otherwise -1.
     lag
         Time constant from throttle to power, s.
     point_b
-        Where the thrust acts, seen from the centre of gravity, m.
+        Point of thrust application relative to the centre of gravity, m.
     thrust_factor
-        On all thrust; 1 as published.
+        Factor on the thrust; 1 for the published values.
     """
 
     diameter: Scalar
@@ -62,26 +60,26 @@ class ElectricPropeller(AbstractEngine):
     thrust_factor: Scalar
 
     def _torque_terms(self, air_data: AirData) -> tuple[Scalar, Scalar, Scalar]:
-        """Factors of Omega^2, Omega and 1 in the propeller's torque, N m."""
+        """Coefficients of Omega^2, Omega and 1 in the propeller's torque, N m."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         C = self.torque_polynomial
         return rho * D**5 / _TWO_PI**2 * C[0], rho * D**4 / _TWO_PI * C[1] * V, rho * D**3 * C[2] * V**2
 
     def motor_speed(self, power: ScalarLike, air_data: AirData) -> Scalar:
-        """Angular velocity at a power (percent), rad/s: where the torques of motor and propeller balance."""
+        """Angular velocity at a power (percent), rad/s, from the balance of motor and propeller torque."""
         a, b, c = self._torque_terms(air_data)
         K, R = self.motor_constant, self.resistance
         b = b + K * K / R
         c = c + K * (self.no_load_current - self.voltage_max * power / 100.0 / R)
         root = jnp.sqrt(jnp.maximum(b * b - 4.0 * a * c, _TINY))
-        # of the two ways to write the root, the one that subtracts nothing
-        backs = b < 0.0
-        fast = (root - b) / (2.0 * a)
-        slow = -2.0 * c / (jnp.where(backs, 1.0, b) + root)
-        return jnp.maximum(jnp.where(backs, fast, slow), 0.0)
+        # of the two equivalent formulas, the one without cancellation
+        b_is_negative = b < 0.0
+        root_if_negative = (root - b) / (2.0 * a)
+        root_if_positive = -2.0 * c / (jnp.where(b_is_negative, 1.0, b) + root)
+        return jnp.maximum(jnp.where(b_is_negative, root_if_negative, root_if_positive), 0.0)
 
     def thrust_and_torque(self, power: ScalarLike, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Thrust (N) and torque of the propeller (N m) at a power (percent) within 0..100."""
+        """Thrust (N) and propeller torque (N m) at a power of 0..100 percent."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         n = self.motor_speed(power, air_data) / _TWO_PI
         T, Q = self.thrust_polynomial, self.torque_polynomial
@@ -90,7 +88,7 @@ class ElectricPropeller(AbstractEngine):
         return self.thrust_factor * thrust, torque
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone: the motor's speed follows at once."""
+        """The power alone: the motor's speed has no dynamics."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -98,28 +96,30 @@ class ElectricPropeller(AbstractEngine):
         return lagged_power_rate(state.power, throttle, self.lag)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x, negative where the propeller brakes, and the reaction to its torque.
+        """Thrust along body x, negative for a braking propeller, and the torque reaction.
 
-        Beyond 0..100 percent, where no motor runs, the thrust goes on with a constant slope, that of the static thrust:
-        a trim solver can then tell by how much the power is exceeded.
+        Outside 0..100 percent, for trim solvers, the thrust is extrapolated with the slope of the static thrust, so
+        that the excess of power is visible.
         """
-        held = jnp.clip(power, 0.0, 100.0)
-        thrust, torque = self.thrust_and_torque(held, air_data)
+        available_power = jnp.clip(power, 0.0, 100.0)
+        thrust, torque = self.thrust_and_torque(available_power, air_data)
         n = self.voltage_max / self.motor_constant / _TWO_PI
         slope = self.thrust_factor * air_data.density * self.diameter**4 * self.thrust_polynomial[0] * n * n / 100.0
-        return thrust_at_point(thrust + slope * (power - held), -self.direction * torque, self.point_b)
+        return thrust_at_point(thrust + slope * (power - available_power), -self.direction * torque, self.point_b)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) whose thrust is nearest to `thrust` (N), in closed form.
+        """Power (0..100 percent) with the thrust nearest to `thrust` (N), in closed form.
 
-        Of a propeller that nearly stands still, thrust falls with its speed at first (its advance ratio lies beyond
-        that of the least C_T n^2); powers are those above the least thrust.
+        At very low propeller speed (advance ratio beyond the minimum of C_T n^2) thrust decreases with speed; the
+        returned power is on the increasing branch.
         """
         rho, D, V = air_data.density, self.diameter, air_data.V
         T = self.thrust_polynomial
-        half = T[1] * V / (2.0 * D)
-        rest = T[2] * (V / D) ** 2 - thrust / (self.thrust_factor * rho * D**4)
-        n = (-half + jnp.sqrt(jnp.maximum(half * half - T[0] * rest, _TINY))) / T[0]
+        half_linear_term = T[1] * V / (2.0 * D)
+        constant_term = T[2] * (V / D) ** 2 - thrust / (self.thrust_factor * rho * D**4)
+        n = (
+            -half_linear_term + jnp.sqrt(jnp.maximum(half_linear_term * half_linear_term - T[0] * constant_term, _TINY))
+        ) / T[0]
         omega = _TWO_PI * jnp.maximum(n, 0.0)
         a, b, c = self._torque_terms(air_data)
         torque = a * omega * omega + b * omega + c
@@ -128,49 +128,49 @@ class ElectricPropeller(AbstractEngine):
         return jnp.clip(100.0 * voltage / self.voltage_max, 0.0, 100.0)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
+        """Throttle for a steady power."""
         return steady_throttle(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
+        """Throttle for the power rate nearest to the required rate."""
         return throttle_for_rate(power, power_rate, self.lag)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never: what bounds the quadratics is the aircraft's range of airspeeds."""
+        """Never: the airspeed range of the aircraft limits the quadratics."""
         return air_data.V < 0.0
 
 
 _SEA_LEVEL_DENSITY_KG_M3 = 1.225
 _FRICTION = 0.132
 _LEAST_SHARE = 0.01
-"""Where the formula would leave less power than that, high up, so much remains: the inverse stays finite."""
+"""Minimum power relative to sea level, at altitudes where the formula gives less, to keep the inverse finite."""
 
 
 class PistonPropeller(AbstractEngine):
-    """Thrust of a propeller that turns a part of the engine's power into that of flight, limited at rest.
+    """Piston engine with a propeller of constant efficiency, limited by the static thrust at low speed.
 
-    Shaft power falls with density as that of an engine without supercharger: P = P0 (1.132 rho / rho0 - 0.132)
-    (F. Gagg, E. Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE
-    Transactions 29, 1934). Thrust is eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0, so that it is eta P / V in fast
-    flight and the static thrust T0 at rest at sea level.
+    Shaft power falls with density as in an engine without supercharger: P = P0 (1.132 rho / rho0 - 0.132) (F. Gagg, E.
+    Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE Transactions 29,
+    1934). Thrust is eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0: eta P / V in fast flight, and the static thrust T0
+    at rest at sea level.
 
     Attributes
     ----------
     shaft_power
-        P0, of the engine at full throttle at sea level, W.
+        P0, shaft power at full throttle at sea level, W.
     efficiency
-        eta, of the propeller in fast flight.
+        eta, propeller efficiency in fast flight.
     static_thrust
         T0, N.
     torque_per_power
-        Reaction torque about body x per shaft power, N m / W, of a propeller of constant speed: 1 / angular velocity,
-        positive for one that turns to the left seen from behind.
+        Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
+        positive for a propeller that turns to the left as seen from behind.
     lag
         Time constant, s.
     point_b
-        Where the thrust acts, seen from the centre of gravity, m.
+        Point of thrust application relative to the centre of gravity, m.
     thrust_factor
-        On all thrust; 1 as published.
+        Factor on the thrust; 1 for the published values.
     """
 
     shaft_power: Scalar
@@ -181,7 +181,7 @@ class PistonPropeller(AbstractEngine):
     point_b: Vector3
     thrust_factor: Scalar
 
-    def _full(self, air_data: AirData) -> tuple[Scalar, Scalar]:
+    def _full_throttle(self, air_data: AirData) -> tuple[Scalar, Scalar]:
         """Thrust (N) and shaft power (W) at 100 percent."""
         share = (1.0 + _FRICTION) * air_data.density / _SEA_LEVEL_DENSITY_KG_M3 - _FRICTION
         power = self.shaft_power * jnp.maximum(share, _LEAST_SHARE)
@@ -189,7 +189,7 @@ class PistonPropeller(AbstractEngine):
         return self.thrust_factor * self.efficiency * power / jnp.sqrt(air_data.V**2 + slow**2), power
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """Power alone."""
+        """The power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
@@ -197,24 +197,24 @@ class PistonPropeller(AbstractEngine):
         return lagged_power_rate(state.power, throttle, self.lag)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x, and the reaction to the propeller's torque; both in proportion to the power."""
-        thrust, shaft_power = self._full(air_data)
+        """Thrust along body x and the propeller's torque reaction, proportional to the power."""
+        thrust, shaft_power = self._full_throttle(air_data)
         return thrust_at_point(
             thrust * power / 100.0, self.torque_per_power * shaft_power * power / 100.0, self.point_b
         )
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) whose thrust is nearest to `thrust` (N)."""
-        return jnp.clip(100.0 * thrust / self._full(air_data)[0], 0.0, 100.0)
+        """Power (0..100 percent) with the thrust nearest to `thrust` (N)."""
+        return jnp.clip(100.0 * thrust / self._full_throttle(air_data)[0], 0.0, 100.0)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
+        """Throttle for a steady power."""
         return steady_throttle(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
+        """Throttle for the power rate nearest to the required rate."""
         return throttle_for_rate(power, power_rate, self.lag)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never: the formula holds at any speed."""
+        """Never: the formula is valid at any speed."""
         return air_data.V < 0.0

@@ -1,4 +1,4 @@
-"""Rigid bodies with constant drag and rate damping, no controls, no engine: the vehicles of the NESC check-cases."""
+"""Rigid bodies with constant drag and rate damping, without controls or engine: vehicles of the NESC cases."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,18 +16,18 @@ from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class SimpleBody(AbstractAirframe):
-    """A body whose drag coefficient does not depend on its attitude and whose rotation the air damps linearly.
+    """A body with constant drag coefficient and linear rate damping.
 
     Attributes
     ----------
     area, span, chord
-        Reference area (m^2) and lengths (m) of roll and yaw, and of pitch.
+        Reference area (m^2), and lengths (m) for roll and yaw, and for pitch.
     drag_coefficient
-        CD, force against the motion through the air over qbar S.
+        CD, drag over qbar S, opposite to the velocity through the air.
     damping
         Clp, Cmq, Cnr per unit p b/2V, q c/2V, r b/2V.
     speed_min
-        Speed below which the one in p b/2V is held, m/s, so that the damping stays finite at rest.
+        Lower limit of the speed in p b/2V, m/s, for finite damping at rest.
     """
 
     mass_properties: MassProperties
@@ -54,17 +54,17 @@ class SimpleBody(AbstractAirframe):
         )
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Constant coefficients hold everywhere by definition: never."""
+        """Never: the coefficients are constant."""
         return air_data.V < 0.0
 
 
 def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
-    """Build a body by its name in the content of `aircraft/data/bodies.json`.
+    """Build a body from the content of `aircraft/data/bodies.json` by name.
 
     Raises
     ------
     ValueError
-        If there is no such body; the message lists the known ones.
+        Unknown name; the message lists the known names.
     """
     if name not in data["bodies"]:
         raise ValueError(f"body {name!r}: known are {', '.join(data['bodies'])}")
@@ -77,7 +77,7 @@ def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
             inertia_inverse_b=jnp.asarray(np.linalg.inv(inertia_b)),
             spin_momentum_b=jnp.zeros(3),
         ),
-        # Nothing to move: the stops stand at zero.
+        # No surfaces: the stops are at zero.
         actuators=FirstOrderActuators(jnp.ones(3), jnp.zeros(3), jnp.zeros(3), jnp.zeros(3)),
         engine=NoEngine(),
         alpha_range=(jnp.asarray(-jnp.pi), jnp.asarray(jnp.pi)),

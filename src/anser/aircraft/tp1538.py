@@ -1,6 +1,6 @@
 """The F-16 of NASA TP-1538 in full.
 
-Scheduled leading-edge flap, alpha -20 to 90 deg, coefficients that are not symmetric.
+Scheduled leading-edge flap, alpha -20 to 90 deg, asymmetric coefficients.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,25 +48,25 @@ class ScheduledFlap(eqx.Module):
 
 
 class ScheduledFlapActuators(AbstractActuators):
-    """First-order actuators of elevator, aileron, rudder; the leading-edge flap has a schedule and no command.
+    """First-order actuators of elevator, aileron, rudder, and a leading-edge flap that follows a schedule.
 
-    Its schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
-    qbar/ps = 0.7 M^2; the flap follows with a lag and a rate limit. The lead-lag is 2 alpha - x with
-    x' = pole (alpha - x), so that x is the state. Above `alpha_down` the flap goes fully down whatever the filter says:
-    there the wind tunnel had it nowhere else.
+    The schedule is gain (2 s + pole)/(s + pole) alpha - compression qbar/ps + offset, within the stops (TP-1538), with
+    qbar/ps = 0.7 M^2; the flap follows with lag and rate limit. The lead-lag is 2 alpha - x with the state
+    x' = pole (alpha - x). Above `alpha_down` the flap is fully down regardless of the schedule, as in every wind-tunnel
+    test there.
 
     Attributes
     ----------
     time_constant, lower, upper, rate_limit
         As in `AbstractActuators`, shape (4,).
     gain
-        Flap per angle of attack.
+        Flap deflection per angle of attack.
     pole
         1/s.
     compression, offset
         Rad.
     alpha_down
-        Angle of attack, rad, from which the flap stands fully down.
+        Angle of attack, rad, above which the flap is fully down.
     """
 
     time_constant: Vector
@@ -82,7 +82,7 @@ class ScheduledFlapActuators(AbstractActuators):
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """All but the flap."""
+        """True except for the flap."""
         return (True, True, True, False)
 
     @property
@@ -91,33 +91,33 @@ class ScheduledFlapActuators(AbstractActuators):
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """At rest, with the filter at the angle of attack for which the schedule has the flap there at low speed."""
+        """At rest, with the filter at the angle of attack for the given flap position at low speed."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
-        """At rest in a steady flow: the flap at its schedule, the filter at the angle of attack."""
+        """At rest in a steady flow: flap on schedule, filter at the angle of attack."""
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
-        """Lags within the rate limits; the command of the flap is not looked at."""
+        """Lags within the rate limits; the flap's command is ignored."""
         flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
-        wanted = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
-        moving = (wanted - state.position) / self.time_constant
+        target = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
+        unlimited_rate = (target - state.position) / self.time_constant
         return ScheduledFlap(
-            jnp.clip(moving, -self.rate_limit, self.rate_limit), self.pole * (air_data.alpha - state.alpha_lag)
+            jnp.clip(unlimited_rate, -self.rate_limit, self.rate_limit), self.pole * (air_data.alpha - state.alpha_lag)
         )
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
-        """The flap at its schedule's steady value, rad; the others as they are."""
+        """Replace the flap position, rad, by the steady value of the schedule."""
         flap = jnp.clip(self._flap(air_data.alpha, air_data), self.lower[_FLAP], self.upper[_FLAP])
         return jnp.concatenate([position[:_FLAP], flap[None]])
 
     def _flap(self, led_alpha: ScalarLike, air_data: AirData) -> Scalar:
-        """Flap that the schedule wants, rad, not yet within its stops."""
+        """Scheduled flap deflection, rad, before limiting to the stops."""
         pressure_ratio = _STATIC_PRESSURE_SHARE * air_data.mach**2
-        wanted = self.gain * led_alpha - self.compression * pressure_ratio + self.offset
-        return jnp.where(air_data.alpha > self.alpha_down, self.upper[_FLAP], wanted)
+        scheduled = self.gain * led_alpha - self.compression * pressure_ratio + self.offset
+        return jnp.where(air_data.alpha > self.alpha_down, self.upper[_FLAP], scheduled)
 
 
 _DAMPING = ("CXq", "CYr", "CYp", "CZq", "Clr", "Clp", "Cmq", "Cnr", "Cnp")
@@ -127,16 +127,17 @@ TP1538_FUNCTIONS = (
     ("CZ0", "CYb", *("CX0", "CZ0", "Cm0", "CYb", "Cl0", "Cn0"), "CYdr", "Cldr", "Cndr", *("CYda", "Clda", "Cnda") * 2),
     ("CX0", "CZde", "Cm0", "Cl0", "Cn0"),
 )
-"""For each function in the groups of `F16TP1538.tables` that of `F16_COEFFICIENTS` which it is part of.
+"""Coefficient of `F16_COEFFICIENTS` to which each function in the groups of `F16TP1538.tables` contributes.
 
-Of alpha alone: damping, its increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Of alpha and beta: CZ and
-CY without surfaces; increments with the flap at 0; with 30 deg of rudder; with 20 deg of aileron, and what the flap at
-0 adds to these. Of alpha, beta and elevator: CX, CZ less that with the elevator at 0, Cm, Cl, Cn.
-"""
+Functions of alpha: damping, damping increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Functions of
+alpha and beta: CZ and CY without surfaces; increments with the flap at 0; increments with 30 deg of rudder; with 20 deg
+of aileron, and the additional increments with the flap at 0. Functions of alpha, beta and elevator: CX, CZ less CZ at
+zero
+elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
-    """F-16 with the whole set of wind-tunnel tables of NASA TP-1538.
+    """F-16 with the complete wind-tunnel tables of NASA TP-1538.
 
     Attributes
     ----------
@@ -145,11 +146,11 @@ class F16TP1538(AbstractF16):
     x_cg, x_cg_reference
         Centre of gravity and moment reference, fractions of the mean chord.
     surface_reference
-        Deflections (aileron, rudder, leading-edge flap; deg) that the increments refer to.
+        Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
     tables
-        Of angle of attack, sideslip and elevator, degrees, held at their ends: see `TP1538_FUNCTIONS`; the last group
-        is the effectiveness of the elevator. Increments with the flap at 0 were measured up to 45 deg, above which the
-        flap stands fully down and they have no part; there they go to 0 over one interval of the tables.
+        Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
+        the last group is the elevator effectiveness. Increments with the flap at 0 were measured up to 45 deg. Above,
+        the flap is fully down and the increments fade to 0 over one interval of the tables.
     """
 
     mass_properties: MassProperties
@@ -169,7 +170,7 @@ class F16TP1538(AbstractF16):
         """Force and moment coefficients: the build-up of TP-1538.
 
         `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates are made dimensionless with b/2V and
-        c/2V; below 1 m/s the speed is held at 1 m/s there, so that the coefficients stay finite at rest.
+        c/2V, where V is at least 1 m/s, to keep the coefficients finite at rest.
         """
         V = jnp.maximum(air_data.V, 1.0)
         beta_deg = air_data.beta * RAD_DEG
@@ -179,17 +180,17 @@ class F16TP1538(AbstractF16):
         p = rates_b[0] * self.span / (2 * V)
         q = rates_b[1] * self.mean_chord / (2 * V)
         y = rates_b[2] * self.span / (2 * V)
-        of_alpha, of_sideslip, of_elevator, (effectiveness,) = self.tables(
+        alpha_values, sideslip_values, elevator_values, (effectiveness,) = self.tables(
             air_data.alpha * RAD_DEG, beta_deg, deflection_deg[0]
         )
         count = len(_DAMPING)
-        CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = of_alpha[:count] + f * of_alpha[count : 2 * count]
-        dCm, dClbeta, dCnbeta = of_alpha[2 * count :]
-        CZ0, CY0 = of_sideslip[:2]
-        dCX, dCZ, dCm_flap, dCY, dCl, dCn = f * of_sideslip[2:8]
-        CYdr, Cldr, Cndr = of_sideslip[8:11]
-        CYda, Clda, Cnda = of_sideslip[11:14] + f * of_sideslip[14:17]
-        CX0, CZde, Cm0, Cl0, Cn0 = of_elevator
+        CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = alpha_values[:count] + f * alpha_values[count : 2 * count]
+        dCm, dClbeta, dCnbeta = alpha_values[2 * count :]
+        CZ0, CY0 = sideslip_values[:2]
+        dCX, dCZ, dCm_flap, dCY, dCl, dCn = f * sideslip_values[2:8]
+        CYdr, Cldr, Cndr = sideslip_values[8:11]
+        CYda, Clda, Cnda = sideslip_values[11:14] + f * sideslip_values[14:17]
+        CX0, CZde, Cm0, Cl0, Cn0 = elevator_values
         lever = self.x_cg_reference - self.x_cg
         CZ = CZ0 + CZde + dCZ + CZq * q
         CY = CY0 + dCY + CYda * a + CYdr * r + CYr * y + CYp * p
@@ -210,14 +211,17 @@ class F16TP1538(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":
-        """Each of `F16_COEFFICIENTS` multiplied by its factor, with its increments due to the flap.
+        """Return the aircraft with `F16_COEFFICIENTS`, including flap increments, multiplied by factors.
 
-        CX0 and Cm0 are of angle of attack, sideslip and elevator, CZ0 and CYb of angle of attack and sideslip, CZde is
-        what the elevator adds to CZ.
+        CX0 and Cm0 are functions of angle of attack, sideslip and elevator, CZ0 and CYb of angle of attack and
+        sideslip; CZde is the elevator's increment of CZ.
         """
-        parts = [factors[np.array([F16_COEFFICIENTS.index(n) for n in names])] for names in TP1538_FUNCTIONS]
+        factors_by_group = [factors[np.array([F16_COEFFICIENTS.index(n) for n in names])] for names in TP1538_FUNCTIONS]
         *cells, effectiveness = self.tables.cells
-        scaled = (*(c * part[None, None, :] for c, part in zip(cells, parts, strict=True)), effectiveness)
+        scaled = (
+            *(c * group_factors[None, None, :] for c, group_factors in zip(cells, factors_by_group, strict=True)),
+            effectiveness,
+        )
         return eqx.tree_at(lambda a: a.tables.cells, self, scaled)
 
 
@@ -229,16 +233,18 @@ def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: fl
     data
         Content of `aircraft/data/tp1538.json`.
     engine
-        With the thrust tables of TP-1538, which the textbook took over.
+        Engine with the thrust tables of TP-1538, adopted by the textbook.
     x_cg_over_c
-        Centre of gravity as a fraction of the mean chord; the report's own where None.
+        Centre of gravity as a fraction of the mean chord; None: value of the report.
 
     Raises
     ------
     ValueError
-        Tables do not stand on the axes that the build-up needs.
+        The axes of the tables differ from those expected by the build-up.
     """
-    airframe, actuators, schedule, of = (data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections"))
+    airframe, actuators, schedule, deflections = (
+        data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections")
+    )
     alpha_down = data["validity"]["flap_at_0_alpha_max_deg"] * DEG_RAD
     built = F16TP1538(
         mass_properties=f16_mass_properties(airframe, airframe["mass_slug"] * SLUG_KG, spinning=True),
@@ -262,7 +268,7 @@ def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: fl
         mean_chord=as_array(airframe["mean_chord_ft"] * FOOT_M),
         x_cg=as_array(float(airframe["x_cg_over_c"] if x_cg_over_c is None else x_cg_over_c)),
         x_cg_reference=as_array(airframe["x_cg_reference_over_c"]),
-        surface_reference=as_array([float(of[f"{n}_reference_deg"]) for n in ("aileron", "rudder", "flap")]),
+        surface_reference=as_array([float(deflections[f"{n}_reference_deg"]) for n in ("aileron", "rudder", "flap")]),
         tables=_tables(data),
     )
     # Strongly typed leaves: replacing one by another array does not recompile.
@@ -271,33 +277,39 @@ def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: fl
 
 def _tables(data: Mapping[str, Any]) -> Tables:
     points = data["breakpoints_deg"]
-    alphas, short, elevators = points["alpha1"], points["alpha2"], points["dh1"]
-    if alphas[: len(short)] != short or 0.0 not in elevators or not set(points["dh2"]) <= set(elevators):
+    alphas, flap_alphas, elevators = points["alpha1"], points["alpha2"], points["dh1"]
+    if alphas[: len(flap_alphas)] != flap_alphas or 0.0 not in elevators or not set(points["dh2"]) <= set(elevators):
         raise ValueError("TP-1538: expected alpha2 to begin alpha1, dh1 to hold 0 and all of dh2")
-    rows = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
+    values_by_name = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     neutral = elevators.index(0.0)
 
     def at_neutral(name: str) -> np.ndarray:
-        return rows[name] if rows[name].ndim == 2 else rows[name][..., list(_elevators_of(name)).index(0.0)]
+        return (
+            values_by_name[name]
+            if values_by_name[name].ndim == 2
+            else values_by_name[name][..., list(_elevators_of(name)).index(0.0)]
+        )
 
     def _elevators_of(name: str) -> Sequence[float]:
         return points[data["tables"][name]["axes"][2]]
 
     def faded(increment: np.ndarray) -> np.ndarray:
-        """An increment with the flap at 0, by 0 carried on to all angles of attack."""
-        return np.concatenate([increment, np.zeros((len(alphas) - len(short), *increment.shape[1:]))])
+        """Extend an increment with the flap at 0 to the full range of angles of attack by zeros."""
+        return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:
-        """A table on fewer elevator deflections, linear between them: the same function on those of `dh1`."""
-        given = _elevators_of(name)
-        return np.stack([np.stack([np.interp(elevators, given, r) for r in row]) for row in rows[name]])
+        """Interpolate a table with fewer elevator deflections linearly to the deflections `dh1`."""
+        own_elevators = _elevators_of(name)
+        return np.stack(
+            [np.stack([np.interp(elevators, own_elevators, r) for r in by_alpha]) for by_alpha in values_by_name[name]]
+        )
 
     def flap(name: str) -> np.ndarray:
-        return faded(rows[f"{name}_lef"] - at_neutral(name)[: len(short)])
+        return faded(values_by_name[f"{name}_lef"] - at_neutral(name)[: len(flap_alphas)])
 
     def aileron_flap(name: str) -> np.ndarray:
-        aileron = rows[f"{name}_a20"] - at_neutral(name)
-        return faded(rows[f"{name}_a20_lef"] - rows[f"{name}_lef"] - aileron[: len(short)])
+        aileron = values_by_name[f"{name}_a20"] - at_neutral(name)
+        return faded(values_by_name[f"{name}_a20_lef"] - values_by_name[f"{name}_lef"] - aileron[: len(flap_alphas)])
 
     printed = [name.replace("CX", "Cx").replace("CY", "Cy").replace("CZ", "Cz") for name in _DAMPING]
     lateral = [name.replace("CY", "Cy") for name in _LATERAL]
@@ -307,31 +319,31 @@ def _tables(data: Mapping[str, Any]) -> Tables:
             (
                 (0,),
                 [
-                    *(rows[name] for name in printed),
-                    *(faded(rows[f"delta{name}_lef"]) for name in printed),
-                    *(rows[name] for name in ("deltaCm", "deltaClbeta", "deltaCnbeta")),
+                    *(values_by_name[name] for name in printed),
+                    *(faded(values_by_name[f"delta{name}_lef"]) for name in printed),
+                    *(values_by_name[name] for name in ("deltaCm", "deltaClbeta", "deltaCnbeta")),
                 ],
             ),
             (
                 (0, 1),
                 [
                     at_neutral("Cz"),
-                    rows["Cy"],
+                    values_by_name["Cy"],
                     *(flap(name) for name in ("Cx", "Cz", "Cm", "Cy", "Cl", "Cn")),
-                    *(rows[f"{name}_r30"] - at_neutral(name) for name in lateral),
-                    *(rows[f"{name}_a20"] - at_neutral(name) for name in lateral),
+                    *(values_by_name[f"{name}_r30"] - at_neutral(name) for name in lateral),
+                    *(values_by_name[f"{name}_a20"] - at_neutral(name) for name in lateral),
                     *(aileron_flap(name) for name in lateral),
                 ],
             ),
             (
                 (0, 1, 2),
                 [
-                    rows["Cx"],
-                    rows["Cz"] - rows["Cz"][..., neutral : neutral + 1],
-                    rows["Cm"],
+                    values_by_name["Cx"],
+                    values_by_name["Cz"] - values_by_name["Cz"][..., neutral : neutral + 1],
+                    values_by_name["Cm"],
                     *(on_all_elevators(name) for name in ("Cl", "Cn")),
                 ],
             ),
-            ((2,), [rows["eta_el"]]),
+            ((2,), [values_by_name["eta_el"]]),
         ],
     )
