@@ -12,7 +12,7 @@ from campaigns.cluster_cases import begun_cluster, deadly, marked, slow
 
 @pytest.fixture(autouse=True)
 def looked_after_often(monkeypatch):
-    monkeypatch.setattr(cluster, "_LOOK_S", 0.2)
+    monkeypatch.setattr(cluster, "_SUPERVISION_PERIOD_S", 0.2)
 
 
 def files(folder):

@@ -130,7 +130,7 @@ def test_a_campaign_that_had_enough_is_not_partial(tmp_path):
 def test_the_worst_are_drawn_over_others(tmp_path, again):
     store = flown(tmp_path / "out")
     told = []
-    write_campaign(store, worst=2, others=4, progress=lambda what, part: told.append((what, part)))
+    write_campaign(store, worst=2, background=4, progress=lambda what, part: told.append((what, part)))
     data = store.dataset()
     misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
     worst = [int(k) for k in np.argsort(-misses)[:2]]
@@ -152,7 +152,7 @@ def test_flights_that_come_out_otherwise_are_named(tmp_path, monkeypatch):
 
     monkeypatch.setattr(campaign_report, "fly_many", otherwise)
     store = flown(tmp_path / "out")
-    write_campaign(store, worst=2, others=1)
+    write_campaign(store, worst=2, background=1)
     second = re.findall(r'class="worst-track" data-flight="(\d+)"', page_of(store))[1]
     assert f"Flown again, these did not come out as in the campaign: {second}." in page_of(store)
 
@@ -248,7 +248,7 @@ def test_the_worst_are_kept_whole_once(tmp_path, again):
     assert len(again) == 3
     assert archive_worst(store) == folders
     assert len(again) == 3
-    write_campaign(store, worst=3, others=0)  # those kept are read, none is flown again
+    write_campaign(store, worst=3, background=0)  # those kept are read, none is flown again
     assert len(again) == 3
     assert page_of(store).count('class="worst-track"') == 3
     assert archive_worst(flown(tmp_path / "none")) == ()

@@ -26,7 +26,7 @@ def page(tmp_path_factory):
         study = study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL, keep=KEEP)
         store = create_store(folder, study, THREE, {})
         fly_campaign(store)
-        return write_campaign(store, worst=2, others=3)[0]
+        return write_campaign(store, worst=2, background=3)[0]
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""A campaign for people: fly a study, or what is missing of it, and read its answers."""
+"""Campaigns for users: fly a study, resume a campaign, and read the results."""
 
 import os
 from dataclasses import dataclass
@@ -29,31 +29,31 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign in its folder, whole or as far as it was flown.
+    """A campaign in a folder, complete or partial.
 
     Attributes
     ----------
     store
-        Its store.
+        Store of the campaign.
     """
 
     store: CampaignStore
 
     @property
     def folder(self) -> Path:
-        """Its folder."""
+        """Folder of the campaign."""
         return self.store.folder
 
     @property
     def dataset(self) -> "xr.Dataset":
-        """Values applied and what came of each flight; dimensions flight and aircraft."""
+        """Applied values and results of each flight; dimensions flight and aircraft."""
         return self.store.dataset()
 
     @property
     def series(self) -> "xr.Dataset":
-        """What the study's table [keep] has kept over time; dimensions flight, aircraft and time.
+        """Time series selected by the study's table [keep]; dimensions flight, aircraft and time.
 
-        Raises StoreError where that is nothing.
+        Raises StoreError if no series are selected.
         """
         return self.store.series()
 
@@ -62,17 +62,20 @@ class Campaign:
         return estimate_campaign(self.dataset, self.store.flights, self.store.study)
 
     def influences(self) -> Influences:
-        """What the outputs depend on: Sobol indices of a Saltelli sampling, else rank correlations."""
+        """Sensitivity of outputs to inputs: Sobol indices for Saltelli sampling, otherwise rank correlations."""
         return influences(self.dataset, self.store.study, self.store.varied)
 
     def report(
-        self, worst: int = WORST_FLIGHTS, others: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
+        self, worst: int = WORST_FLIGHTS, background: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
     ) -> tuple[Path, ...]:
         """Write `report.html` and the tables into the folder; see `anser.campaigns.write_campaign`."""
-        return write_campaign(self.store, worst, others, progress)
+        return write_campaign(self.store, worst, background, progress)
 
     def flight(self, number: int) -> Scenario:
-        """Scenario of one flight, for `anser.run`; ValueError where there is none, ScenarioError where it is none."""
+        """Return the scenario of flight `number`, for `anser.run`.
+
+        Raises ValueError if out of range, ScenarioError if the sampled values are not a valid scenario.
+        """
         return flight_scenario(self.store, number)
 
 
@@ -86,45 +89,45 @@ def campaign(
     precision: str | None = None,
     progress: Progress | None = None,
 ) -> Campaign:
-    """Fly a study: a scenario many times, with numbers of it dispersed.
+    """Fly a study: one scenario many times, with dispersed parameters.
 
-    Each flight is a scenario of its own, with its own seed and the values applied, validated as any other: what comes
-    of one that is refused, or fails, is a row with the reason. In a script of several processes, call this below
-    ``if __name__ == "__main__":``.
+    Each flight is a validated scenario with its own seed and values; a rejected or failed flight becomes a row with the
+    reason. In a script with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
     ----------
     study
-        A study file (TOML).
+        Study file (TOML).
     out
-        Folder for the store; new, unless `resume`.
+        Folder of the store; new, unless `resume`.
     resume
-        Whether to fly what is missing or damaged of the campaign in that folder.
+        Whether to fly the missing or damaged flights of the campaign in the folder.
     processes
-        How many fly at a time; None: one for each core, or as many as the free memory holds.
+        Number of concurrent processes; None: one per core, limited by the free memory.
     cluster
-        Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
+        Address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
+        folder.
     precision
-        In which flights are flown, "float64" or "float32", in place of what the study says; None: as it says.
+        Precision of the flights, "float64" or "float32", overriding the study; None: precision of the study.
     progress
-        Called with what is being done and the part of the flights that is behind, 0..1.
+        Called with a message and the completed fraction of the flights, 0..1.
 
     Raises
     ------
     ScenarioError
-        The study or its scenario is not valid, or no flight of it makes a valid scenario.
+        The study or its scenario is invalid, or every flight makes an invalid scenario.
     StoreError
-        There is no campaign to go on with, or one of another study or version, or one that another process flies; or
-        no space for one.
+        The campaign to resume is missing, belongs to another study or version, or is being flown by another process; or
+        the disk is full.
     FileExistsError
-        The folder exists and `resume` is not asked for.
+        The folder exists and `resume` is False.
     """
     store = open_campaign_store(study, Path(out), resume=resume, precision=precision)
     if processes is None and cluster is None:
-        room = campaign_process_limit(store)
-        processes = room.processes
-        if room.message and progress is not None:
-            progress(room.message, None)
+        limit = campaign_process_limit(store)
+        processes = limit.processes
+        if limit.message and progress is not None:
+            progress(limit.message, None)
     with store.locked():
         if progress is not None:
             for message in store.damages:
@@ -137,18 +140,20 @@ def campaign(
 def open_campaign_store(
     study: str | os.PathLike[str], folder: Path, *, resume: bool, precision: str | None = None
 ) -> CampaignStore:
-    """The store to fly into: a new one, or one to go on with; raises as `campaign` does."""
-    wanted, scenario, given = load_study(study)
+    """Create a new store, or open the store to resume; raises the errors of `campaign`."""
+    requested, scenario, table_columns = load_study(study)
     if precision is not None:
-        wanted = validate_study({**wanted.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study))
+        requested = validate_study(
+            {**requested.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study)
+        )
     if resume:
-        applied = applied_values(wanted, scenario, given)
-        repair_base(folder, wanted, scenario, applied, campaign_seeds(wanted, applied))
+        applied = applied_values(requested, scenario, table_columns)
+        repair_base(folder, requested, scenario, applied, campaign_seeds(requested, applied))
         store = CampaignStore.open(folder, verify_chunks=False)
-        store.refuse_unless_same(wanted, scenario, applied)
+        store.refuse_unless_same(requested, scenario, applied)
         return store
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
-    with new_folder(folder) as beside:
-        create_store(beside, wanted, scenario, given)
+    with new_folder(folder) as staging:
+        create_store(staging, requested, scenario, table_columns)
     return CampaignStore.open(folder)

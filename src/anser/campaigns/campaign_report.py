@@ -1,7 +1,4 @@
-"""The report of a campaign.
-
-Quantile bands of its time series, replayed flights for the map, and the files written into its folder.
-"""
+"""The report of a campaign: quantile bands of time series, replayed flights for the map, and output files."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -33,120 +30,123 @@ from anser.results.variable_labels import catalogue_variable, is_quantity, recor
 from anser.scenario.schema import Scenario
 
 BAND_QUANTILES = (0.05, 0.5, 0.95)
-"""Quantiles that are drawn: the ends of the band, and the line in it."""
-_TIMES = 400
-_AIRCRAFT = 6
-_NUMBERS = 1 << 26
-"""Of one variable that are held at once at most: of more flights, evenly spaced ones count."""
+"""Quantiles in figures: lower edge, centre line and upper edge of the band."""
+_TIMES_MAX = 400
+_AIRCRAFT_MAX = 6
+_VALUES_MAX = 1 << 26
+"""Maximum number of values of a variable in memory: larger campaigns are thinned to evenly spaced flights."""
 
 
 def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands, ...]:
-    """Find the bands of what a campaign has kept; empty where it kept nothing, or nothing was flown.
+    """Compute quantile bands of the stored series; empty without series or completed flights.
 
     Parameters
     ----------
     store
-        Of the campaign.
+        Campaign store.
     flights
-        Numbers of the flights that count, all of them complete.
+        Numbers of the completed flights to include.
     """
     if store.series_selection is None or not flights.size:
         return ()
-    data, found = store.series(), []
+    data, bands_by_variable = store.series(), []
     times = data["time"].values
-    drawn = np.unique(np.linspace(0, times.size - 1, min(times.size, _TIMES)).round().astype(int))
-    names = data["aircraft"].values[:_AIRCRAFT].tolist()
-    most = max(1, _NUMBERS // (len(names) * drawn.size))
-    if flights.size > most:
-        flights = flights[np.linspace(0, flights.size - 1, most).round().astype(int)]
+    time_indices = np.unique(np.linspace(0, times.size - 1, min(times.size, _TIMES_MAX)).round().astype(int))
+    names = data["aircraft"].values[:_AIRCRAFT_MAX].tolist()
+    flights_max = max(1, _VALUES_MAX // (len(names) * time_indices.size))
+    if flights.size > flights_max:
+        flights = flights[np.linspace(0, flights.size - 1, flights_max).round().astype(int)]
     for key in store.series_selection.keys:
         variable = catalogue_variable(key)
         if not is_quantity(variable):
             continue
         parts = store.read_series_chunks(variable.name, flights)
-        values = np.concatenate([part[:, : len(names), drawn] for part in parts])
+        values = np.concatenate([part[:, : len(names), time_indices] for part in parts])
         bands = quantiles_over(values, circular=variable.unit == "degree")
         label = "" if variable.unit == "1" else variable.unit
-        found.append(SeriesBands(variable.name, variable.long_name, label, times[drawn], tuple(names), bands))
-    return tuple(found)
+        bands_by_variable.append(
+            SeriesBands(variable.name, variable.long_name, label, times[time_indices], tuple(names), bands)
+        )
+    return tuple(bands_by_variable)
 
 
 def quantiles_over(values: np.ndarray, *, circular: bool) -> np.ndarray:
-    """Quantiles over the flights, at each time of each aircraft; NaN where no flight has a number.
+    """Quantiles over the flights, at each time of each aircraft; NaN if no flight has a value.
 
     Parameters
     ----------
     values
         Shape (flights, aircraft, times).
     circular
-        Whether they are angles in degrees: then they are quantiles of the turn from their mean direction, and a value
-        may lie beyond 180.
+        Whether the values are angles in degrees: quantiles are then taken of the deviation from the mean direction, and
+        results may exceed 180.
 
     Returns
     -------
     Shape (quantiles, aircraft, times).
     """
-    found = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
-    known = ~np.isnan(values).all(axis=0)
-    some = values[:, known].astype(float)
+    quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
+    has_value = ~np.isnan(values).all(axis=0)
+    selected = values[:, has_value].astype(float)
     if circular:
-        turned = np.radians(some)
-        middle = np.degrees(np.arctan2(np.nanmean(np.sin(turned), axis=0), np.nanmean(np.cos(turned), axis=0)))
-        some = middle + (180.0 - np.mod(180.0 - (some - middle), 360.0))
-    if some.size:
-        found[:, known] = np.nanquantile(some, BAND_QUANTILES, axis=0)
-    return found
+        radians = np.radians(selected)
+        middle = np.degrees(np.arctan2(np.nanmean(np.sin(radians), axis=0), np.nanmean(np.cos(radians), axis=0)))
+        selected = middle + (180.0 - np.mod(180.0 - (selected - middle), 360.0))
+    if selected.size:
+        quantiles[:, has_value] = np.nanquantile(selected, BAND_QUANTILES, axis=0)
+    return quantiles
 
 
 REPORT = "report.html"
 WORST_FLIGHTS, BACKGROUND_FLIGHTS = 5, 20
-"""How many flights are flown again for the map: of the worst, and of evenly spaced ones that they are drawn over."""
+"""Default numbers of replayed flights on the map: worst flights, and evenly spaced background flights."""
 _KEYS = ("east", "north")
 _TRACKS = [catalogue_variable(key).name for key in _KEYS]
 _RECORDS = 2000
-"""Of a flight flown again that are kept at most."""
+"""Maximum number of stored time steps of a replayed flight."""
 _LISTED = 5
-"""Of the worst flights that are listed where fewer are drawn."""
+"""Minimum number of worst flights in the list."""
 
 
 def write_campaign(
-    store: CampaignStore, worst: int = WORST_FLIGHTS, others: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
+    store: CampaignStore,
+    worst: int = WORST_FLIGHTS,
+    background: int = BACKGROUND_FLIGHTS,
+    progress: Progress | None = None,
 ) -> tuple[Path, ...]:
-    """Write the report of a campaign, whole or partial, its figure and its tables, in place of former ones.
+    """Write the report of a complete or partial campaign, with figures and tables, replacing former files.
 
     Parameters
     ----------
     store
-        Of the campaign.
+        Campaign store.
     worst
-        How many of the worst flights are flown again and drawn; 0: none is flown, and there is no map.
-    others
-        How many evenly spaced flights are flown again, to draw the worst over them.
+        Number of the worst flights to replay and draw; 0: no replays and no map.
+    background
+        Number of evenly spaced flights to replay as background of the map.
     progress
-        Called with what is being done and the part that is behind, 0..1.
+        Called with a message and the completed fraction, 0..1.
 
-    Returns
-    -------
-    What was written: `report.html`, of two flights or more `campaign.svg` and `campaign.png`, and with pyarrow
-    `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
+    Returns ------- Paths of the written files: `report.html`, for two or more flights `campaign.svg` and
+    `campaign.png`, and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
 
     Raises
     ------
     StoreError
-        No flight has been flown.
+        No flight is complete.
     """
-    tell, data, study = progress or no_progress, store.dataset(), store.study
+    report, data, study = progress or no_progress, store.dataset(), store.study
     if not data.sizes["flight"]:
         raise StoreError(f"{store.folder}: arrived a campaign with no flight so far; expected one at least")
-    begun_at, counting = data["reason"].values == "", is_independent(study, data["flight"].values)
-    begun = data.isel(flight=np.flatnonzero(begun_at))
-    listed = worst_flights(begun, max(worst, _LISTED))
-    drawn = listed[:worst]
-    again = dict.fromkeys(drawn, True)
-    if drawn:
-        rest = np.setdiff1d(begun["flight"].values, drawn)
-        again |= dict.fromkeys(_spaced(rest, others), False)
-    found, depends = (
+    has_started, is_counted = data["reason"].values == "", is_independent(study, data["flight"].values)
+    started = data.isel(flight=np.flatnonzero(has_started))
+    listed = worst_flights(started, max(worst, _LISTED))
+    drawn_worst = listed[:worst]
+    replay_worst = dict.fromkeys(drawn_worst, True)
+    if drawn_worst:
+        remaining = np.setdiff1d(started["flight"].values, drawn_worst)
+        replay_worst |= dict.fromkeys(_evenly_spaced(remaining, background), False)
+    estimates, sensitivities = (
         estimate_campaign(data, store.flights, study).as_dict(),
         influences(data, study, store.varied).as_dict(),
     )
@@ -155,89 +155,89 @@ def write_campaign(
         for vary in study.vary
         if vary.values is not None and not vary.is_number
     }
-    shown = CampaignReport(
+    page_data = CampaignReport(
         dataset=data,
-        estimates=found,
-        influences=depends,
+        estimates=estimates,
+        influences=sensitivities,
         study=study.model_dump(mode="json", exclude_none=True),
         folder=str(store.folder),
-        independent=counting,
+        independent=is_counted,
         worst=listed,
         is_converged=store.converged_chunks is not None,
         levels=levels,
-        bands=series_bands(store, data["flight"].values[counting & begun_at]),
+        bands=series_bands(store, data["flight"].values[is_counted & has_started]),
     )
-    if again and not (store.folder / REPORT).exists():
-        write_campaign_report(shown, store.folder / REPORT)  # readable should the flights be interrupted
-    flown, otherwise = _replay(store, data, again, tell)
-    shown = dataclasses.replace(shown, replays=flown, replay_differences=otherwise)
-    tell("writing", None)
-    with staged_folder(store.folder) as beside:
-        write_campaign_report(shown, beside / REPORT)
-        figure = draw_campaign(data.isel(flight=np.flatnonzero(shown.independent)), beside)
-        tables = write_campaign_tables(data, found, depends, beside) if has_parquet() else ()
-    return tuple(store.folder / path.name for path in (beside / REPORT, *figure, *tables))
+    if replay_worst and not (store.folder / REPORT).exists():
+        write_campaign_report(page_data, store.folder / REPORT)  # a readable report in case the replays are interrupted
+    flown, changed = _replay(store, data, replay_worst, report)
+    page_data = dataclasses.replace(page_data, replays=flown, replay_differences=changed)
+    report("writing", None)
+    with staged_folder(store.folder) as staging:
+        write_campaign_report(page_data, staging / REPORT)
+        figure = draw_campaign(data.isel(flight=np.flatnonzero(page_data.independent)), staging)
+        tables = write_campaign_tables(data, estimates, sensitivities, staging) if has_parquet() else ()
+    return tuple(store.folder / path.name for path in (staging / REPORT, *figure, *tables))
 
 
-def _spaced(numbers: np.ndarray, count: int) -> Sequence[int]:
+def _evenly_spaced(numbers: np.ndarray, count: int) -> Sequence[int]:
     if not count or not numbers.size:
         return ()
-    places = np.linspace(0, numbers.size - 1, min(count, numbers.size)).round().astype(int)
-    return [int(number) for number in np.unique(numbers[places])]
+    indices = np.linspace(0, numbers.size - 1, min(count, numbers.size)).round().astype(int)
+    return [int(number) for number in np.unique(numbers[indices])]
 
 
 def _replay(
-    store: CampaignStore, data: xr.Dataset, wanted: dict[int, bool], tell: Progress
+    store: CampaignStore, data: xr.Dataset, replay_worst: dict[int, bool], report: Progress
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
-    """Flights by their number, and whether each is one of the worst; and numbers of those that came out otherwise.
+    """Replay flights, and return the tracks with the numbers of flights whose results changed.
 
-    Those that were kept whole are read; the others fly as one batch.
+    Archived flights are read from file; the remaining flights fly in one batch.
     """
-    found: dict[int, xr.Dataset] = {}
+    tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
-    otherwise: list[int] = []
-    for number in wanted:
-        kept = archived_flight(store, number)
-        if kept is not None:
+    changed: list[int] = []
+    for number in replay_worst:
+        archive = archived_flight(store, number)
+        if archive is not None:
             try:
-                flown = read_netcdf(kept)
+                flown = read_netcdf(archive)
             except DamagedFileError as error:
                 raise StoreError(f"{error}: anser campaign with --resume flies it again") from None
-            found[number] = flown[_TRACKS].isel(time=_sparse(flown.sizes["time"])).load()
+            tracks[number] = flown[_TRACKS].isel(time=_sparse(flown.sizes["time"])).load()
             continue
         try:
             cases[number] = FlightCase(flight_scenario(store, number))
-        except ScenarioError:  # it was valid in the campaign: another version
-            otherwise.append(number)
+        except ScenarioError:  # valid in the campaign: another version
+            changed.append(number)
     if cases:
         scenario = next(iter(cases.values())).scenario
         timing = scenario.timing
         stride = _sparse(round(timing.duration_s / timing.record_period_s) + 1).step
         series = SeriesSelection.from_period(scenario, _KEYS, stride * timing.record_period_s)
-        said = f"flying {len(cases)} flights again"
-        rows = fly_many(
+        message = f"flying {len(cases)} flights again"
+        flight_rows = fly_many(
             list(cases.values()),
-            lambda _, part: tell(said, part),
+            lambda _, part: report(message, part),
             len(cases),
             series=series,
             precision=store.study.precision,
         )
-        for (number, case), row in zip(cases.items(), rows, strict=True):
-            if row_differences(data, number, row):
-                otherwise.append(number)
-            if not row.reason:
-                found[number] = _tracks(row, series, case.scenario)
+        for (number, case), flight_row in zip(cases.items(), flight_rows, strict=True):
+            if row_differences(data, number, flight_row):
+                changed.append(number)
+            if not flight_row.reason:
+                tracks[number] = _tracks(flight_row, series, case.scenario)
     return tuple(
-        ReplayedFlight(number, worst, found[number]) for number, worst in wanted.items() if number in found
-    ), otherwise
+        ReplayedFlight(number, worst, tracks[number]) for number, worst in replay_worst.items() if number in tracks
+    ), changed
 
 
 def _sparse(records: int) -> slice:
     return slice(None, None, -(-records // _RECORDS))
 
 
-def _tracks(row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Positions of a flight of a batch, as `flight.nc` holds them."""
-    coordinates = record_coordinates(series.times_s(scenario), [one.name for one in scenario.aircraft])
-    values = {catalogue_variable(key).name: (("time", "aircraft"), row.series[key].T) for key in _KEYS}
+def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
+    """Positions of a flight from a batch, in the layout of `flight.nc`."""
+    coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
+    values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

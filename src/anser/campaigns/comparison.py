@@ -1,4 +1,4 @@
-"""Two campaigns with paired seeds: what became of each flight in the one and in the other."""
+"""Comparison of two campaigns with paired seeds, flight by flight."""
 
 import os
 from dataclasses import dataclass
@@ -26,18 +26,18 @@ _MEDIAN = 0.5
 
 @dataclass(frozen=True)
 class Difference:
-    """How one quantity differs from flight to flight, the second campaign's less the first's.
+    """Difference of one quantity between paired flights, second campaign less first.
 
     Attributes
     ----------
     name, words, unit
-        Of the quantity, of which less is better.
+        Name, description and unit of the quantity; smaller is better.
     second_better, alike, first_better
-        In how many flights; alike where both have no such number, too.
+        Number of flights by outcome; alike includes pairs without a value in both campaigns.
     share, low, high
-        Part of the flights in which the second is better, and its Wilson interval.
+        Fraction of the flights in which the second is better, and its Wilson interval.
     quantiles
-        Of the differences: share, value, and the ends of its order-statistic interval; None where not known.
+        Quantiles of the differences: share, value, and order-statistic interval; None if unknown.
     """
 
     name: str
@@ -52,37 +52,37 @@ class Difference:
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Convert to a dict for JSON."""
         keys = ("share", "value", "low", "high")
-        return {**vars(self), "quantiles": [dict(zip(keys, one, strict=True)) for one in self.quantiles]}
+        return {**vars(self), "quantiles": [dict(zip(keys, quantile, strict=True)) for quantile in self.quantiles]}
 
 
 @dataclass(frozen=True)
 class CampaignComparison:
-    """What two campaigns with paired seeds say beside each other.
+    """Results of comparing two campaigns with paired seeds.
 
     Attributes
     ----------
     first, second
-        Their folders.
+        Folders of the campaigns.
     flights
-        How many pairs were flown in both, and are independent of each other.
+        Number of independent pairs completed in both campaigns.
     confidence
-        Of all intervals.
+        Confidence level of the intervals.
     both, first_only, second_only, neither
-        In how many pairs every requirement was met.
+        Number of pairs by which campaign met every requirement.
     p_value
-        McNemar's exact test of the pairs that fall apart: how likely such a difference is where there is none.
+        McNemar's exact test of the discordant pairs: probability of such a difference by chance.
     differences
-        Of miss and spread.
+        Differences of miss and spread.
     applied
-        By path, in how many of the pairs other values were applied; a path that one does not vary, in all.
+        Number of pairs with different applied values by path; every pair for a path varied in one campaign only.
     scenario
-        Keys in which the scenarios differ that the flights begin with: path, first, second.
+        Differences of the base scenarios: path, first, second.
     precision
-        In which the first and the second were flown, "float64" or "float32".
+        Precision of the first and the second campaign, "float64" or "float32".
     dataset
-        Pairs: `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
+        Paired `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
     """
 
     first: Path
@@ -101,61 +101,62 @@ class CampaignComparison:
     dataset: "xr.Dataset"
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON, without the dataset."""
-        found = {key: value for key, value in vars(self).items() if key != "dataset"}
-        return found | {
+        """Convert to a dict for JSON, without the dataset."""
+        values = {key: value for key, value in vars(self).items() if key != "dataset"}
+        return values | {
             "first": str(self.first),
             "second": str(self.second),
-            "differences": [one.as_dict() for one in self.differences],
-            "scenario": [{"path": path, "first": one, "second": other} for path, one, other in self.scenario],
+            "differences": [item.as_dict() for item in self.differences],
+            "scenario": [
+                {"path": path, "first": item, "second": second_value} for path, item, second_value in self.scenario
+            ],
         }
 
 
 def compare_campaigns(
     first: Campaign | str | os.PathLike[str], second: Campaign | str | os.PathLike[str]
 ) -> CampaignComparison:
-    """Compare two campaigns flight by flight: flight k of both has the same seed.
+    """Compare two campaigns flight by flight: flight k has the same seed in both.
 
-    What is random is then the same in both, and the difference of a pair is due to what was changed. A flight
-    without a miss has an infinite one; where both have none they are alike.
+    Random effects are then identical, so the difference of a pair is due to the changed settings. A missing miss
+    distance counts as infinite; pairs with two missing values are alike.
 
     Parameters
     ----------
     first, second
-        Campaigns, or their folders. Other scenarios and distributions are what a comparison is for; seeds and number of
-        flights must be the same.
+        Campaigns, or their folders. Scenarios and distributions may differ; seeds and number of flights must agree.
 
     Raises
     ------
     StoreError
-        There is no campaign in a folder.
+        A folder has no campaign.
     ValueError
-        The flights are no pairs, or none was flown in both.
+        The flights are not paired, or no flight was completed in both campaigns.
     """
-    one, other = (_store(each) for each in (first, second))
-    _refuse_unpaired(one, other)
-    numbers = np.intersect1d(one.flown, other.flown)
-    numbers = numbers[is_independent(one.study, numbers) & is_independent(other.study, numbers)]
+    store_1, store_2 = (_store(source) for source in (first, second))
+    _refuse_unpaired(store_1, store_2)
+    numbers = np.intersect1d(store_1.flown, store_2.flown)
+    numbers = numbers[is_independent(store_1.study, numbers) & is_independent(store_2.study, numbers)]
     if not numbers.size:
         raise ValueError("arrived campaigns without a flight that was flown in both; expected one at least")
-    data = _pairs(one, other, numbers)
-    met, confidence = data["met"].values, one.study.answers.confidence
-    only = [int(np.sum(met[k] & ~met[1 - k])) for k in (0, 1)]
-    shares = sorted({_MEDIAN, *one.study.answers.quantiles})
+    data = _pairs(store_1, store_2, numbers)
+    is_met, confidence = data["met"].values, store_1.study.answers.confidence
+    exclusive = [int(np.sum(is_met[k] & ~is_met[1 - k])) for k in (0, 1)]
+    shares = sorted({_MEDIAN, *store_1.study.answers.quantiles})
     return CampaignComparison(
-        one.folder,
-        other.folder,
+        store_1.folder,
+        store_2.folder,
         int(numbers.size),
         confidence,
-        int(met.all(axis=0).sum()),
-        only[0],
-        only[1],
-        int((~met).all(axis=0).sum()),
-        mcnemar_exact(only[0], only[1]),
+        int(is_met.all(axis=0).sum()),
+        exclusive[0],
+        exclusive[1],
+        int((~is_met).all(axis=0).sum()),
+        mcnemar_exact(exclusive[0], exclusive[1]),
         tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS if name in data),
-        _applied(one, other, numbers),
-        tuple(scenario_differences(one.scenario.model_dump(mode="json"), other.scenario.model_dump(mode="json"))),
-        (one.study.precision, other.study.precision),
+        _applied(store_1, store_2, numbers),
+        tuple(scenario_differences(store_1.scenario.model_dump(mode="json"), store_2.scenario.model_dump(mode="json"))),
+        (store_1.study.precision, store_2.study.precision),
         data,
     )
 
@@ -164,56 +165,74 @@ def _store(campaign: Campaign | str | os.PathLike[str]) -> CampaignStore:
     return campaign.store if isinstance(campaign, Campaign) else CampaignStore.open(Path(campaign))
 
 
-def _refuse_unpaired(one: CampaignStore, other: CampaignStore) -> None:
-    if one.flights != other.flights:
-        words = f"arrived campaigns of {one.flights} and {other.flights} flights; expected as many in both, in pairs"
-        raise ValueError(words)
-    seeds = [each.applied(slice(None))[0] for each in (one, other)]
-    off = int(np.sum(seeds[0] != seeds[1]))
-    if off:
+def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
+    if store_1.flights != store_2.flights:
+        message = (
+            f"arrived campaigns of {store_1.flights} and {store_2.flights} flights; expected as many in both, in pairs"
+        )
+        raise ValueError(message)
+    seeds = [store.applied(slice(None))[0] for store in (store_1, store_2)]
+    unequal = int(np.sum(seeds[0] != seeds[1]))
+    if unequal:
         raise ValueError(
-            f"arrived campaigns of which {off} of {one.flights} flights have other seeds (studies of the seeds "
-            f"{one.study.seed} and {other.study.seed}); expected the same seed for the same flight"
+            f"arrived campaigns of which {unequal} of {store_1.flights} flights have other seeds (studies of the seeds "
+            f"{store_1.study.seed} and {store_2.study.seed}); expected the same seed for the same flight"
         )
 
 
-def _pairs(one: CampaignStore, other: CampaignStore, numbers: np.ndarray) -> "xr.Dataset":
+def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> "xr.Dataset":
     import xarray as xr
 
-    rows = [each.dataset().sel(flight=numbers) for each in (one, other)]
-    met = np.stack([each["met"].values for each in rows])
+    datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
+    is_met = np.stack([data["met"].values for data in datasets])
     dimensions = ("campaign", "flight")
     labels = {**AIRCRAFT_QUANTITIES, **FLEET_QUANTITIES}
-    found: dict[str, Any] = {"met": (dimensions, met, unit_attributes("1", "Whether every requirement is met"))}
-    for name in applicable_quantities(_OUTPUTS, rows[0]):
-        values = np.stack([worst_of_fleet(each, name) for each in rows])
-        found[name] = (dimensions, values, unit_attributes(labels[name][0], _OUTPUTS[name]))
-    return xr.Dataset(found, coords={"campaign": ["first", "second"], "flight": numbers})
+    variables: dict[str, Any] = {"met": (dimensions, is_met, unit_attributes("1", "Whether every requirement is met"))}
+    for name in applicable_quantities(_OUTPUTS, datasets[0]):
+        values = np.stack([worst_of_fleet(data, name) for data in datasets])
+        variables[name] = (dimensions, values, unit_attributes(labels[name][0], _OUTPUTS[name]))
+    return xr.Dataset(variables, coords={"campaign": ["first", "second"], "flight": numbers})
 
 
 def _difference(name: str, values: np.ndarray, shares: list[float], confidence: float) -> Difference:
-    first, second = values
-    alike = first == second  # both infinite, too
-    off = np.where(alike, 0.0, np.where(alike, 0.0, second) - np.where(alike, 0.0, first))
-    better, count = int(np.sum(off < 0.0)), off.size
-    low, high = wilson_interval(better, count, confidence)
+    values_1, values_2 = values
+    alike = values_1 == values_2  # including two infinite values
+    difference = np.where(alike, 0.0, np.where(alike, 0.0, values_2) - np.where(alike, 0.0, values_1))
+    better_count, count = int(np.sum(difference < 0.0)), difference.size
+    low, high = wilson_interval(better_count, count, confidence)
     quantiles = []
-    for at in shares:
-        ends = order_statistic_interval(off, at, confidence)
-        quantiles.append((at, finite_or_none(quantile(off, at)), finite_or_none(ends[0]), finite_or_none(ends[1])))
+    for share in shares:
+        interval = order_statistic_interval(difference, share, confidence)
+        quantiles.append(
+            (
+                share,
+                finite_or_none(quantile(difference, share)),
+                finite_or_none(interval[0]),
+                finite_or_none(interval[1]),
+            )
+        )
     unit = {**AIRCRAFT_QUANTITIES, **FLEET_QUANTITIES}[name][0]
-    same = int(alike.sum())
+    alike_count = int(alike.sum())
     return Difference(
-        name, _OUTPUTS[name], unit, better, same, count - better - same, better / count, low, high, tuple(quantiles)
+        name,
+        _OUTPUTS[name],
+        unit,
+        better_count,
+        alike_count,
+        count - better_count - alike_count,
+        better_count / count,
+        low,
+        high,
+        tuple(quantiles),
     )
 
 
-def _applied(one: CampaignStore, other: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
-    values = [each.applied(slice(None))[1] for each in (one, other)]
-    found = {}
+def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
+    values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
+    counts = {}
     for path in dict.fromkeys([*values[0], *values[1]]):
-        both = [each[path][numbers] for each in values if path in each]
-        count = numbers.size if len(both) < 2 else int(np.sum(both[0] != both[1]))
+        columns = [store[path][numbers] for store in values if path in store]
+        count = numbers.size if len(columns) < 2 else int(np.sum(columns[0] != columns[1]))
         if count:
-            found[path] = int(count)
-    return found
+            counts[path] = int(count)
+    return counts

@@ -1,4 +1,4 @@
-"""Distributions of what a campaign disperses: from a number between 0 and 1 to a value."""
+"""Distributions of dispersed parameters: transformation of uniform numbers to values."""
 
 from collections.abc import Callable
 from typing import Annotated, Literal
@@ -21,18 +21,18 @@ _KEYS = {
     "triangular": ("low", "mode", "high"),
     "choice": ("values",),
 }
-"""By distribution, the keys that it needs; weights may be left out."""
+"""Required keys of each distribution; weights are optional."""
 
 DistributionName = Literal["normal", "truncated", "uniform", "log-normal", "triangular", "choice"]
 Value = float | int | str | bool
 
 
-def _bound(about: str) -> float | None:
-    return number(about, -_LARGEST, _LARGEST, "", None)
+def _bound(description: str) -> float | None:
+    return number(description, -_LARGEST, _LARGEST, "", None)
 
 
 class Dispersion(Table):
-    """One number of the scenario that is dispersed."""
+    """Dispersion of one scenario parameter."""
 
     path: str = Field(min_length=1, description="where in the scenario", json_schema_extra=expects(_PATH))
     distribution: DistributionName = choice("of its values", tuple(_KEYS))
@@ -70,61 +70,61 @@ class Dispersion(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find keys that the distribution lacks or does not have, and values that do not go together."""
-        needed = _KEYS[self.distribution]
-        known = {*needed, "weights"} if self.distribution == "choice" else {*needed}
-        others = {key for keys in _KEYS.values() for key in keys} | {"weights"}
-        found = [
-            Problem(key, "nothing", f"a value: the distribution {self.distribution} has {', '.join(needed)}")
-            for key in needed
+        """Return problems of missing, superfluous and inconsistent keys."""
+        required = _KEYS[self.distribution]
+        allowed = {*required, "weights"} if self.distribution == "choice" else {*required}
+        all_keys = {key for keys in _KEYS.values() for key in keys} | {"weights"}
+        problems = [
+            Problem(key, "nothing", f"a value: the distribution {self.distribution} has {', '.join(required)}")
+            for key in required
             if getattr(self, key) is None
         ]
-        found += [
+        problems += [
             Problem(
-                key, describe_value(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(needed)}"
+                key, describe_value(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(required)}"
             )
-            for key in sorted(others - known)
+            for key in sorted(all_keys - allowed)
             if getattr(self, key) is not None
         ]
-        if found:
-            return found
+        if problems:
+            return problems
         if self.distribution == "choice":
             return self._choice_problems()
         if self.low is not None:
-            found = ordering_problems(self, "low", "high", "")
-        if not found and self.mode is not None and not self.low <= self.mode <= self.high:  # pyright: ignore
-            found = [Problem("mode", format_number(self.mode), f"from low to high: {self.low:g} to {self.high:g}")]
-        if not found and self.distribution == "truncated":
+            problems = ordering_problems(self, "low", "high", "")
+        if not problems and self.mode is not None and not self.low <= self.mode <= self.high:  # pyright: ignore
+            problems = [Problem("mode", format_number(self.mode), f"from low to high: {self.low:g} to {self.high:g}")]
+        if not problems and self.distribution == "truncated":
             low, high = self._scaled_bounds()
             if max(low, -high) > _FARTHEST_SIGMA:
-                words = f"{self.low:g} to {self.high:g}, all beyond {_FARTHEST_SIGMA:g} sigma"
-                found = [Problem("low", words, "bounds with a part of the distribution between them")]
-        return found
+                arrived = f"{self.low:g} to {self.high:g}, all beyond {_FARTHEST_SIGMA:g} sigma"
+                problems = [Problem("low", arrived, "bounds with a part of the distribution between them")]
+        return problems
 
     def _choice_problems(self) -> list[Problem]:
-        values, kinds = self.values or (), {_kind(one) for one in self.values or ()}
-        found = []
+        values, kinds = self.values or (), {_kind(value) for value in self.values or ()}
+        problems = []
         if len(kinds) > 1:
-            found.append(Problem("values", " and ".join(sorted(kinds)), "values of one kind"))
+            problems.append(Problem("values", " and ".join(sorted(kinds)), "values of one kind"))
         elif len(set(values)) < len(values):
-            found.append(Problem("values", "a value twice", "each once; weights say how often it is chosen"))
+            problems.append(Problem("values", "a value twice", "each once; weights say how often it is chosen"))
         elif self.how != "set" and kinds != {"numbers"}:
-            found.append(Problem("how", f'"{self.how}" for {kinds.pop()}', '"set"'))
+            problems.append(Problem("how", f'"{self.how}" for {kinds.pop()}', '"set"'))
         if self.weights is not None and len(self.weights) != len(values):
-            found.append(Problem("weights", f"a list of {len(self.weights)}", f"{len(values)}, one for each value"))
-        return found
+            problems.append(Problem("weights", f"a list of {len(self.weights)}", f"{len(values)}, one for each value"))
+        return problems
 
     def quantile(self, shares: np.ndarray) -> np.ndarray:
-        """Values that these shares (0..1, both excluded) of all values stay below; of a choice in their order."""
+        """Values at the given cumulative probabilities (between 0 and 1, exclusive); choices in listed order."""
         return _INVERSE[self.distribution](self, shares)
 
     @property
     def is_number(self) -> bool:
-        """Whether its values are numbers."""
+        """Whether the values are numbers."""
         return self.values is None or _kind(self.values[0]) == "numbers"
 
     def _scaled_bounds(self) -> tuple[float, float]:
-        """Bounds of a truncated one, in sigma from the mean."""
+        """Bounds of a truncated normal distribution, relative to the mean, in sigma."""
         low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
         return (low - mean) / sigma, (high - mean) / sigma
 
@@ -137,9 +137,9 @@ class Dispersion(Table):
 
     def _choose(self, shares: np.ndarray) -> np.ndarray:
         values = self.values or ()
-        ends = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
-        which = np.searchsorted(ends / ends[-1], shares, side="right")
-        return np.array(values)[np.minimum(which, len(values) - 1)]
+        cumulative_weights = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
+        indices = np.searchsorted(cumulative_weights / cumulative_weights[-1], shares, side="right")
+        return np.array(values)[np.minimum(indices, len(values) - 1)]
 
 
 _INVERSE: dict[str, Callable[[Dispersion, np.ndarray], np.ndarray]] = {

@@ -1,4 +1,4 @@
-"""What a campaign answers: how surely, how far at most, and what fails; with intervals."""
+"""Estimates from a campaign: success probability, quantiles and failure causes, with confidence intervals."""
 
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -22,30 +22,29 @@ _UPPER = {
     "arrival_spread_s": ("arrival spread", "s"),
     "arrival_s": ("last arrival", "s"),
 }
-"""What is the better the less; of aircraft the greatest counts."""
+"""Quantities bounded from above: smaller is better; the greatest of the fleet counts."""
 _LOWER = {
     "separation_min_m": ("least separation", "m"),
     "separation_ratio_min": ("least part of the separation asked for", "1"),
     "clearance_min_m": ("least distance to a goal", "m"),
 }
-"""What is the better the more; of aircraft the least counts."""
+"""Quantities bounded from below: greater is better; the least of the fleet counts."""
 
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """A quantile of one quantity over all flights, with an interval.
+    """Quantile of a quantity over the flights, with an interval.
 
     Attributes
     ----------
     name, words, unit
-        Of the quantity.
+        Name, description and unit of the quantity.
     share
-        Part of the flights that stay within the value: below it, or above it where `upper` is False.
+        Fraction of the flights below the value, or above the value if `upper` is False.
     upper
-        Whether it is bounded from above.
+        Whether the quantile is an upper bound.
     value, low, high
-        Quantile, and the ends of its order-statistic interval; None where so many flights failed, or so few were
-        flown, that it is not known.
+        Quantile and its order-statistic interval; None if unknown because of too many failed or too few flights.
     """
 
     name: str
@@ -60,25 +59,26 @@ class QuantileEstimate:
 
 @dataclass(frozen=True)
 class CampaignEstimates:
-    """What the flights of a campaign answer so far.
+    """Estimates from the completed flights of a campaign.
 
     Attributes
     ----------
     flights, flown, met
-        How many there are to be, were flown, and met every requirement; one that could not begin counts as flown.
+        Number of planned flights, of completed flights (including flights that could not start), and of flights with
+        every requirement met.
     confidence
-        Of all intervals.
+        Confidence level of the intervals.
     independent
-        How many of those flown are independent of each other: all, but for the blocks of a Saltelli sampling. The
-        probability and the quantiles come from these alone, or their intervals would be too narrow.
+        Number of independent completed flights: all, except in the blocks of a Saltelli sampling. Probability and
+        quantiles use only independent flights; otherwise the intervals would be too narrow.
     probability, low, high
-        Of meeting every requirement, and its Wilson interval.
+        Probability that every requirement is met, and its Wilson interval.
     causes
-        What failed in how many flights, the most frequent first.
+        Number of flights by failure cause, most frequent first.
     quantiles
-        Of each quantity.
+        Quantiles of each quantity.
     worst
-        Numbers of the flights that failed, and then of those with the greatest miss; ten at most.
+        Numbers of at most ten flights: failed flights first, then by greatest miss.
     """
 
     flights: int
@@ -94,7 +94,7 @@ class CampaignEstimates:
     worst: tuple[int, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Convert to a dict for JSON."""
         return asdict(self)
 
 
@@ -102,60 +102,70 @@ _WORST = 10
 
 
 def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> CampaignEstimates:
-    """Sum a campaign up. A flight that failed counts as a failure in every answer, never as missing.
+    """Compute the estimates of a campaign. Failed flights count as failures in every estimate, never as missing.
 
     Parameters
     ----------
     data
-        Flights flown, from `CampaignStore.dataset`.
+        Completed flights, from `CampaignStore.dataset`.
     flights
-        How many there are to be.
+        Number of planned flights.
     study
-        What was flown; it says the confidence and the quantiles.
+        Study with the confidence level and the quantiles.
     """
-    flown, met, asked = data.sizes["flight"], int(data["met"].sum()), study.answers
-    alone = data.isel(flight=np.flatnonzero(is_independent(study, data["flight"].values)))
-    count, met_alone = alone.sizes["flight"], int(alone["met"].sum())
-    low, high = wilson_interval(met_alone, count, asked.confidence)
-    found = []
+    flown, met_count, settings = data.sizes["flight"], int(data["met"].sum()), study.answers
+    independent = data.isel(flight=np.flatnonzero(is_independent(study, data["flight"].values)))
+    count, met_independent = independent.sizes["flight"], int(independent["met"].sum())
+    low, high = wilson_interval(met_independent, count, settings.confidence)
+    quantile_estimates = []
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
-        for name in applicable_quantities(quantities, alone):
-            words, unit = quantities[name]
-            values = worst_of_fleet(alone, name, upper=upper)
+        for name in applicable_quantities(quantities, independent):
+            description, unit = quantities[name]
+            values = worst_of_fleet(independent, name, upper=upper)
             if count and np.isfinite(values).any():
-                found += [
-                    _quantile_estimate(name, words, unit, values, share, upper, asked.confidence)
-                    for share in asked.quantiles
+                quantile_estimates += [
+                    _quantile_estimate(name, description, unit, values, share, upper, settings.confidence)
+                    for share in settings.quantiles
                 ]
-    share, worst = met_alone / count if count else None, worst_flights(data, _WORST)
+    share, worst = met_independent / count if count else None, worst_flights(data, _WORST)
     return CampaignEstimates(
-        flights, flown, met, asked.confidence, count, share, low, high, _causes(data), tuple(found), worst
+        flights,
+        flown,
+        met_count,
+        settings.confidence,
+        count,
+        share,
+        low,
+        high,
+        _causes(data),
+        tuple(quantile_estimates),
+        worst,
     )
 
 
 def _quantile_estimate(
-    name: str, words: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
+    name: str, description: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
 ) -> QuantileEstimate:
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)
     value = sign * quantile(sign * values, share)
-    ends = (low, high) if upper else (-high, -low)
-    return QuantileEstimate(name, words, unit, share, upper, *map(finite_or_none, (value, *ends)))
+    interval = (low, high) if upper else (-high, -low)
+    return QuantileEstimate(name, description, unit, share, upper, *map(finite_or_none, (value, *interval)))
 
 
 def _causes(data: "xr.Dataset") -> dict[str, int]:
-    """What a flight failed of: that it could not begin, else statuses of aircraft and requirements."""
-    counted: Counter[str] = Counter()
+    """Count the failure causes: failed starts, otherwise aircraft statuses and unmet requirements."""
+    counts: Counter[str] = Counter()
     for k in np.flatnonzero(~data["met"].values):
         reason = str(data["reason"].values[k])
-        statuses = {str(one) for one in data["status"].values[k]} - {"arrived"}
-        unmet = [f"not met: {one}" for one in str(data["unmet"].values[k]).split(", ") if one]
-        counted.update([f"could not begin: {reason}"] if reason else [*sorted(statuses), *unmet])
-    return dict(counted.most_common())
+        statuses = {str(status) for status in data["status"].values[k]} - {"arrived"}
+        unmet = [f"not met: {name}" for name in str(data["unmet"].values[k]).split(", ") if name]
+        counts.update([f"could not begin: {reason}"] if reason else [*sorted(statuses), *unmet])
+    return dict(counts.most_common())
 
 
 def worst_flights(data: "xr.Dataset", count: int) -> tuple[int, ...]:
-    """Numbers of the flights that failed, and then of those with the greatest miss; so many at most."""
+    """Numbers of at most `count` flights: failed flights first, then by greatest miss."""
     misses = worst_of_fleet(data, "miss_m")
     order = np.lexsort((-misses, data["met"].values))
     return tuple(int(data["flight"].values[k]) for k in order[:count])

@@ -1,7 +1,7 @@
 """Flights of a campaign.
 
-Values applied to the scenario of each flight, refusals before the first flight, worker processes and the batch size
-that the memory allows, and the chunks that are missing.
+Values applied to the scenario of each flight, checks before the first flight, worker processes and the batch size
+allowed by the memory, and flying of missing chunks.
 """
 
 import concurrent.futures
@@ -38,25 +38,25 @@ from anser.scenario.flight_checks import refuse_unused_keys
 from anser.scenario.schema import Scenario
 from anser.simulation.flight import SEGMENT_STEPS
 
-_PROCESS = 1_350_000_000
-"""Of a process that flies: libraries, and the most that compiling takes. Measured: docs/how-to/many-flights.md."""
-_AIRCRAFT = 500_000
-"""Of each aircraft of a batch: tables of its own, state, plans, and what one segment of the flight takes."""
+_PROCESS_BYTES = 1_350_000_000
+"""Memory of a flying process, bytes: libraries, and the peak of compilation. Measured: docs/how-to/many-flights.md."""
+_AIRCRAFT_BYTES = 500_000
+"""Memory per aircraft in a batch, bytes: tables, state, plans, and recordings of one segment."""
 _COPIES = 3
-"""Of the series of a batch: as recorded, as one array of each flight, and as written."""
+"""Copies of a batch's series in memory: as recorded, as arrays per flight, and as written."""
 _MB = 1e6
 
 
 @dataclass(frozen=True)
 class ProcessLimit:
-    """How many processes fly.
+    """Number of processes for flying.
 
     Attributes
     ----------
     processes
-        How many.
-    words
-        One line where memory limits something; else empty.
+        Number of processes.
+    message
+        Explanation if memory limits the number; otherwise empty.
     """
 
     processes: int
@@ -64,100 +64,100 @@ class ProcessLimit:
 
 
 def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None = None) -> ProcessLimit:
-    """One process for each core, or as many as the memory holds that is free; one at least.
+    """Limit the number of processes to the cores and to the free memory; at least one.
 
     Parameters
     ----------
     scenario
-        What is flown.
+        Base scenario.
     batch
-        Flights of one compiled call.
+        Flights per compiled call.
     series
-        Variables that are kept of each flight over time; None: none are.
+        Variables stored over time; None: none.
     """
-    cores, free = usable_cores(), available_memory()
-    if free is None:
+    cores, free_bytes = usable_cores(), available_memory()
+    if free_bytes is None:
         return ProcessLimit(cores, "")
-    needed = _PROCESS + batch * _flight_bytes(scenario, series)
-    processes = max(1, min(cores, free // needed))
-    has = f"memory: {free / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
-    has += f" {needed / _MB:,.0f} MB"
-    if free < needed:
+    process_bytes = _PROCESS_BYTES + batch * _flight_bytes(scenario, series)
+    processes = max(1, min(cores, free_bytes // process_bytes))
+    has = f"memory: {free_bytes / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
+    has += f" {process_bytes / _MB:,.0f} MB"
+    if free_bytes < process_bytes:
         return ProcessLimit(1, f"{has}: one flies, and may be killed for want of memory")
     if processes < cores:
         return ProcessLimit(processes, f"{has}: {processes} fly, not one for each of {cores} cores")
     return ProcessLimit(processes, "")
 
 
-def batch_size_for(most: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
-    """Flights of one compiled call: so many at most, or as many as one process has memory for; one at least."""
-    free = available_memory()
-    if free is None:
-        return most
-    return int(max(1, min(most, (free - _PROCESS) // _flight_bytes(scenario, series))))
+def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
+    """Limit the flights per compiled call to `batch_max` and to the memory of one process; at least one."""
+    free_bytes = available_memory()
+    if free_bytes is None:
+        return batch_max
+    return int(max(1, min(batch_max, (free_bytes - _PROCESS_BYTES) // _flight_bytes(scenario, series))))
 
 
 def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
-    """What a flight of a batch takes, bytes."""
+    """Memory per flight of a batch, bytes."""
     aircraft = len(scenario.aircraft)
     numbers = 0
     if series is not None:
-        rows = _COPIES * series.rows(scenario) + 2 * SEGMENT_STEPS // series.recording_stride
-        numbers = len(series.keys) * aircraft * rows
-    return aircraft * _AIRCRAFT + 8 * numbers
+        time_steps = _COPIES * series.rows(scenario) + 2 * SEGMENT_STEPS // series.recording_stride
+        numbers = len(series.keys) * aircraft * time_steps
+    return aircraft * _AIRCRAFT_BYTES + 8 * numbers
 
 
 _CHUNK_WITHOUT_BATCH = 4
-"""Flights of a chunk where each is flown by itself."""
+"""Flights per chunk if each is flown individually."""
 _BUILT_FLIGHTS = 8
-"""Flights that are built before any flies: a path without effect in all of them is refused."""
+"""Flights to build before flying; a path without effect in every one of them is rejected."""
 VALIDATED_FLIGHTS = 64
-"""Scenarios that are validated before any flies; where all of them are refused, so is the study."""
+"""Scenarios to validate before flying; the study is rejected if every one of them is invalid."""
 
 
-def applied_values(study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What is put into the scenario of each flight of a campaign, by path; raises as `put` does."""
-    return apply_samples(study, scenario, sample_study(study, given))
+def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Sample a study and compute the values for each flight's scenario, by path; raises as `apply_samples`."""
+    return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What is put into scenarios, by path: the sampled values, added or multiplied where asked.
+    """Combine sampled values with the scenario's values (set, add, multiply), by path.
 
     Raises
     ------
     ScenarioError
-        A path leads nowhere, or to no number where one is to be added or multiplied.
+        A path does not exist, or is not a number although the operation is add or multiply.
     """
-    how, found = {one.path: one.how for one in study.vary}, {}
+    operations, applied = {dispersion.path: dispersion.how for dispersion in study.vary}, {}
     for path, values in sampled.items():
         try:
             base = value_at(scenario, path)
         except ScenarioError as error:
             raise ScenarioError(f"{study.name}, what varies of {scenario.name}", error.problems) from None
-        if how.get(path, "set") != "set":
+        if operations.get(path, "set") != "set":
             if isinstance(base, bool) or not isinstance(base, int | float):
-                raise ScenarioError(study.name, [_no_number(path, base, how[path])])
-            values = base + values if how[path] == "add" else base * values
-        whole = isinstance(base, int) and not isinstance(base, bool) and values.dtype.kind == "f"
-        found[path] = values.astype(int) if whole and np.all(values == np.rint(values)) else values
-    return found
+                raise ScenarioError(study.name, [_not_a_number_problem(path, base, operations[path])])
+            values = base + values if operations[path] == "add" else base * values
+        is_integer = isinstance(base, int) and not isinstance(base, bool) and values.dtype.kind == "f"
+        applied[path] = values.astype(int) if is_integer and np.all(values == np.rint(values)) else values
+    return applied
 
 
-def create_store(folder: Path, study: Study, scenario: Scenario, given: dict[str, np.ndarray]) -> CampaignStore:
-    """Make the store of a campaign in a folder that exists, without flying; raises ScenarioError and StoreError."""
+def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
+    """Check a study and create the campaign store in an existing folder; raises ScenarioError and StoreError."""
     check_precision(scenario, study.precision, study.name)
-    applied = applied_values(study, scenario, given)
+    applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
     count = seeds.size
     refuse_invalid_flights(study, scenario, applied, count)
     refuse_paths_without_effect(study, scenario, applied, count)
-    refuse_series(study.keep, study.name, _valid(scenario, applied, count), applied)
-    most = (
+    refuse_series(study.keep, study.name, _valid_scenarios(scenario, applied, count), applied)
+    chunk_max = (
         _CHUNK_WITHOUT_BATCH
         if needs_single_flight(scenario)
         else batch_size_for(BATCH, scenario, select_series(study.keep, scenario))
     )
-    chunk = min(most, count)
+    chunk = min(chunk_max, count)
     return CampaignStore.create(folder, study, scenario, applied, seeds, chunk)
 
 
@@ -169,24 +169,25 @@ def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
 def fly_campaign(
     store: CampaignStore, processes: int = 1, progress: Progress | None = None, cluster: str | None = None
 ) -> None:
-    """Fly what is missing or damaged of a campaign.
+    """Fly the missing or damaged flights of a campaign.
 
     Parameters
     ----------
     store
-        Of the campaign.
+        Campaign store.
     processes
-        How many fly at a time.
+        Number of concurrent processes.
     progress
-        Called with what is being done and the part of the flights that is behind, 0..1.
+        Called with a message and the completed fraction of the flights, 0..1.
     cluster
-        Address of a running scheduler of dask.distributed, whose workers fly instead; they must see the folder.
+        Address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
+        folder.
 
     Raises
     ------
     StoreError
-        A process was killed, or the cluster cannot be reached or is lost; what is complete stays complete. Or another
-        process flies the campaign.
+        A process was killed, the cluster is unreachable or lost, or another process flies the campaign. Completed
+        chunks remain complete.
     """
     with store.locked():
         _fly_missing(store, processes, progress or no_progress, cluster)
@@ -195,45 +196,45 @@ def fly_campaign(
 def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: str | None) -> None:
     total = store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.chunk_is_complete)]
-    behind = store.flown.size
+    flown_count = store.flown.size
 
-    def say() -> None:
-        tell(f"{behind} of {total} flights", behind / total)
+    def report() -> None:
+        tell(f"{flown_count} of {total} flights", flown_count / total)
 
-    say()
+    report()
     if store.converged_chunks is not None:
         return
     folder = store.folder.resolve()
     with contextlib.ExitStack() as stack:
         if cluster is not None:
-            flown = fly_on_cluster(cluster, fly_chunk, folder, missing)
+            completed_chunks = fly_on_cluster(cluster, fly_chunk, folder, missing)
         else:
             executor, at_a_time = stack.enter_context(worker_processes(min(processes, len(missing))))
-            flown = _complete_chunks(executor, folder, missing, at_a_time)
-        for chunk in stack.enter_context(contextlib.closing(flown)):
-            rows = store.chunk_slice(chunk)
-            behind += rows.stop - rows.start
-            say()
+            completed_chunks = _complete_chunks(executor, folder, missing, at_a_time)
+        for chunk in stack.enter_context(contextlib.closing(completed_chunks)):
+            flights = store.chunk_slice(chunk)
+            flown_count += flights.stop - flights.start
+            report()
             if store.converged_chunks is not None:
                 break
 
 
 def campaign_process_limit(store: CampaignStore) -> ProcessLimit:
-    """How many processes fly a campaign where nobody says, and what is said of it."""
-    # those that are flown one by one take no more than one of a batch
+    """Limit the number of processes for a campaign by cores and memory; see `process_limit`."""
+    # flights flown individually take as much memory as a batch of one
     batch = 1 if needs_single_flight(store.scenario) else store.chunk
     return process_limit(store.scenario, batch, store.series_selection)
 
 
 def flight_scenario(store: CampaignStore, number: int) -> Scenario:
-    """The scenario of one flight: a file like any other.
+    """Return the scenario of one flight.
 
     Raises
     ------
     ValueError
-        There is no such flight.
+        `number` is out of range.
     ScenarioError
-        What was sampled made no valid scenario.
+        The sampled values are not a valid scenario.
     """
     if not 0 <= number < store.flights:
         raise ValueError(f"flight: arrived {number}; expected one from 0 to {store.flights - 1}")
@@ -242,13 +243,13 @@ def flight_scenario(store: CampaignStore, number: int) -> Scenario:
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
-    """Fly one chunk of a campaign and write it, unless it is complete; its number."""
+    """Fly a chunk of a campaign and write the results, unless already complete; return the chunk's number."""
     store = CampaignStore.open(folder, verify_chunks=False)
     store.refuse_other_versions()
-    if store.chunk_is_complete[chunk]:  # a cluster may give it out again when the worker that flew it dies
+    if store.chunk_is_complete[chunk]:  # a cluster may submit it again when the worker dies
         return chunk
     seeds, applied = store.applied(store.chunk_slice(chunk))
-    rows: list[FlightRow | None] = [None] * seeds.size
+    flight_rows: list[FlightRow | None] = [None] * seeds.size
     cases: dict[int, FlightCase] = {}
     for k, seed in enumerate(seeds.tolist()):
         if not applied:
@@ -256,21 +257,21 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             continue
         try:
             cases[k] = FlightCase(
-                dispersed_scenario(store.scenario, seed, {path: one[k] for path, one in applied.items()})
+                dispersed_scenario(store.scenario, seed, {path: column[k] for path, column in applied.items()})
             )
         except ScenarioError as error:
-            rows[k] = FlightRow.failed_start("; ".join(map(str, error.problems)))
+            flight_rows[k] = FlightRow.failed_start("; ".join(map(str, error.problems)))
     flown = fly_many(
         list(cases.values()), batch=store.chunk, series=store.series_selection, precision=store.study.precision
     )
-    for k, row in zip(cases, flown, strict=True):
-        rows[k] = row
-    store.write(chunk, [row for row in rows if row is not None])
+    for k, flight_row in zip(cases, flown, strict=True):
+        flight_rows[k] = flight_row
+    store.write(chunk, [flight_row for flight_row in flight_rows if flight_row is not None])
     return chunk
 
 
 def dispersed_scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
-    """A scenario with a seed and values put into it by their paths; raises ScenarioError where that makes none."""
+    """Return a scenario with a seed and values by path; raises ScenarioError if the result is invalid."""
     changes: list[object] = ["seed", seed]
     for path, value in applied.items():
         changes += [path, value.item()]
@@ -278,84 +279,86 @@ def dispersed_scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Sc
 
 
 def refuse_invalid_flights(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Refuse a study of which none of the first scenarios is valid (ScenarioError)."""
-    first: ScenarioError | None = None
+    """Raise ScenarioError if every one of the first scenarios of a study is invalid."""
+    first_error: ScenarioError | None = None
     for k in range(min(count, VALIDATED_FLIGHTS)):
         try:
             dispersed_scenario(scenario, 0, {path: values[k] for path, values in applied.items()})
         except ScenarioError as error:
-            first = first or error
+            first_error = first_error or error
         else:
             return
-    if first is not None:
-        raise ScenarioError(f"{study.name}, every flight", first.problems)
+    if first_error is not None:
+        raise ScenarioError(f"{study.name}, every flight", first_error.problems)
 
 
 def refuse_paths_without_effect(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Refuse a study with a path that changes nothing in any of its first flights as built (ScenarioError)."""
-    first = itertools.islice(_cases(scenario, applied, count), _BUILT_FLIGHTS)
-    refuse_unused_keys(f"{study.name}, what varies of {scenario.name}", first)
+    """Raise ScenarioError if a path of the study has no effect on any of the first flights."""
+    first_cases = itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS)
+    refuse_unused_keys(f"{study.name}, what varies of {scenario.name}", first_cases)
 
 
-def _valid(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
-    """Those of the first scenarios that are valid."""
-    return (one for one, _ in _cases(scenario, applied, count))
+def _valid_scenarios(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
+    """Yield the valid scenarios among the first flights."""
+    return (dispersed for dispersed, _ in _valid_cases(scenario, applied, count))
 
 
-def _cases(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Those of the first scenarios that are valid, with the values that were put into each."""
+def _valid_cases(
+    scenario: Scenario, applied: dict[str, np.ndarray], count: int
+) -> Iterator[tuple[Scenario, dict[str, Any]]]:
+    """Yield the valid scenarios among the first flights, with the applied values."""
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         values = {path: column[k] for path, column in applied.items()}
         with contextlib.suppress(ScenarioError):
             yield dispersed_scenario(scenario, 0, values), values
 
 
-def _no_number(path: str, base: object, how: str) -> Problem:
+def _not_a_number_problem(path: str, base: object, operation: str) -> Problem:
     return Problem(
-        path, f'{describe_value(base)} in the scenario, with how = "{how}"', 'a number there, or how = "set"'
+        path, f'{describe_value(base)} in the scenario, with how = "{operation}"', 'a number there, or how = "set"'
     )
 
 
 @contextlib.contextmanager
 def worker_processes(processes: int) -> Iterator[tuple[Executor | None, int]]:
-    """Processes of their own, or None: this one; and how many."""
+    """Yield an executor with worker processes, or None for this process, and the number of processes."""
     if processes <= 1:
         enable_compilation_cache()
         yield None, 1
         return
-    others, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
+    former_children, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_initialize_worker)
     try:
-        with _interrupts_blocked():
-            pool.submit(os.getpid)  # begins all of them
+        with _block_interrupts():
+            pool.submit(os.getpid)  # starts every worker
         yield pool, processes
     except BaseException:
-        # what they are at is not marked, so that nothing is lost but its time
+        # unfinished chunks are not marked as complete: only computing time is lost
         pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - others:
+        for child in set(multiprocessing.active_children()) - former_children:
             child.terminate()
         raise
     pool.shutdown()
 
 
 @contextlib.contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Begin processes that Ctrl-C does not reach, not even during their imports; the first process ends them."""
+def _block_interrupts() -> Iterator[None]:
+    """Start worker processes that ignore Ctrl-C from the beginning; the main process terminates them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # which would unblock them
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    resource_tracker.ensure_running()  # which would unblock signals
+    former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
 
 
 def _initialize_worker() -> None:
-    """A process that flies: Ctrl-C is for the one that gave it the work."""
+    """Initialize a worker process; the main process handles Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # XLA's threads: one process for each core keeps it busy by itself, and more of them get into each other's way
+    # XLA's threads: one process per core suffices, and further threads would compete for the cores
     os.environ.setdefault("NPROC", "1")
     enable_compilation_cache()
 
@@ -363,22 +366,22 @@ def _initialize_worker() -> None:
 def _complete_chunks(
     workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int
 ) -> Generator[int, None, None]:
-    """Each chunk as it becomes complete; so many are given out in advance, in their order."""
+    """Fly chunks in submission order, `at_a_time` concurrently, and yield each completed chunk."""
     if workers is None:
         for chunk in chunks:
             yield fly_chunk(folder, chunk)
         return
-    given, waiting = 0, set[Future[int]]()
+    submitted, waiting = 0, set[Future[int]]()
     try:
-        while given < len(chunks) or waiting:
-            more = chunks[given : given + at_a_time - len(waiting)]
-            waiting |= {workers.submit(fly_chunk, folder, chunk) for chunk in more}
-            given += len(more)
+        while submitted < len(chunks) or waiting:
+            next_chunks = chunks[submitted : submitted + at_a_time - len(waiting)]
+            waiting |= {workers.submit(fly_chunk, folder, chunk) for chunk in next_chunks}
+            submitted += len(next_chunks)
             ended, waiting = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
-            for one in ended:
-                yield one.result()
+            for future in ended:
+                yield future.result()
     except BrokenProcessPool:
-        words = "a process that flew and was killed, perhaps for want of memory"
+        detail = "a process that flew and was killed, perhaps for want of memory"
         raise StoreError(
-            f"{folder}: arrived {words}; expected all to end by themselves; resume flies the rest"
+            f"{folder}: arrived {detail}; expected all to end by themselves; resume flies the rest"
         ) from None

@@ -1,4 +1,4 @@
-"""A rare event, for users.
+"""Rare-event analysis for users.
 
 Fly a study by subset simulation and read the probability, the exceedance curve and the worst flights (`rare`,
 `RareEvent`, `read_rare`).
@@ -29,11 +29,11 @@ from anser.results.flight_rows import AIRCRAFT_QUANTITIES, FLEET_QUANTITIES
 
 _WORST = 10
 _THRESHOLDS = 121
-"""Points of the curve."""
+"""Number of points of the exceedance curve."""
 
 
 class WorstPoint(NamedTuple):
-    """A flight of the last level: its value, more is worse, its number, and its point."""
+    """A flight of the last level: signed value (greater is worse), flight number, and point."""
 
     value: float
     number: int
@@ -41,18 +41,20 @@ class WorstPoint(NamedTuple):
 
 
 def worst_points(repetitions: Sequence[Repetition]) -> list[WorstPoint]:
-    """The worst flights of the last levels, each once, ten at most."""
-    found: dict[int, WorstPoint] = {}
-    for one in repetitions:
-        for value, number, point in zip(one[-1].values, one[-1].numbers, one[-1].points, strict=True):
-            found[int(number)] = WorstPoint(float(value), int(number), point)
-    return sorted(found.values(), key=lambda worst: (-worst.value, worst.number))[:_WORST]
+    """The worst distinct flights of the last levels, at most ten."""
+    points_by_number: dict[int, WorstPoint] = {}
+    for repetition in repetitions:
+        for value, number, point in zip(
+            repetition[-1].values, repetition[-1].numbers, repetition[-1].points, strict=True
+        ):
+            points_by_number[int(number)] = WorstPoint(float(value), int(number), point)
+    return sorted(points_by_number.values(), key=lambda worst: (-worst.value, worst.number))[:_WORST]
 
 
 def rare_document(
-    store: RareStore, flights: RareFlights, repetitions: Sequence[Repetition], found: SubsetEstimate
+    store: RareStore, flights: RareFlights, repetitions: Sequence[Repetition], probability_estimate: SubsetEstimate
 ) -> dict[str, Any]:
-    """All that is told of a rare event, for JSON; None in the place of what is not finite."""
+    """Results of a rare-event analysis for JSON; non-finite values become None."""
     rare, plan = flights.config, flights.plan
 
     def quantity(value: float) -> float | None:
@@ -60,16 +62,16 @@ def rare_document(
 
     levels = []
     for k in range(max(map(len, repetitions))):
-        some = [one[k] for one in repetitions if len(one) > k]
+        reaching = [item[k] for item in repetitions if len(item) > k]
         levels.append(
             {
-                "flights": len(some) * (plan.points if k == 0 else plan.points - plan.chains),
-                "bounds": [quantity(one.bound) for one in some],
-                "shares": [one.share for one in some],
-                "acceptances": [finite_or_none(one.acceptance) for one in some],
+                "flights": len(reaching) * (plan.points if k == 0 else plan.points - plan.chains),
+                "bounds": [quantity(item.bound) for item in reaching],
+                "shares": [item.share for item in reaching],
+                "acceptances": [finite_or_none(item.acceptance) for item in reaching],
             }
         )
-    last = np.concatenate([one[-1].values for one in repetitions])
+    last_values = np.concatenate([item[-1].values for item in repetitions])
     return {
         **provenance(store.study, store.scenario),
         "study": store.study.name,
@@ -77,53 +79,53 @@ def rare_document(
         "statistic": rare.statistic,
         "threshold": rare.threshold,
         "breached": "below" if rare.breached_below else "above",
-        "probability": found.probability,
-        "low": found.low,
-        "high": found.high,
+        "probability": probability_estimate.probability,
+        "low": probability_estimate.low,
+        "high": probability_estimate.high,
         "confidence": store.study.answers.confidence,
         "repetitions": plan.repetitions,
         "flights": sum(level["flights"] for level in levels),
-        "failed_share_of_last_level": float(np.mean(np.isinf(last))),
+        "failed_share_of_last_level": float(np.mean(np.isinf(last_values))),
         "levels": levels,
         "worst": [
             {
-                "flight": one.number,
-                rare.statistic: quantity(one.value),
-                "flights": one.point["flights"][: one.point["count"]].tolist(),
-                "weights": one.point["weights"][: one.point["count"]].tolist(),
+                "flight": item.number,
+                rare.statistic: quantity(item.value),
+                "flights": item.point["flights"][: item.point["count"]].tolist(),
+                "weights": item.point["weights"][: item.point["count"]].tolist(),
             }
-            for one in worst_points(repetitions)
+            for item in worst_points(repetitions)
         ],
     }
 
 
 def exceedance_dataset(flights: RareFlights, repetitions: Sequence[Repetition]) -> xr.Dataset:
-    """Probability that a threshold is breached against the threshold, with its interval, from a half down."""
+    """Exceedance probability against the threshold, with interval, from a probability of one half downwards."""
     rare, confidence = flights.config, flights.study.answers.confidence
-    first = np.concatenate([one[0].values for one in repetitions])
-    last = min(flights.threshold, *(one[-1].bound for one in repetitions if len(one) > 1), np.inf)
+    first_values = np.concatenate([item[0].values for item in repetitions])
+    last_bound = min(flights.threshold, *(item[-1].bound for item in repetitions if len(item) > 1), np.inf)
     reached = estimate(repetitions, flights.threshold, confidence).probability is not None
-    end = flights.threshold if reached else float(np.nextafter(last, -np.inf))
-    # a threshold that half of the flights breach, or a median that is none, is a curve of one point
-    middle = float(np.median(first))
-    values = np.linspace(middle if middle < end else end, end, _THRESHOLDS)
-    found = [estimate(repetitions, value, confidence) for value in values]
-    unit, words = (AIRCRAFT_QUANTITIES | FLEET_QUANTITIES)[rare.statistic]
-    side = "below" if rare.breached_below else "above"
+    curve_end = flights.threshold if reached else float(np.nextafter(last_bound, -np.inf))
+    # if half of the flights breach the threshold, or the median is infinite, the curve is a single point
+    median = float(np.median(first_values))
+    values = np.linspace(median if median < curve_end else curve_end, curve_end, _THRESHOLDS)
+    estimates = [estimate(repetitions, value, confidence) for value in values]
+    unit, description = (AIRCRAFT_QUANTITIES | FLEET_QUANTITIES)[rare.statistic]
+    breached_side = "below" if rare.breached_below else "above"
     return xr.Dataset(
         {
-            key: ("threshold", [np.nan if getattr(one, key) is None else getattr(one, key) for one in found])
+            key: ("threshold", [np.nan if getattr(item, key) is None else getattr(item, key) for item in estimates])
             for key in ("probability", "low", "high")
         },
-        {"threshold": ("threshold", flights.signed_value(1.0) * values, {"units": unit, "long_name": words})},
+        {"threshold": ("threshold", flights.signed_value(1.0) * values, {"units": unit, "long_name": description})},
         {
             "title": flights.study.name,
             "statistic": rare.statistic,
             "asked": rare.threshold,
-            "breached": side,
+            "breached": breached_side,
             "confidence": confidence,
             "reached": int(reached),
-            "bounds": [flights.signed_value(level.bound) for one in repetitions for level in one[1:]],
+            "bounds": [flights.signed_value(level.bound) for item in repetitions for level in item[1:]],
         },
     )
 
@@ -133,12 +135,12 @@ _DOCUMENT = "rare.json"
 
 @dataclass(frozen=True)
 class RareEvent:
-    """A rare event in its folder, flown.
+    """A completed rare-event analysis.
 
     Attributes
     ----------
     store
-        Its folder.
+        Store of the analysis.
     repetitions
         Levels of each repetition.
     """
@@ -148,50 +150,50 @@ class RareEvent:
 
     @property
     def folder(self) -> Path:
-        """Its folder."""
+        """Folder of the analysis."""
         return self.store.folder
 
     @property
     def estimate(self) -> SubsetEstimate:
-        """Probability of the event and its interval; without one where the levels end short of the threshold."""
+        """Probability of the event, with interval; the probability is None if the levels end short of the threshold."""
         return self.probability_of(self.flights.config.threshold)
 
     @property
     def flights(self) -> RareFlights:
-        """What its flights are made of."""
+        """Definition of the flights."""
         return RareFlights(self.store.study, self.store.scenario)
 
     @property
     def document(self) -> dict[str, Any]:
-        """What `rare.json` holds."""
+        """Content of `rare.json`."""
         return rare_document(self.store, self.flights, self.repetitions, self.estimate)
 
     @property
     def dataset(self) -> "xr.Dataset":
-        """Probability against the threshold, with its interval."""
+        """Exceedance probability against the threshold, with interval."""
         return exceedance_dataset(self.flights, self.repetitions)
 
     def probability_of(self, threshold: float) -> SubsetEstimate:
-        """Probability that another threshold is breached: one that is breached more often than that of the study."""
+        """Probability that a less extreme threshold than the study's is breached."""
         value, confidence = self.flights.signed_value(threshold), self.store.study.answers.confidence
-        found = estimate(self.repetitions, value, confidence)
-        if found.probability is not None:
-            return found
-        # what lies beyond the last bound that all have come to is no more probable than what lies beyond the bound
-        least = min(value, *(one[-1].bound for one in self.repetitions))
-        high = estimate(self.repetitions, np.nextafter(least, -np.inf), confidence).high
+        direct = estimate(self.repetitions, value, confidence)
+        if direct.probability is not None:
+            return direct
+        # exceeding the value is at most as probable as exceeding the greatest bound reached by every repetition
+        reached_bound = min(value, *(repetition[-1].bound for repetition in self.repetitions))
+        high = estimate(self.repetitions, np.nextafter(reached_bound, -np.inf), confidence).high
         return SubsetEstimate(None, 0.0, high)
 
-    def worst(self, place: int = 0) -> FlightCase:
-        """One of the worst flights, 0 for the worst of all; ScenarioError where what was drawn makes no scenario."""
+    def worst(self, rank: int = 0) -> FlightCase:
+        """Return one of the worst flights, rank 0 is the worst; raises ScenarioError if its scenario is invalid."""
         points = worst_points(self.repetitions)
-        if not 0 <= place < len(points):
-            raise ValueError(f"place: arrived {place}; expected one from 0 to {len(points) - 1}")
-        return self.flights.case(points[place].point)
+        if not 0 <= rank < len(points):
+            raise ValueError(f"place: arrived {rank}; expected one from 0 to {len(points) - 1}")
+        return self.flights.case(points[rank].point)
 
-    def fly_worst(self, place: int = 0) -> FlightResult:
-        """Fly one of the worst flights again by itself, with all that `anser.run` records; raises as that does."""
-        case = self.worst(place)
+    def fly_worst(self, rank: int = 0) -> FlightResult:
+        """Replay one of the worst flights individually, with the complete results of `anser.run`."""
+        case = self.worst(rank)
         planned = plan(case.scenario, randomness=case.randomness)
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
 
@@ -204,75 +206,75 @@ def rare(
     processes: int | None = None,
     progress: Progress | None = None,
 ) -> RareEvent:
-    """Find out how probable a rare event is: subset simulation over all that is random in a study's flights.
+    """Estimate the probability of a rare event, by subset simulation over the random numbers of a study's flights.
 
-    The first flights are those of plain Monte Carlo. The worst of them begin the next level, where chains of flights
-    with more and more other random numbers stay among those that are at least as bad, and so on to the threshold. All
-    is done several times, each independent of the others, and the interval is that of their mean. In a script of
-    several processes, call this below ``if __name__ == "__main__":``.
+    The first level is plain Monte Carlo. Its worst flights start the Markov chains of the next level, which vary the
+    random numbers but accept only flights at least as bad as the level's bound, and so on up to the threshold. The
+    simulation is repeated several times independently; the interval is that of the mean over the repetitions. In a
+    script with several processes, call this function below ``if __name__ == "__main__":``.
 
     Parameters
     ----------
     study
-        A study file (TOML) with a table [rare].
+        Study file (TOML) with a table [rare].
     out
-        Folder for what comes of it; new, unless `resume`.
+        Folder of the results; new, unless `resume`.
     resume
-        Whether to go on with what is in that folder; what is damaged is flown again.
+        Whether to continue the analysis in the folder; damaged batches are flown again.
     processes
-        How many fly at a time; None: one for each core, or as many as the free memory holds.
+        Number of concurrent processes; None: one per core, limited by the free memory.
     progress
-        Called with what is being done and the part of the level that is behind, 0..1.
+        Called with a message and the completed fraction of the level, 0..1.
 
     Returns
     -------
-    The event; its document is in `rare.json`, a figure in `rare.svg` and `rare.png`.
+    The analysis; its document is in `rare.json`, a figure in `rare.svg` and `rare.png`.
 
     Raises
     ------
     ScenarioError
-        The study or its scenario is not valid, has no rare event, or no flight of it makes a valid scenario.
+        The study or its scenario is invalid, has no rare event, or every flight makes an invalid scenario.
     StoreError
-        There is nothing to go on with, or what is of another study or version, or another process flies it; or a
-        process was killed.
+        The analysis to resume is missing, belongs to another study or version, or is being flown by another process; or
+        a process was killed.
     FileExistsError
-        The folder exists and `resume` is not asked for.
+        The folder exists and `resume` is False.
     """
     from anser.report.campaign_figures import draw_rare
 
     store = open_rare_store(study, Path(out), resume=resume)
     if processes is None:
-        room = process_limit(store.scenario, RareFlights(store.study, store.scenario).batch)
-        processes = room.processes
-        if room.message and progress is not None:
-            progress(room.message, None)
+        limit = process_limit(store.scenario, RareFlights(store.study, store.scenario).batch)
+        processes = limit.processes
+        if limit.message and progress is not None:
+            progress(limit.message, None)
     with folder_lock(store.folder):
         for message in store.remove_damaged():
             (progress or no_progress)(message, None)
         with worker_processes(processes) as (executor, _):
-            found = RareEvent(store, _repetitions(store, executor, progress or no_progress))
-        write_json(found.document, store.folder / _DOCUMENT, overwrite=True)
-        draw_rare(found.dataset, store.folder)
-    return found
+            event = RareEvent(store, _repetitions(store, executor, progress or no_progress))
+        write_json(event.document, store.folder / _DOCUMENT, overwrite=True)
+        draw_rare(event.dataset, store.folder)
+    return event
 
 
 def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> RareStore:
-    """The folder to fly into: a new one, or one to go on with; raises as `rare` does."""
-    wanted, scenario, _ = load_study(study)
-    flights = RareFlights(wanted, scenario)
+    """Create a new store, or open the store to resume; raises the errors of `rare`."""
+    requested, scenario, _ = load_study(study)
+    flights = RareFlights(requested, scenario)
     _ = flights.config
     if resume:
         store = RareStore.open(folder)
-        store.refuse_unless_same(wanted, scenario)
+        store.refuse_unless_same(requested, scenario)
         return store
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
     flights.refuse_early()
-    return RareStore.create(folder, wanted, scenario)
+    return RareStore.create(folder, requested, scenario)
 
 
 def read_rare(folder: str | os.PathLike[str]) -> RareEvent:
-    """A rare event that was flown, from its folder; StoreError where some of its flights are missing."""
+    """Read a completed rare-event analysis from its folder; raises StoreError if flights are missing."""
     store = RareStore.open(Path(folder))
     return RareEvent(store, _repetitions(store, None, no_progress, fly=False))
 
@@ -286,22 +288,22 @@ def _repetitions(
 
 
 def _limit_state(
-    store: RareStore, flights: RareFlights, executor: Executor | None, tell: Progress, *, fly: bool
+    store: RareStore, flights: RareFlights, executor: Executor | None, report: Progress, *, fly: bool
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Values of points as the walks ask for them, telling how far they are."""
-    plan, behind, level = flights.plan, 0, 0
+    """Return the limit-state function of the walks, which flies points and reports progress."""
+    plan, flown_count, level = flights.plan, 0, 0
 
     def values(points: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        nonlocal behind, level
-        first = int(numbers[0])
-        of_level = plan.points * plan.repetitions if first == 0 else points.size * (plan.length - 1)
-        if first == 0 or behind >= of_level:
-            behind, level = 0, level + 1
-        found = [np.empty(0)]
-        for part in fly_points(store, executor, points, first, fly=fly):
-            found.append(part)
-            behind += part.size
-            tell(f"level {level}: {behind} of {of_level} flights", behind / of_level)
-        return np.concatenate(found)
+        nonlocal flown_count, level
+        start = int(numbers[0])
+        level_count = plan.points * plan.repetitions if start == 0 else points.size * (plan.length - 1)
+        if start == 0 or flown_count >= level_count:
+            flown_count, level = 0, level + 1
+        parts = [np.empty(0)]
+        for part in fly_points(store, executor, points, start, fly=fly):
+            parts.append(part)
+            flown_count += part.size
+            report(f"level {level}: {flown_count} of {level_count} flights", flown_count / level_count)
+        return np.concatenate(parts)
 
     return values

@@ -1,7 +1,7 @@
-"""Flights of a rare event.
+"""Flights of a rare-event analysis.
 
-The space of the standard normal numbers of a seed's flights, whose points are weighted sums of the normals of
-numbered flights, and the limit-state value of the flight at a point.
+The space of the standard normal numbers behind the flights of a seed, with points that are weighted sums of the normals
+of numbered flights, and the limit-state value of the flight at a point.
 """
 
 import itertools
@@ -35,62 +35,61 @@ from anser.results.flight_rows import FlightRow
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import AT_GROUND, NO_TRIM, NOT_FINITE, STATUS_MESSAGES
 
-_ROOM = 128
-"""Terms for which there is room: programs are compiled for few sizes."""
+_TERMS_MIN = 128
+"""Smallest capacity of a point's list of terms: few capacities mean few compiled programs."""
 
 
 class GaussianSpace:
-    """The space of the normals of a seed's flights; see `anser.campaigns.subset.SampleSpace`.
+    """The space of the normals behind the flights of a seed; implements `anser.campaigns.subset.SampleSpace`.
 
-    Its points have the fields `count`, `flights` and `weights`: how many flights were mixed, which, and how much of
-    each.
+    A point has the fields `count`, `flights` and `weights`: the number of blended flights, their numbers and weights.
 
     Attributes
     ----------
     seed
-        Of the flights.
+        Seed of the flights.
     terms
-        How many flights a point may be mixed of.
+        Maximum number of blended flights per point.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
-        self.seed, self.terms = seed, bucket_size(terms, _ROOM)
+        self.seed, self.terms = seed, bucket_size(terms, _TERMS_MIN)
         self.dtype = np.dtype(
             [("count", np.int32), ("flights", np.uint32, (self.terms,)), ("weights", float, (self.terms,))]
         )
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """The normals of the flights of these numbers themselves."""
+        """Points of the numbered flights themselves."""
         points = np.zeros(numbers.size, self.dtype)
         points["count"], points["flights"][:, 0], points["weights"][:, 0] = 1, numbers, 1.0
         return points
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Points ``keep * point + sqrt(1 - keep**2) * fresh``; nothing is left of a point of which nothing is kept."""
-        found = points.copy()
-        found["weights"] *= keep[:, None]
-        found["count"][keep == 0.0] = 0
-        rows, last = np.arange(points.size), found["count"]
-        found["flights"][rows, last], found["weights"][rows, last] = numbers, np.sqrt(1.0 - keep**2)
-        found["count"] += 1
-        return found
+        """Points ``keep * point + sqrt(1 - keep**2) * new`` (preconditioned Crank-Nicolson); new flights by number."""
+        proposal = points.copy()
+        proposal["weights"] *= keep[:, None]
+        proposal["count"][keep == 0.0] = 0
+        row_indices, end = np.arange(points.size), proposal["count"]
+        proposal["flights"][row_indices, end], proposal["weights"][row_indices, end] = numbers, np.sqrt(1.0 - keep**2)
+        proposal["count"] += 1
+        return proposal
 
     def point(self, flights: Sequence[int], weights: Sequence[float]) -> np.ndarray:
-        """One point, of its flights and how much of each."""
-        found = np.zeros((), self.dtype)
-        found["count"] = len(flights)
-        found["flights"][: len(flights)], found["weights"][: len(flights)] = flights, weights
-        return found
+        """Build a point from flights and weights."""
+        point = np.zeros((), self.dtype)
+        point["count"] = len(flights)
+        point["flights"][: len(flights)], point["weights"][: len(flights)] = flights, weights
+        return point
 
     def randomness_at(self, point: np.ndarray) -> BlendedRandomness:
-        """All that is random in the flight of a point."""
+        """Source of the random numbers of the flight at a point."""
         keys = flight_keys(self.seed, point["flights"])
         return BlendedRandomness(
             as_array(keys, np.uint32), as_array(point["weights"]), as_array(point["count"], np.int32)
         )
 
     def dispersions(self, points: np.ndarray, count: int) -> np.ndarray:
-        """Normals behind what the study disperses, shape (points, count)."""
+        """Normals behind the study's dispersed parameters, shape (points, count)."""
         width = int(np.max(points["count"]))
         keys = flight_keys(self.seed, points["flights"][:, :width].ravel())
         lanes = np.tile(np.arange(count), len(keys))
@@ -100,18 +99,18 @@ class GaussianSpace:
 
 
 _CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND))
-"""After these what is recorded says nothing."""
+"""Aircraft statuses after which recorded quantities are meaningless."""
 _BATCH_MAX = 64
-"""Flights of one compiled call at most: less than in a campaign, so that there is work for several processes."""
+"""Maximum number of flights per compiled call: less than in a campaign, to occupy several processes."""
 
 
 class RareFlights:
-    """What a study's event is made of.
+    """Flights of a study's rare event.
 
     Attributes
     ----------
     study, scenario
-        What is flown.
+        Study and base scenario.
     """
 
     def __init__(self, study: Study, scenario: Scenario) -> None:
@@ -119,48 +118,48 @@ class RareFlights:
 
     @cached_property
     def config(self) -> RareEventConfig:
-        """The table [rare]; ScenarioError where there is none, or none that such a scenario can have."""
-        rare, found = self.study.rare, []
-        if rare is None:
+        """The table [rare]; raises ScenarioError if missing or incompatible with the scenario."""
+        config, problems = self.study.rare, []
+        if config is None:
             raise ScenarioError(self.study.name, [Problem("rare", "nothing", "a table [rare]")])
-        if len(self.scenario.aircraft) == 1 and rare.statistic in ("separation_min_m", "arrival_spread_s"):
-            words = "a statistic of one aircraft, such as miss_m"
-            found.append(Problem("rare.statistic", f'"{rare.statistic}" of one aircraft', words))
+        if len(self.scenario.aircraft) == 1 and config.statistic in ("separation_min_m", "arrival_spread_s"):
+            expected = "a statistic of one aircraft, such as miss_m"
+            problems.append(Problem("rare.statistic", f'"{config.statistic}" of one aircraft', expected))
         if needs_single_flight(self.scenario):
-            words = "one whose flights can fly together: without events, and with a planner at one place"
-            found.append(Problem("scenario", self.scenario.name, words))
-        if found:
-            raise ScenarioError(self.study.name, found)
-        return rare
+            expected = "one whose flights can fly together: without events, and with a planner at one place"
+            problems.append(Problem("scenario", self.scenario.name, expected))
+        if problems:
+            raise ScenarioError(self.study.name, problems)
+        return config
 
     @cached_property
     def plan(self) -> SubsetPlan:
-        """How much of it."""
+        """Numbers of points, levels and repetitions."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 
     @cached_property
     def space(self) -> GaussianSpace:
-        """Of the normals of its flights."""
+        """Space of the flights' normals."""
         return GaussianSpace(self.study.seed, 1 + (self.config.levels_max - 1) * (self.config.chain_length - 1))
 
     @property
     def threshold(self) -> float:
-        """As a value: more is worse."""
+        """Threshold as a signed value; greater is worse."""
         return self.signed_value(self.config.threshold)
 
     @property
     def batch(self) -> int:
-        """Flights of one compiled call: what all chains ask for at once, or an equal part of it."""
+        """Flights per compiled call: the simultaneous moves of the chains, or an equal part of them."""
         at_once = self.plan.chains * self.plan.repetitions
         return -(-at_once // -(-at_once // _BATCH_MAX))
 
     def signed_value(self, value: float) -> float:
-        """From a quantity to a value of which more is worse, and back."""
+        """Convert between a quantity and a signed value, for which greater is worse."""
         return -value if self.config.breached_below else value
 
     def refuse_early(self) -> None:
-        """Refuse before anything flies what no flight can have (ScenarioError)."""
+        """Raise ScenarioError before flying if no flight can be valid."""
         check_precision(self.scenario, self.study.precision, self.study.name)
         numbers = np.arange(min(VALIDATED_FLIGHTS, self.config.flights))
         applied = self._applied(self.space.sample(numbers))
@@ -168,34 +167,36 @@ class RareFlights:
         refuse_paths_without_effect(self.study, self.scenario, applied, numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
-        """Values of a batch of points at most; infinite where a flight failed."""
+        """Values of up to one batch of points; infinite for failed flights."""
         values = np.full(points.size, np.inf)
         cases = dict(self._cases(points))
         if not cases:
             return values
-        # of one size, so that one program flies all; those that are refused are few
-        filled = list(itertools.islice(itertools.cycle(cases.values()), self.batch))
-        for k, row in zip(cases, fly_many(filled, batch=self.batch, precision=self.study.precision), strict=False):
-            values[k] = self.limit_state_value(row)
+        # padded to one size for a single compiled program; rejected flights are few
+        padded = list(itertools.islice(itertools.cycle(cases.values()), self.batch))
+        for k, flight_row in zip(
+            cases, fly_many(padded, batch=self.batch, precision=self.study.precision), strict=False
+        ):
+            values[k] = self.limit_state_value(flight_row)
         return values
 
     def case(self, point: np.ndarray) -> FlightCase:
-        """One flight by itself; ScenarioError where what was drawn makes no valid scenario."""
-        (applied,) = self._each(point.reshape(1))
+        """Return a single flight; raises ScenarioError if the sampled values are not a valid scenario."""
+        (applied,) = self._applied_by_flight(point.reshape(1))
         return self._case(point, applied)
 
-    def limit_state_value(self, row: FlightRow) -> float:
-        """What counts of a flight; infinite where it failed."""
+    def limit_state_value(self, flight_row: FlightRow) -> float:
+        """Signed value of the statistic in a flight; infinite for a failed flight."""
         statistic = self.config.statistic
-        rows = [row.fleet] if statistic in ("separation_min_m", "arrival_spread_s") else row.aircraft
-        values = [one.get(statistic) for one in rows]
-        crashed = any(words in one["status"] for one in row.aircraft for words in _CRASHED)
-        if row.reason or crashed or None in values:
+        summaries = [flight_row.fleet] if statistic in ("separation_min_m", "arrival_spread_s") else flight_row.aircraft
+        values = [summary.get(statistic) for summary in summaries]
+        crashed = any(message in summary["status"] for summary in flight_row.aircraft for message in _CRASHED)
+        if flight_row.reason or crashed or None in values:
             return np.inf
         return max(self.signed_value(float(value)) for value in values)  # pyright: ignore[reportArgumentType]
 
     def _cases(self, points: np.ndarray) -> Iterator[tuple[int, FlightCase]]:
-        for k, (point, applied) in enumerate(zip(points, self._each(points), strict=True)):
+        for k, (point, applied) in enumerate(zip(points, self._applied_by_flight(points), strict=True)):
             try:
                 yield k, self._case(point, applied)
             except ScenarioError:
@@ -205,7 +206,7 @@ class RareFlights:
         scenario = dispersed_scenario(self.scenario, self.study.seed, applied) if applied else self.scenario
         return FlightCase(scenario, randomness=self.space.randomness_at(point))
 
-    def _each(self, points: np.ndarray) -> list[dict[str, np.ndarray]]:
+    def _applied_by_flight(self, points: np.ndarray) -> list[dict[str, np.ndarray]]:
         applied = self._applied(points)
         return [{path: values[k] for path, values in applied.items()} for k in range(points.size)]
 
@@ -215,59 +216,61 @@ class RareFlights:
 
 
 def fly_points(
-    store: RareStore, executor: Executor | None, points: np.ndarray, first: int, *, fly: bool = True
+    store: RareStore, executor: Executor | None, points: np.ndarray, start: int, *, fly: bool = True
 ) -> Iterator[np.ndarray]:
-    """Values of points, batch by batch in their order: as kept, or flown and kept.
+    """Yield values of points, batch by batch in order, from the store or newly flown and stored.
 
     Parameters
     ----------
     store
-        Where they are kept.
+        Store of the values.
     executor
-        Flies the batches; None: this process.
+        Worker processes; None: this process.
     points
-        As many as there are.
-    first
-        Number of the first.
+        Points of consecutive flights.
+    start
+        Number of the first flight.
     fly
-        Whether those that are missing are flown.
+        Whether to fly missing batches.
 
     Raises
     ------
     StoreError
-        A process was killed, or what is kept is not of these flights, or lacks some that are not to be flown.
+        A process was killed, a stored batch is damaged or differs in size, or a batch is missing and `fly` is False.
     """
     flights = RareFlights(store.study, store.scenario)
-    parts = {since: points[since : since + flights.batch] for since in range(0, points.size, flights.batch)}
-    kept = {since: store.values(first + since, part.size) for since, part in parts.items()}
-    missing = [since for since in parts if kept[since] is None]
+    parts = {offset: points[offset : offset + flights.batch] for offset in range(0, points.size, flights.batch)}
+    stored = {offset: store.values(start + offset, part.size) for offset, part in parts.items()}
+    missing = [offset for offset in parts if stored[offset] is None]
     if missing and not fly:
-        words = f"arrived no batch from flight {first + missing[0]} on; expected all: resume flies the rest"
-        raise StoreError(f"{store.folder}: {words}")
-    folder, asked = store.folder.resolve(), {}
+        detail = f"arrived no batch from flight {start + missing[0]} on; expected all: resume flies the rest"
+        raise StoreError(f"{store.folder}: {detail}")
+    folder, futures = store.folder.resolve(), {}
     if executor is not None:
-        asked = {since: executor.submit(_fly_in_worker, folder, parts[since], first + since) for since in missing}
+        futures = {offset: executor.submit(_fly_in_worker, folder, parts[offset], start + offset) for offset in missing}
     try:
-        for since, part in parts.items():
-            values = kept[since]
+        for offset, part in parts.items():
+            values = stored[offset]
             if values is None:
                 values = (
-                    _fly_and_store(store, flights, part, first + since) if executor is None else asked[since].result()
+                    _fly_and_store(store, flights, part, start + offset)
+                    if executor is None
+                    else futures[offset].result()
                 )
             yield values
     except BrokenProcessPool:
-        words = "a process that flew and was killed, perhaps for want of memory"
+        detail = "a process that flew and was killed, perhaps for want of memory"
         raise StoreError(
-            f"{store.folder}: arrived {words}; expected all to end by themselves; resume flies the rest"
+            f"{store.folder}: arrived {detail}; expected all to end by themselves; resume flies the rest"
         ) from None
 
 
-def _fly_in_worker(folder: Path, points: np.ndarray, first: int) -> np.ndarray:
+def _fly_in_worker(folder: Path, points: np.ndarray, start: int) -> np.ndarray:
     store = RareStore.open(folder)
-    return _fly_and_store(store, RareFlights(store.study, store.scenario), points, first)
+    return _fly_and_store(store, RareFlights(store.study, store.scenario), points, start)
 
 
-def _fly_and_store(store: RareStore, flights: RareFlights, points: np.ndarray, first: int) -> np.ndarray:
+def _fly_and_store(store: RareStore, flights: RareFlights, points: np.ndarray, start: int) -> np.ndarray:
     values = flights.fly(points)
-    store.write(first, values)
+    store.write(start, values)
     return values

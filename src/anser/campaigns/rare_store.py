@@ -1,4 +1,4 @@
-"""Folder of a rare event: what was asked, and what came of every batch of flights, each in a file written whole."""
+"""Store of a rare-event analysis: the configuration, and the results of each batch of flights, in checksummed files."""
 
 import io
 import json
@@ -17,20 +17,20 @@ from anser.scenario.schema import Scenario, validate
 
 FORMAT = 2
 _UNCHECKED = 1
-"""Format without checksums, which is read, but not gone on with."""
+"""Format without checksums, readable but not resumable."""
 _CONFIG_FILE = "rare-asked.json"
 _FLOWN = "flown"
 
 
 class RareStore:
-    """What a rare event's folder holds; open one with `create` or `open`.
+    """The folder of a rare-event analysis; see `create` and `open`.
 
     Attributes
     ----------
     folder
-        Its folder.
+        Folder of the analysis.
     study, scenario
-        What is flown.
+        Study and base scenario.
     format
         Version of the folder's format.
     """
@@ -40,68 +40,68 @@ class RareStore:
 
     @classmethod
     def create(cls, folder: Path, study: Study, scenario: Scenario) -> "RareStore":
-        """Make a new folder; FileExistsError where there is one."""
-        asked = {
+        """Create a new folder; raises FileExistsError if the folder exists."""
+        configuration = {
             "study": study.model_dump_json(exclude_unset=True),
             "scenario": scenario.model_dump_json(exclude_unset=True),
             **provenance(study, scenario),
         }
-        with new_folder(folder) as beside:
-            (beside / _FLOWN).mkdir()
-            write_json(add_checksum(asked), beside / _CONFIG_FILE)
+        with new_folder(folder) as staging:
+            (staging / _FLOWN).mkdir()
+            write_json(add_checksum(configuration), staging / _CONFIG_FILE)
         return cls(folder, study, scenario)
 
     @classmethod
     def open(cls, folder: Path) -> "RareStore":
-        """Open that of a folder; StoreError where there is none, or one that is damaged or of another format."""
-        asked, checked = _read_config(folder)
-        version = asked.get("format_version")
-        if version not in (FORMAT, _UNCHECKED) or (version == FORMAT and not checked):
-            words = f"arrived format {version}{'' if checked else ' without its checksum'}; expected {FORMAT}"
-            raise StoreError(f"{folder / _CONFIG_FILE}: {words}")
+        """Open an existing folder; raises StoreError if missing, damaged or of another format."""
+        configuration, has_checksum = _read_config(folder)
+        version = configuration.get("format_version")
+        if version not in (FORMAT, _UNCHECKED) or (version == FORMAT and not has_checksum):
+            detail = f"arrived format {version}{'' if has_checksum else ' without its checksum'}; expected {FORMAT}"
+            raise StoreError(f"{folder / _CONFIG_FILE}: {detail}")
         try:
-            study = validate_study(json.loads(asked["study"]), f"{folder}, study")
-            return cls(folder, study, validate(json.loads(asked["scenario"]), f"{folder}, scenario"), version)
+            study = validate_study(json.loads(configuration["study"]), f"{folder}, study")
+            return cls(folder, study, validate(json.loads(configuration["scenario"]), f"{folder}, scenario"), version)
         except ScenarioError:
             raise
         except (KeyError, TypeError, ValueError) as error:
-            words = f"arrived a file that cannot be read ({error}); expected it as anser wrote it"
-            raise StoreError(f"{folder / _CONFIG_FILE}: {words}") from None
+            detail = f"arrived a file that cannot be read ({error}); expected it as anser wrote it"
+            raise StoreError(f"{folder / _CONFIG_FILE}: {detail}") from None
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
-        """Refuse to go on with another study, scenario or version of what numbers depend on (StoreError)."""
-        asked, _ = _read_config(self.folder)
-        for key, wanted in provenance(study, scenario).items():
-            if asked.get(key) != wanted:
-                words = f"arrived a rare event with the {key.replace('_', ' ')} {asked.get(key)}"
-                raise StoreError(f"{self.folder}: {words}; expected {wanted}, to go on with it")
+        """Raise StoreError if study, scenario or relevant versions differ from the store's."""
+        configuration, _ = _read_config(self.folder)
+        for key, current in provenance(study, scenario).items():
+            if configuration.get(key) != current:
+                difference = f"arrived a rare event with the {key.replace('_', ' ')} {configuration.get(key)}"
+                raise StoreError(f"{self.folder}: {difference}; expected {current}, to go on with it")
 
-    def values(self, first: int, count: int) -> np.ndarray | None:
-        """What came of the batch whose first flight has a number; None where it was not flown.
+    def values(self, start: int, count: int) -> np.ndarray | None:
+        """Return the values of the batch that starts at a flight number; None if not yet flown.
 
         Raises
         ------
         StoreError
-            The file is damaged, or of other flights.
+            The file is damaged, or has another number of flights.
         """
-        path = self._path(first)
+        path = self._path(start)
         if not path.exists():
             return None
-        found = self._read(path)
-        if found.shape != (count,):
-            raise StoreError(f"{path}: arrived {found.size} flights; expected {count}")
-        return found
+        values = self._read(path)
+        if values.shape != (count,):
+            raise StoreError(f"{path}: arrived {values.size} flights; expected {count}")
+        return values
 
-    def write(self, first: int, values: np.ndarray) -> None:
-        """Keep what came of a batch: the number of each flight, and its value."""
+    def write(self, start: int, values: np.ndarray) -> None:
+        """Store a batch: the number of each flight, and its value."""
         content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
-        np.save(content, np.stack([first + np.arange(values.size, dtype=float), values]))
-        with new_file(self._path(first), overwrite=True) as partial:
+        np.save(content, np.stack([start + np.arange(values.size, dtype=float), values]))
+        with new_file(self._path(start), overwrite=True) as partial:
             partial.write_bytes(content.getvalue())
             append_checksum(partial)
 
     def remove_damaged(self) -> list[str]:
-        """Remove the batches that are damaged, which are then to be flown again; a message of each."""
+        """Delete damaged batches, to be flown again; return a message for each."""
         messages: list[str] = []
         for path in self._batches():
             try:
@@ -113,11 +113,11 @@ class RareStore:
 
     @property
     def flown(self) -> int:
-        """Flights that were flown so far."""
+        """Number of completed flights."""
         return sum(self._read(path).size for path in self._batches())
 
     def _read(self, path: Path) -> np.ndarray:
-        """Values of a batch, verified."""
+        """Return the verified values of a batch."""
         try:
             verified = verify_checksum(path)
             if verified != (self.format == FORMAT):
@@ -141,12 +141,12 @@ class RareStore:
     def _batches(self) -> list[Path]:
         return sorted(self.folder.joinpath(_FLOWN).glob("*.npy"))
 
-    def _path(self, first: int) -> Path:
-        return self.folder / _FLOWN / f"{first:09d}.npy"
+    def _path(self, start: int) -> Path:
+        return self.folder / _FLOWN / f"{start:09d}.npy"
 
 
 def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
-    """What the numbers of a rare event follow from."""
+    """Identification of the inputs that determine the results."""
     return {
         "format_version": FORMAT,
         "study_hash": study.hash,
@@ -157,7 +157,7 @@ def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
 
 
 def _read_config(folder: Path) -> tuple[dict[str, Any], bool]:
-    """What was asked for, and whether it has a checksum."""
+    """Return the configuration, and whether it has a checksum."""
     path = folder / _CONFIG_FILE
     if not path.is_file():
         raise StoreError(f"{folder}: arrived a folder without {_CONFIG_FILE}; expected that of a rare event")

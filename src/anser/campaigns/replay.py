@@ -1,7 +1,6 @@
-"""Flights of a campaign flown again.
+"""Replay of campaign flights.
 
-Comparison of a replay with the stored row, and the archive of the worst flights, each with all outputs of `anser
-run`.
+Comparison of a replay with the stored row, and the archive of the worst flights, each with every output of `anser run`.
 """
 
 from pathlib import Path
@@ -25,48 +24,49 @@ if TYPE_CHECKING:
 
 
 REPLAY_TOLERANCES = {"float64": 1e-9, "float32": 1e-5}
-"""Of a quantity's scale: what rounding changes between a flight alone and one in a batch, by the precision."""
+"""Tolerated rounding difference between a single flight and a batch, relative to `_SCALES`, by precision."""
 _SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
 
 
 def replay_differences(
     store: CampaignStore, number: int, summary: dict[str, Any], *, met: bool
 ) -> dict[str, float | str]:
-    """What differs between a flight flown again and its row.
+    """Compare a replayed flight with the stored row.
 
     Parameters
     ----------
     store
-        Of the campaign.
+        Campaign store.
     number
-        Of the flight, complete in the store.
+        Number of a complete flight.
     summary, met
-        Of the flight flown again.
+        Summary of the replay, and whether every requirement was met.
 
-    Returns
-    -------
-    By quantity the greatest difference over its scale, where that is more than `SAME` of the campaign's precision; of
-    texts what the row says.
+    Returns ------- For each differing quantity the greatest difference over its scale, if above `REPLAY_TOLERANCES`;
+    for texts the stored text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
     )
 
 
-def row_differences(data: "xr.Dataset", number: int, row: FlightRow) -> dict[str, float | str]:
-    """As `departures`, of a row that was flown again; the campaign is as `CampaignStore.dataset` gives it."""
-    same, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
-    found: dict[str, float | str] = {}
-    for name, (_, values, labels) in tabulate_flights([row], data.sizes["aircraft"]).items():
-        kept, flown = data[name].values, values[0]
+def row_differences(data: "xr.Dataset", number: int, flight_row: FlightRow) -> dict[str, float | str]:
+    """Compare a replayed row with a campaign dataset from `CampaignStore.dataset`; see `replay_differences`."""
+    tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
+    differences: dict[str, float | str] = {}
+    for name, (_, values, attributes) in tabulate_flights([flight_row], data.sizes["aircraft"]).items():
+        stored, replayed = data[name].values, values[0]
         if values.dtype.kind != "f":
-            if not np.array_equal(kept, flown):
-                found[name] = str(kept)
+            if not np.array_equal(stored, replayed):
+                differences[name] = str(stored)
             continue
-        off = np.where(np.isnan(kept) & np.isnan(flown), 0.0, np.abs(kept - flown)) / _SCALES[labels["units"]]
-        if not np.all(off <= same):
-            found[name] = float(np.max(off))
-    return found
+        deviation = (
+            np.where(np.isnan(stored) & np.isnan(replayed), 0.0, np.abs(stored - replayed))
+            / _SCALES[attributes["units"]]
+        )
+        if not np.all(deviation <= tolerance):
+            differences[name] = float(np.max(deviation))
+    return differences
 
 
 _FOLDER = "worst"
@@ -74,45 +74,44 @@ _FLIGHT, _SUMMARY = "flight.nc", "summary.json"
 
 
 def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tuple[Path, ...]:
-    """Fly the worst flights again and keep them, as the study's table [keep] asks; a folder that is whole stays.
+    """Replay and archive the worst flights, as requested by the study's table [keep]; complete folders are skipped.
 
-    Flights that could not begin are not among them: there is nothing to keep of them but their reason, which is in the
-    store.
+    Flights that could not start are excluded: the store already holds the reason.
 
     Parameters
     ----------
     store
-        Of a campaign that has ended.
+        Store of a finished campaign.
     progress
-        Called with what is being done and the part that is behind, 0..1.
+        Called with a message and the completed fraction, 0..1.
 
     Returns
     -------
-    The folders, those that were there before too.
+    Folders of the archived flights, including existing folders.
     """
     count = store.study.keep.worst if store.study.keep is not None else 0
     if not count:
         return ()
-    tell, data = progress or no_progress, store.dataset()
-    begun = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
-    found, numbers = [], worst_flights(begun, count)
+    report, data = progress or no_progress, store.dataset()
+    started = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
+    folders, numbers = [], worst_flights(started, count)
     for k, number in enumerate(numbers):
-        tell(f"keeping the worst {len(numbers)} flights", k / len(numbers))
+        report(f"keeping the worst {len(numbers)} flights", k / len(numbers))
         folder = _folder(store, number)
-        if not _is_whole(folder) and not _archive_flight(store, number, folder):
+        if not _is_intact(folder) and not _archive_flight(store, number, folder):
             continue
-        found.append(folder)
-    return tuple(found)
+        folders.append(folder)
+    return tuple(folders)
 
 
 def archived_flight(store: CampaignStore, number: int) -> Path | None:
-    """The file of a flight that was kept whole; None where it was not."""
+    """Path of an archived flight, or None."""
     path = _folder(store, number) / _FLIGHT
     return path if path.is_file() else None
 
 
-def _is_whole(folder: Path) -> bool:
-    """Whether a folder has a flight and its summary, both as they were written."""
+def _is_intact(folder: Path) -> bool:
+    """Whether a folder holds an undamaged flight and summary."""
     try:
         return verify_checksum(folder / _FLIGHT) and read_document(folder / _SUMMARY)[1]
     except (DamagedFileError, FileNotFoundError):
@@ -120,14 +119,14 @@ def _is_whole(folder: Path) -> bool:
 
 
 def _archive_flight(store: CampaignStore, number: int, folder: Path) -> bool:
-    """Fly a flight into a folder, which is whole or not there; False where it does not begin again."""
+    """Replay a flight into a folder, created completely or not at all; return False if the flight does not start."""
     try:
         flown = run(flight_scenario(store, number), precision=store.study.precision)
-    except (ScenarioError, NoPlanError):  # it began in the campaign: another version, or rounding
+    except (ScenarioError, NoPlanError):  # the flight started in the campaign: another version, or rounding
         return False
     folder.parent.mkdir(exist_ok=True)
-    with staged_folder(folder.parent) as beside:
-        flown.save(beside / folder.name)
+    with staged_folder(folder.parent) as staging:
+        flown.save(staging / folder.name)
     return True
 
 

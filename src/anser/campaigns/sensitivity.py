@@ -1,4 +1,4 @@
-"""What the outputs of a campaign depend on: Sobol indices where it was sampled for them, else rank correlations."""
+"""Sensitivity of campaign outputs to inputs: Sobol indices for Saltelli sampling, otherwise rank correlations."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -25,7 +25,7 @@ _OUTPUTS = {
 
 @dataclass(frozen=True)
 class Influence:
-    """How one output depends on one input.
+    """Sensitivity of one output to one input.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Influence:
     measure
         "first" and "total" (Sobol indices), or "rank" (Spearman's correlation).
     value, low, high
-        Of the measure, and its interval.
+        Value of the measure, and its interval.
     """
 
     output: str
@@ -47,22 +47,22 @@ class Influence:
 
 @dataclass(frozen=True)
 class Influences:
-    """How the outputs of a campaign depend on its inputs.
+    """Sensitivities of the outputs of a campaign to its inputs.
 
     Attributes
     ----------
     kind
         "Sobol indices" or "rank correlation".
     confidence
-        Of the intervals.
+        Confidence level of the intervals.
     flights
-        How many flights they come from.
+        Number of flights used.
     outputs
-        Words for each output by its name.
-    found
-        Of each output that has them.
-    without
-        Why an output, or an input, has none, by its name.
+        Description of each output by name.
+    entries
+        Sensitivities of each output, as far as computed.
+    not_computed
+        Reason for each output or input without sensitivities, by name.
     """
 
     kind: str
@@ -73,24 +73,24 @@ class Influences:
     not_computed: dict[str, str]
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON."""
+        """Convert to a dict for JSON."""
         return asdict(self)
 
 
 def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
-    """Find what the outputs depend on.
+    """Compute the sensitivity of the outputs to the inputs.
 
-    In ``met`` every flight counts, as 1 or 0. Of miss and spread, rank correlations count a flight that has none as the
-    worst; Sobol indices need a finite number of every flight, and there are none where one has none.
+    The output ``met`` is 1 or 0 for every flight. For miss and spread, rank correlations treat flights without a value
+    as worst; Sobol indices require a finite value for every flight and are otherwise not computed.
 
     Parameters
     ----------
     data
-        Flights flown, from `CampaignStore.dataset`; of a Saltelli sampling, whole blocks of it are used.
+        Completed flights, from `CampaignStore.dataset`; for Saltelli sampling only complete blocks are used.
     study
-        What was flown.
+        Study of the campaign.
     varied
-        Paths of what varies.
+        Paths of the varied parameters.
     """
     if study.block > 1:
         return _sobol(data.isel(flight=_whole_blocks(data["flight"].values, study.block)), study, varied)
@@ -98,9 +98,9 @@ def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influence
 
 
 def _outputs(data: "xr.Dataset") -> dict[str, np.ndarray]:
-    met = data["met"].values
+    is_met = data["met"].values
     worst = {name: worst_of_fleet(data, name) for name in applicable_quantities(_OUTPUTS, data) if name != "met"}
-    return {"met": met.astype(float), **worst}
+    return {"met": is_met.astype(float), **worst}
 
 
 def _output_labels(outputs: Iterable[str]) -> dict[str, str]:
@@ -108,7 +108,7 @@ def _output_labels(outputs: Iterable[str]) -> dict[str, str]:
 
 
 def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
-    """Places of flights whose block is there as a whole, in the order of their numbers."""
+    """Indices of flights in complete blocks, ordered by flight number."""
     order = np.argsort(numbers)
     blocks, counts = np.unique(numbers // block, return_counts=True)
     return order[np.isin(numbers[order] // block, blocks[counts == block])]
@@ -116,9 +116,9 @@ def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
 
 def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
     confidence, outputs = study.answers.confidence, _outputs(data)
-    found: list[Influence] = []
+    entries: list[Influence] = []
 
-    def of(name: str) -> None:
+    def add_entries(name: str) -> None:
         lacking = int(np.sum(~np.isfinite(outputs[name])))
         if lacking:
             raise ValueError(
@@ -131,47 +131,49 @@ def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
                 ("total", indices.total, indices.total_half_width),
             ):
                 value, half = float(values[k]), float(halves[k])
-                found.append(Influence(name, path, measure, value, value - half, value + half))
+                entries.append(Influence(name, path, measure, value, value - half, value + half))
 
-    without = _compute_outputs(of, outputs)
-    return Influences(SOBOL, confidence, data.sizes["flight"], _output_labels(outputs), tuple(found), without)
+    not_computed = _compute_outputs(add_entries, outputs)
+    return Influences(SOBOL, confidence, data.sizes["flight"], _output_labels(outputs), tuple(entries), not_computed)
 
 
 def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
     confidence, outputs = study.answers.confidence, _outputs(data)
     inputs = {path: ordered_values(data[path].values, study, path) for path in varied}
-    without = {path: "texts of a table have no order" for path, values in inputs.items() if values is None}
-    without |= {path: _CONSTANT for path, values in inputs.items() if values is not None and np.unique(values).size < 2}
-    found: list[Influence] = []
+    not_computed = {path: "texts of a table have no order" for path, values in inputs.items() if values is None}
+    not_computed |= {
+        path: _CONSTANT for path, values in inputs.items() if values is not None and np.unique(values).size < 2
+    }
+    entries: list[Influence] = []
 
-    def of(name: str) -> None:
+    def add_entries(name: str) -> None:
         for path, values in inputs.items():
-            if values is not None and path not in without:
-                found.append(Influence(name, path, "rank", *rank_correlation(values, outputs[name], confidence)))
+            if values is not None and path not in not_computed:
+                entries.append(Influence(name, path, "rank", *rank_correlation(values, outputs[name], confidence)))
 
-    without |= _compute_outputs(of, outputs)
-    return Influences(RANK, confidence, data.sizes["flight"], _output_labels(outputs), tuple(found), without)
+    not_computed |= _compute_outputs(add_entries, outputs)
+    return Influences(RANK, confidence, data.sizes["flight"], _output_labels(outputs), tuple(entries), not_computed)
 
 
-def _compute_outputs(of: Callable[[str], None], outputs: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Do it of every output; why it cannot be done of some."""
-    without: dict[str, str] = {}
+def _compute_outputs(add_entries: Callable[[str], None], outputs: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Call a function for each output; return the reasons for outputs without a result."""
+    not_computed: dict[str, str] = {}
     for name in outputs:
         if np.unique(outputs[name]).size < 2:
-            without[name] = _CONSTANT
+            not_computed[name] = _CONSTANT
             continue
         try:
-            of(name)
+            add_entries(name)
         except ValueError as error:
-            without[name] = str(error)
-    return without
+            not_computed[name] = str(error)
+    return not_computed
 
 
 def ordered_values(values: np.ndarray, study: Study, path: str) -> np.ndarray | None:
-    """Values of an input as numbers: texts by their place in the study's list; None where they have none."""
+    """Convert values of an input to numbers, texts to positions in the study's list; None for unordered texts."""
     if values.dtype.kind in "fiub":
         return values.astype(float)
-    places: Mapping[Any, int] = {
+    positions: Mapping[Any, int] = {
         value: k for vary in study.vary if vary.path == path for k, value in enumerate(vary.values or ())
     }
-    return np.array([float(places[value]) for value in values.tolist()]) if places else None
+    return np.array([float(positions[value]) for value in values.tolist()]) if positions else None

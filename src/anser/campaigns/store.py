@@ -1,7 +1,7 @@
 """The store of a campaign.
 
-Preallocated, written in whole chunks; a chunk is complete when its checksums are recorded. With the stopping rule of
-the study (number of chunks after which the estimate is converged) and the repair of damaged base files.
+Arrays are preallocated and written in whole chunks; a chunk is complete when its checksums are recorded. Includes the
+stopping rule of the study (number of chunks at which the estimate is converged) and the repair of damaged base files.
 """
 
 import contextlib
@@ -42,97 +42,101 @@ from anser.scenario.schema import Scenario, validate
 
 
 def count_converged_chunks(
-    study: Study, done: np.ndarray, chunk: int, values: np.ndarray, since: int = 0
+    study: Study, is_complete: np.ndarray, chunk: int, values: np.ndarray, unconverged: int = 0
 ) -> int | None:
-    """How many of the first chunks are enough; None where the study does not say, or they are not yet.
+    """Number of leading chunks that satisfy the study's stopping rule; None without a rule or if not yet satisfied.
 
-    Looked at after each chunk in their order, whichever was complete first: so it does not depend on how many fly at a
-    time. An interval that is looked at again and again covers somewhat less often than its confidence says.
+    The rule is evaluated after each chunk in order of chunk numbers, so the result is independent of the number of
+    parallel processes. With repeated evaluation an interval's coverage is slightly below its confidence level.
 
     Parameters
     ----------
     study
-        With its rule.
-    done
+        Study with the stopping rule.
+    is_complete
         Whether each chunk is complete.
     chunk
-        Flights of a chunk.
+        Flights per chunk.
     values
-        Of the rule's statistic, one for each flight; infinite where it is infinitely bad.
-    since
-        Chunks of which it is known that they are not enough.
+        Values of the rule's statistic, one per flight; infinite for the worst possible outcome.
+    unconverged
+        Number of leading chunks known to be insufficient.
     """
-    until = study.until
-    if until is None:
+    rule = study.until
+    if rule is None:
         return None
-    for count in range(since + 1, complete_prefix(done) + 1):
+    for count in range(unconverged + 1, complete_prefix(is_complete) + 1):
         flights = min(count * chunk, values.size)
-        if flights < until.at_least:
+        if flights < rule.at_least:
             continue
         low, high = _interval(study, values[:flights])
-        if high - low <= until.width:
+        if high - low <= rule.width:
             return count
     return None
 
 
-def complete_prefix(done: np.ndarray) -> int:
-    """How many chunks are complete without one missing before them."""
-    return done.size if done.all() else int(np.argmin(done))
+def complete_prefix(is_complete: np.ndarray) -> int:
+    """Number of leading chunks without a gap."""
+    return is_complete.size if is_complete.all() else int(np.argmin(is_complete))
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
+    """Interval of the rule's statistic over flights."""
     assert study.until is not None
     if study.until.statistic == "met":
         return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
     low, high = order_statistic_interval(values, study.until.share, study.answers.confidence)
-    # both infinite: all that is known is that it is the worst
+    # both infinite: the quantile is only known to be the worst possible
     return (low, high) if np.isfinite(low) else (-np.inf, np.inf)
 
 
 _UNCHECKED = 1
-"""Format without checksums, which is read, but not gone on with."""
+"""Format without checksums, readable but not resumable."""
 STORE_FOLDER = "flights.zarr"
 _DONE = "chunk_done"
-"""Marks of complete chunks in the format without checksums."""
+"""Completion marks of chunks in the format without checksums."""
 _UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError
-"""What Zarr and its codecs raise where a store without checksums is damaged."""
+"""Exceptions of Zarr and its codecs for a damaged store without checksums."""
 _SPARE = 2.0
-"""How much more space there must be than the store takes uncompressed."""
+"""Required free disk space over the uncompressed size of the store."""
 
 
 class CampaignStore:
-    """Values applied and what came of every flight, in a folder; open one with `create` or `open`.
+    """Applied values and results of every flight, in a folder; see `create` and `open`.
 
-    ``xarray.open_zarr(folder / "flights.zarr")`` reads it as well, with every flight and whether it was `flown`;
-    `dataset` holds those that were. A chunk is complete when the checksums of its files are recorded.
+    The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every flight and the flag `flown`;
+    `dataset` returns completed flights only. A chunk is complete when the checksums of its files are recorded.
 
     Attributes
     ----------
     folder
-        Of the campaign.
+        Folder of the campaign.
     study, scenario
-        What is flown.
+        Study and base scenario.
     chunk
-        Flights of a chunk.
-    kept
-        Variables that are kept over time; None: none are.
+        Flights per chunk.
+    series_selection
+        Variables stored over time; None: none.
     damages
-        Messages about damaged chunks, which are to be flown again.
+        Messages about damaged chunks, to be flown again.
     """
 
     def __init__(self, folder: Path, group: zarr.Group) -> None:
         self.folder, self._group = folder, group
         self._checksums = StoreChecksums(folder, STORE_FOLDER)
-        self._verified: dict[bool, set[int]] = {False: set(), True: set()}  # chunks, without and with their series
+        self._verified: dict[bool, set[int]] = {
+            False: set(),
+            True: set(),
+        }  # chunks, by whether their series are verified
         self._has_lock = False
         self.damages: list[str] = []
-        about: dict[str, Any] = dict(group.attrs)
-        self.study = validate_study(json.loads(about["study"]), f"{folder}, study")
-        self.scenario = validate(json.loads(about["scenario"]), f"{folder}, scenario")
-        self.chunk = int(about["chunk"])
-        self._unconverged_chunks = 0  # chunks that were looked at: each look sorts all flights so far
+        attributes: dict[str, Any] = dict(group.attrs)
+        self.study = validate_study(json.loads(attributes["study"]), f"{folder}, study")
+        self.scenario = validate(json.loads(attributes["scenario"]), f"{folder}, scenario")
+        self.chunk = int(attributes["chunk"])
+        self._unconverged_chunks = 0  # evaluated chunks: each evaluation sorts every flight so far
         self.series_selection = select_series(self.study.keep, self.scenario)
-        self.versions = {key: value for key, value in about.items() if key.startswith("version_")}
+        self.versions = {key: value for key, value in attributes.items() if key.startswith("version_")}
 
     @classmethod
     def create(
@@ -144,59 +148,63 @@ class CampaignStore:
         seeds: np.ndarray,
         chunk: int,
     ) -> "CampaignStore":
-        """Make the store in a folder that exists.
+        """Create the store in an existing folder.
 
         Parameters
         ----------
         folder
-            Without a store so far.
+            Folder without a store.
         study, scenario
-            What is to be flown.
+            Study and base scenario.
         applied
-            By path of the scenario, what is put there in each flight.
+            Values for each flight, by path in the scenario.
         seeds
-            Of each flight.
+            Seed of each flight.
         chunk
-            Flights that are written at once.
+            Flights per chunk.
 
         Raises
         ------
         StoreError
-            There is not enough space.
+            The disk space is insufficient.
         """
-        kept = select_series(study.keep, scenario)
-        flights, names = seeds.size, [one.name for one in scenario.aircraft]
+        selection = select_series(study.keep, scenario)
+        flights, names = seeds.size, [item.name for item in scenario.aircraft]
         columns = tabulate_flights([FlightRow.failed_start("")], len(names))
         sized = {name: to_fixed_width(name, column) for name, column in columns.items()}
-        needed = flights * sum(one[1][0].nbytes for one in sized.values()) + sum(one.nbytes for one in applied.values())
-        needed += 0 if kept is None else flights * series_bytes(kept, scenario)
-        free = shutil.disk_usage(folder).free
-        if free < _SPARE * needed:
-            words = f"arrived a disk with {free / 1e6:.3f} MB free; expected {_SPARE * needed / 1e6:.3f} MB"
-            raise StoreError(f"{folder}: {words}")
+        required_bytes = flights * sum(item[1][0].nbytes for item in sized.values()) + sum(
+            item.nbytes for item in applied.values()
+        )
+        required_bytes += 0 if selection is None else flights * series_bytes(selection, scenario)
+        free_bytes = shutil.disk_usage(folder).free
+        if free_bytes < _SPARE * required_bytes:
+            detail = (
+                f"arrived a disk with {free_bytes / 1e6:.3f} MB free; expected {_SPARE * required_bytes / 1e6:.3f} MB"
+            )
+            raise StoreError(f"{folder}: {detail}")
         with write_every_chunk():
             group = create_arrays(folder / STORE_FOLDER, study, scenario, applied, seeds, chunk, sized)
-            if kept is not None:
-                create_series(group, kept, scenario, flights, chunk)
+            if selection is not None:
+                create_series(group, selection, scenario, flights, chunk)
         zarr.consolidate_metadata(group.store)
         StoreChecksums(folder, STORE_FOLDER).record_base({"chunk": chunk})
         return cls(folder, group)
 
     @classmethod
     def open(cls, folder: Path, *, verify_chunks: bool = True) -> "CampaignStore":
-        """Open the store of a folder, and verify its files; those of the series are verified when they are read.
+        """Open the store of a folder and verify the files; series are verified later, on reading.
 
         Parameters
         ----------
         folder
-            Of the campaign.
+            Folder of the campaign.
         verify_chunks
-            Whether to verify the chunks, too, not only what is written once.
+            Whether to verify the chunks in addition to the constant files.
 
         Raises
         ------
         StoreError
-            There is none, or one of another format, or one with a damaged file.
+            The store is missing, has another format, or has a damaged file.
         """
         if not (folder / STORE_FOLDER).is_dir():
             raise StoreError(f"{folder}: arrived a folder without {STORE_FOLDER}; expected that of a campaign")
@@ -210,8 +218,10 @@ class CampaignStore:
             if version != (FORMAT if checksums.has_records else _UNCHECKED) or not (
                 checksums.has_records or _DONE in group
             ):
-                words = f"a store of format {version}{'' if checksums.has_records else ' without checksums'}"
-                raise StoreError(f"{folder}: arrived {words}; expected one of format {FORMAT}, with its checksums")
+                found_format = f"a store of format {version}{'' if checksums.has_records else ' without checksums'}"
+                raise StoreError(
+                    f"{folder}: arrived {found_format}; expected one of format {FORMAT}, with its checksums"
+                )
             store = cls(folder, group)
         except (StoreError, ScenarioError):
             raise
@@ -223,19 +233,19 @@ class CampaignStore:
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Let no other process fly this campaign meanwhile; damaged chunks are then no longer complete.
+        """Lock the campaign against other processes, and mark damaged chunks as incomplete.
 
         Raises
         ------
         StoreError
-            Another process flies it, or its format has no checksums.
+            Another process flies the campaign, or the format has no checksums.
         """
         if self._has_lock:
             yield
             return
         if not self._checksums.has_records:
-            words = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
-            raise StoreError(f"{self.folder}: arrived {words}, to go on with it")
+            detail = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
+            raise StoreError(f"{self.folder}: arrived {detail}, to go on with it")
         with folder_lock(self.folder):
             self._forget_damaged()
             self._has_lock = True
@@ -245,13 +255,15 @@ class CampaignStore:
                 self._has_lock = False
 
     def refuse_damaged(self, *, series: bool = False) -> None:
-        """Refuse a store with a damaged chunk (StoreError), without its series or with them."""
+        """Raise StoreError if a chunk is damaged, optionally including its series."""
         problems = self._chunk_problems(series=series)
         if problems:
-            (first, problem), more = next(iter(problems.items())), len(problems) - 1
-            others = f", and {more} more chunks are damaged" if more else ""
-            words = "expected a whole store: anser campaign with --resume flies damaged chunks again"
-            raise StoreError(f"{self.folder}: arrived {self._chunk_label(first)} of which {problem}{others}; {words}")
+            (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
+            further = f", and {further_count} more chunks are damaged" if more else ""
+            expected = "expected a whole store: anser campaign with --resume flies damaged chunks again"
+            raise StoreError(
+                f"{self.folder}: arrived {self._chunk_label(chunk)} of which {problem}{further}; {expected}"
+            )
 
     def _forget_damaged(self) -> None:
         for chunk, problem in self._chunk_problems(series=True).items():
@@ -260,31 +272,31 @@ class CampaignStore:
             self.damages.append(f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}")
 
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
-        """Chunks that are damaged, with what is wrong; those that were whole before are not looked at again."""
+        """Describe damaged chunks by number; chunks verified before are not read again."""
         if not self._checksums.has_records:
             return {}
-        selected: Callable[[str], bool] = (
+        is_selected: Callable[[str], bool] = (
             (lambda _: True) if series else (lambda name: not name.startswith(f"{SERIES}/"))
         )
         recorded, problems = self._checksums.chunks(), dict[int, str]()
         for chunk in sorted(recorded - self._verified[series]):
-            problem = self._checksums.chunk_problem(chunk, selected)
+            problem = self._checksums.chunk_problem(chunk, is_selected)
             if problem is None:
                 self._verified[series].add(chunk)
             else:
                 problems[chunk] = problem
-        if self._has_lock:  # one that was being written when the campaign was stopped is not complete, nor damaged
+        if self._has_lock:  # a chunk interrupted while being written is incomplete, not damaged
             return problems
         flown = {int(path.name) for path in (self.folder / STORE_FOLDER / FLOWN).iterdir() if path.name.isdecimal()}
         return problems | dict.fromkeys(sorted(flown - self._checksums.chunks()), "the record of checksums is missing")
 
     def _chunk_label(self, chunk: int) -> str:
-        rows = self.chunk_slice(chunk)
-        return f"chunk {chunk} (flights {rows.start} to {rows.stop - 1})"
+        flights = self.chunk_slice(chunk)
+        return f"chunk {chunk} (flights {flights.start} to {flights.stop - 1})"
 
     @property
     def flights(self) -> int:
-        """How many flights the campaign has."""
+        """Number of flights of the campaign."""
         return self._array("flight").shape[0]
 
     @property
@@ -296,29 +308,29 @@ class CampaignStore:
 
     @property
     def converged_chunks(self) -> int | None:
-        """How many of the first chunks are enough by the study's rule; None where they are not, or it has none."""
+        """Number of leading chunks that satisfy the study's stopping rule; None without a rule or if not satisfied."""
         if self.study.until is None:
             return None
         statistic = self.study.until.statistic
         columns = {name: np.asarray(self._array(name)[:]) for name in {"met", "miss_m", statistic}}
         values = columns["met"] if statistic == "met" else worst_of_fleet(columns, statistic)
-        done = self.chunk_is_complete
-        found = count_converged_chunks(self.study, done, self.chunk, values, self._unconverged_chunks)
-        if found is None:
-            self._unconverged_chunks = complete_prefix(done)
-        return found
+        is_complete = self.chunk_is_complete
+        count = count_converged_chunks(self.study, is_complete, self.chunk, values, self._unconverged_chunks)
+        if count is None:
+            self._unconverged_chunks = complete_prefix(is_complete)
+        return count
 
     @property
     def flown(self) -> np.ndarray:
-        """Numbers of the flights that count: those of complete chunks, as far as the study's rule asks for them."""
-        counts, stop = self.chunk_is_complete, self.converged_chunks
+        """Numbers of the flights of complete chunks, up to the point where the study's stopping rule is satisfied."""
+        is_counted, stop = self.chunk_is_complete, self.converged_chunks
         if stop is not None:
-            counts = counts & (np.arange(counts.size) < stop)
-        return np.flatnonzero(np.repeat(counts, self.chunk)[: self.flights])
+            is_counted = is_counted & (np.arange(is_counted.size) < stop)
+        return np.flatnonzero(np.repeat(is_counted, self.chunk)[: self.flights])
 
     @property
     def varied(self) -> list[str]:
-        """Paths of what varies."""
+        """Paths of the varied parameters."""
         return json.loads(str(self._group.attrs["varied"]))
 
     def chunk_slice(self, chunk: int) -> slice:
@@ -326,93 +338,100 @@ class CampaignStore:
         return slice(chunk * self.chunk, min((chunk + 1) * self.chunk, self.flights))
 
     def applied(self, flights: slice) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Seeds of some flights, and what is put into their scenarios, by path."""
+        """Seeds, and values by path, of the given flights."""
         return np.asarray(self._array("seed")[flights]), {
             path: np.asarray(self._array(path)[flights]) for path in self.varied
         }
 
-    def write(self, chunk: int, rows: list[FlightRow]) -> None:
-        """Write a chunk, and record its checksums when all of it is on the disk."""
-        place, columns = self.chunk_slice(chunk), tabulate_flights(rows, len(self.scenario.aircraft))
+    def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
+        """Write a chunk, and record the checksums after the data are on disk."""
+        flights, columns = self.chunk_slice(chunk), tabulate_flights(flight_rows, len(self.scenario.aircraft))
         names = [*columns, FLOWN]
         with write_every_chunk():
             for name, column in columns.items():
-                self._array(name)[place] = to_fixed_width(name, column)[1]
+                self._array(name)[flights] = to_fixed_width(name, column)[1]
             if self.series_selection is not None:
-                names += [f"{SERIES}/{name}" for name in write_series(self._group, self.series_selection, place, rows)]
-            os.sync()  # or the record could outlive a power cut that its chunk does not
-            self._array(FLOWN)[place] = True
+                names += [
+                    f"{SERIES}/{name}"
+                    for name in write_series(self._group, self.series_selection, flights, flight_rows)
+                ]
+            os.sync()  # otherwise a power cut could destroy the chunk but not the record
+            self._array(FLOWN)[flights] = True
         files = (file for name in names for file in chunk_files(name, chunk, self._array(name).cdata_shape))
         self._checksums.record_chunk(chunk, files)
 
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
-        """Refuse to go on with another study, scenario, value or version of what numbers depend on (StoreError)."""
-        about = self._group.attrs
-        self._refuse_others(precision=(about.get("precision", "float64"), study.precision))
-        self._refuse_others(study=(about["study_hash"], study.hash))
-        self._refuse_others(scenario=(about["scenario_hash"], scenario.hash))
+        """Raise StoreError if study, scenario, values, precision or relevant versions differ from the store's."""
+        attributes = self._group.attrs
+        self._refuse_differences(precision=(attributes.get("precision", "float64"), study.precision))
+        self._refuse_differences(study=(attributes["study_hash"], study.hash))
+        self._refuse_differences(scenario=(attributes["scenario_hash"], scenario.hash))
         self.refuse_other_versions()
-        kept = self.applied(slice(None))[1]
-        same = [path for path, values in applied.items() if path in kept and np.array_equal(kept[path], values)]
-        if list(kept) != same:
-            words = "arrived a campaign with other values; expected those of the study, to go on with it"
-            raise StoreError(f"{self.folder}: {words}")
+        stored = self.applied(slice(None))[1]
+        unchanged = [
+            path for path, values in applied.items() if path in stored and np.array_equal(stored[path], values)
+        ]
+        if list(stored) != unchanged:
+            raise StoreError(
+                f"{self.folder}: arrived a campaign with other values; expected those of the study, to go on with it"
+            )
 
     def refuse_other_versions(self) -> None:
-        """Refuse to go on with other versions of what numbers depend on (StoreError): here, or on a worker."""
-        self._refuse_others(**{key: (self.versions.get(key), value) for key, value in version_attributes().items()})
+        """Raise StoreError if a version that affects the results differs from the store's, here or on a worker."""
+        self._refuse_differences(
+            **{key: (self.versions.get(key), value) for key, value in version_attributes().items()}
+        )
 
-    def _refuse_others(self, **pairs: tuple[Any, Any]) -> None:
-        for what, (found, wanted) in pairs.items():
-            if found != wanted:
-                words = f"{what.replace('_', ' ')} {found}"
+    def _refuse_differences(self, **pairs: tuple[Any, Any]) -> None:
+        for label, (stored, current) in pairs.items():
+            if stored != current:
+                difference = f"{label.replace('_', ' ')} {stored}"
                 raise StoreError(
-                    f"{self.folder}: arrived a campaign with the {words}; expected {wanted}, to go on with it"
+                    f"{self.folder}: arrived a campaign with the {difference}; expected {current}, to go on with it"
                 )
 
     def dataset(self) -> xr.Dataset:
-        """All flights of complete chunks, labelled: dimensions flight and aircraft."""
+        """Completed flights as a labelled dataset: dimensions flight and aircraft."""
         self.refuse_damaged()
         try:
             with open_arrays(self.folder / STORE_FOLDER) as data:
-                found = data.drop_vars([FLOWN, _DONE], errors="ignore").isel(flight=self.flown).load()
+                flights = data.drop_vars([FLOWN, _DONE], errors="ignore").isel(flight=self.flown).load()
         except _UNREADABLE as error:
-            words = f"arrived a store that cannot be read ({error}); expected a whole one"
-            raise StoreError(f"{self.folder}: {words}") from None
+            detail = f"arrived a store that cannot be read ({error}); expected a whole one"
+            raise StoreError(f"{self.folder}: {detail}") from None
         attributes = {"confidence": self.study.answers.confidence, "precision": self.study.precision}
         attributes |= separation_attributes(self.scenario)
-        return found.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
+        return flights.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
     def series(self) -> xr.Dataset:
-        """What was kept over time of all flights of complete chunks; dimensions flight, aircraft and time.
+        """Time series of completed flights, read lazily; dimensions flight, aircraft and time.
 
-        Read when it is asked for. Quantities are float32, NaN where there is none; codes and truth values int32, -1
-        where there is none.
+        Quantities are float32, NaN if missing; codes and flags are int32, -1 if missing.
 
         Raises
         ------
         StoreError
-            The study keeps none, or a file of the series is damaged.
+            The study selects no series, or a file of the series is damaged.
         """
         if self.series_selection is None:
-            words = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
-            raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {words}")
+            expected = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
+            raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {expected}")
         self.refuse_damaged(series=True)
         return series_dataset(self.folder / STORE_FOLDER, self.flown)
 
     def read_series_chunks(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
-        """One variable of some flights over time, chunk by chunk: shape (flights of the chunk, aircraft, times)."""
+        """Yield one variable of the given flights over time, by chunk: shape (selected flights, aircraft, times)."""
         self.refuse_damaged(series=True)
         array = self._array(f"{SERIES}/{name}")
         for chunk in np.unique(flights // self.chunk):
-            rows = self.chunk_slice(int(chunk))
-            some = flights[flights // self.chunk == chunk]
-            yield np.asarray(array[rows])[some - rows.start]
+            chunk_flights = self.chunk_slice(int(chunk))
+            selected = flights[flights // self.chunk == chunk]
+            yield np.asarray(array[chunk_flights])[selected - chunk_flights.start]
 
     def _array(self, name: str) -> zarr.Array:
-        found = self._group[name]
-        assert isinstance(found, zarr.Array)
-        return found
+        array = self._group[name]
+        assert isinstance(array, zarr.Array)
+        return array
 
 
 @contextlib.contextmanager
@@ -426,23 +445,24 @@ def _damage_as_store_error() -> Iterator[None]:
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> tuple[str, ...]:
-    """Make damaged metadata, coordinates, seeds and sampled values of a store anew, where they come out as recorded.
+    """Rebuild damaged metadata, coordinates, seeds and sampled values of a store, if the result matches the checksums.
 
     Parameters
     ----------
     folder
-        Of the campaign.
+        Folder of the campaign.
     study, scenario, applied, seeds
-        As `CampaignStore.create` takes them.
+        As in `CampaignStore.create`.
 
     Returns
     -------
-    Paths of the files that were made anew.
+    Paths of the rebuilt files.
 
     Raises
     ------
     StoreError
-        The record of checksums is damaged, or a file comes out otherwise: of another study or version.
+        The record of checksums is damaged, or a rebuilt file differs from the record, because of another study or
+        version.
     """
     checksums = StoreChecksums(folder, STORE_FOLDER)
     if not checksums.has_records:
@@ -453,15 +473,15 @@ def repair_base(
         raise StoreError(str(error)) from None
     if not problems:
         return ()
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as place:
-        CampaignStore.create(Path(place), study, scenario, applied, seeds, chunk)
-        anew = Path(place) / STORE_FOLDER
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as temporary_folder:
+        CampaignStore.create(Path(temporary_folder), study, scenario, applied, seeds, chunk)
+        rebuilt = Path(temporary_folder) / STORE_FOLDER
         for name, digest in problems.items():
-            if not (anew / name).is_file() or file_digest(anew / name) != digest:
-                words = "a damaged file that this study and version do not make anew; expected those of the campaign"
-                raise StoreError(f"{folder / STORE_FOLDER / name}: arrived {words}, to go on with it")
+            if not (rebuilt / name).is_file() or file_digest(rebuilt / name) != digest:
+                detail = "a damaged file that this study and version do not make anew; expected those of the campaign"
+                raise StoreError(f"{folder / STORE_FOLDER / name}: arrived {detail}, to go on with it")
         for name in problems:
             target = folder / STORE_FOLDER / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            (anew / name).replace(target)
+            (rebuilt / name).replace(target)
     return tuple(str(folder / STORE_FOLDER / name) for name in problems)

@@ -1,4 +1,4 @@
-"""Zarr arrays of a campaign's store.
+"""Zarr arrays of a campaign store.
 
 Coordinates and sampled values, preallocated result columns, and time series of the flights.
 """
@@ -29,23 +29,23 @@ from anser.scenario.schema import Scenario
 FORMAT = 2
 FLOWN = "flown"
 _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
-"""Characters of texts; what is longer is cut, with dots."""
+"""Maximum characters of text columns; longer texts are truncated with dots."""
 
 
 @contextlib.contextmanager
 def write_every_chunk() -> Iterator[None]:
-    """Have Zarr write chunks of nothing but fill values, too: a file that is not there is damage."""
+    """Make Zarr write chunks that hold only fill values, so that a missing file always means damage."""
     with zarr.config.set({"array.write_empty_chunks": True}):
         yield
 
 
 def open_arrays(path: Path, group: str | None = None) -> xr.Dataset:
-    """Open the arrays of a store, or of a group of it, as they were written; each is read when it is needed."""
-    # in the first format zeros and empty texts are fill values, which xarray would take for missing
-    found = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
-    for values in found.variables.values():
+    """Open the arrays of a store or of a group in the store, without decoding; values are read lazily."""
+    # in the first format zeros and empty texts are fill values, which xarray would treat as missing
+    dataset = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
+    for values in dataset.variables.values():
         values.attrs.pop("_FillValue", None)
-    return found
+    return dataset
 
 
 def create_arrays(
@@ -57,11 +57,11 @@ def create_arrays(
     chunk: int,
     columns: Mapping[str, FlightColumn],
 ) -> zarr.Group:
-    """Make the group of a store: what is written once, and room for the columns.
+    """Create the group of a store: constant data, and preallocated columns.
 
-    Only quantities have a fill value, NaN: xarray reads what equals a fill value as missing.
+    Only quantities have a fill value, NaN, since xarray treats fill values as missing.
     """
-    flights, names = seeds.size, [one.name for one in scenario.aircraft]
+    flights, names = seeds.size, [aircraft.name for aircraft in scenario.aircraft]
     group = zarr.open_group(path, mode="w-", zarr_format=2)
     group.attrs.update(
         {
@@ -82,28 +82,28 @@ def create_arrays(
     _put_whole(group, "seed", seeds, ("flight",), {"long_name": "Seed of the flight's scenario"})
     for key_path, values in applied.items():
         _put_whole(group, key_path, values, ("flight",), {"long_name": f"{key_path} of the scenario, as flown"})
-    for name, (dimensions, values, labels) in columns.items():
+    for name, (dimensions, values, attributes) in columns.items():
         group.create_array(
             name,
             shape=(flights, *values.shape[1:]),
             chunks=(chunk, *values.shape[1:]),
             dtype=values.dtype,
             fill_value=np.nan if values.dtype.kind == "f" else None,
-            attributes={**labels, "_ARRAY_DIMENSIONS": ["flight", *dimensions]},
+            attributes={**attributes, "_ARRAY_DIMENSIONS": ["flight", *dimensions]},
         )
-    labels = {"long_name": "Whether the flight was flown", "_ARRAY_DIMENSIONS": ["flight"]}
-    group.create_array(FLOWN, shape=(flights,), chunks=(chunk,), dtype="bool", fill_value=None, attributes=labels)
+    attributes = {"long_name": "Whether the flight was flown", "_ARRAY_DIMENSIONS": ["flight"]}
+    group.create_array(FLOWN, shape=(flights,), chunks=(chunk,), dtype="bool", fill_value=None, attributes=attributes)
     return group
 
 
 def to_fixed_width(name: str, column: FlightColumn) -> FlightColumn:
-    """Texts in the width of the store."""
+    """Convert a text column to the fixed width of the store."""
     dimensions, values, labels = column
     width = _WIDTHS.get(name)
     if width is None:
         return column
-    cut = [one if len(one) <= width else f"{one[: width - 3]}..." for one in values.ravel().tolist()]
-    return dimensions, np.array(cut, dtype=f"<U{width}").reshape(values.shape), labels
+    texts = [text if len(text) <= width else f"{text[: width - 3]}..." for text in values.ravel().tolist()]
+    return dimensions, np.array(texts, dtype=f"<U{width}").reshape(values.shape), labels
 
 
 def _put_whole(
@@ -121,55 +121,61 @@ def _put_whole(
 SERIES = "series"
 _DIMENSIONS = ["flight", "aircraft", "time"]
 _PIECE = 1 << 26
-"""Numbers of a file of the store at most: of longer flights a chunk has several."""
+"""Maximum number of values in a file of the store: series of longer flights are divided."""
 
 
-def series_bytes(kept: SeriesSelection, scenario: Scenario) -> int:
-    """What the series of one flight take in the store, uncompressed."""
-    return 4 * len(kept.keys) * len(scenario.aircraft) * kept.rows(scenario)
+def series_bytes(selection: SeriesSelection, scenario: Scenario) -> int:
+    """Uncompressed size of the series of one flight, bytes."""
+    return 4 * len(selection.keys) * len(scenario.aircraft) * selection.rows(scenario)
 
 
-def create_series(group: zarr.Group, kept: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
-    """Make room for the series of a campaign in the group of its store."""
-    within, names, times_s = group.create_group(SERIES), [one.name for one in scenario.aircraft], kept.times_s(scenario)
+def create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
+    """Preallocate the series of a campaign in the group of its store."""
+    series_group, names, times_s = (
+        group.create_group(SERIES),
+        [aircraft.name for aircraft in scenario.aircraft],
+        selection.times_s(scenario),
+    )
     coordinates = {"flight": ("flight", np.arange(flights), {"long_name": "Number of the flight"})}
     coordinates |= record_coordinates(times_s, names)
-    for name, (dimension, values, labels) in coordinates.items():
-        within.create_array(
+    for name, (dimension, values, attributes) in coordinates.items():
+        series_group.create_array(
             name,
             data=values,
             chunks=values.shape,
             fill_value=None,
-            attributes={**labels, "_ARRAY_DIMENSIONS": [dimension]},
+            attributes={**attributes, "_ARRAY_DIMENSIONS": [dimension]},
         )
     piece = max(1, min(times_s.size, _PIECE // (chunk * len(names))))
-    for key in kept.keys:
+    for key in selection.keys:
         variable = catalogue_variable(key)
-        within.create_array(
+        series_group.create_array(
             variable.name,
             shape=(flights, len(names), times_s.size),
             chunks=(chunk, len(names), piece),
             dtype=_kind(key),
-            # a code that fills would be read as missing by xarray, and with it every code as a float
+            # with a fill value xarray would treat codes as missing, and convert them to floats
             fill_value=np.nan if is_quantity(variable) else None,
             attributes={**_plain(catalogue_attributes(variable)), "_ARRAY_DIMENSIONS": _DIMENSIONS},
         )
 
 
-def write_series(group: zarr.Group, kept: SeriesSelection, place: slice, rows: Sequence[FlightRow]) -> list[str]:
-    """Write the series of the flights of a chunk, float32, or int32 of codes; returns the names of their arrays."""
-    for key in kept.keys:
+def write_series(
+    group: zarr.Group, selection: SeriesSelection, chunk_slice: slice, flight_rows: Sequence[FlightRow]
+) -> list[str]:
+    """Write the series of a chunk's flights, float32, or int32 for codes; return the names of the arrays."""
+    for key in selection.keys:
         array = group[f"{SERIES}/{catalogue_variable(key).name}"]
         assert isinstance(array, zarr.Array)
         shape = array.shape[1:]
-        # a flight that could not begin has none
-        values = [row.series.get(key, missing_series(key, shape)) for row in rows]
-        array[place] = np.stack(values).astype(_kind(key))
-    return [catalogue_variable(key).name for key in kept.keys]
+        # a flight that could not start has no series
+        values = [flight_row.series.get(key, missing_series(key, shape)) for flight_row in flight_rows]
+        array[chunk_slice] = np.stack(values).astype(_kind(key))
+    return [catalogue_variable(key).name for key in selection.keys]
 
 
 def series_dataset(store: Path, flown: np.ndarray) -> "xr.Dataset":
-    """Series of the flights of a campaign that are complete; dimensions flight, aircraft, time; read when asked for."""
+    """Open the series of completed flights lazily; dimensions flight, aircraft, time."""
     return open_arrays(store, SERIES).isel(flight=flown)
 
 
@@ -178,5 +184,5 @@ def _kind(key: str) -> np.dtype:
 
 
 def _plain(labels: dict[str, object]) -> dict[str, Any]:
-    """Attributes that JSON can hold."""
+    """Convert attributes to JSON types."""
     return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in labels.items()}

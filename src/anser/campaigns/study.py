@@ -1,7 +1,7 @@
-"""The study file: which scenario is flown how often.
+"""The study file: base scenario and number of flights.
 
-Which of its parameters are dispersed, which estimates are required, which outputs are selected for storage (table
-[keep]), and the rare event (table [rare]). Schema, checks and reading.
+Dispersed parameters, requested estimates, selected outputs (table [keep]), and the rare event (table [rare]). Schema,
+checks and reading.
 """
 
 import csv
@@ -35,7 +35,7 @@ _SENSOR_KEYS = OPTIONAL_KEYS - _GUST_KEYS - _NETWORK_KEYS
 
 
 class OutputSelection(Table):
-    """What is kept of flights beside their rows."""
+    """Outputs of flights stored in addition to the rows."""
 
     worst: int = Field(
         0,
@@ -53,25 +53,25 @@ class OutputSelection(Table):
     series_every_s: float = number("between two values that are kept, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find names that no recorded variable has, names that stand twice, and a rate of nothing."""
-        found = []
+        """Return problems of unknown and repeated variable names, and of a period without variables."""
+        problems = []
         for k, name in enumerate(self.series):
             if name in self.series[:k]:
-                found.append(Problem(f"series[{k}]", describe_value(name), "each variable once"))
+                problems.append(Problem(f"series[{k}]", describe_value(name), "each variable once"))
             elif name in DERIVED_KEYS:
-                words = "a variable that is recorded: north and east lead to latitude and longitude"
-                found.append(Problem(f"series[{k}]", describe_value(name), words))
+                expected = "a variable that is recorded: north and east lead to latitude and longitude"
+                problems.append(Problem(f"series[{k}]", describe_value(name), expected))
             elif name not in _KEYS:
-                found.append(
+                problems.append(
                     Problem(f"series[{k}]", describe_value(name), f"the name of a variable, {_suggestion(name)}")
                 )
         if "series_every_s" in self.model_fields_set and not self.series:
-            found.append(Problem("series", "nothing", "names of variables, where keep.series_every_s is given"))
-        return found
+            problems.append(Problem("series", "nothing", "names of variables, where keep.series_every_s is given"))
+        return problems
 
 
 def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSelection | None:
-    """What a table asks to be recorded of a scenario's flights; None: nothing."""
+    """Series selected for a scenario's flights; None if none are selected."""
     if keep is None or not keep.series:
         return None
     return SeriesSelection.from_period(scenario, keep.series, keep.series_every_s)
@@ -80,59 +80,59 @@ def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSel
 def refuse_series(
     keep: OutputSelection | None, source: str, scenarios: Iterable[Scenario], varied: Iterable[str]
 ) -> None:
-    """Refuse series that the flights of a study cannot have, before any flies.
+    """Raise ScenarioError for selected series that the flights of a study cannot have.
 
     Parameters
     ----------
     keep
-        Table of the study; None: nothing is asked for.
+        Output selection of the study; None: no selection.
     source
         Name of the study.
     scenarios
-        Some of those that are to fly, one at least.
+        One or more of the scenarios to be flown.
     varied
-        Paths of what differs between them.
+        Paths of the varied parameters.
 
     Raises
     ------
     ScenarioError
-        The rate is no multiple of the step, what rules the times varies, or no flight has one of the variables.
+        The period is not a multiple of the step, the timing varies, or no flight has one of the variables.
     """
     if keep is None or not keep.series:
         return
     scenarios = list(scenarios)
-    step_s, found = scenarios[0].timing.step_s, []
+    step_s, problems = scenarios[0].timing.step_s, []
     if not is_multiple(keep.series_every_s, step_s):
-        words = multiple_message(keep.series_every_s, "timing.step_s of the scenario", step_s)
-        found.append(Problem("keep.series_every_s", format_number(keep.series_every_s), words))
-    words = "none where durations or steps vary: the series of all flights have the same times"
-    found += [
-        Problem("keep.series", f"with {describe_value(path)}", words) for path in varied if path.startswith("timing")
+        expected = multiple_message(keep.series_every_s, "timing.step_s of the scenario", step_s)
+        problems.append(Problem("keep.series_every_s", format_number(keep.series_every_s), expected))
+    expected = "none where durations or steps vary: the series of all flights have the same times"
+    problems += [
+        Problem("keep.series", f"with {describe_value(path)}", expected) for path in varied if path.startswith("timing")
     ]
     recorded = set().union(*map(_recorded, scenarios))
     for k, name in enumerate(keep.series):
         if name not in recorded:
-            found.append(
+            problems.append(
                 Problem(
                     f"keep.series[{k}]",
                     describe_value(name),
                     f"a variable that a flight has; {_requirement_text(name)}",
                 )
             )
-    if found:
-        raise ScenarioError(source, found)
+    if problems:
+        raise ScenarioError(source, problems)
 
 
 def _recorded(scenario: Scenario) -> set[str]:
-    """Keys that the flights of a scenario have."""
-    found = set(RECORDED_KEYS)
+    """Keys recorded in the flights of a scenario."""
+    keys = set(RECORDED_KEYS)
     if scenario.turbulence.intensity != "none" or scenario.gust:
-        found |= _GUST_KEYS
+        keys |= _GUST_KEYS
     if scenario.goal_sensor.preset != "exact":
-        found |= _SENSOR_KEYS
+        keys |= _SENSOR_KEYS
     if scenario.fleet.planner == "decentralised":
-        found |= _NETWORK_KEYS
-    return found
+        keys |= _NETWORK_KEYS
+    return keys
 
 
 def _requirement_text(name: str) -> str:
@@ -144,27 +144,27 @@ def _requirement_text(name: str) -> str:
 
 
 def _suggestion(name: str) -> str:
-    """What was perhaps meant, or where the names are."""
+    """Suggest similar names, or refer to the list of names."""
     if name in _KEY_BY_NAME:
         return f"perhaps {describe_value(_KEY_BY_NAME[name])}: here without its unit"
-    near = difflib.get_close_matches(name, _KEYS, n=3)
-    if near:
-        return f"perhaps {' or '.join(map(describe_value, near))}"
+    matches = difflib.get_close_matches(name, _KEYS, n=3)
+    if matches:
+        return f"perhaps {' or '.join(map(describe_value, matches))}"
     return 'such as "position_error", "airspeed", "bank" (all are in docs/reference/variables.md)'
 
 
 RARE_FLIGHTS_MAX = 100_000
-"""Of a level: what its walks have come to takes about 1.5 kB of memory for each."""
+"""Maximum number of flights per level: each takes about 1.5 kB of memory."""
 STATISTICS = ("separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s")
 BREACHED_BELOW = ("separation_min_m", "clearance_min_m")
-"""Of the others the event is above the threshold."""
+"""Statistics with an event below the threshold; the event of the remaining statistics is above the threshold."""
 _CHAINS = 10
-"""Of each level of one repetition at least; the coverage of the interval was measured down to there."""
+"""Minimum number of chains per level and repetition; the interval's coverage was measured down to this number."""
 _WHOLE = 1e-9
 
 
 class RareEventConfig(Table):
-    """An event that happens in few flights."""
+    """Definition of a rare event."""
 
     statistic: Literal["separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s"] = choice(
         "whose breach is the event; of the aircraft of a fleet the worst counts", STATISTICS
@@ -200,19 +200,19 @@ class RareEventConfig(Table):
 
     @property
     def chain_length(self) -> int:
-        """One over the share of a level."""
+        """Points per chain: 1 over the share of a level."""
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find shares and numbers of flights that do not divide."""
+        """Return problems of shares and numbers of flights that do not divide."""
         if abs(self.chain_length * self.level_share - 1.0) > _WHOLE:
             return [
                 Problem("level_share", format_number(self.level_share), "one over a whole number, such as 0.1 or 0.2")
             ]
         part = self.repetitions * self.chain_length
         if self.flights % part or self.flights < _CHAINS * part:
-            words = f"a multiple of {part} (repetitions over level_share), {_CHAINS * part} at least"
-            return [Problem("flights", str(self.flights), words)]
+            expected = f"a multiple of {part} (repetitions over level_share), {_CHAINS * part} at least"
+            return [Problem("flights", str(self.flights), expected)]
         return []
 
 
@@ -220,11 +220,11 @@ METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table
 FLIGHTS_MAX = 10_000_000
 _LEAST_EIGENVALUE = 1e-9
 _TABLE_SIZE_MAX = 256 * MIB
-"""Size of the largest table of sampled values."""
+"""Maximum size of a table of sampled values, bytes."""
 
 
 class Sampling(Table):
-    """How often, and how what varies is sampled."""
+    """Number of flights and sampling method."""
 
     method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = choice(
         "of sampling", METHODS, "monte-carlo"
@@ -251,24 +251,26 @@ class Sampling(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find keys that the method lacks or does not know."""
-        needed = {"grid": "levels", "table": "file"}.get(self.method, "flights")
+        """Return problems of missing and superfluous keys of the method."""
+        required = {"grid": "levels", "table": "file"}.get(self.method, "flights")
         keys = {"flights": self.flights, "levels": self.levels, "file": self.file}
-        found = [
-            Problem(key, describe_value(value), f"no such key with the method {self.method}, which has {needed}")
+        problems = [
+            Problem(key, describe_value(value), f"no such key with the method {self.method}, which has {required}")
             for key, value in keys.items()
-            if value is not None and key != needed
+            if value is not None and key != required
         ]
-        if keys[needed] is None:
-            found.append(Problem(needed, "nothing", f"a value: the method {self.method} needs it"))
+        if keys[required] is None:
+            problems.append(Problem(required, "nothing", f"a value: the method {self.method} needs it"))
         if self.method in ("sobol", "saltelli") and self.flights is not None and self.flights & (self.flights - 1):
-            near = 2 ** round(np.log2(self.flights))
-            found.append(Problem("flights", str(self.flights), f"a power of 2 for a Sobol sequence, such as {near}"))
-        return found
+            nearest_power = 2 ** round(np.log2(self.flights))
+            problems.append(
+                Problem("flights", str(self.flights), f"a power of 2 for a Sobol sequence, such as {nearest_power}")
+            )
+        return problems
 
 
 class CorrelatedGroup(Table):
-    """Numbers that do not vary independently: a Gaussian copula."""
+    """Correlated parameters: a Gaussian copula."""
 
     paths: tuple[str, ...] = Field(
         min_length=2,
@@ -283,22 +285,24 @@ class CorrelatedGroup(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find what is no correlation matrix."""
-        count, rows = len(self.paths), self.coefficients
-        words = f"a symmetric, positive definite matrix of {count} rows with ones on its diagonal"
-        if len(rows) != count or any(len(row) != count for row in rows):
-            return [Problem("coefficients", f"{len(rows)} rows", words)]
-        matrix = np.array(rows)
+        """Return problems of an invalid correlation matrix."""
+        count, matrix_rows = len(self.paths), self.coefficients
+        expected = f"a symmetric, positive definite matrix of {count} rows with ones on its diagonal"
+        if len(matrix_rows) != count or any(len(matrix_row) != count for matrix_row in matrix_rows):
+            return [Problem("coefficients", f"{len(matrix_rows)} rows", expected)]
+        matrix = np.array(matrix_rows)
         if not np.array_equal(matrix, matrix.T) or not np.array_equal(np.diag(matrix), np.ones(count)):
-            return [Problem("coefficients", "another matrix", words)]
-        least = float(np.linalg.eigvalsh(matrix)[0])
-        if least < _LEAST_EIGENVALUE:
-            return [Problem("coefficients", f"a matrix with the eigenvalue {format_number(least)}", words)]
+            return [Problem("coefficients", "another matrix", expected)]
+        smallest_eigenvalue = float(np.linalg.eigvalsh(matrix)[0])
+        if smallest_eigenvalue < _LEAST_EIGENVALUE:
+            return [
+                Problem("coefficients", f"a matrix with the eigenvalue {format_number(smallest_eigenvalue)}", expected)
+            ]
         return []
 
 
 class EstimateSettings(Table):
-    """What is asked of the answers."""
+    """Confidence level and quantiles of the estimates."""
 
     confidence: float = number("of the intervals", 0.5, 0.999999, "", 0.95)
     quantiles: tuple[float, ...] = Field(
@@ -309,7 +313,7 @@ class EstimateSettings(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find shares that are none."""
+        """Return problems of invalid quantiles."""
         return [
             Problem(f"quantiles[{k}]", format_number(share), "a number between 0 and 1, both excluded")
             for k, share in enumerate(self.quantiles)
@@ -318,7 +322,7 @@ class EstimateSettings(Table):
 
 
 class StoppingRule(Table):
-    """When fewer flights are enough."""
+    """Rule for stopping before the planned number of flights."""
 
     statistic: Literal["met", "miss_m", "arrival_spread_s"] = choice(
         "whose interval is looked at: the probability that all requirements are met, or a quantile over the flights",
@@ -336,14 +340,14 @@ class StoppingRule(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """Find a quantile that no number of flights bounds."""
+        """Return problems of a quantile that has no finite upper bound."""
         if self.share == 1.0:
             return [Problem("share", "1", "a number below 1")]
         return []
 
 
 class Study(Table):
-    """A study file; read one with :func:`anser.campaigns.load_study`, whose messages are plain."""
+    """A study file; read with :func:`anser.campaigns.load_study`, which gives clear messages."""
 
     format: Literal[1] = Field(description="version of the file format", json_schema_extra=expects("1"))
     name: str = Field(
@@ -377,30 +381,30 @@ class Study(Table):
     keep: OutputSelection | None = table("what is kept beside the rows", "a table [keep]", None)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find what is wrong between tables."""
-        paths = [one.path for one in self.vary]
-        found = [
+        """Return problems between tables."""
+        paths = [dispersion.path for dispersion in self.vary]
+        problems = [
             Problem(f"vary[{k}].path", describe_value(path), "each path once")
             for k, path in enumerate(paths)
             if path in paths[:k]
         ]
-        found += [
+        problems += [
             Problem(f"vary[{k}].path", '"seed"', "another path: the study's seed gives each flight its own")
             for k, path in enumerate(paths)
             if path == "seed"
         ]
-        taken: list[str] = []
+        grouped_paths: list[str] = []
         for k, group in enumerate(self.correlated):
             for path in group.paths:
                 if path not in paths:
-                    found.append(Problem(f"correlated[{k}].paths", describe_value(path), "paths of tables [[vary]]"))
-                elif path in taken:
-                    found.append(
+                    problems.append(Problem(f"correlated[{k}].paths", describe_value(path), "paths of tables [[vary]]"))
+                elif path in grouped_paths:
+                    problems.append(
                         Problem(f"correlated[{k}].paths", describe_value(path), "each path in one group, once")
                     )
-                taken.append(path)
+                grouped_paths.append(path)
         return [
-            *found,
+            *problems,
             *(
                 self._sampling_problems(self.sampling)
                 if self.sampling is not None
@@ -409,43 +413,43 @@ class Study(Table):
         ]
 
     def _sampling_problems(self, sampling: Sampling) -> list[Problem]:
-        found = []
+        problems = []
         if sampling.method in ("grid", "table", "saltelli") and self.correlated:
-            found.append(Problem("correlated", "a table", f"none with the method {sampling.method}"))
+            problems.append(Problem("correlated", "a table", f"none with the method {sampling.method}"))
         if self.block * (sampling.flights or 0) > FLIGHTS_MAX:
-            words = f"{FLIGHTS_MAX // self.block} blocks of {self.block} flights at most"
-            found.append(Problem("sampling.flights", str(sampling.flights), words))
+            expected = f"{FLIGHTS_MAX // self.block} blocks of {self.block} flights at most"
+            problems.append(Problem("sampling.flights", str(sampling.flights), expected))
         if self.until is not None and sampling.method != "monte-carlo":
-            words = "none: only of plain Monte Carlo are the first flights a sample of their own"
-            found.append(Problem("until", "a table", words))
+            expected = "none: only of plain Monte Carlo are the first flights a sample of their own"
+            problems.append(Problem("until", "a table", expected))
         if sampling.method == "table" and self.rare is not None:
-            found.append(Problem("rare", "a table", "none: the values of a table are no distributions"))
+            problems.append(Problem("rare", "a table", "none: the values of a table are no distributions"))
         if sampling.method == "table" and self.vary:
-            found.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
+            problems.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
         if sampling.method != "monte-carlo" and not self.vary and sampling.method != "table":
-            words = f"one table [[vary]] at least with the method {sampling.method}"
-            found.append(Problem("vary", "nothing", words))
-        return found
+            expected = f"one table [[vary]] at least with the method {sampling.method}"
+            problems.append(Problem("vary", "nothing", expected))
+        return problems
 
     def _problems_without_sampling(self) -> list[Problem]:
         """Problems of a study without a table [sampling]."""
-        found = []
+        problems = []
         if self.rare is None:
-            found.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
+            problems.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
         if self.until is not None:
-            found.append(Problem("until", "a table", "none without a table [sampling]"))
-        return found
+            problems.append(Problem("until", "a table", "none without a table [sampling]"))
+        return problems
 
     @property
     def sampled(self) -> Sampling:
-        """How often and how a campaign samples; ScenarioError where the study is for none."""
+        """The table [sampling]; raises ScenarioError if the study has none."""
         if self.sampling is None:
             raise ScenarioError(self.name, [Problem("sampling", "nothing", "a table [sampling], to fly a campaign")])
         return self.sampling
 
     @property
     def block(self) -> int:
-        """Flights that belong together: with saltelli as many as numbers vary and two more, else each by itself."""
+        """Size of a block of dependent flights: number of varied parameters plus two for Saltelli sampling, else 1."""
         return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
@@ -455,12 +459,12 @@ class Study(Table):
 
 
 def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str, np.ndarray]]:
-    """Read and validate a study file, its scenario, and its table of values where it has one.
+    """Read and validate a study file, its scenario, and its table of values if any.
 
     Parameters
     ----------
     path
-        A TOML file, UTF-8.
+        TOML file, UTF-8.
 
     Returns
     -------
@@ -469,7 +473,8 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
     Raises
     ------
     ScenarioError
-        A file cannot be read or is no valid study or scenario; the message says where and what would be right.
+        A file cannot be read or is not a valid study or scenario; the message states the position and the expected
+        content.
     """
     source = os.fspath(path)
     text = read_text(path, "study")
@@ -477,12 +482,12 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
         study = validate_study(parse_scenario(text, source), source)
     scenario = load(Path(path).parent / study.scenario)
     file = None if study.sampling is None else study.sampling.file
-    given = {} if file is None else _columns(Path(path).parent / file)
-    return study, scenario, given
+    table_columns = {} if file is None else _read_columns(Path(path).parent / file)
+    return study, scenario, table_columns
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
-    """Validate a study that is at hand as nested dictionaries and lists; raises `ScenarioError`."""
+    """Validate a study from nested dictionaries and lists; raises `ScenarioError`."""
     check_file_kind("study", values, source)
     try:
         return Study.model_validate(values)
@@ -490,29 +495,29 @@ def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
         raise ScenarioError(source, validation_problems(error, Study, values)) from None
 
 
-def _columns(path: Path) -> dict[str, np.ndarray]:
-    """Values by the headings of a CSV file: numbers, truth values where all are `true` or `false`, else texts."""
+def _read_columns(path: Path) -> dict[str, np.ndarray]:
+    """Read a CSV file by column heading: numbers, truth values if every entry is `true` or `false`, otherwise texts."""
     try:
-        rows = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
+        lines = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
     except csv.Error as error:
         raise ScenarioError(os.fspath(path), [Problem("", f"a table that is no CSV ({error})", "a CSV file")]) from None
-    rows = [row for row in rows if row]
-    if len(rows) < 2:
-        arrived = f"{len(rows)} rows"
+    lines = [line for line in lines if line]
+    if len(lines) < 2:
+        arrived = f"{len(lines)} rows"
         raise ScenarioError(os.fspath(path), [Problem("", arrived, "a row of paths and one row of values at least")])
-    heads, width = [head.strip() for head in rows[0]], len(rows[0])
+    heads, width = [head.strip() for head in lines[0]], len(lines[0])
     if len(set(heads)) < width:
         raise ScenarioError(os.fspath(path), [Problem("row 1", "a path twice", "each path once")])
     if "seed" in heads:
-        words = "another path: the study's seed gives each flight its own"
-        raise ScenarioError(os.fspath(path), [Problem("row 1", '"seed"', words)])
-    for k, row in enumerate(rows):
-        if len(row) != width:
-            raise ScenarioError(os.fspath(path), [Problem(f"row {k + 1}", f"{len(row)} values", f"{width}")])
-    return {head: _read([row[k].strip() for row in rows[1:]]) for k, head in enumerate(heads)}
+        expected = "another path: the study's seed gives each flight its own"
+        raise ScenarioError(os.fspath(path), [Problem("row 1", '"seed"', expected)])
+    for k, line in enumerate(lines):
+        if len(line) != width:
+            raise ScenarioError(os.fspath(path), [Problem(f"row {k + 1}", f"{len(line)} values", f"{width}")])
+    return {head: _parse_column([line[k].strip() for line in lines[1:]]) for k, head in enumerate(heads)}
 
 
-def _read(texts: list[str]) -> np.ndarray:
+def _parse_column(texts: list[str]) -> np.ndarray:
     if set(texts) <= {"true", "false"}:
         return np.array([text == "true" for text in texts])
     try:

@@ -1,10 +1,10 @@
-"""Subset simulation: the probability of what is rare, by levels that are less so; it knows nothing of flights.
+"""Subset simulation: probability of a rare event from a sequence of less rare levels; independent of flights.
 
 Sources: S.-K. Au, J. L. Beck, *Estimation of small failure probabilities in high dimensions by subset simulation*,
-Probabilistic Engineering Mechanics 16(4), 2001; moves by conditional sampling whose size is adapted to the acceptance:
-I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic Engineering
-Mechanics 41, 2015. There chains of one level follow each other; here they move at once, so that what they ask for can
-be computed at once, and the size is adapted after each move.
+Probabilistic Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size adapted to the acceptance
+rate: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic
+Engineering Mechanics 41, 2015. In the paper the chains of a level run one after the other; here they move
+simultaneously, for parallel evaluation, and the step size is adapted after each move.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -16,64 +16,64 @@ import numpy as np
 from anser.results.sampling_statistics import log_interval, wilson_interval
 
 ACCEPTANCE = 0.44
-"""Share of the moves that are to be accepted; Papaioannou et al. 2015."""
+"""Target acceptance rate of the moves; Papaioannou et al. 2015."""
 _FIRST_SIZE = 0.6
 
 LimitState = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""From points and their numbers to values, more is worse; infinite where it is as bad as can be."""
+"""Function from points and point numbers to signed values, greater is worse; infinite for the worst outcome."""
 
 
 class SampleSpace(Protocol):
-    """Where the walks go: points that stand for independent standard normal numbers, as rows of an array."""
+    """Space of the chains: points that represent independent standard normal numbers, as rows of an array."""
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Independent points, each from its number."""
+        """Independent points, one per number."""
         ...
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Points ``keep * point + sqrt(1 - keep**2) * fresh``, standard normal again; `keep` is one for each."""
+        """Points ``keep * point + sqrt(1 - keep**2) * new``, again standard normal; one `keep` per point."""
         ...
 
 
 class Normals:
-    """Points as they are: arrays of standard normal numbers; the generator of `numpy` draws them.
+    """Points as plain arrays of standard normal numbers from NumPy's generator.
 
     Attributes
     ----------
     dimension
-        How many numbers a point has.
+        Numbers per point.
     seed
-        Of the generator.
+        Seed of the generator.
     """
 
     def __init__(self, dimension: int, seed: int) -> None:
         self.dimension, self.seed = dimension, seed
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """See `Space`; of numbers that follow each other."""
+        """See `SampleSpace`; for consecutive numbers."""
         generator = np.random.default_rng([self.seed, int(numbers[0])])
         return generator.standard_normal((numbers.size, self.dimension))
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See `Space`."""
+        """See `SampleSpace`."""
         part = keep[:, None]
         return part * points + np.sqrt(1.0 - part**2) * self.sample(numbers)
 
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """How much is computed.
+    """Numbers of points, levels and repetitions.
 
     Attributes
     ----------
     points
-        Of each level of one repetition; a whole multiple of what one over the share is.
+        Points per level and repetition; a multiple of 1 / share.
     share
-        Of the points of a level that begin the next one; one over a whole number.
+        Fraction of a level's points that start the next level; 1 over a whole number.
     levels_max
-        Levels at most.
+        Maximum number of levels.
     repetitions
-        Independent of each other; from how they differ comes the interval.
+        Number of independent repetitions, whose scatter gives the interval.
     """
 
     points: int
@@ -83,12 +83,12 @@ class SubsetPlan:
 
     @property
     def length(self) -> int:
-        """Points of a chain, the first included."""
+        """Points per chain, including the first."""
         return round(1.0 / self.share)
 
     @property
     def chains(self) -> int:
-        """Chains of a level of one repetition."""
+        """Chains per level and repetition."""
         return self.points // self.length
 
 
@@ -99,15 +99,15 @@ class SubsetLevel:
     Attributes
     ----------
     bound
-        What all its values reach at least; -inf on the first level.
+        Lower bound of the level's values; -inf on the first level.
     values
-        Of its points, chain after chain.
+        Values of the points, chain by chain.
     points, numbers
-        Themselves, and by which number each was computed.
+        Points, and the number with which each was computed.
     share
-        How many of them reach the next bound, or exceed the threshold on the last level.
+        Fraction of the points that reach the next bound, or on the last level exceed the threshold.
     acceptance
-        Share of the moves that were accepted; NaN on the first level, which has none.
+        Acceptance rate of the moves; NaN on the first level.
     """
 
     bound: float
@@ -119,17 +119,17 @@ class SubsetLevel:
 
 
 Repetition = tuple[SubsetLevel, ...]
-"""Levels of one repetition, the last one at the threshold, or where it ends short of it."""
+"""Levels of one repetition; the last is at the threshold or, after `levels_max`, short of it."""
 
 
 def exceedance(repetition: Repetition, value: float) -> float:
-    """Probability that a value is exceeded, as one repetition estimates it: product of conditional probabilities."""
-    before = 1.0
-    for level, further in zip(repetition, (*repetition[1:], None), strict=True):
-        if further is None or value < further.bound:
-            return before * float(np.mean(level.values > value))
-        before *= level.share
-    return before
+    """Estimate from one repetition the probability of exceeding a value: product of conditional probabilities."""
+    probability = 1.0
+    for level, next_level in zip(repetition, (*repetition[1:], None), strict=True):
+        if next_level is None or value < next_level.bound:
+            return probability * float(np.mean(level.values > value))
+        probability *= level.share
+    return probability
 
 
 @dataclass(frozen=True)
@@ -139,9 +139,9 @@ class SubsetEstimate:
     Attributes
     ----------
     probability
-        None where a repetition found no point that counts.
+        None if a repetition has no point above the value.
     low, high
-        Ends of the interval; without a probability 0 and 1.
+        Bounds of the interval; 0 and 1 without a probability.
     """
 
     probability: float | None
@@ -150,19 +150,20 @@ class SubsetEstimate:
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:
-    """How probable it is that a value is exceeded.
+    """Estimate the probability of exceeding a value, with interval.
 
-    Chains are correlated within and between levels, which formulas of one repetition take into account in part only;
-    repetitions are independent. Where all of them need one level only, their points are, too: then it is Wilson's.
+    Points within a repetition are correlated within and between levels, which single-repetition formulas account for
+    only partly; the interval is therefore computed from the independent repetitions. If the first level suffices in
+    every repetition, the points are independent and the Wilson interval applies.
     """
-    if all(len(one) == 1 or value < one[1].bound for one in repetitions):
-        values = np.concatenate([one[0].values for one in repetitions])
+    if all(len(repetition) == 1 or value < repetition[1].bound for repetition in repetitions):
+        values = np.concatenate([repetition[0].values for repetition in repetitions])
         count = int(np.sum(values > value))
         return SubsetEstimate(count / values.size or None, *wilson_interval(count, values.size, confidence))
-    found = np.array([exceedance(one, value) for one in repetitions])
-    if not found.all():
+    probabilities = np.array([exceedance(repetition, value) for repetition in repetitions])
+    if not probabilities.all():
         return SubsetEstimate(None, 0.0, 1.0)
-    return SubsetEstimate(*log_interval(found, confidence))
+    return SubsetEstimate(*log_interval(probabilities, confidence))
 
 
 def subset_simulation(
@@ -172,20 +173,20 @@ def subset_simulation(
     plan: SubsetPlan,
     seed: int,
 ) -> tuple[Repetition, ...]:
-    """Walk into the rare: from level to level, all repetitions side by side.
+    """Run subset simulation, with the repetitions advancing in parallel.
 
     Parameters
     ----------
     space
-        Of the points.
+        Space of the points.
     limit_state
-        Called for each level with points that follow from what was found before; their numbers count up from 0.
+        Called for each move with points that depend on former values; point numbers count up from 0.
     threshold
-        What is exceeded in the event.
+        Threshold of the event.
     plan
-        How much of it.
+        Numbers of points, levels and repetitions.
     seed
-        Of which points begin a chain.
+        Seed of the choice of chain starts.
 
     Returns
     -------
@@ -197,32 +198,32 @@ def subset_simulation(
         A value is NaN.
     """
     walks = {k: _walk(threshold, plan, np.random.default_rng([seed, k])) for k in range(plan.repetitions)}
-    asked = {k: next(walk) for k, walk in walks.items()}
-    found: dict[int, Repetition] = {}
+    proposals = {k: next(walk) for k, walk in walks.items()}
+    repetitions: dict[int, Repetition] = {}
     number = 0
-    while asked:
-        sizes = [keep.size for _, keep in asked.values()]
+    while proposals:
+        sizes = [keep.size for _, keep in proposals.values()]
         numbers = number + np.arange(sum(sizes))
         number += numbers.size
-        held = [one for one, _ in asked.values() if one is not None]
-        keep = np.concatenate([one for _, one in asked.values()])
-        points = space.propose(np.concatenate(held), keep, numbers) if held else space.sample(numbers)
+        origins = [array for array, _ in proposals.values() if array is not None]
+        keep = np.concatenate([array for _, array in proposals.values()])
+        points = space.propose(np.concatenate(origins), keep, numbers) if origins else space.sample(numbers)
         values = np.asarray(limit_state(points, numbers), dtype=float)
         if np.isnan(values).any():
             raise ValueError("arrived NaN from the limit state; expected a number, or infinity for the worst")
-        ends = np.cumsum(sizes)[:-1]
-        parts = zip(*(np.split(one, ends) for one in (points, values, numbers)), strict=True)
-        for k, part in zip(list(asked), parts, strict=True):
+        splits = np.cumsum(sizes)[:-1]
+        parts = zip(*(np.split(array, splits) for array in (points, values, numbers)), strict=True)
+        for k, part in zip(list(proposals), parts, strict=True):
             try:
-                asked[k] = walks[k].send(part)
-            except StopIteration as ended:
-                found[k] = ended.value
-                del asked[k]
-    return tuple(found[k] for k in range(plan.repetitions))
+                proposals[k] = walks[k].send(part)
+            except StopIteration as stop:
+                repetitions[k] = stop.value
+                del proposals[k]
+    return tuple(repetitions[k] for k in range(plan.repetitions))
 
 
 _Proposal = tuple[np.ndarray | None, np.ndarray]
-"""Points to move from and the part of each that is kept; None and as many zeros: fresh ones."""
+"""Points to move from and the kept fraction of each; None and zeros for new points."""
 _Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Points, values, numbers."""
 
@@ -234,27 +235,33 @@ def _walk(
     levels: list[SubsetLevel] = []
     bound, acceptance, size = -np.inf, np.nan, _FIRST_SIZE
     while True:
-        further = float(np.sort(values)[-plan.chains])
-        ended = np.sum(values > threshold) >= plan.chains or len(levels) + 1 == plan.levels_max
-        # where so many values are the same that no further one is left, no level leads on
-        ended = ended or further <= bound
-        reached = values > threshold if ended else values >= further
-        levels.append(SubsetLevel(bound, values, points, numbers, float(np.mean(reached)), acceptance))
-        if ended:
+        next_bound = float(np.sort(values)[-plan.chains])
+        is_last = np.sum(values > threshold) >= plan.chains or len(levels) + 1 == plan.levels_max
+        # with too many equal values the bound cannot increase, and the last level is reached
+        is_last = is_last or next_bound <= bound
+        is_reached = values > threshold if is_last else values >= next_bound
+        levels.append(SubsetLevel(bound, values, points, numbers, float(np.mean(is_reached)), acceptance))
+        if is_last:
             return tuple(levels)
-        bound = further
-        first = generator.permutation(np.flatnonzero(reached))[: plan.chains]
-        held = [(points[first], values[first], numbers[first])]
-        accepted = []
+        bound = next_bound
+        chain_starts = generator.permutation(np.flatnonzero(is_reached))[: plan.chains]
+        chain = [(points[chain_starts], values[chain_starts], numbers[chain_starts])]
+        acceptances = []
         for move in range(1, plan.length):
-            at, worth, known = held[-1]
+            former_points, former_values, former_numbers = chain[-1]
             keep = np.full(plan.chains, np.sqrt(1.0 - min(size, 1.0) ** 2))
-            new, came, drawn = yield at, keep
-            good = came >= bound
-            shaped = good.reshape(-1, *[1] * (at.ndim - 1))
-            held.append((np.where(shaped, new, at), np.where(good, came, worth), np.where(good, drawn, known)))
-            accepted.append(float(np.mean(good)))
-            size = min(size, 1.0) * float(np.exp((accepted[-1] - ACCEPTANCE) / np.sqrt(move)))
-        acceptance = float(np.mean(accepted))
-        columns = zip(*held, strict=True)
-        points, values, numbers = (np.stack(one, axis=1).reshape(-1, *one[0].shape[1:]) for one in columns)
+            new_points, new_values, new_numbers = yield former_points, keep
+            is_accepted = new_values >= bound
+            mask = is_accepted.reshape(-1, *[1] * (former_points.ndim - 1))
+            chain.append(
+                (
+                    np.where(mask, new_points, former_points),
+                    np.where(is_accepted, new_values, former_values),
+                    np.where(is_accepted, new_numbers, former_numbers),
+                )
+            )
+            acceptances.append(float(np.mean(is_accepted)))
+            size = min(size, 1.0) * float(np.exp((acceptances[-1] - ACCEPTANCE) / np.sqrt(move)))
+        acceptance = float(np.mean(acceptances))
+        columns = zip(*chain, strict=True)
+        points, values, numbers = (np.stack(column, axis=1).reshape(-1, *column[0].shape[1:]) for column in columns)
