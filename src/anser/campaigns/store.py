@@ -259,7 +259,7 @@ class CampaignStore:
         problems = self._chunk_problems(series=series)
         if problems:
             (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
-            further = f", and {further_count} more chunks are damaged" if more else ""
+            further = f", and {further_count} more chunks are damaged" if further_count else ""
             expected = "expected a whole store: anser campaign with --resume flies damaged chunks again"
             raise StoreError(
                 f"{self.folder}: arrived {self._chunk_label(chunk)} of which {problem}{further}; {expected}"
