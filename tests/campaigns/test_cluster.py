@@ -66,7 +66,7 @@ def test_a_cluster_without_workers_ends_it_after_a_while(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_a_chunk_that_kills_its_workers_is_given_up_and_the_others_are_flown(tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_AGAIN", 1)
+    monkeypatch.setattr(cluster, "_RETRIES", 1)
     with begun_cluster(again=True) as (address, _, _):
         with pytest.raises(StoreError, match="arrived chunk 1, whose workers died 8 times"):
             list(fly_on_cluster(address, deadly, tmp_path, list(range(8))))

@@ -1,4 +1,4 @@
-"""Names of kept programs: an edit of a room costs those programs that may depend on it, and no others."""
+"""Keys of stored programs: an edit of a room invalidates only programs that may depend on the room."""
 
 import pytest
 
@@ -12,15 +12,15 @@ from anser.steady import solve_trim
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    for place in ("shapes.py", "simulation/loop.py", "simulation/numbers.json", "report/page.py", "report/page.css"):
-        (tmp_path / place).parent.mkdir(exist_ok=True)
-        (tmp_path / place).write_text("1")
+    for path in ("shapes.py", "simulation/loop.py", "simulation/numbers.json", "report/page.py", "report/page.css"):
+        (tmp_path / path).parent.mkdir(exist_ok=True)
+        (tmp_path / path).write_text("1")
     monkeypatch.setattr(keys, "_PACKAGE", tmp_path)
     return tmp_path
 
 
 @pytest.mark.parametrize(
-    ("place", "of_kernels", "of_all"),
+    ("path", "of_kernels", "of_all"),
     [
         ("shapes.py", True, True),
         ("simulation/loop.py", True, True),
@@ -29,17 +29,17 @@ def package(tmp_path, monkeypatch):
         ("report/page.css", False, False),
     ],
 )
-def test_which_edits_change_which_hash(package, place, of_kernels, of_all):
-    before = keys._hash_sources()
-    (package / place).write_text("2")
-    after = keys._hash_sources()
-    assert [one != other for one, other in zip(before, after, strict=True)] == [of_kernels, of_all]
+def test_edits_change_the_hashes_of_dependent_programs(package, path, of_kernels, of_all):
+    former_hashes = keys._hash_sources()
+    (package / path).write_text("2")
+    new_hashes = keys._hash_sources()
+    assert [former != new for former, new in zip(former_hashes, new_hashes, strict=True)] == [of_kernels, of_all]
 
 
-def test_a_file_of_another_name_is_another_source(package):
-    before = keys._hash_sources()
+def test_a_renamed_file_changes_the_hash(package):
+    former_hashes = keys._hash_sources()
     (package / "simulation/loop.py").rename(package / "simulation/loops.py")
-    assert keys._hash_sources()[0] != before[0]
+    assert keys._hash_sources()[0] != former_hashes[0]
 
 
 def test_programs_of_kernels_depend_on_kernels_only():

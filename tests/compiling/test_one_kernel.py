@@ -1,4 +1,4 @@
-"""Compiling arithmetic as one kernel: the same numbers, and only of what XLA can compile so."""
+"""Compilation of arithmetic as one kernel: equal results, and only for functions that XLA can compile so."""
 
 import jax
 import jax.numpy as jnp
@@ -20,22 +20,22 @@ def waves(x, label="points"):
 
 @jax.jit
 def marked(x):
-    found = as_single_kernel(waves)(x, "kept")
-    assert found.pop("label") == "kept"
-    return found
+    result = as_single_kernel(waves)(x, "kept")
+    assert result.pop("label") == "kept"
+    return result
 
 
-def test_numbers_and_derivatives_are_those_of_the_function():
-    found, plain = marked(POINTS), waves(POINTS)
+def test_results_and_derivatives_equal_those_of_the_function():
+    result, plain = marked(POINTS), waves(POINTS)
     assert MARK in marked.lower(POINTS).as_text()
-    for key, value in found.items():
+    for key, value in result.items():
         np.testing.assert_allclose(value, plain[key], rtol=1e-14, err_msg=key)
     for derivative in (jax.jacfwd, jax.jacrev):
         slopes = derivative(lambda x: marked(x)["sum"])(POINTS)
         np.testing.assert_allclose(slopes, derivative(lambda x: waves(x)["sum"])(POINTS), rtol=1e-13, atol=1e-15)
 
 
-def test_it_is_one_kernel_for_the_machine():
+def test_the_compiled_program_is_one_kernel():
     def several(x):
         return jnp.cos(x / jnp.max(jnp.sin(x)))
 
@@ -45,7 +45,7 @@ def test_it_is_one_kernel_for_the_machine():
     assert [" call(" in program for program in programs] == [True, False]
 
 
-def test_what_a_library_would_compute_is_left_to_it():
+def test_library_operations_are_not_compiled_as_one_kernel():
     square = jnp.eye(40) + 0.01
     for function in (
         lambda a: a @ a,
@@ -71,14 +71,14 @@ def costly(x):
         (lambda x: x[::-1], MOVED_MAX + 1, False),
     ],
 )
-def test_what_is_divided_among_cores_is_left_alone(function, size, small):
-    """As large as it may be, XLA still compiles it as one kernel."""
+def test_large_arrays_are_not_compiled_as_one_kernel(function, size, small):
+    """XLA compiles arrays up to the size limit as one kernel."""
     x = jnp.linspace(0.0, 1.0, size)
     lowered = jax.jit(as_single_kernel(function)).lower(x)
     assert (MARK in lowered.as_text()) == small
     np.testing.assert_allclose(lowered.compile()(x), function(x), rtol=1e-13)
 
 
-def test_on_a_gpu_nothing_is_marked(monkeypatch):
+def test_programs_for_a_gpu_are_not_marked(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert MARK not in jax.jit(as_single_kernel(jnp.sin)).lower(POINTS).as_text()

@@ -1,4 +1,4 @@
-"""Functions compiled without the optimizer: the same results, once per shape, within other functions too."""
+"""Functions compiled without the optimizer: equal results, one compilation per shape, use in other functions."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from anser.compiling.options import compiled_quickly
 
 @pytest.fixture
 def wave():
-    """A compiled function with an argument that is no array, and the list of what it was traced for."""
+    """A compiled function with a static argument, and the list of traced shapes and arguments."""
     traced = []
 
     @compiled_quickly
@@ -28,7 +28,7 @@ def plain(x, harmonics, shift=0.0):
 X = np.linspace(-1.0, 2.0, 7)
 
 
-def test_same_results_and_traced_once_per_shape_and_static_argument(wave):
+def test_functions_are_traced_once_per_shape_and_static_argument(wave):
     function, traced = wave
     for shift in (0.0, 0.3):
         # rounding: sums of a few sines
@@ -40,14 +40,14 @@ def test_same_results_and_traced_once_per_shape_and_static_argument(wave):
 
 
 @pytest.mark.parametrize("transform", [jax.jit, jax.vmap, lambda f: jax.jit(jax.vmap(f))])
-def test_within_other_functions(wave, transform):
+def test_compiled_functions_work_within_other_functions(wave, transform):
     function, _ = wave
-    found = transform(lambda x: 2 * function(x, 3))(jnp.asarray(X))
-    np.testing.assert_allclose(found, 2 * plain(X, 3), atol=1e-14)
+    result = transform(lambda x: 2 * function(x, 3))(jnp.asarray(X))
+    np.testing.assert_allclose(result, 2 * plain(X, 3), atol=1e-14)
 
 
 @pytest.mark.parametrize("derivative", [jax.grad, jax.jacfwd])
-def test_derivatives(wave, derivative):
+def test_compiled_functions_have_derivatives(wave, derivative):
     function, _ = wave
-    found = derivative(lambda x: function(x, 2))(jnp.asarray(0.4))
-    assert float(found) == pytest.approx(np.cos(0.4) + 2 * np.cos(0.8), abs=1e-14)
+    slope = derivative(lambda x: function(x, 2))(jnp.asarray(0.4))
+    assert float(slope) == pytest.approx(np.cos(0.4) + 2 * np.cos(0.8), abs=1e-14)

@@ -1,4 +1,4 @@
-"""Programs kept between processes: the same numbers bit for bit, and nothing that is wrong with the store is noticed."""
+"""Programs stored between processes: bit-identical results, and no failure caused by a defective store."""
 
 import functools
 import logging
@@ -33,34 +33,34 @@ MATRIX, VECTOR = jnp.array([[2.0, 1.0, 0.0], [0.5, 3.0, 0.2], [0.0, 0.1, 1.5]]),
 
 @pytest.fixture
 def store(tmp_path):
-    """A store of its own, in use; afterwards that of the suite again."""
-    found = FolderStore(tmp_path / "programs")
-    use_program_store(found)
-    yield found
+    """A temporary store in use; afterwards the store of the test suite is restored."""
+    temporary = FolderStore(tmp_path / "programs")
+    use_program_store(temporary)
+    yield temporary
     use_program_store(program_store())
 
 
 def solved(kind=compiled):
-    """A program of the package's own code, without what this process remembers."""
+    """A compiled function of the package, without programs in this process."""
     return kind(solve3)
 
 
 def test_a_second_process_neither_traces_nor_compiles(store, monkeypatch):
-    first = solved()(MATRIX, VECTOR)
-    (kept,) = store.files()
+    expected = solved()(MATRIX, VECTOR)
+    (stored,) = store.files()
     monkeypatch.setattr(jax, "jit", None)  # whoever traces fails
-    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), first)
-    assert store.files() == [kept]
+    np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
+    assert store.files() == [stored]
 
 
-def test_a_kept_program_takes_arrays_of_numpy(store):
+def test_a_stored_program_accepts_numpy_arrays(store):
     matrix, vector = np.asarray(MATRIX), np.asarray(VECTOR)
-    first = solved()(matrix, vector)
-    np.testing.assert_array_equal(solved()(matrix, vector), first)
+    expected = solved()(matrix, vector)
+    np.testing.assert_array_equal(solved()(matrix, vector), expected)
     assert len(store.files()) == 1
 
 
-def test_another_shape_option_or_function_is_another_program(store):
+def test_shapes_and_options_distinguish_programs(store):
     solved()(MATRIX, VECTOR)
     solved(compiled_quickly)(MATRIX, VECTOR)
     solved()(MATRIX.astype(jnp.float32), VECTOR.astype(jnp.float32))
@@ -69,28 +69,28 @@ def test_another_shape_option_or_function_is_another_program(store):
     assert len(store.files()) == 3
 
 
-def test_kept_programs_give_the_bits_of_those_traced_afresh(store):
+def test_stored_programs_are_bit_identical_to_newly_traced_programs(store):
     airframe, environment, target = load_airframe("f16"), standard_environment(), trim_target(150.0, 1000.0)
-    found = []
+    trims = []
     for _ in range(2):
-        found.append(compiled_quickly(solve_trim)(airframe, environment, target))
+        trims.append(compiled_quickly(solve_trim)(airframe, environment, target))
     use_program_store(None)
-    found.append(compiled_quickly(solve_trim)(airframe, environment, target))
+    trims.append(compiled_quickly(solve_trim)(airframe, environment, target))
     assert len(store.files()) == 1
     if memory_region_share():
         # What is released is unmapped: a loaded trim takes some hundreds of memory regions of 65,530.
         use_program_store(store)
         program = compiled_quickly(solve_trim)
         jax.block_until_ready(program(airframe, environment, target))
-        before = memory_region_share()
+        former_share = memory_region_share()
         program.forget()
         deadline = time.monotonic() + 60.0
-        while before - memory_region_share() < 50 / 65_530:  # as soon as the thread that has run it lets go
+        while former_share - memory_region_share() < 50 / 65_530:  # as soon as the thread that has run it lets go
             assert time.monotonic() < deadline
             time.sleep(0.01)
-    for other in found[1:]:
-        assert eqx.tree_equal(found[0], other)
-        assert jax.tree.structure(found[0]) == jax.tree.structure(other)
+    for trim in trims[1:]:
+        assert eqx.tree_equal(trims[0], trim)
+        assert jax.tree.structure(trims[0]) == jax.tree.structure(trim)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +103,7 @@ def test_kept_programs_give_the_bits_of_those_traced_afresh(store):
         lambda held: held + b"more",
     ],
 )
-def test_a_damaged_program_is_made_anew(store, damage):
+def test_a_damaged_program_is_recompiled(store, damage):
     expected = solved()(MATRIX, VECTOR)
     (path,) = store.files()
     whole = path.read_bytes()
@@ -112,7 +112,7 @@ def test_a_damaged_program_is_made_anew(store, damage):
     assert len(path.read_bytes()) == len(whole)
 
 
-def test_a_whole_file_with_something_else_in_it_is_made_anew(store):
+def test_a_valid_file_with_other_content_is_recompiled(store):
     expected = solved()(MATRIX, VECTOR)
     (path,) = store.files()
     store.save(path.stem, b"\x00" * 8 + b"no program")
@@ -120,7 +120,7 @@ def test_a_whole_file_with_something_else_in_it_is_made_anew(store):
 
 
 @pytest.mark.parametrize("part", ["structure", "code"])
-def test_a_pickle_in_it_is_not_run(store, tmp_path, part):
+def test_a_pickle_in_the_file_is_not_executed(store, tmp_path, part):
     class Harm:
         def __reduce__(self):
             return os.system, (f"touch {tmp_path / 'harm'}",)
@@ -139,14 +139,14 @@ def test_a_pickle_in_it_is_not_run(store, tmp_path, part):
     assert store.load(path.stem) != parts[part]  # made anew
 
 
-def test_a_program_swapped_with_that_of_another_key_is_made_anew(store):
+def test_a_program_stored_under_another_key_is_recompiled(store):
     """Of a function with the same arguments and result."""
     programs = [compiled(solve3), compiled(times3)]
     expected = [program(MATRIX, VECTOR) for program in programs]
     first, second = store.files()
-    held = first.read_bytes()
+    contents = first.read_bytes()
     first.write_bytes(second.read_bytes())
-    second.write_bytes(held)
+    second.write_bytes(contents)
     for function, right in zip((solve3, times3), expected, strict=True):
         np.testing.assert_array_equal(compiled(function)(MATRIX, VECTOR), right)
 
@@ -164,7 +164,7 @@ def test_a_program_of_another_processor_is_not_loaded(store, monkeypatch):
 
 @pytest.mark.skipif(jax.default_backend() != "cpu", reason="a matter of CPUs")
 @pytest.mark.parametrize("function", [solve3, lambda matrix, vector: solve3(matrix, vector)])
-def test_a_processor_without_a_fingerprint_keeps_nothing(store, monkeypatch, function):
+def test_programs_are_not_stored_without_a_processor_fingerprint(store, monkeypatch, function):
     monkeypatch.setattr(keys, "_target_fingerprint", str)
     keys._describe_platform.cache_clear()
     try:
@@ -187,11 +187,11 @@ def test_the_fingerprint_of_the_processor_names_its_features():
     assert fewer != keys._target_fingerprint() != ""
 
 
-def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeypatch):
+def test_the_least_recently_used_programs_are_released_above_a_size(store, monkeypatch):
     forget_programs()
     programs = [compiled(solve3), compiled(times3), compiled(cross)]
     arguments = [(MATRIX, VECTOR), (MATRIX, VECTOR), (VECTOR, VECTOR[::-1])]
-    expected = [program(*given) for program, given in zip(programs, arguments, strict=True)]
+    expected = [program(*inputs) for program, inputs in zip(programs, arguments, strict=True)]
 
     def loaded():
         return [len(list(program)) for program in programs]
@@ -209,7 +209,7 @@ def test_the_programs_used_longest_ago_are_released_beyond_a_size(store, monkeyp
 
 @pytest.fixture
 def crowded(tmp_path, monkeypatch):
-    """A process that has used two thirds of its memory regions, by other things than programs."""
+    """A process with two thirds of its memory regions in use."""
     release_all_programs()
     used = memory_region_share()
     if not used:
@@ -219,14 +219,14 @@ def crowded(tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "_REGIONS_MAX", limit)
 
 
-def test_a_process_that_nears_the_limit_of_memory_regions_says_so_once_and_goes_on_with_fewer(store, crowded, caplog):
+def test_a_process_near_the_limit_of_memory_regions_warns_once_and_releases_programs(store, crowded, caplog):
     program_module._log_crowding.cache_clear()
-    first, second = compiled(solve3), compiled(times3)
+    solving, multiplying = compiled(solve3), compiled(times3)
     for _ in range(2):
         expected = np.asarray(MATRIX) @ VECTOR
-        np.testing.assert_allclose(MATRIX @ first(MATRIX, VECTOR), VECTOR, rtol=1e-12)
-        np.testing.assert_allclose(second(MATRIX, VECTOR), expected, rtol=1e-15)
-        assert [len(list(program)) for program in (first, second)] == [0, 1]
+        np.testing.assert_allclose(MATRIX @ solving(MATRIX, VECTOR), VECTOR, rtol=1e-12)
+        np.testing.assert_allclose(multiplying(MATRIX, VECTOR), expected, rtol=1e-15)
+        assert [len(list(program)) for program in (solving, multiplying)] == [0, 1]
     messages = [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
     assert len(messages) == 1
     assert "memory regions" in messages[0]
@@ -237,7 +237,7 @@ class _ForeignPair(eqx.Module):
     second: jax.Array
 
 
-def test_code_of_the_users_own_is_traced_but_compiled_once(store, monkeypatch):
+def test_user_code_is_traced_in_each_process_but_compiled_once(store, monkeypatch):
     def program(factor):
         return compiled(lambda x: _ForeignPair(factor * x, MATRIX @ x))
 
@@ -254,7 +254,7 @@ def test_code_of_the_users_own_is_traced_but_compiled_once(store, monkeypatch):
         np.testing.assert_array_equal(pair.second, MATRIX @ VECTOR)
 
 
-def test_code_that_calls_back_into_python_is_not_kept(store):
+def test_programs_that_call_back_into_python_are_not_stored(store):
     def called_back(x):
         return jax.pure_callback(lambda value: 2.0 * value, jax.ShapeDtypeStruct((), x.dtype), x)
 
@@ -262,7 +262,7 @@ def test_code_that_calls_back_into_python_is_not_kept(store):
     assert store.files() == []
 
 
-def test_a_folder_that_takes_nothing_costs_time_only(tmp_path):
+def test_an_unwritable_folder_costs_time_only(tmp_path):
     (tmp_path / "file").write_text("in the way")
     for folder in (tmp_path / "file" / "programs", tmp_path / "full"):
         store = FolderStore(folder)
@@ -276,7 +276,7 @@ def test_a_folder_that_takes_nothing_costs_time_only(tmp_path):
         assert store.files() == []
 
 
-def test_a_full_disk_leaves_nothing_behind(store, monkeypatch):
+def test_a_full_disk_leaves_no_partial_file(store, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
@@ -285,7 +285,7 @@ def test_a_full_disk_leaves_nothing_behind(store, monkeypatch):
     assert list(store.folder.iterdir()) == []
 
 
-def test_a_folder_that_may_only_be_read_serves_what_it_has(store, monkeypatch):
+def test_a_read_only_folder_serves_its_programs(store, monkeypatch):
     expected = solved()(MATRIX, VECTOR)
 
     def forbidden(*_, **__):
@@ -299,7 +299,7 @@ def test_a_folder_that_may_only_be_read_serves_what_it_has(store, monkeypatch):
     np.testing.assert_array_equal(solved()(MATRIX, VECTOR), expected)
 
 
-def test_what_is_prepared_is_made_beside_and_only_once(store):
+def test_prepared_programs_are_compiled_once_in_the_background(store):
     function = compiled(solve3)
     shapes = jax.ShapeDtypeStruct((3, 3), jnp.float64), jax.ShapeDtypeStruct((3,), jnp.float64)
     prepared = function.prepare(*shapes)
@@ -310,12 +310,12 @@ def test_what_is_prepared_is_made_beside_and_only_once(store):
     np.testing.assert_allclose(MATRIX @ expected, VECTOR, rtol=1e-12)
     assert len(store.files()) == 1
     # What is kept is loaded at once.
-    again = compiled(solve3)
-    assert again.prepare(*shapes).shapes == shapes[1]
-    np.testing.assert_array_equal(again(MATRIX, VECTOR), expected)
+    reloaded = compiled(solve3)
+    assert reloaded.prepare(*shapes).shapes == shapes[1]
+    np.testing.assert_array_equal(reloaded(MATRIX, VECTOR), expected)
 
 
-def test_the_oldest_go_beyond_the_size(tmp_path):
+def test_the_oldest_files_are_deleted_above_the_size(tmp_path):
     store = FolderStore(tmp_path, size_max=3_200)
     for number in range(5):
         store.save(f"{number}", bytes(1_000))
@@ -342,8 +342,8 @@ while True:
 
 
 @pytest.mark.long
-def test_a_process_killed_while_it_writes_leaves_a_whole_program_or_none(tmp_path):
-    """Fifty times; what the store gives is what some process has saved."""
+def test_a_process_killed_while_writing_leaves_a_complete_program_or_none(tmp_path):
+    """Fifty times; the store returns complete content only."""
     store, random = FolderStore(tmp_path / "programs"), np.random.default_rng(0)
     command = [sys.executable, "-S", "-c", _WRITER, store_module.__file__, str(store.folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
@@ -355,20 +355,20 @@ def test_a_process_killed_while_it_writes_leaves_a_whole_program_or_none(tmp_pat
         one_takes_s = time.perf_counter() - began
         writer.kill()
     store.clear()
-    seen = 0
+    whole_count = 0
     for _ in range(50):
         with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
             assert writer.stdout.readline() == b"ready\n"
             time.sleep(random.uniform(0.0, 3.0 * one_takes_s))
             writer.kill()
-        held = store.load("program")
-        seen += held is not None
-        assert held is None or (len(held) == 3_000_000 and len(set(held)) == 1)
-    assert seen > 10
+        content = store.load("program")
+        whole_count += content is not None
+        assert content is None or (len(content) == 3_000_000 and len(set(content)) == 1)
+    assert whole_count > 10
     assert len(store.files()) <= 1
 
 
-def test_what_a_killed_process_left_is_swept_up(tmp_path):
+def test_files_left_by_a_killed_process_are_deleted(tmp_path):
     store = FolderStore(tmp_path)
     for name, age_s in ((".new-old", 7_200), (".new-young", 60)):
         (tmp_path / name).write_bytes(b"half")
@@ -379,7 +379,7 @@ def test_what_a_killed_process_left_is_swept_up(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_function_replaced_in_this_process_is_what_runs_and_has_a_key_of_its_own(store, monkeypatch):
+def test_a_replaced_function_is_used_and_has_a_separate_key(store, monkeypatch):
     import anser.numerics.linear as linear
 
     solved()(MATRIX, VECTOR)

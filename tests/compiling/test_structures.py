@@ -1,4 +1,4 @@
-"""Structures of results as JSON: what they are made of comes back, and nothing else is made."""
+"""Structures of results as JSON: exact round trip, and rejection of foreign classes."""
 
 import dataclasses
 import json
@@ -16,16 +16,16 @@ from anser.environment import standard_environment
 from anser.steady import solve_trim, trim_target
 
 
-def test_results_come_back_with_their_classes_shapes_and_weak_types():
+def test_decoded_results_have_equal_classes_shapes_and_weak_types():
     shapes = jax.eval_shape(
         lambda: solve_trim(load_airframe("f16"), standard_environment(), trim_target(150.0, 1000.0))
     )
     result = {"trim": shapes, "rest": (1, -2.5, float("inf"), "text", None, True, [jax.ShapeDtypeStruct((), bool)])}
     result["weak"] = jax.ShapeDtypeStruct((2, 0), np.dtype("int32"), weak_type=True)
-    again = decode_structure(json.loads(json.dumps(encode_structure(result))))
-    assert jax.tree.structure(again) == jax.tree.structure(result)
-    assert jax.tree.leaves(again) == jax.tree.leaves(result)
-    assert again["weak"].weak_type
+    decoded = decode_structure(json.loads(json.dumps(encode_structure(result))))
+    assert jax.tree.structure(decoded) == jax.tree.structure(result)
+    assert jax.tree.leaves(decoded) == jax.tree.leaves(result)
+    assert decoded["weak"].weak_type
 
 
 class Outside(NamedTuple):
@@ -33,7 +33,7 @@ class Outside(NamedTuple):
 
 
 @pytest.mark.parametrize("value", [Outside(1), object(), np.zeros(2), {1: 2}, lambda x: x, int, jax.random.key(0)])
-def test_what_is_not_the_packages_is_not_encoded(value):
+def test_values_from_outside_the_package_are_not_encoded(value):
     with pytest.raises(NotCacheableError):
         encode_structure((value,))
 
@@ -64,12 +64,12 @@ def test_what_is_not_the_packages_is_not_encoded(value):
         "{}",
     ],
 )
-def test_what_was_not_encoded_is_not_decoded(text):
+def test_foreign_documents_are_not_decoded(text):
     with pytest.raises(NotCacheableError):
         decode_structure(json.loads(text))
 
 
-def test_fields_that_are_missing_or_more_are_refused():
+def test_missing_or_additional_fields_are_refused():
     name = f"{AircraftState.__module__}:{AircraftState.__qualname__}"
     fields = {field.name: {"array": ["float64", [3], False]} for field in dataclasses.fields(AircraftState)}
     assert isinstance(decode_structure({"class": [name, fields]}), AircraftState)

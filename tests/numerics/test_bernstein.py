@@ -16,8 +16,8 @@ BATCH = 6
 def power(coefficients):
     """The polynomial of Bernstein coefficients, in powers of u."""
     n = len(coefficients) - 1
-    u, rest = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
-    return sum((c * comb(n, k) * u**k * rest ** (n - k) for k, c in enumerate(coefficients)), Polynomial([0.0]))
+    u, complement = Polynomial([0.0, 1.0]), Polynomial([1.0, -1.0])
+    return sum((c * comb(n, k) * u**k * complement ** (n - k) for k, c in enumerate(coefficients)), Polynomial([0.0]))
 
 
 def drawn(degree, seed=0):
@@ -25,21 +25,21 @@ def drawn(degree, seed=0):
 
 
 @pytest.mark.parametrize(("m", "n"), [(0, 3), (1, 1), (4, 3), (5, 5)])
-def test_product_is_that_of_the_polynomials(m, n):
+def test_the_product_equals_the_product_of_polynomials(m, n):
     a, b = drawn(m), drawn(n, 1)
-    found = np.asarray(bernstein.product(jnp.asarray(a), jnp.asarray(b)))
-    assert found.shape == (BATCH, m + n + 1)
-    for c, p, q in zip(found, a, b, strict=True):
+    products = np.asarray(bernstein.product(jnp.asarray(a), jnp.asarray(b)))
+    assert products.shape == (BATCH, m + n + 1)
+    for c, p, q in zip(products, a, b, strict=True):
         # Degrees to 10: powers of u lose a few digits, no more.
         np.testing.assert_allclose(power(c)(U), power(p)(U) * power(q)(U), atol=1e-11)
 
 
 @pytest.mark.parametrize(("degree", "higher"), [(0, 4), (2, 2), (4, 7)])
-def test_elevation_changes_nothing_but_the_degree(degree, higher):
+def test_elevation_changes_only_the_degree(degree, higher):
     a = drawn(degree)
-    found = np.asarray(bernstein.elevate(jnp.asarray(a), higher))
-    assert found.shape == (BATCH, higher + 1)
-    for c, p in zip(found, a, strict=True):
+    elevated = np.asarray(bernstein.elevate(jnp.asarray(a), higher))
+    assert elevated.shape == (BATCH, higher + 1)
+    for c, p in zip(elevated, a, strict=True):
         np.testing.assert_allclose(power(c)(U), power(p)(U), atol=1e-11)  # rounding
 
 
@@ -49,20 +49,20 @@ def test_a_degree_cannot_fall():
 
 
 @pytest.mark.parametrize("degree", [0, 3, 6])
-def test_bounds_hold_and_touch_at_the_ends(degree):
+def test_bounds_hold_and_are_attained_for_monotone_polynomials(degree):
     a = drawn(degree)
     low, high = (np.asarray(x) for x in bernstein.bounds(jnp.asarray(a)))
-    for p, least, most in zip(a, low, high, strict=True):
+    for p, lower, upper in zip(a, low, high, strict=True):
         values = power(p)(U)
-        assert np.min(values) >= least - 1e-12  # rounding
-        assert np.max(values) <= most + 1e-12
+        assert np.min(values) >= lower - 1e-12  # rounding
+        assert np.max(values) <= upper + 1e-12
     # Rising coefficients make a rising polynomial: its bounds are its values at the ends.
     rising = np.sort(a[0])
-    least, most = bernstein.bounds(jnp.asarray(rising))
-    np.testing.assert_allclose([least, most], power(rising)(np.array([0.0, 1.0])), atol=1e-12)
+    lower, upper = bernstein.bounds(jnp.asarray(rising))
+    np.testing.assert_allclose([lower, upper], power(rising)(np.array([0.0, 1.0])), atol=1e-12)
 
 
-def test_bounds_close_in_with_the_square_of_the_interval():
+def test_bounds_converge_with_the_square_of_the_interval():
     # x^3/3 - x around its least value at 1; the Bernstein coefficients of 1, u, u^2, u^3 are the columns.
     columns = np.array([[1, 0, 0, 0], [1, 1 / 3, 0, 0], [1, 2 / 3, 1 / 3, 0], [1, 1, 1, 1]])
 
@@ -76,11 +76,11 @@ def test_bounds_close_in_with_the_square_of_the_interval():
     assert 3.5 < excess(0.2) / excess(0.1) < 4.5
 
 
-def test_product_jit_vmap_and_gradient():
-    a, b, change = (jnp.asarray(drawn(*what)) for what in ((5, 0), (3, 1), (5, 2)))
+def test_the_product_supports_jit_vmap_and_gradient():
+    a, b, change = (jnp.asarray(drawn(*arguments)) for arguments in ((5, 0), (3, 1), (5, 2)))
     expected = bernstein.product(a, b)
     np.testing.assert_allclose(jax.jit(bernstein.product)(a, b), expected, atol=1e-12)  # rounding
     np.testing.assert_allclose(jax.vmap(bernstein.product)(a, b), expected, atol=1e-12)
     # Linear in each factor: the derivative along a change is the product with it.
-    slope = jax.jvp(lambda of: bernstein.product(of, b), (a,), (change,))[1]
+    slope = jax.jvp(lambda factor: bernstein.product(factor, b), (a,), (change,))[1]
     np.testing.assert_allclose(slope, bernstein.product(change, b), atol=1e-12)

@@ -24,10 +24,10 @@ from anser.numerics.linear import BlockTridiagonal, solve_tridiagonal
 GROUPS, SIZE = 4, 3
 
 
-def chain(about, x):
-    """A chain: each unknown bent, and tied to the next one."""
+def chain(targets, x):
+    """Residuals of a chain: each unknown is bent, and coupled to the next."""
     flat = x.ravel()
-    return jnp.concatenate([jnp.exp(0.3 * flat) - about, 2.0 * (flat[1:] - flat[:-1]) - 0.4])
+    return jnp.concatenate([jnp.exp(0.3 * flat) - targets, 2.0 * (flat[1:] - flat[:-1]) - 0.4])
 
 
 class Normal(NamedTuple):
@@ -36,29 +36,31 @@ class Normal(NamedTuple):
     form: BlockTridiagonal
 
 
-def normal_at(about, x):
-    rows = chain(about, x)
-    jacobian = jax.jacfwd(lambda y: chain(about, y))(x).reshape(rows.size, GROUPS, SIZE)
-    own = jnp.einsum("rgi,rgj->gij", jacobian, jacobian)
-    before = jnp.einsum("rgi,rgj->gij", jacobian, jnp.roll(jacobian, 1, axis=1))
-    gradient = jnp.einsum("r,rgi->gi", rows, jacobian)
-    return Normal(0.5 * jnp.sum(rows**2), gradient, BlockTridiagonal(own, before))
+def normal_at(targets, x):
+    residuals = chain(targets, x)
+    jacobian = jax.jacfwd(lambda y: chain(targets, y))(x).reshape(residuals.size, GROUPS, SIZE)
+    diagonal = jnp.einsum("rgi,rgj->gij", jacobian, jacobian)
+    subdiagonal = jnp.einsum("rgi,rgj->gij", jacobian, jnp.roll(jacobian, 1, axis=1))
+    gradient = jnp.einsum("r,rgi->gi", residuals, jacobian)
+    return Normal(0.5 * jnp.sum(residuals**2), gradient, BlockTridiagonal(diagonal, subdiagonal))
 
 
 EVEN = BlockTridiagonal(jnp.tile(jnp.eye(SIZE), (GROUPS, 1, 1)), jnp.zeros((GROUPS, SIZE, SIZE)))
 TARGETS = np.random.default_rng(5).uniform(0.2, 6.0, (8, GROUPS * SIZE))
 
 
-def fitted(steps, wanted=99, enough=0.0):
-    none = jnp.zeros((GROUPS, SIZE))
-    unknown = Normal(jnp.asarray(jnp.inf), none, EVEN)
+def fitted(steps, required_count=99, enough=0.0):
+    zeros = jnp.zeros((GROUPS, SIZE))
+    unknown = Normal(jnp.asarray(jnp.inf), zeros, EVEN)
 
     def move(_, at, damping):
-        return solve_tridiagonal(jax.tree.map(lambda of, size: of + damping * size, at.form, EVEN), at.gradient)
+        return solve_tridiagonal(jax.tree.map(lambda block, size: block + damping * size, at.form, EVEN), at.gradient)
 
     def run():
-        begun = jax.vmap(lambda about: start_search(about, none, unknown))(jnp.asarray(TARGETS))
-        return search_steps(normal_at, move, Damping(lambda cost: 1e-2 * cost, 0.2, 5.0), steps, begun, wanted, enough)
+        searches = jax.vmap(lambda targets: start_search(targets, zeros, unknown))(jnp.asarray(TARGETS))
+        return search_steps(
+            normal_at, move, Damping(lambda cost: 1e-2 * cost, 0.2, 5.0), steps, searches, required_count, enough
+        )
 
     return compiled_quickly(run)()
 
@@ -68,31 +70,31 @@ def costs():
     return {steps: np.asarray(fitted(steps).at.cost) for steps in (1, 3, 9, 40)}
 
 
-def test_finds_what_scipy_finds(costs):
-    found = fitted(40)
-    for k, about in enumerate(TARGETS):
+def test_searches_find_the_solution_of_scipy(costs):
+    searches = fitted(40)
+    for k, targets in enumerate(TARGETS):
         expected = least_squares(
-            lambda y, about=about: np.asarray(chain(about, jnp.asarray(y).reshape(GROUPS, SIZE))),
+            lambda y, targets=targets: np.asarray(chain(targets, jnp.asarray(y).reshape(GROUPS, SIZE))),
             np.zeros(GROUPS * SIZE),
             xtol=1e-14,
             ftol=1e-14,
         )
-        np.testing.assert_allclose(found.best[k].ravel(), expected.x, atol=1e-5)
+        np.testing.assert_allclose(searches.best[k].ravel(), expected.x, atol=1e-5)
         np.testing.assert_allclose(costs[40][k], expected.cost, rtol=1e-8)
 
 
-def test_never_leaves_a_better_place_and_tells_the_closest(costs):
-    for more, fewer in ((3, 1), (9, 3), (40, 9)):
-        assert np.all(costs[more] <= costs[fewer])
+def test_costs_never_increase_and_the_best_searches_are_returned(costs):
+    for steps, fewer_steps in ((3, 1), (9, 3), (40, 9)):
+        assert np.all(costs[steps] <= costs[fewer_steps])
     assert np.all(costs[9] < costs[1])
     np.testing.assert_array_equal(best_searches(fitted(9), 3).at.cost, np.sort(costs[9])[:3])
 
 
-def test_stops_once_enough_of_them_cost_little_enough(costs):
+def test_the_batch_stops_at_the_required_count_of_sufficient_costs(costs):
     enough = float(np.sort(costs[3])[2])
-    found = np.asarray(fitted(40, wanted=3, enough=enough).at.cost)
-    assert np.sum(found <= enough) >= 3
-    np.testing.assert_array_equal(found, costs[3])
+    final_costs = np.asarray(fitted(40, wanted=3, enough=enough).at.cost)
+    assert np.sum(final_costs <= enough) >= 3
+    np.testing.assert_array_equal(final_costs, costs[3])
 
 
 def _solved(missed_at, starts, equations, steps=40, longest=100.0):
@@ -100,38 +102,38 @@ def _solved(missed_at, starts, equations, steps=40, longest=100.0):
         return Linearized(*missed_at(x))
 
     unknown = Linearized(jnp.full(equations, 1e6), jnp.zeros((equations, starts.shape[1])))
-    begun = jax.vmap(lambda x: start_search((), x, unknown))(starts)
+    searches = jax.vmap(lambda x: start_search((), x, unknown))(starts)
     damping = Damping(lambda _: jnp.asarray(1e-4), 0.1, 20.0, 1e-14, 1e6)
-    return jax.jit(lambda all_: search_steps(linearized, minimum_norm_step(longest), damping, steps, all_))(begun)
+    return jax.jit(lambda batch: search_steps(linearized, minimum_norm_step(longest), damping, steps, batch))(searches)
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 10_000))
-def test_of_linear_equations_it_is_the_solution_nearest_to_the_start(seed):
+def test_linear_equations_give_the_solution_nearest_to_the_start(seed):
     rng = np.random.default_rng(seed)
-    matrix, wanted, start = rng.normal(size=(3, 7)), rng.normal(size=3), rng.normal(size=7)
-    found = _solved(lambda x: (matrix @ x - wanted, jnp.asarray(matrix)), jnp.asarray(start)[None], 3)
-    nearest = start + np.linalg.pinv(matrix) @ (wanted - matrix @ start)
-    np.testing.assert_allclose(found.best[0], nearest, atol=1e-7)
+    matrix, right_side, start = rng.normal(size=(3, 7)), rng.normal(size=3), rng.normal(size=7)
+    searches = _solved(lambda x: (matrix @ x - right_side, jnp.asarray(matrix)), jnp.asarray(start)[None], 3)
+    nearest = start + np.linalg.pinv(matrix) @ (right_side - matrix @ start)
+    np.testing.assert_allclose(searches.best[0], nearest, atol=1e-7)
 
 
 def _on_circle(x):
     return jnp.array([jnp.sum(x**2) - 1.0]), 2.0 * x[None, :]
 
 
-def test_of_others_it_is_a_solution_near_to_it_and_the_nearest_are_told():
+def test_nonlinear_equations_give_a_solution_near_the_start():
     angles = np.linspace(0.1, 6.0, 9)
     starts = jnp.asarray(np.stack([np.cos(angles), np.sin(angles)], axis=1) * np.linspace(0.5, 3.0, 9)[:, None])
-    found = _solved(_on_circle, starts, 1)
-    np.testing.assert_allclose(np.linalg.norm(found.best, axis=1), 1.0, atol=1e-9)
+    searches = _solved(_on_circle, starts, 1)
+    np.testing.assert_allclose(np.linalg.norm(searches.best, axis=1), 1.0, atol=1e-9)
     # Each on its own side.
-    np.testing.assert_allclose(np.arctan2(found.best[:, 1], found.best[:, 0]) % (2 * np.pi), angles, atol=1e-6)
-    few = _solved(_on_circle, starts, 1, steps=2)
-    kept = best_searches(few, 3)
-    assert np.max(np.abs(kept.at.residual)) <= np.sort(np.abs(np.asarray(few.at.residual)[:, 0]))[2]
+    np.testing.assert_allclose(np.arctan2(searches.best[:, 1], searches.best[:, 0]) % (2 * np.pi), angles, atol=1e-6)
+    unfinished = _solved(_on_circle, starts, 1, steps=2)
+    best = best_searches(unfinished, 3)
+    assert np.max(np.abs(best.at.residual)) <= np.sort(np.abs(np.asarray(unfinished.at.residual)[:, 0]))[2]
 
 
-def test_a_step_is_no_longer_than_asked():
+def test_steps_do_not_exceed_the_length_limit():
     start = jnp.array([[30.0, 0.0]])
     once = _solved(_on_circle, start, 1, steps=2, longest=0.5)
     assert np.linalg.norm(once.best[0] - start[0]) <= 0.5 + 1e-12

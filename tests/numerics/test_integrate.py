@@ -1,4 +1,4 @@
-"""The fixed-step integrator: its order, and an independent one."""
+"""The fixed-step integrator: its order, and agreement with diffrax."""
 
 import diffrax
 import jax
@@ -31,7 +31,7 @@ swing = jax.jit(lambda y, steps: march(pendulum, y, 0.5, 3.5, steps), static_arg
 
 @pytest.fixture(scope="module")
 def reference():
-    """The same by diffrax, to 1e-12."""
+    """The solution by diffrax, to 1e-12."""
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(lambda t, y, args: pendulum(t, y)),
         diffrax.Dopri8(),
@@ -48,7 +48,7 @@ def error(y, reference):
     return max(float(jnp.max(jnp.abs(y[name] - reference[name]))) for name in reference)
 
 
-def test_agrees_with_diffrax(reference):
+def test_the_integrator_agrees_with_diffrax(reference):
     # h^4 = 1e-9 at 600 steps of 5 ms, times a constant of some 1e0.
     assert error(swing(START, 600), reference) < 1e-8
 
@@ -71,23 +71,23 @@ def test_quadrature_of_cubics_is_exact(t, h, c):
 
 @settings(deadline=None, max_examples=30)
 @given(rate=st.floats(-2.0, 2.0), h=st.floats(0.01, 1.0))
-def test_linear_problem_gives_the_fourth_taylor_polynomial(rate, h):
+def test_a_linear_problem_gives_the_fourth_taylor_polynomial(rate, h):
     z = rate * h
     step = rk4_step(lambda t, y: rate * y, 0.0, jnp.asarray(3.0), h)
     np.testing.assert_allclose(step, 3.0 * (1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24), rtol=1e-13)
 
 
-def test_pytrees_of_unlike_leaves():
+def test_pytrees_of_different_leaves_are_integrated():
     state = (jnp.ones(3), {"a": jnp.asarray(2.0), "b": jnp.zeros((2, 2))})
-    after = rk4_step(lambda t, y: jax.tree.map(lambda leaf: -leaf + 1.0, y), 0.0, state, 0.1)
-    assert jax.tree.structure(after) == jax.tree.structure(state)
-    for old, new in zip(jax.tree.leaves(state), jax.tree.leaves(after), strict=True):
+    new_state = rk4_step(lambda t, y: jax.tree.map(lambda leaf: -leaf + 1.0, y), 0.0, state, 0.1)
+    assert jax.tree.structure(new_state) == jax.tree.structure(state)
+    for old, new in zip(jax.tree.leaves(state), jax.tree.leaves(new_state), strict=True):
         assert old.shape == new.shape
         # y' = 1 - y: towards 1 by exp(-h); 1e-7 is h^5/120.
         np.testing.assert_allclose(new, 1.0 + (old - 1.0) * np.exp(-0.1), atol=1e-6)
 
 
-def test_gradient_jit_and_vmap():
+def test_results_support_gradient_jit_and_vmap():
     def end(angle, rate):
         return march(pendulum, {"angle": angle[None], "rate": rate[None]}, 0.5, 3.5, 100)["angle"][0]
 
@@ -105,5 +105,5 @@ def test_gradient_jit_and_vmap():
     np.testing.assert_allclose(by_step, -(1 - 0.1 + 0.1**2 / 2 - 0.1**3 / 6), rtol=1e-13)
 
     angles = jnp.array([0.3, 1.2, 2.0])
-    many = jax.jit(jax.vmap(lambda a: end(a, rate)))(angles)
-    np.testing.assert_allclose(many, [value(a, rate) for a in angles], rtol=1e-12)
+    batch = jax.jit(jax.vmap(lambda a: end(a, rate)))(angles)
+    np.testing.assert_allclose(batch, [value(a, rate) for a in angles], rtol=1e-12)

@@ -28,14 +28,14 @@ SINGULAR = {
 
 @settings(deadline=None, max_examples=60)
 @given(matrix=matrices, vector=vectors)
-def test_product(matrix, vector):
+def test_the_product_agrees_with_numpy(matrix, vector):
     # Three products of up to 100 each.
     np.testing.assert_allclose(times(matrix, vector), matrix @ vector, atol=1e-13)
 
 
 @settings(deadline=None, max_examples=60)
 @given(matrix=matrices, vector=vectors)
-def test_inverse_and_solution_against_numpy(matrix, vector):
+def test_inverse_and_solution_agree_with_numpy(matrix, vector):
     condition = np.linalg.cond(matrix)
     assume(condition < 1e6)
     expected = np.linalg.inv(matrix)
@@ -46,7 +46,7 @@ def test_inverse_and_solution_against_numpy(matrix, vector):
     np.testing.assert_allclose(solve(matrix, vector), expected @ vector, atol=10.0 * tolerance * size * 3.0)
 
 
-def test_scale_does_not_matter():
+def test_the_inverse_is_independent_of_the_scale_of_columns():
     # The floor is relative to the columns: units of the rows and columns are the caller's affair.
     matrix = np.array([[2.0, -1.0, 0.3], [0.5, 3.0, -0.7], [1.0, 0.2, 1.5]])
     for scales in ([1.0, 1e-8, 1e8], [1e-20, 1e-20, 1e-20], [1e15, 1.0, 1e-15]):
@@ -58,7 +58,7 @@ def test_scale_does_not_matter():
 
 
 @pytest.mark.parametrize("name", SINGULAR)
-def test_singular_matrices_stay_finite(name):
+def test_results_for_singular_matrices_stay_finite(name):
     matrix, vector = jnp.asarray(SINGULAR[name]), jnp.array([1.0, -2.0, 3.0])
     for value in (inverse(matrix), solve(matrix, vector), *slopes(matrix, vector)):
         assert jnp.all(jnp.isfinite(value))
@@ -66,14 +66,14 @@ def test_singular_matrices_stay_finite(name):
 
 @settings(deadline=None, max_examples=30)
 @given(matrix=matrices, vector=vectors)
-def test_any_matrix_stays_finite(matrix, vector):
+def test_results_for_any_matrix_stay_finite(matrix, vector):
     for value in (inverse(matrix), solve(matrix, vector), *slopes(matrix, vector)):
         assert jnp.all(jnp.isfinite(value))
 
 
 @settings(deadline=None, max_examples=30)
 @given(matrix=matrices, vector=vectors)
-def test_gradient_is_the_implicit_one(matrix, vector):
+def test_the_gradient_equals_the_implicit_derivative(matrix, vector):
     assume(np.linalg.cond(matrix) < 1e3)
     # From A x = b: dx = A^-1 (db - dA x).
     inverse_matrix = np.linalg.inv(matrix)
@@ -85,9 +85,9 @@ def test_gradient_is_the_implicit_one(matrix, vector):
     np.testing.assert_allclose(by_matrix, -inverse_matrix[:, :, None] * x[None, None, :], atol=1e-6 * scale)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_a_batch_equals_single_evaluations():
     rng = np.random.default_rng(3)
-    many, sides = jnp.asarray(rng.normal(size=(20, 3, 3))), jnp.asarray(rng.normal(size=(20, 3)))
-    together = jax.jit(jax.vmap(solve3))(many, sides)
-    np.testing.assert_allclose(together, np.linalg.solve(many, sides[..., None])[..., 0], rtol=1e-9)
-    np.testing.assert_allclose(together, [solve(m, v) for m, v in zip(many, sides, strict=True)], rtol=1e-12)
+    batch, sides = jnp.asarray(rng.normal(size=(20, 3, 3))), jnp.asarray(rng.normal(size=(20, 3)))
+    together = jax.jit(jax.vmap(solve3))(batch, sides)
+    np.testing.assert_allclose(together, np.linalg.solve(batch, sides[..., None])[..., 0], rtol=1e-9)
+    np.testing.assert_allclose(together, [solve(m, v) for m, v in zip(batch, sides, strict=True)], rtol=1e-12)

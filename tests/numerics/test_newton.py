@@ -1,4 +1,4 @@
-"""Safeguarded Newton: roots that plain Newton misses, implicit derivative."""
+"""Safeguarded Newton method: roots missed by plain Newton, and the implicit derivative."""
 
 import jax
 import jax.numpy as jnp
@@ -30,13 +30,13 @@ find = jax.jit(lambda f, root, guess: bracketed_newton(f, root, -1.0, 1.0, guess
 @settings(deadline=None, max_examples=30)
 @given(root=st.floats(-0.9, 0.9), guess=st.floats(-1.5, 1.5))
 @pytest.mark.parametrize("function", [arctangent, signed_root])
-def test_finds_roots_that_plain_newton_misses(function, root, guess):
-    found = find(function, jnp.asarray(root), guess)
+def test_the_solver_finds_roots_missed_by_plain_newton(function, root, guess):
+    solution = find(function, jnp.asarray(root), guess)
     # 60 halvings of a width of 2 leave nothing above rounding.
-    np.testing.assert_allclose(found.x, root, atol=1e-14)
+    np.testing.assert_allclose(solution.x, root, atol=1e-14)
 
 
-def test_converges_quadratically_from_a_good_guess():
+def test_convergence_from_a_good_guess_is_quadratic():
     # Errors of 1e-1, 1e-2, 1e-4, 1e-8, 1e-16: five evaluations and one to see it.
     np.testing.assert_allclose(bracketed_newton(cubic, jnp.asarray(8.0), 0.0, 10.0, 2.2, 7).x, 2.0, rtol=1e-15)
 
@@ -49,20 +49,20 @@ def test_many_steps_do_not_spoil_the_root():
         )
 
 
-def test_root_at_an_end_of_the_bracket():
+def test_a_root_at_an_end_of_the_bracket_is_found():
     for low, high in ((2.0, 5.0), (-1.0, 2.0), (2.0, 2.0)):
         # 1e-13: bisection toward an end halves 3 forty times.
         np.testing.assert_allclose(bracketed_newton(cubic, jnp.asarray(8.0), low, high, low, 45).x, 2.0, atol=1e-12)
 
 
-def test_no_sign_change_is_seen_in_the_residual():
-    found = bracketed_newton(cubic, jnp.asarray(8.0), 3.0, 5.0, 4.0, 40)
+def test_the_residual_reveals_a_missing_sign_change():
+    solution = bracketed_newton(cubic, jnp.asarray(8.0), 3.0, 5.0, 4.0, 40)
     # The nearest it may come is the end of the bracket, 3^3 - 8 = 19.
-    assert found.residual >= 19.0
-    assert jnp.isfinite(found.x)
+    assert solution.residual >= 19.0
+    assert jnp.isfinite(solution.x)
 
 
-def test_implicit_gradient_jit_and_vmap():
+def test_the_implicit_gradient_supports_jit_and_vmap():
     def root(p):
         return bracketed_newton(cubic, p, 0.0, 10.0, 5.0, 30).x
 
@@ -74,6 +74,6 @@ def test_implicit_gradient_jit_and_vmap():
     np.testing.assert_allclose(jax.vmap(jax.jacfwd(root))(values), np.asarray(values) ** (-2 / 3) / 3, rtol=1e-12)
 
 
-def test_gradient_is_finite_where_the_slope_vanishes():
+def test_the_gradient_is_finite_at_a_zero_slope():
     gradient = jax.grad(lambda p: bracketed_newton(lambda x, q: (q * x**3, 3 * q * x**2), p, -1.0, 1.0, 0.0, 5).x)(2.0)
     assert gradient == 0.0

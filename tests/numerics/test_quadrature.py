@@ -1,4 +1,4 @@
-"""Quadrature rules: exactness to their degree, against scipy elsewhere."""
+"""Quadrature rules: exactness up to the degree, and agreement with scipy."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from anser.numerics.integration import GAUSS_LEGENDRE_16, NEWTON_COTES_6, integr
 
 
 @pytest.mark.parametrize(("rule", "degree"), [(NEWTON_COTES_6, 5), (GAUSS_LEGENDRE_16, 31)])
-def test_exact_to_its_degree_and_no_further(rule, degree):
+def test_a_rule_is_exact_up_to_its_degree_only(rule, degree):
     # 1e-14: a few roundings of numbers up to 1.
     for power in range(degree + 1):
         np.testing.assert_allclose(integrate(lambda x, n=power: x**n, 0.0, 1.0, rule), 1.0 / (power + 1), atol=1e-14)
@@ -24,12 +24,12 @@ def test_weights_are_positive(rule):
     assert np.all(rule.weights > 0.0)
 
 
-def test_published_newton_cotes_weights():
+def test_the_newton_cotes_weights_are_the_published_ones():
     # Theory section 6.
     assert NEWTON_COTES_6.weights.tolist() == [19 / 288, 25 / 96, 25 / 144, 25 / 144, 25 / 96, 19 / 288]
 
 
-def test_general_interval_against_scipy():
+def test_integrals_agree_with_scipy():
     low, high = -0.7, 1.9
     reference, _ = quad(lambda x: np.exp(x) * np.cos(3.0 * x), low, high, epsabs=1e-13, epsrel=1e-13)
     value = integrate(lambda x: jnp.exp(x) * jnp.cos(3.0 * x), low, high)
@@ -37,7 +37,7 @@ def test_general_interval_against_scipy():
     np.testing.assert_allclose(value, reference, rtol=1e-13)
 
 
-def test_gradient_jit_and_vmap():
+def test_results_support_gradient_jit_and_vmap():
     def upper(high):
         return integrate(jnp.exp, 0.0, high)
 

@@ -1,4 +1,4 @@
-"""Random numbers: those of JAX's own generator, the same alone and in any batch, as normal and even as they claim."""
+"""Random numbers: equal to JAX's generator, equal alone and in any batch, with the stated distributions."""
 
 import os
 import subprocess
@@ -17,21 +17,21 @@ from scipy import stats
 from anser.numerics import PrescribedRandomness, flight_randomness
 from anser.numerics.randomness import AIR, GOAL_SENSOR, INITIAL_SAMPLE, fold_key, threefry
 
-words = st.integers(0, 2**32 - 1)
+integers = st.integers(0, 2**32 - 1)
 
 
-@given(words, words, words, words)
+@given(integers, integers, integers, integers)
 @settings(deadline=None, max_examples=50)
-def test_the_bits_are_those_of_jax(a, b, c, d):
+def test_the_bits_equal_those_of_jax(a, b, c, d):
     key = np.array([a, b], dtype=np.uint32)
     ours = np.concatenate(threefry(key, np.array([c], dtype=np.uint32), np.array([d], dtype=np.uint32)))
     theirs = jax.extend.random.threefry_2x32(jnp.asarray(key), jnp.array([c, d], dtype=jnp.uint32))
     np.testing.assert_array_equal(ours, theirs)
 
 
-@given(words, words)
+@given(integers, integers)
 @settings(deadline=None, max_examples=20)
-def test_folding_is_that_of_jax(seed, value):
+def test_folded_keys_equal_those_of_jax(seed, value):
     expected = jax.random.key_data(jax.random.fold_in(jax.random.key(seed), value))
     np.testing.assert_array_equal(fold_key(np.array([0, seed], dtype=np.uint32), np.asarray(value)), expected)
 
@@ -41,12 +41,12 @@ def drawn(flight, aircraft, number):
     return source.normals(AIR, number, 7) + 0.0 * flight
 
 
-def test_the_same_numbers_alone_and_in_a_batch_to_the_last_bit():
-    """Compiled as users have it: the tests' own settings of the compiler let roundings differ."""
+def test_numbers_alone_and_in_a_batch_are_bit_identical():
+    """Compiled with the default options: the test suite's compiler options allow different rounding."""
     path = os.pathsep.join(filter(None, (str(Path(__file__).parent), os.environ.get("PYTHONPATH"))))
-    own = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"} | {"PYTHONPATH": path}
+    environment = {key: value for key, value in os.environ.items() if key != "XLA_FLAGS"} | {"PYTHONPATH": path}
     code = "import test_randomness; test_randomness.check_the_same_numbers()"
-    subprocess.run([sys.executable, "-c", code], env=own, check=True)
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
 
 
 def check_the_same_numbers():
@@ -61,20 +61,20 @@ def check_the_same_numbers():
     np.testing.assert_array_equal(np.asarray(in_time)[2::8], alone[2::8])
 
 
-def test_seed_flight_aircraft_part_and_sample_each_give_others():
-    one = flight_randomness(5, 3).for_aircraft(jnp.asarray(1))
-    base = np.asarray(one.normals(AIR, 10, 4))
-    others = [
+def test_seed_flight_aircraft_part_and_sample_change_the_numbers():
+    source = flight_randomness(5, 3).for_aircraft(jnp.asarray(1))
+    base = np.asarray(source.normals(AIR, 10, 4))
+    draws = [
         flight_randomness(6, 3).for_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
         flight_randomness(5, 4).for_aircraft(jnp.asarray(1)).normals(AIR, 10, 4),
         flight_randomness(5, 3).for_aircraft(jnp.asarray(2)).normals(AIR, 10, 4),
-        one.normals(GOAL_SENSOR, 10, 4),
-        one.normals(AIR, 11, 4),
-        one.normals(AIR, INITIAL_SAMPLE, 4),
+        source.normals(GOAL_SENSOR, 10, 4),
+        source.normals(AIR, 11, 4),
+        source.normals(AIR, INITIAL_SAMPLE, 4),
     ]
-    for other in others:
-        assert not np.any(np.asarray(other) == base)
-    np.testing.assert_array_equal(one.normals(AIR, 10, 6)[:4], base)  # more of them do not change the first
+    for draw in draws:
+        assert not np.any(np.asarray(draw) == base)
+    np.testing.assert_array_equal(source.normals(AIR, 10, 6)[:4], base)  # more of them do not change the first
 
 
 def test_normals_are_normal_and_independent():
@@ -89,13 +89,13 @@ def test_normals_are_normal_and_independent():
     np.testing.assert_allclose(stats.norm.ppf(even[:, 0]), numbers[:, 0], atol=1e-9)
 
 
-def test_given_numbers_are_replayed():
+def test_prescribed_numbers_are_replayed():
     table = np.random.default_rng(0).normal(size=(2, 6, 3))
-    given_ = PrescribedRandomness({AIR: jnp.asarray(table)}).for_aircraft(jnp.asarray(1))
-    np.testing.assert_array_equal(given_.normals(AIR, INITIAL_SAMPLE, 3), table[1, 0])
-    np.testing.assert_array_equal(given_.normals(AIR, jnp.asarray(4), 2), table[1, 5, :2])
-    np.testing.assert_allclose(given_.uniforms(AIR, 0, 3), stats.norm.cdf(table[1, 1]), rtol=1e-12)
+    prescribed = PrescribedRandomness({AIR: jnp.asarray(table)}).for_aircraft(jnp.asarray(1))
+    np.testing.assert_array_equal(prescribed.normals(AIR, INITIAL_SAMPLE, 3), table[1, 0])
+    np.testing.assert_array_equal(prescribed.normals(AIR, jnp.asarray(4), 2), table[1, 5, :2])
+    np.testing.assert_allclose(prescribed.uniforms(AIR, 0, 3), stats.norm.cdf(table[1, 1]), rtol=1e-12)
     with pytest.raises(ValueError, match="part 2 draws 1 random numbers a sample; none given"):
-        given_.normals(GOAL_SENSOR, 0, 1)
+        prescribed.normals(GOAL_SENSOR, 0, 1)
     with pytest.raises(ValueError, match="3 a sample given"):
-        given_.normals(AIR, 0, 4)
+        prescribed.normals(AIR, 0, 4)

@@ -1,4 +1,4 @@
-"""Roots by the Illinois method: as good as Newton's, and with the same implicit derivative."""
+"""Roots by the Illinois method: as accurate as Newton's method, with the same implicit derivative."""
 
 import jax
 import jax.numpy as jnp
@@ -34,63 +34,63 @@ forward = jax.jit(jax.vmap(jax.jacfwd(lambda p: root_of(cubic, p, 0.0, 4.0, 20).
 
 @settings(deadline=None, max_examples=30)
 @given(root=st.floats(-0.9, 0.9), low=st.floats(-3.0, -1.0), high=st.floats(1.0, 3.0))
-def test_finds_roots_that_plain_newton_misses(root, low, high):
-    found = find(arctangent, jnp.asarray(root), jnp.asarray(low), jnp.asarray(high), 40)
-    np.testing.assert_allclose(found.x, root, atol=1e-13)  # rounding
-    assert abs(found.residual) < 1e-11  # that, times the slope of 20
+def test_the_solver_finds_roots_missed_by_plain_newton(root, low, high):
+    solution = find(arctangent, jnp.asarray(root), jnp.asarray(low), jnp.asarray(high), 40)
+    np.testing.assert_allclose(solution.x, root, atol=1e-13)  # rounding
+    assert abs(solution.residual) < 1e-11  # that, times the slope of 20
 
 
 @pytest.mark.parametrize("function", [cubic, falling])
 @pytest.mark.parametrize("p", [0.3, 1.0, 7.3])
-def test_is_newtons_root(function, p):
+def test_the_root_equals_that_of_newtons_method(function, p):
     # Newton's bracket wants a rising function.
     sign = 1.0 if function is cubic else -1.0
     by_newton = bracketed_newton(
         lambda x, q: jax.jvp(lambda y: sign * function(y, q), (x,), (jnp.ones(()),)), jnp.asarray(p), 0.0, 4.0, 1.0, 40
     )
-    found = find(function, jnp.asarray(p), 0.0, 4.0, 20)
-    np.testing.assert_allclose(found.x, by_newton.x, rtol=1e-13)  # rounding
+    solution = find(function, jnp.asarray(p), 0.0, 4.0, 20)
+    np.testing.assert_allclose(solution.x, by_newton.x, rtol=1e-13)  # rounding
 
 
-def test_ten_steps_are_enough_for_a_narrow_bracket():
+def test_ten_steps_suffice_for_a_narrow_bracket():
     # As detours use it: order 1.44 per step.
-    found = find(cubic, jnp.asarray(2.0), 1.2, 1.35, 10)
-    np.testing.assert_allclose(found.x, 2.0 ** (1 / 3), rtol=1e-14)
+    solution = find(cubic, jnp.asarray(2.0), 1.2, 1.35, 10)
+    np.testing.assert_allclose(solution.x, 2.0 ** (1 / 3), rtol=1e-14)
 
 
-def test_either_end_may_be_the_root_and_the_bracket_empty():
+def test_roots_at_the_ends_and_empty_brackets_are_found():
     for low, high in ((2.0, 5.0), (-1.0, 2.0), (2.0, 2.0)):
-        found = find(cubic, jnp.asarray(8.0), low, high, 20)
-        assert found.x == 2.0
-        assert found.residual == 0.0
+        solution = find(cubic, jnp.asarray(8.0), low, high, 20)
+        assert solution.x == 2.0
+        assert solution.residual == 0.0
 
 
-def test_no_sign_change_is_seen_in_the_residual():
-    found = find(cubic, jnp.asarray(8.0), 3.0, 5.0, 20)
+def test_the_residual_reveals_a_missing_sign_change():
+    solution = find(cubic, jnp.asarray(8.0), 3.0, 5.0, 20)
     # Nowhere in the bracket is it less than 3^3 - 8.
-    assert 3.0 <= found.x <= 5.0
-    assert found.residual >= 19.0
+    assert 3.0 <= solution.x <= 5.0
+    assert solution.residual >= 19.0
 
 
 @pytest.mark.parametrize("function", [cubic, falling])
-def test_implicit_gradient(function):
+def test_the_implicit_gradient_is_exact(function):
     values = jnp.array([0.3, 1.0, 7.3])
     # The roots in closed form: p^(1/3) and -log(p/10).
     exact = np.asarray(values) ** (-2 / 3) / 3 if function is cubic else -1.0 / np.asarray(values)
     np.testing.assert_allclose(slope(function, values), exact, rtol=1e-12)  # rounding
 
 
-def test_forward_derivative_is_the_same():
+def test_the_forward_derivative_is_exact():
     values = jnp.array([0.3, 1.0, 7.3])
     np.testing.assert_allclose(forward(values), np.asarray(values) ** (-2 / 3) / 3, rtol=1e-12)
 
 
-def test_one_by_one_as_a_batch():
+def test_a_batch_equals_single_solutions():
     values = jnp.array([0.01, 1.0, 7.3])
     together = jax.vmap(lambda p: find(cubic, p, 0.0, 4.0, 20).x)(values)
     np.testing.assert_allclose(together, [find(cubic, p, 0.0, 4.0, 20).x for p in values], rtol=1e-15)
 
 
-def test_gradient_is_finite_where_the_slope_vanishes():
+def test_the_gradient_is_finite_at_a_zero_slope():
     gradient = jax.grad(lambda p: root_of(lambda x, q: q * x**3, p, jnp.asarray(-1.0), jnp.asarray(1.0), 5).x)(2.0)
     assert gradient == 0.0
