@@ -36,7 +36,7 @@ def built(**other):
         "inputs": INPUTS,
         "alpha_range": (-10 * DEG_RAD, 45 * DEG_RAD),
         "beta_range": (-30 * DEG_RAD, 30 * DEG_RAD),
-        "given": {"vrsPositionOfCM": 25.0},
+        "inertia_inputs": {"vrsPositionOfCM": 25.0},
     }
     return dave_ml_airframe(**{**parts, **other})
 

@@ -1,4 +1,4 @@
-"""The standard atmosphere against its printed table, ambiance, NASA's check-cases and the hydrostatic law."""
+"""The standard atmosphere against the printed table, ambiance, NASA's check-cases and the hydrostatic law."""
 
 import jax
 import jax.numpy as jnp
@@ -32,15 +32,15 @@ BASES_M = np.array([row[0] for row in PRINTED_BASES])
 
 
 @pytest.mark.parametrize(("base", "temperature", "pressure", "half_unit"), PRINTED_BASES)
-def test_printed_bases(base, temperature, pressure, half_unit):
-    """The chained pressures round to the printed ones; with the newer gas constant 8.31447 none of the seven would."""
+def test_layer_bases_equal_the_printed_table(base, temperature, pressure, half_unit):
+    """The chained pressures round to the printed values, unlike with the newer gas constant 8.31447."""
     air = air_at(geometric_from_geopotential(base))
     assert air.temperature == pytest.approx(temperature, abs=1e-9)  # rounding of the altitude, 1e-11 m
     assert air.pressure == pytest.approx(pressure, abs=half_unit + 1e-9)
 
 
-def test_sea_level():
-    """[USSA76] table 2 and part 1.3: rho 1.2250 kg/m^3, speed of sound 340.294 m/s, printed to that many figures."""
+def test_sea_level_values_equal_the_printed_ones():
+    """[USSA76] table 2 and part 1.3: rho 1.2250 kg/m^3, speed of sound 340.294 m/s, to the printed digits."""
     air = air_at(0.0)
     assert (air.temperature, air.pressure) == (288.15, 101325.0)
     assert air.density == pytest.approx(1.2250, abs=5e-5)
@@ -56,11 +56,11 @@ NESC_AIR = [
 
 
 @pytest.mark.parametrize(("altitude_ft", "density", "speed_of_sound", "pressure", "temperature"), NESC_AIR)
-def test_nesc_check_cases(altitude_ft, density, speed_of_sound, pressure, temperature):
-    """The two participants differ from each other by the constants they rounded; we may be as far from their mean.
+def test_air_equals_that_of_the_nesc_check_cases(altitude_ft, density, speed_of_sound, pressure, temperature):
+    """The two participants differ by rounded constants; the same difference from the mean is tolerated.
 
     Density by 3e-6 (sim_05 starts from 0.0023769), sound by 1e-6, pressure by 1e-5 (sim_04 from 2116.238). The newer
-    gas constant, 1.8e-5 larger, would miss density by up to 1.8e-5 and sound by 9e-6.
+    gas constant, 1.8e-5 larger, would change density by up to 1.8e-5 and sound by 9e-6.
     """
     air = air_at(altitude_ft * FOOT_M)
     assert air.density / SLUG_FT3_KG_M3 == pytest.approx(np.mean(density), rel=3e-6)
@@ -71,20 +71,20 @@ def test_nesc_check_cases(altitude_ft, density, speed_of_sound, pressure, temper
 
 @settings(deadline=None, max_examples=60)
 @given(st.floats(-5000.0, 81000.0))
-def test_agrees_with_ambiance(altitude):
+def test_air_agrees_with_ambiance(altitude):
     """ICAO 1993, the same layers: from -5 km to 80 km geopotential."""
-    air, other = air_at(altitude), AmbianceAtmosphere(altitude)
-    assert air.temperature == pytest.approx(other.temperature[0], rel=1e-13)
+    air, reference = air_at(altitude), AmbianceAtmosphere(altitude)
+    assert air.temperature == pytest.approx(reference.temperature[0], rel=1e-13)
     # ICAO has the molar mass 28.964420 g/mol, [USSA76] 28.9644: 7e-7 apart; sound takes the root.
-    assert air.speed_of_sound == pytest.approx(other.speed_of_sound[0], rel=4e-7)
+    assert air.speed_of_sound == pytest.approx(reference.speed_of_sound[0], rel=4e-7)
     # In the exponent that makes up to 8e-6 (ICAO prints 3.95639 Pa at 71 km), and ICAO's bases have six figures only.
-    assert air.pressure == pytest.approx(other.pressure[0], rel=1.2e-5)
-    assert air.density == pytest.approx(other.density[0], rel=1.2e-5)
+    assert air.pressure == pytest.approx(reference.pressure[0], rel=1.2e-5)
+    assert air.density == pytest.approx(reference.density[0], rel=1.2e-5)
 
 
 @settings(deadline=None, max_examples=60)
 @given(st.floats(-4999.0, 120e3))
-def test_laws_of_the_air(altitude):
+def test_air_satisfies_gas_law_and_hydrostatic_equation(altitude):
     """Ideal gas, speed of sound and, by differentiation, the hydrostatic equation dp/dz = -rho g(z)."""
     air, slopes = air_at(altitude), slopes_at(altitude)
     R_air = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
@@ -97,7 +97,7 @@ def test_laws_of_the_air(altitude):
     assert slopes.pressure == pytest.approx(float(-air.density * gravity), rel=1e-14)
 
 
-def test_pressure_is_continuous_and_slopes_finite_at_the_bases():
+def test_the_pressure_is_continuous_at_the_bases():
     z = jax.vmap(geometric_from_geopotential)(jnp.asarray(BASES_M))
     step = 1e-6
     at = jax.jit(jax.vmap(StandardAtmosphere().at))
@@ -112,7 +112,7 @@ def test_pressure_is_continuous_and_slopes_finite_at_the_bases():
         assert np.all(slopes.pressure < 0.0)
 
 
-def test_slopes_are_right_at_a_base():
+def test_slopes_at_a_base_are_those_of_the_layer_above():
     """At 11 km geopotential the layer above counts: isothermal."""
     slopes = slopes_at(geometric_from_geopotential(11000.0) + 1e-6)
     assert (slopes.temperature, slopes.speed_of_sound) == (0.0, 0.0)
@@ -120,10 +120,10 @@ def test_slopes_are_right_at_a_base():
     assert slopes_at(0.0).temperature == pytest.approx(-0.0065, rel=1e-14)
 
 
-def test_outside_the_standard():
+def test_air_outside_the_standard_stays_defined():
     lowest, below = air_at(-5000.0), air_at(-9000.0)
-    for at_limit, beyond in zip(jax.tree.leaves(lowest), jax.tree.leaves(below), strict=True):
-        assert at_limit == beyond
+    for at_limit, outside_value in zip(jax.tree.leaves(lowest), jax.tree.leaves(below), strict=True):
+        assert at_limit == outside_value
     top = air_at(geometric_from_geopotential(84852.0))
     heights = jnp.array([87e3, 100e3, 200e3, 1e6, 1e8])
     above = jax.jit(jax.vmap(StandardAtmosphere().at))(heights)
@@ -138,13 +138,13 @@ def test_outside_the_standard():
 @pytest.mark.parametrize(
     ("altitude", "within"), [(-5000.1, False), (-5000.0, True), (0.0, True), (85.9e3, True), (86.1e3, False)]
 )
-def test_is_within(altitude, within):
+def test_the_valid_altitude_range_is_reported(altitude, within):
     assert is_within_atmosphere(altitude) == within
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(-5000.0, 100e3))
-def test_geopotential_comes_back(altitude):
+def test_the_geopotential_round_trip_is_exact(altitude):
     h = geopotential_from_geometric(altitude)
     # The difference is z^2 / r0 but for a relative z / r0 < 2 %; it is taken between altitudes of up to 1e5 m.
     assert altitude - h == pytest.approx(altitude**2 / 6356766.0, rel=0.02, abs=1e-10)
@@ -152,15 +152,15 @@ def test_geopotential_comes_back(altitude):
     assert geometric_from_geopotential(h) == pytest.approx(altitude, rel=1e-14, abs=1e-12)
 
 
-def test_geopotential_printed_pairs():
+def test_geopotential_altitudes_equal_the_printed_pairs():
     """[USSA76] table I prints Z = 86,000 m with H = 84,852 m, and Z = 11,019 m with H = 11,000 m."""
     assert geopotential_from_geometric(86000.0) == pytest.approx(84852.0, abs=0.5)
     assert geometric_from_geopotential(11000.0) == pytest.approx(11019.0, abs=0.5)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_batches_equal_single_evaluations():
     altitudes = jnp.linspace(-4e3, 84e3, 45)
     batch = jax.jit(jax.vmap(StandardAtmosphere().at))(altitudes)
     for i in (0, 20, 44):
-        for whole, one in zip(jax.tree.leaves(batch), jax.tree.leaves(air_at(altitudes[i])), strict=True):
-            np.testing.assert_allclose(whole[i], one, rtol=1e-14)  # vector exp and log may round differently
+        for whole, single in zip(jax.tree.leaves(batch), jax.tree.leaves(air_at(altitudes[i])), strict=True):
+            np.testing.assert_allclose(whole[i], single, rtol=1e-14)  # vector exp and log may round differently

@@ -1,4 +1,4 @@
-"""The Earth, flat and round: gravity against potentials and published values, the chart against pymap3d."""
+"""Flat and round Earth: gravity against potentials and published values, the chart against pymap3d."""
 
 import equinox as eqx
 import jax
@@ -21,26 +21,26 @@ generic = settings(deadline=None, max_examples=30)
 LATITUDE, LONGITUDE = 50.0 * DEG_RAD, 179.9 * DEG_RAD  # the date line runs through the chart
 EARTH = wgs84_earth(LATITUDE, LONGITUDE)
 FLAT = FlatEarth(jnp.asarray(9.81))
-places = st.tuples(*(st.floats(-50e3, 50e3),) * 2, st.floats(-15e3, -10.0)).map(jnp.array)
+chart_positions = st.tuples(*(st.floats(-50e3, 50e3),) * 2, st.floats(-15e3, -10.0)).map(jnp.array)
 velocities = st.tuples(*(st.floats(-300.0, 300.0),) * 3).map(jnp.array)
 
 _sight, _local = eqx.filter_jit(EARTH.sight), eqx.filter_jit(EARTH.local_earth)
 
 
-def _geodetic_deg(place):
-    lat, lon, h = EARTH.geodetic(place)
+def _geodetic_deg(position):
+    lat, lon, h = EARTH.geodetic(position)
     return float(lat) * RAD_DEG, float(lon) * RAD_DEG, float(h)
 
 
-def test_gravitation_at_the_nesc_start():
+def test_gravitation_equals_that_of_the_nesc_check_cases():
     """[NESC]: 32.106535952 ft/s^2 at 30,000 ft over the equator with J2, 32.126312071 over the sphere; ten digits."""
     place_n = jnp.array([0.0, 0.0, -30_000.0 * FOOT_M])
     for earth, expected in (
         (wgs84_earth(0.0, 0.0), 32.106535952),
         (spherical_earth(6371007.1809, 0.0, 0.0), 32.126312071),
     ):
-        found = jnp.linalg.norm(earth.gravitation_e(earth.ecef_from_chart(place_n))) / FOOT_M
-        assert float(found) == pytest.approx(expected, abs=6e-10)
+        gravitation = jnp.linalg.norm(earth.gravitation_e(earth.ecef_from_chart(place_n))) / FOOT_M
+        assert float(gravitation) == pytest.approx(expected, abs=6e-10)
 
 
 @generic
@@ -54,8 +54,8 @@ def test_gravitation_is_the_gradient_of_its_potential(direction, radius):
         return EARTH_GM_M3_S2 / r * (1.0 - EARTH_J2 * (WGS84_A_M / r) ** 2 * legendre)
 
     expected = jax.grad(potential)(position_e)
-    found = gravitation_j2(position_e, EARTH_GM_M3_S2, EARTH_J2, WGS84_A_M)
-    np.testing.assert_allclose(found, expected, atol=1e-13 * float(jnp.max(jnp.abs(expected))))
+    gravitation = gravitation_j2(position_e, EARTH_GM_M3_S2, EARTH_J2, WGS84_A_M)
+    np.testing.assert_allclose(gravitation, expected, atol=1e-13 * float(jnp.max(jnp.abs(expected))))
 
 
 @pytest.mark.parametrize("latitude_deg", [0.0, 20.0, 45.0, 70.0, 89.0])
@@ -69,9 +69,9 @@ def test_gravity_on_the_ellipsoid_is_normal_gravity(latitude_deg):
 
 
 @generic
-@given(places, velocities)
+@given(chart_positions, velocities)
 def test_the_chart_moves_with_the_velocity(place, velocity_n):
-    """Rate of the chart times its Jacobian is the velocity: an independent route to the scale."""
+    """The rate of the chart times its Jacobian equals the velocity: an independent check of the scale."""
     rate = _local(place, velocity_n).chart_scale * velocity_n
     _, velocity_e = jax.jvp(EARTH.ecef_from_chart, (place,), (rate,))
     lat, lon, _ = EARTH.geodetic(place)
@@ -84,35 +84,37 @@ anywhere = st.tuples(st.floats(-89.99, 89.99), st.floats(-180.0, 180.0))
 
 @eqx.filter_jit
 def _through_the_chart(earth, lat, lon, h):
-    """Chart position of a place, the place again, and how far the chart's Jacobian times its scale is from the axes."""
-    place = earth.chart_from_ecef(ecef_from_geodetic(lat, lon, h))
-    jacobian = jax.jacfwd(earth.ecef_from_chart)(place) * earth.local_earth(place, jnp.zeros(3)).chart_scale[None, :]
-    return place, earth.geodetic(place), jacobian - rotation_ned_from_ecef(lat, lon).T
+    """Chart position, geodetic coordinates converted back, and deviation of the scaled Jacobian from the axes."""
+    position = earth.chart_from_ecef(ecef_from_geodetic(lat, lon, h))
+    jacobian = (
+        jax.jacfwd(earth.ecef_from_chart)(position) * earth.local_earth(position, jnp.zeros(3)).chart_scale[None, :]
+    )
+    return position, earth.geodetic(position), jacobian - rotation_ned_from_ecef(lat, lon).T
 
 
 @pytest.mark.long
 @settings(deadline=None, max_examples=100)
 @given(anywhere, anywhere, st.floats(0.0, 15e3))
-def test_the_chart_has_one_place_for_each_of_the_earth(origin_deg, there_deg, h):
+def test_the_chart_is_one_to_one(origin_deg, there_deg, h):
     """From any origin but a pole; north and east have the signs of the differences of latitude and longitude."""
-    (lat_0, lon_0), (lat, lon) = (np.radians(place) for place in (origin_deg, there_deg))
-    place, (lat_back, lon_back, h_back), slope = _through_the_chart(wgs84_earth(lat_0, lon_0), lat, lon, h)
-    turned = (lon - lon_0 + np.pi) % (2.0 * np.pi) - np.pi
+    (lat_0, lon_0), (lat, lon) = (np.radians(position) for position in (origin_deg, there_deg))
+    position, (lat_back, lon_back, h_back), slope = _through_the_chart(wgs84_earth(lat_0, lon_0), lat, lon, h)
+    longitude_difference = (lon - lon_0 + np.pi) % (2.0 * np.pi) - np.pi
     # Angles of up to pi round by 4e-16 on each of some ten ways; an arc is 6.4e6 m times that.
     assert float(lat_back) == pytest.approx(lat, abs=4e-15)
     across = np.cos(lat)
     assert across * abs((float(lon_back) - lon + np.pi) % (2.0 * np.pi) - np.pi) < 4e-15
     assert float(h_back) == pytest.approx(h, abs=1e-8)
     np.testing.assert_allclose(slope, 0.0, atol=1e-14 / across)
-    for found, expected in zip(place[:2], (lat - lat_0, turned), strict=True):
-        assert abs(expected) < 1e-9 or abs(abs(expected) - np.pi) < 1e-9 or np.sign(found) == np.sign(expected)
+    for coordinate, expected in zip(position[:2], (lat - lat_0, longitude_difference), strict=True):
+        assert abs(expected) < 1e-9 or abs(abs(expected) - np.pi) < 1e-9 or np.sign(coordinate) == np.sign(expected)
 
 
-def test_gradients_are_finite_where_the_chart_changes():
-    """At the origin, an eighth of a turn away where the tangent ends, on the opposite meridian, at a pole."""
+def test_gradients_at_special_points_of_the_chart_are_finite():
+    """At the origin, at an eighth of a turn, on the opposite meridian, and at a pole."""
     earth = wgs84_earth(0.5, 1.0)
     inverse = jax.jit(jax.jacrev(earth.chart_from_ecef))
-    forward = jax.jit(jax.jacrev(lambda place: (earth.geodetic(place), earth.local_earth(place, jnp.ones(3)))))
+    forward = jax.jit(jax.jacrev(lambda position: (earth.geodetic(position), earth.local_earth(position, jnp.ones(3)))))
     edge = 0.25 * np.pi
     for lat, lon in (
         (0.5, 1.0),
@@ -128,26 +130,26 @@ def test_gradients_are_finite_where_the_chart_changes():
 
 
 @generic
-@given(places, velocities)
-def test_the_axes_turn_with_the_transport_rate(place, velocity_n):
-    local = _local(place, velocity_n)
+@given(chart_positions, velocities)
+def test_the_axes_turn_with_the_transport_rate(position, velocity_n):
+    local = _local(position, velocity_n)
 
     def axes(p):
         lat, lon, _ = EARTH.geodetic(p)
         return rotation_ned_from_ecef(lat, lon)
 
-    R_ne, R_ne_dot = jax.jvp(axes, (place,), (local.chart_scale * velocity_n,))
+    R_ne, R_ne_dot = jax.jvp(axes, (position,), (local.chart_scale * velocity_n,))
     x, y, z = np.asarray(local.transport_rate_n)
     np.testing.assert_allclose(R_ne_dot, -np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ R_ne, atol=1e-16)
 
 
 @generic
-@given(places, velocities)
-def test_apparent_gravity_is_gravity_less_coriolis(place, velocity_n):
+@given(chart_positions, velocities)
+def test_apparent_gravity_is_gravity_less_coriolis(position, velocity_n):
     """Against vector products in Earth-fixed axes; the part of the turning axes is the transport rate's, tested above."""
-    local = _local(place, velocity_n)
-    position_e = EARTH.ecef_from_chart(place)
-    lat, lon, _ = EARTH.geodetic(place)
+    local = _local(position, velocity_n)
+    position_e = EARTH.ecef_from_chart(position)
+    lat, lon, _ = EARTH.geodetic(position)
     R_ne = np.asarray(rotation_ned_from_ecef(lat, lon))
     w_e = np.array([0.0, 0.0, EARTH_ROTATION_RAD_S])
     attraction = np.asarray(EARTH.gravitation_e(position_e)) - np.cross(w_e, np.cross(w_e, position_e))
@@ -158,23 +160,23 @@ def test_apparent_gravity_is_gravity_less_coriolis(place, velocity_n):
 
 
 @generic
-@given(places, places)
-def test_sight_line_equals_pymap3d(place, other):
-    line_n, _ = _sight(place, other, jnp.zeros(3))
-    expected = pymap3d.geodetic2ned(*_geodetic_deg(other), *_geodetic_deg(place))
+@given(chart_positions, chart_positions)
+def test_the_sight_line_agrees_with_pymap3d(position, target):
+    line_n, _ = _sight(position, target, jnp.zeros(3))
+    expected = pymap3d.geodetic2ned(*_geodetic_deg(target), *_geodetic_deg(position))
     np.testing.assert_allclose(line_n, expected, atol=1e-7)  # two positions of 6.4e6 m through degrees
 
 
 @generic
-@given(places, places, velocities)
+@given(chart_positions, chart_positions, velocities)
 @pytest.mark.parametrize("earth", [EARTH, FLAT], ids=["round", "flat"])
-def test_charted_undoes_sight(earth, place, other, rate):
-    found, found_rate = earth.motion_on_chart(place, *earth.sight(place, other, rate))
-    np.testing.assert_allclose(found, other, atol=1e-7)
-    np.testing.assert_allclose(found_rate, rate, atol=1e-10)
+def test_the_motion_on_the_chart_inverts_the_sight(earth, position, target, rate):
+    returned, returned_rate = earth.motion_on_chart(position, *earth.sight(position, target, rate))
+    np.testing.assert_allclose(returned, target, atol=1e-7)
+    np.testing.assert_allclose(returned_rate, rate, atol=1e-10)
 
 
-def test_flat_earth_is_gravity_and_nothing_else():
+def test_the_flat_earth_has_gravity_only():
     local = FLAT.local_earth(jnp.array([1e4, -2e4, -3e3]), jnp.array([150.0, 20.0, 3.0]))
     np.testing.assert_array_equal(local.apparent_gravity_n, [0.0, 0.0, 9.81])
     for zero in (local.earth_rate_n, local.transport_rate_n):
@@ -185,17 +187,17 @@ def test_flat_earth_is_gravity_and_nothing_else():
     np.testing.assert_array_equal(velocity, np.ones(3))
 
 
-def test_differentiable_and_batched():
-    place, velocity_n = jnp.array([3e3, -4e3, -1e3]), jnp.array([100.0, -50.0, 5.0])
+def test_results_support_gradients_and_batches():
+    position, velocity_n = jnp.array([3e3, -4e3, -1e3]), jnp.array([100.0, -50.0, 5.0])
 
     def total(p, v):
         local = EARTH.local_earth(p, v)
         line, rate = EARTH.sight(p, 2.0 * p, v)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves((local, line, rate)))
 
-    for gradient in jax.grad(total, (0, 1))(place, velocity_n):
+    for gradient in jax.grad(total, (0, 1))(position, velocity_n):
         assert np.all(np.isfinite(gradient))
-    batch = jax.vmap(EARTH.local_earth)(jnp.stack([place, place + 10.0]), jnp.stack([velocity_n] * 2))
+    batch = jax.vmap(EARTH.local_earth)(jnp.stack([position, position + 10.0]), jnp.stack([velocity_n] * 2))
     np.testing.assert_allclose(
-        batch.apparent_gravity_n[0], EARTH.local_earth(place, velocity_n).apparent_gravity_n, rtol=1e-14
+        batch.apparent_gravity_n[0], EARTH.local_earth(position, velocity_n).apparent_gravity_n, rtol=1e-14
     )

@@ -1,4 +1,4 @@
-"""The environment as one pytree: its defaults, and that its numbers may vary without a new compilation."""
+"""The environment as a pytree: default values, and new numbers without a new compilation."""
 
 import equinox as eqx
 import jax
@@ -9,14 +9,14 @@ from anser.environment import Environment, FlatEarth, StandardAtmosphere, Steady
 from anser.environment.earth import somigliana
 
 
-def test_defaults():
+def test_the_default_environment_is_still_standard_air():
     environment = standard_environment()
     assert environment.gravity == 9.80665
     assert isinstance(environment.atmosphere, StandardAtmosphere)
     np.testing.assert_array_equal(environment.wind.at(jnp.zeros(3), 0.0), np.zeros(3))
 
 
-def test_latitude_and_wind():
+def test_latitude_and_wind_set_gravity_and_drift():
     environment = standard_environment(0.6, jnp.array([1.0, 2.0, 0.0]))
     assert environment.gravity == somigliana(0.6)
     np.testing.assert_array_equal(environment.wind.at(jnp.zeros(3), 0.0), [1.0, 2.0, 0.0])
@@ -29,13 +29,13 @@ def test_numbers_vary_without_a_new_compilation():
         air = environment.atmosphere.at(1000.0)
         return air.density * environment.gravity, environment.wind.at(jnp.zeros(3), 0.0)
 
-    first, _ = weight_and_drift(standard_environment())
-    second, drift = weight_and_drift(standard_environment(0.3, jnp.array([0.0, 5.0, 0.0])))
-    assert first != second
+    standard_weight, _ = weight_and_drift(standard_environment())
+    new_weight, drift = weight_and_drift(standard_environment(0.3, jnp.array([0.0, 5.0, 0.0])))
+    assert standard_weight != new_weight
     np.testing.assert_array_equal(drift, [0.0, 5.0, 0.0])
 
 
-def test_fleet_of_environments_and_gradient():
+def test_environments_support_batches_and_gradients():
     """One environment per aircraft under vmap; the gradient reaches wind and gravity."""
 
     def drift_energy(environment):

@@ -1,4 +1,4 @@
-"""Shaping filters of turbulence: exact from sample to sample, of the spectra that the documents give."""
+"""Shaping filters of turbulence: exact discretization, and the spectra of the standards."""
 
 import jax
 import jax.numpy as jnp
@@ -49,17 +49,19 @@ def test_both_documents_have_the_same_spectra(family, w):
 
 
 def matrices(shaping, span):
-    kept, root = (np.asarray(m) for m in shaping.transition(jnp.asarray(span)))
-    rows = np.stack([np.asarray(shaping.output(jnp.asarray(row))) for row in np.eye(shaping.size)])
-    first = np.stack([np.asarray(shaping.stationary_state(jnp.asarray(row))) for row in np.eye(shaping.size)], axis=1)
-    return kept, root @ root.T, rows, first @ first.T
+    transition, root = (np.asarray(m) for m in shaping.transition(jnp.asarray(span)))
+    output_row = np.stack([np.asarray(shaping.output(jnp.asarray(unit))) for unit in np.eye(shaping.size)])
+    initial_root = np.stack(
+        [np.asarray(shaping.stationary_state(jnp.asarray(unit))) for unit in np.eye(shaping.size)], axis=1
+    )
+    return transition, root @ root.T, output_row, initial_root @ initial_root.T
 
 
 @pytest.mark.parametrize("span", [1e-4, 3e-3, 0.049, 0.051, 1.0])
 @pytest.mark.parametrize("name", FILTERS)
-def test_the_first_state_is_stationary(name, span):
-    kept, added, _, first = matrices(FILTERS[name], span)
-    np.testing.assert_allclose(kept @ first @ kept.T + added, first, atol=1e-14)
+def test_the_initial_state_is_stationary(name, span):
+    transition, added, _, stationary = matrices(FILTERS[name], span)
+    np.testing.assert_allclose(transition @ stationary @ transition.T + added, stationary, atol=1e-14)
 
 
 @pytest.mark.parametrize("span", [1e-3, 0.02, 0.7])
@@ -68,14 +70,14 @@ def test_the_step_of_the_dryden_filter_is_exact(span):
     A = np.array([[0.0, 1.0], [-1.0, -2.0]])
     noise = np.diag([0.0, 1.0])
     whole = linalg.expm(np.block([[-A, noise], [np.zeros((2, 2)), A.T]]) * span)
-    kept, added, _, _ = matrices(DRYDEN_TRANSVERSE, span)
-    np.testing.assert_allclose(kept, whole[2:, 2:].T, rtol=1e-12, atol=1e-15)
+    transition, added, _, _ = matrices(DRYDEN_TRANSVERSE, span)
+    np.testing.assert_allclose(transition, whole[2:, 2:].T, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(added, whole[2:, 2:].T @ whole[:2, 2:], rtol=2e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_the_spectrum_is_that_of_the_document(name):
-    """Dryden to what sampling folds over; von Karman to what a rational function can do, from 0.03 to 10 V/L."""
+    """Dryden up to the aliasing of sampling; von Karman up to the rational approximation, from 0.03 to 10 V/L."""
     w = np.geomspace(0.03, 10.0, 60)
     ratio = sampled_spectrum(FILTERS[name], 3e-3, w) / analytic(name, w)
     if name.startswith("dryden"):
@@ -86,9 +88,9 @@ def test_the_spectrum_is_that_of_the_document(name):
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_the_variance(name):
-    _, _, rows, first = matrices(FILTERS[name], 0.01)
-    variance = rows @ first @ rows
+def test_the_variance_is_the_integral_of_the_spectrum(name):
+    _, _, output_row, stationary = matrices(FILTERS[name], 0.01)
+    variance = output_row @ stationary @ output_row
     if name.startswith("dryden"):
         np.testing.assert_allclose(variance, 1.0, rtol=1e-12)
     else:
@@ -101,12 +103,12 @@ def realised(shaping, span, count, samples, seed=3):
     """Sequences of a filter, (count, samples)."""
     normals = np.random.default_rng(seed).normal(size=(samples + 1, shaping.size, count))
 
-    def step(state, drawn):
-        after = jax.vmap(shaping.advance, in_axes=(1, 1, None), out_axes=1)(state, drawn, jnp.asarray(span))
-        return after, jax.vmap(shaping.output, in_axes=1)(after)
+    def step(state, noise):
+        new_state = jax.vmap(shaping.advance, in_axes=(1, 1, None), out_axes=1)(state, noise, jnp.asarray(span))
+        return new_state, jax.vmap(shaping.output, in_axes=1)(new_state)
 
-    first = jax.vmap(shaping.stationary_state, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
-    return np.asarray(jax.jit(lambda s, n: jax.lax.scan(step, s, n))(first, jnp.asarray(normals[1:]))[1]).T
+    initial_states = jax.vmap(shaping.stationary_state, in_axes=1, out_axes=1)(jnp.asarray(normals[0]))
+    return np.asarray(jax.jit(lambda s, n: jax.lax.scan(step, s, n))(initial_states, jnp.asarray(normals[1:]))[1]).T
 
 
 # 30 minutes at 150 m/s in scales of 533 m (1,750 ft) are a way of 506 scales; a sample each 0.075 s
@@ -125,29 +127,29 @@ def test_realisations_have_the_spectrum_of_the_filter(name, count, samples):
     Windowed (Hann) against leakage; the expected periodogram is the sampled spectrum seen through the window.
     """
     shaping = FILTERS[name]
-    rows = realised(shaping, SPAN, count, samples)
+    sequences = realised(shaping, SPAN, count, samples)
     variance = matrices(shaping, SPAN)
     expected = variance[2] @ variance[3] @ variance[2]
     # effective samples: the way in scales, about
-    assert abs(np.mean(rows**2) / expected - 1.0) < max(0.02, 6.0 / np.sqrt(count * samples * SPAN))
+    assert abs(np.mean(sequences**2) / expected - 1.0) < max(0.02, 6.0 / np.sqrt(count * samples * SPAN))
     window = np.hanning(samples + 1)[:-1]
-    seen = np.abs(np.fft.rfft(rows * window, axis=1)) ** 2 * SPAN / (np.pi * np.sum(window**2))
+    periodograms = np.abs(np.fft.rfft(sequences * window, axis=1)) ** 2 * SPAN / (np.pi * np.sum(window**2))
     w = 2.0 * np.pi * np.fft.rfftfreq(samples, SPAN)
     inside = (w >= 0.1) & (w <= 10.0)
     bins = np.flatnonzero(inside)[:: max(1, inside.sum() // 400)]
     fine = sampled_spectrum(shaping, SPAN, w[bins])
-    mean = seen[:, bins].mean(axis=0)
+    mean = periodograms[:, bins].mean(axis=0)
     low, high = stats.chi2.ppf([0.025, 0.975], 2 * count) / (2 * count)
     share = np.mean((mean >= low * fine) & (mean <= high * fine))
     assert share >= (0.93 if count == 200 else 0.9)
 
 
-def test_gradients_vmap_and_complex_poles():
+def test_filters_support_gradients_and_batches_and_refuse_complex_poles():
     slope = jax.grad(lambda t: jnp.sum(VON_KARMAN_TRANSVERSE.advance(jnp.ones(3), jnp.ones(3), t)))(jnp.asarray(0.01))
     assert np.isfinite(slope)
     spans = jnp.array([1e-4, 0.01, 1.0])
-    many = jax.jit(jax.vmap(lambda t: DRYDEN_TRANSVERSE.transition(t)[1]))(spans)
-    for span, root in zip(spans, many, strict=True):
+    batch = jax.jit(jax.vmap(lambda t: DRYDEN_TRANSVERSE.transition(t)[1]))(spans)
+    for span, root in zip(spans, batch, strict=True):
         np.testing.assert_allclose(root, DRYDEN_TRANSVERSE.transition(span)[1], rtol=1e-12)
     with pytest.raises(ValueError, match="expected real ones"):
         modal_filter(1.0, (1.0,), (1.0, 0.1, 1.0))

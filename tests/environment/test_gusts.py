@@ -1,4 +1,4 @@
-"""Gusts: none, the discrete one of the documents, and several at once."""
+"""Gusts: smooth air, the discrete gust of the standards, and sums."""
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +21,7 @@ def discrete(amplitudes=(0.0, 2.0, 6.0), length=120.0, start=0.0, returns=False)
     return DiscreteGust(jnp.array(amplitudes), jnp.asarray(length), jnp.asarray(start), jnp.asarray(returns))
 
 
-def test_smooth_air_draws_nothing_and_does_nothing():
+def test_smooth_air_draws_no_numbers_and_has_no_gusts():
     calm = NoGusts()
     assert calm.normals == 0
     memory = calm.advance(calm.init(NONE_DRAWN, flow()), NONE_DRAWN, flow(), 0.01)
@@ -37,7 +37,7 @@ _MET = jax.jit(lambda gust, way: gust.at(way, flow()))
 @settings(deadline=None, max_examples=80)
 @given(st.tuples(*[st.floats(-30.0, 30.0)] * 3), st.floats(1.0, 2000.0), st.floats(0.0, 6000.0), st.booleans())
 def test_a_discrete_gust_has_the_published_form(amplitudes, length, way, returns):
-    """MIL-F-8785C, 3.7.1.3: V_m/2 (1 - cos(pi x/d_m)) up to d_m, V_m beyond, or back to none at 2 d_m."""
+    """MIL-F-8785C, 3.7.1.3: V_m/2 (1 - cos(pi x/d_m)) up to d_m, beyond V_m, or back to zero at 2 d_m."""
     gust = _MET(discrete(amplitudes, length, returns=returns), jnp.asarray(way))
     end = 2.0 * length if returns else length
     expected = np.array(amplitudes) / 2.0 * (1.0 - np.cos(np.pi * min(way, end) / length))
@@ -47,16 +47,16 @@ def test_a_discrete_gust_has_the_published_form(amplitudes, length, way, returns
 
 @settings(deadline=None, max_examples=40)
 @given(st.floats(0.0, 300.0), st.floats(0.001, 0.1))
-def test_the_way_is_flown_through_the_air_from_the_start_on(airspeed, step):
+def test_the_gust_distance_is_flown_through_the_air_from_the_start(airspeed, step):
     gust = discrete(start=1.0)
-    before = gust.advance(gust.init(NONE_DRAWN, flow(airspeed)), NONE_DRAWN, flow(airspeed, 0.999), step)
-    assert float(before) == 0.0
-    after = gust.advance(before, NONE_DRAWN, flow(airspeed, 1.0), step)
-    np.testing.assert_allclose(after, airspeed * step, atol=1e-300)  # below it, JAX counts numbers as none
+    initial = gust.advance(gust.init(NONE_DRAWN, flow(airspeed)), NONE_DRAWN, flow(airspeed, 0.999), step)
+    assert float(initial) == 0.0
+    distance = gust.advance(initial, NONE_DRAWN, flow(airspeed, 1.0), step)
+    np.testing.assert_allclose(distance, airspeed * step, atol=1e-300)  # below it, JAX counts numbers as none
 
 
-def test_the_sum_deals_the_normals_out_in_order():
-    """Two parts that draw: each gets its own numbers, and the sum what both need."""
+def test_the_sum_divides_the_normals_in_order():
+    """Each part with random numbers gets a separate section of the normals."""
 
     class Drawn(AbstractGusts):
         count: int
@@ -74,36 +74,36 @@ def test_the_sum_deals_the_normals_out_in_order():
         def advance(self, memory, normals, flow, step):
             return memory + step * normals
 
-    both = SummedGusts((Drawn(2), NoGusts(), discrete(), Drawn(3)))
-    assert both.normals == 5
+    total = SummedGusts((Drawn(2), NoGusts(), discrete(), Drawn(3)))
+    assert total.normals == 5
     drawn = jnp.arange(5.0)
-    memory = both.init(drawn, flow())
+    memory = total.init(drawn, flow())
     np.testing.assert_array_equal(memory[0], [0.0, 1.0])
     np.testing.assert_array_equal(memory[3], [2.0, 3.0, 4.0])
-    after = both.advance(memory, 10.0 * drawn, flow(), 0.1)
-    np.testing.assert_allclose(after[3], [4.0, 6.0, 8.0])
-    np.testing.assert_allclose(after[2], 15.0)
+    new_state = total.advance(memory, 10.0 * drawn, flow(), 0.1)
+    np.testing.assert_allclose(new_state[3], [4.0, 6.0, 8.0])
+    np.testing.assert_allclose(new_state[2], 15.0)
 
 
 @pytest.mark.parametrize("part", [0.25, 0.5, 1.0])
 def test_two_discrete_gusts_add_up(part):
-    first, second = discrete((1.0, 0.0, 0.0), 100.0), discrete((3.0, 0.0, -4.0), 100.0)
-    way = jnp.asarray(100.0 * part)
-    both = SummedGusts((first, second)).at((way, way), flow())
+    gust_1, gust_2 = discrete((1.0, 0.0, 0.0), 100.0), discrete((3.0, 0.0, -4.0), 100.0)
+    distance = jnp.asarray(100.0 * part)
+    total = SummedGusts((gust_1, gust_2)).at((distance, distance), flow())
     share = 0.5 * (1.0 - np.cos(np.pi * part))
-    np.testing.assert_allclose(both.velocity_b, share * np.array([4.0, 0.0, -4.0]), atol=1e-15)
+    np.testing.assert_allclose(total.velocity_b, share * np.array([4.0, 0.0, -4.0]), atol=1e-15)
 
 
-def test_gradients_and_batches():
-    """By the length: -V_m/2 sin(pi x/d) pi x/d^2; and finite where the gust begins, peaks and has died down."""
+def test_gusts_support_gradients_and_batches():
+    """Derivative by the length: -V_m/2 sin(pi x/d) pi x/d^2; finite at the start, peak and end of the gust."""
     gust = discrete((0.0, 0.0, 6.0), 120.0, returns=True)
 
-    def w(length, way):
-        return discrete((0.0, 0.0, 6.0), length, returns=True).at(way, flow()).velocity_b[2]
+    def w(length, distance):
+        return discrete((0.0, 0.0, 6.0), length, returns=True).at(distance, flow()).velocity_b[2]
 
     slope = jax.grad(w)(120.0, jnp.asarray(60.0))
     np.testing.assert_allclose(slope, -3.0 * np.pi * 60.0 / 120.0**2, rtol=1e-12)
-    ways = jnp.array([0.0, 60.0, 120.0, 240.0, 1e4])
-    assert np.all(np.isfinite(jax.vmap(jax.grad(w, argnums=(0, 1)), in_axes=(None, 0))(120.0, ways)))
-    batch = jax.jit(jax.vmap(lambda way: gust.at(way, flow()).velocity_b))(ways)
+    distances = jnp.array([0.0, 60.0, 120.0, 240.0, 1e4])
+    assert np.all(np.isfinite(jax.vmap(jax.grad(w, argnums=(0, 1)), in_axes=(None, 0))(120.0, distances)))
+    batch = jax.jit(jax.vmap(lambda way: gust.at(way, flow()).velocity_b))(distances)
     np.testing.assert_allclose(batch[:, 2], [0.0, 3.0, 6.0, 0.0, 0.0], atol=1e-12)

@@ -28,9 +28,9 @@ def flow(height=3000.0, airspeed=150.0, time=0.0, heading=0.0):
 
 
 def level(height_ft, probability=1e-3, wind=30.0, family="dryden"):
-    of = exceedance_table()
+    table = exceedance_table()
     return turbulence_levels(
-        jnp.asarray(height_ft * FOOT), jnp.asarray(wind * KNOT), jnp.asarray(np.log10(probability)), of, family
+        jnp.asarray(height_ft * FOOT), jnp.asarray(wind * KNOT), jnp.asarray(np.log10(probability)), table, family
     )
 
 
@@ -40,24 +40,24 @@ def level(height_ft, probability=1e-3, wind=30.0, family="dryden"):
 )
 def test_intensities_are_those_of_the_table(height_ft, probability, sigma_ft_s):
     """MIL-F-8785C, figure 7."""
-    found = level(height_ft, probability)
-    np.testing.assert_allclose(found.sigmas, sigma_ft_s * FOOT, atol=1e-9)
-    np.testing.assert_allclose(found.lengths, 1750.0 * FOOT)
+    levels = level(height_ft, probability)
+    np.testing.assert_allclose(levels.sigmas, sigma_ft_s * FOOT, atol=1e-9)
+    np.testing.assert_allclose(levels.lengths, 1750.0 * FOOT)
     assert float(level(height_ft, probability, family="von-karman").lengths[0]) == pytest.approx(2500.0 * FOOT)
 
 
-def test_low_down_it_goes_by_the_height():
+def test_turbulence_at_low_altitude_depends_on_the_height():
     """MIL-F-8785C, 3.7.3: at 200 ft and 30 kt."""
-    found = level(200.0)
+    levels = level(200.0)
     shape = 0.177 + 0.000823 * 200.0
-    np.testing.assert_allclose(found.lengths, np.array([200.0 / shape**1.2] * 2 + [200.0]) * FOOT)
+    np.testing.assert_allclose(levels.lengths, np.array([200.0 / shape**1.2] * 2 + [200.0]) * FOOT)
     sigma = 0.1 * 30.0 * KNOT
-    np.testing.assert_allclose(found.sigmas, [sigma / shape**0.4] * 2 + [sigma])
-    assert found.altitude_blend == 0.0
+    np.testing.assert_allclose(levels.sigmas, [sigma / shape**0.4] * 2 + [sigma])
+    assert levels.altitude_blend == 0.0
     np.testing.assert_allclose(level(2.0).sigmas, level(10.0).sigmas)
 
 
-def test_between_it_is_linear():
+def test_turbulence_at_medium_altitude_is_interpolated():
     low, middle, high = level(1000.0), level(1500.0), level(2000.0)
     np.testing.assert_allclose(middle.lengths, 0.5 * (low.lengths + high.lengths))
     np.testing.assert_allclose(middle.sigmas, 0.5 * (low.sigmas + high.sigmas))
@@ -65,25 +65,25 @@ def test_between_it_is_linear():
 
 
 @pytest.mark.parametrize("family", ["dryden", "von-karman"])
-def test_gusts_are_as_strong_as_the_documents_say_and_rates_are_their_gradients(family):
-    """Standard deviations of many; q is the gradient of w along the flight, low-passed: it does not leave its bound."""
+def test_gusts_have_the_published_intensity_and_rates_are_gradients(family):
+    """Standard deviations over many flights; q is the low-passed gradient of w along the flight."""
     gusts, count, step = turbulence(family), 400, 0.05
     rng = np.random.default_rng(1)
-    here = flow()
+    conditions = flow()
 
-    def one(first, drawn):
+    def flight(initial, noise):
         def forward(memory, normals):
-            return gusts.advance(memory, normals, here, step), gusts.at(memory, here)
+            return gusts.advance(memory, normals, conditions, step), gusts.at(memory, conditions)
 
-        return jax.lax.scan(forward, gusts.init(first, here), drawn)[1]
+        return jax.lax.scan(forward, gusts.init(initial, conditions), noise)[1]
 
     drawn = rng.normal(size=(count, 401, gusts.normals))
-    found = jax.jit(jax.vmap(one))(jnp.asarray(drawn[:, 0]), jnp.asarray(drawn[:, 1:]))
-    sigma = float(gusts.levels(here).sigmas[0])
-    velocity, rates = np.asarray(found.velocity_b), np.asarray(found.rates_b)
+    gust = jax.jit(jax.vmap(flight))(jnp.asarray(drawn[:, 0]), jnp.asarray(drawn[:, 1:]))
+    sigma = float(gusts.levels(conditions).sigmas[0])
+    velocity, rates = np.asarray(gust.velocity_b), np.asarray(gust.rates_b)
     expected = 1.0 if family == "dryden" else np.sqrt(0.945)
     np.testing.assert_allclose(velocity.std(axis=(0, 1)) / sigma, expected, rtol=0.06)
-    length = float(gusts.levels(here).lengths[2])
+    length = float(gusts.levels(conditions).lengths[2])
     np.testing.assert_allclose(rates[..., 0].std(), roll_sigma(length, sigma, SPAN), rtol=0.06)
     correlation = np.corrcoef(velocity.reshape(-1, 3).T)
     assert np.max(np.abs(correlation - np.eye(3))) < 0.1
@@ -92,10 +92,10 @@ def test_gusts_are_as_strong_as_the_documents_say_and_rates_are_their_gradients(
     w, q = velocity[..., 2], rates[..., 1]
     passed = np.zeros_like(w)
     passed[:, 0] = w[:, 0] - 150.0 * lag * q[:, 0]
-    kept = np.exp(-step / lag)
-    mean = (1.0 - kept) * lag / step
+    decay = np.exp(-step / lag)
+    mean = (1.0 - decay) * lag / step
     for k in range(w.shape[1] - 1):
-        passed[:, k + 1] = kept * passed[:, k] + (mean - kept) * w[:, k] + (1.0 - mean) * w[:, k + 1]
+        passed[:, k + 1] = decay * passed[:, k] + (mean - decay) * w[:, k] + (1.0 - mean) * w[:, k + 1]
     np.testing.assert_allclose(q, (w - passed) / (150.0 * lag), atol=1e-9)
     # r has the opposite sign, and a shorter low-pass
     lag_r = 3.0 * SPAN / (np.pi * 150.0)
@@ -104,7 +104,7 @@ def test_gusts_are_as_strong_as_the_documents_say_and_rates_are_their_gradients(
     assert abs(r).max() < 4.0 * abs(v).max() / (150.0 * lag_r)
 
 
-def test_low_gusts_are_level_and_high_ones_in_body_axes():
+def test_gust_axes_are_level_at_low_and_body_axes_at_high_altitude():
     gusts = turbulence()
     memory = gusts.init(jnp.ones(gusts.normals), flow())
     nose_up = eqx.tree_at(
@@ -118,15 +118,15 @@ def test_low_gusts_are_level_and_high_ones_in_body_axes():
     np.testing.assert_allclose(low[0], -sigma[2] * float(gusts.filters[1].output(memory.w)), rtol=1e-12)
 
 
-def test_no_intensity_is_no_gust_and_gradients_are_finite():
+def test_gusts_of_zero_intensity_vanish_with_finite_gradients():
     calm = turbulence(wind=0.0, log_probability=-1.0)
     memory = calm.init(jnp.ones(calm.normals), flow(height=100.0))
     np.testing.assert_array_equal(calm.at(memory, flow(height=100.0)).velocity_b, np.zeros(3))
 
     def met(airspeed, wind):
-        gusts, here = turbulence(wind=wind), flow(height=200.0, airspeed=airspeed)
-        memory = gusts.init(jnp.ones(gusts.normals), here)
-        gust = gusts.at(gusts.advance(memory, jnp.ones(gusts.normals), here, 0.01), here)
+        gusts, conditions = turbulence(wind=wind), flow(height=200.0, airspeed=airspeed)
+        memory = gusts.init(jnp.ones(gusts.normals), conditions)
+        gust = gusts.at(gusts.advance(memory, jnp.ones(gusts.normals), conditions, 0.01), conditions)
         return jnp.sum(gust.velocity_b) + jnp.sum(gust.rates_b)
 
     assert np.all(np.isfinite(jax.grad(met, argnums=(0, 1))(150.0, 10.0)))
@@ -134,27 +134,27 @@ def test_no_intensity_is_no_gust_and_gradients_are_finite():
 
 @pytest.mark.parametrize(("returns", "last"), [(True, 0.0), (False, 6.0)])
 def test_a_discrete_gust_is_one_minus_cosine(returns, last):
-    """MIL-F-8785C, 3.7.1.3: half of it at half its length, all of it at its length."""
+    """MIL-F-8785C, 3.7.1.3: half amplitude at half the length, full amplitude at the length."""
     gust = DiscreteGust(jnp.array([0.0, 2.0, 6.0]), jnp.asarray(120.0), jnp.asarray(1.0), jnp.asarray(returns))
-    memory, found = gust.init(jnp.zeros(0), flow()), []
+    memory, velocities = gust.init(jnp.zeros(0), flow()), []
     for k in range(500):
-        found.append(np.asarray(gust.at(memory, flow(time=0.01 * k)).velocity_b))
+        velocities.append(np.asarray(gust.at(memory, flow(time=0.01 * k)).velocity_b))
         memory = gust.advance(memory, jnp.zeros(0), flow(time=0.01 * k), 0.01)
-    found = np.array(found)
-    np.testing.assert_allclose(found[:101], 0.0)
-    np.testing.assert_allclose(found[140], [0.0, 1.0, 3.0], atol=1e-9)  # 60 m on
-    np.testing.assert_allclose(found[180], [0.0, 2.0, 6.0], atol=1e-9)
-    np.testing.assert_allclose(found[-1, 2], last, atol=1e-9)
+    velocities = np.array(velocities)
+    np.testing.assert_allclose(velocities[:101], 0.0)
+    np.testing.assert_allclose(velocities[140], [0.0, 1.0, 3.0], atol=1e-9)  # 60 m on
+    np.testing.assert_allclose(velocities[180], [0.0, 2.0, 6.0], atol=1e-9)
+    np.testing.assert_allclose(velocities[-1, 2], last, atol=1e-9)
 
 
-def test_parts_add_up():
+def test_the_sum_of_gusts_adds_the_parts():
     gust = DiscreteGust(jnp.array([0.0, 2.0, 6.0]), jnp.asarray(120.0), jnp.asarray(0.0), jnp.asarray(False))
-    both = SummedGusts((turbulence(), gust, NoGusts()))
-    drawn = jnp.asarray(np.random.default_rng(0).normal(size=both.normals))
-    memory = both.init(drawn, flow())
-    memory = both.advance(memory, drawn, flow(), 0.5)
+    total = SummedGusts((turbulence(), gust, NoGusts()))
+    normals = jnp.asarray(np.random.default_rng(0).normal(size=total.normals))
+    memory = total.init(normals, flow())
+    memory = total.advance(memory, normals, flow(), 0.5)
     alone = turbulence()
-    own = alone.advance(alone.init(drawn, flow()), drawn, flow(), 0.5)
+    state = alone.advance(alone.init(normals, flow()), normals, flow(), 0.5)
     single = gust.at(gust.advance(gust.init(jnp.zeros(0), flow()), jnp.zeros(0), flow(), 0.5), flow())
-    expected = alone.at(own, flow()).velocity_b + single.velocity_b
-    np.testing.assert_allclose(both.at(memory, flow()).velocity_b, expected, rtol=1e-12)
+    expected = alone.at(state, flow()).velocity_b + single.velocity_b
+    np.testing.assert_allclose(total.at(memory, flow()).velocity_b, expected, rtol=1e-12)

@@ -15,28 +15,30 @@ from anser.environment.environment import steady_wind_from_report
     ("from_deg", "velocity_n"),
     [(0.0, [-10.0, 0.0, 0.0]), (90.0, [0.0, -10.0, 0.0]), (180.0, [10.0, 0.0, 0.0]), (270.0, [0.0, 10.0, 0.0])],
 )
-def test_named_directions(from_deg, velocity_n):
+def test_wind_directions_follow_the_meteorological_convention(from_deg, velocity_n):
     """A north wind moves the air south, a west wind east."""
     wind = steady_wind_from_report(10.0, from_deg)
     np.testing.assert_allclose(wind.velocity_n, velocity_n, atol=3e-15)  # the sine of pi rounded
 
 
-def test_updraught_is_up():
+def test_an_updraught_is_directed_upwards():
     np.testing.assert_array_equal(steady_wind_from_report(0.0, 0.0, 3.0).velocity_n[2], -3.0)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.floats(0.1, 80.0), st.floats(-360.0, 360.0), st.floats(-10.0, 10.0))
-def test_speed_and_direction_come_back(speed, from_deg, up):
+def test_the_round_trip_of_speed_and_direction_is_exact(speed, from_deg, up):
     v_N, v_E, v_D = np.asarray(steady_wind_from_report(speed, from_deg, up).velocity_n)
     assert np.hypot(v_N, v_E) == pytest.approx(speed, rel=1e-15)
     assert -v_D == up
-    turned = np.degrees(np.arctan2(-v_E, -v_N)) - from_deg
-    assert np.cos(np.radians(turned)) == pytest.approx(1.0, abs=1e-15)
-    assert np.sin(np.radians(turned)) == pytest.approx(0.0, abs=4e-15)  # angles of up to 2 pi and 360 round by 1e-15
+    difference = np.degrees(np.arctan2(-v_E, -v_N)) - from_deg
+    assert np.cos(np.radians(difference)) == pytest.approx(1.0, abs=1e-15)
+    assert np.sin(np.radians(difference)) == pytest.approx(
+        0.0, abs=4e-15
+    )  # angles of up to 2 pi and 360 round by 1e-15
 
 
-def test_same_everywhere_and_always():
+def test_a_steady_wind_is_uniform_and_constant():
     wind = SteadyWind(jnp.array([3.0, -4.0, 0.5]))
     assert isinstance(wind, AbstractWind)
     positions = 1e4 * jax.random.normal(jax.random.key(0), (5, 3))
@@ -44,7 +46,7 @@ def test_same_everywhere_and_always():
     np.testing.assert_array_equal(batch, np.tile([3.0, -4.0, 0.5], (5, 1)))
 
 
-def test_gradient_and_batch_of_winds():
+def test_winds_support_gradients_and_batches():
     slopes = jax.jacrev(lambda speed, from_deg: steady_wind_from_report(speed, from_deg).velocity_n, argnums=(0, 1))(
         10.0, 270.0
     )
@@ -55,7 +57,7 @@ def test_gradient_and_batch_of_winds():
     np.testing.assert_allclose(winds.velocity_n, [[-5.0, 0.0, 0.0], [7.0, 0.0, 0.0]], atol=1e-15)
 
 
-def test_layers_are_joined_by_lines_and_end_level():
+def test_layers_are_interpolated_linearly_and_constant_beyond():
     wind = LayeredWind(
         jnp.array([100.0, 200.0, 400.0]), jnp.array([[0.0, 10.0, 0.0], [5.0, 20.0, 1.0], [5.0, 0.0, 1.0]])
     )
@@ -67,8 +69,8 @@ def test_layers_are_differentiable_and_batched():
     wind = LayeredWind(jnp.array([0.0, 1000.0]), jnp.array([[0.0, -6.0, 0.0], [0.0, 24.0, 0.0]]))
     slope = jax.jacfwd(lambda p: wind.at(p, 0.0))(jnp.array([0.0, 0.0, -500.0]))
     np.testing.assert_allclose(slope, [[0, 0, 0], [0, 0, -0.03], [0, 0, 0]], atol=1e-17)
-    many = jax.vmap(wind.at, in_axes=(0, None))(jnp.array([[0.0, 0.0, -500.0], [0.0, 0.0, -1000.0]]), 0.0)
-    np.testing.assert_allclose(many[:, 1], [9.0, 24.0])
+    batch = jax.vmap(wind.at, in_axes=(0, None))(jnp.array([[0.0, 0.0, -500.0], [0.0, 0.0, -1000.0]]), 0.0)
+    np.testing.assert_allclose(batch[:, 1], [9.0, 24.0])
 
 
 TIMES, ALTITUDES = np.array([0.0, 600.0, 1500.0]), np.array([100.0, 200.0, 1000.0, 4000.0])
@@ -81,19 +83,20 @@ def varying():
 
 @settings(deadline=None, max_examples=60)
 @given(st.floats(-500.0, 3000.0), st.floats(-500.0, 6000.0))
-def test_varying_wind_is_bilinear_and_held_at_the_ends(time, altitude):
-    """Against `numpy.interp`, first in altitude at each time, then in time: weights round by 1e-16 of 50 m/s."""
+def test_a_varying_wind_is_bilinear(time, altitude):
+    """Against `numpy.interp`, in altitude at each time, then in time: weights round by 1e-16 of 50 m/s."""
     expected = [
-        np.interp(time, TIMES, [np.interp(altitude, ALTITUDES, row[:, k]) for row in VELOCITIES]) for k in range(3)
+        np.interp(time, TIMES, [np.interp(altitude, ALTITUDES, profile[:, k]) for profile in VELOCITIES])
+        for k in range(3)
     ]
-    found = _VARYING_AT(jnp.array([3e3, -2e3, -altitude]), time)
-    np.testing.assert_allclose(found, expected, atol=2e-13)
+    velocity = _VARYING_AT(jnp.array([3e3, -2e3, -altitude]), time)
+    np.testing.assert_allclose(velocity, expected, atol=2e-13)
 
 
 _VARYING_AT = jax.jit(lambda position_n, time: varying().at(position_n, time))
 
 
-def test_varying_wind_at_its_places_and_beyond():
+def test_a_varying_wind_is_exact_at_breakpoints_and_constant_beyond():
     wind = varying()
     assert isinstance(wind, AbstractWind)
     for k, time in enumerate(TIMES):
@@ -103,7 +106,7 @@ def test_varying_wind_at_its_places_and_beyond():
     np.testing.assert_allclose(wind.at(jnp.array([0.0, 0.0, -9e3]), 1e6), VELOCITIES[-1, -1], atol=1e-14)
 
 
-def test_varying_wind_of_one_time_is_layered_and_of_one_place_steady():
+def test_a_varying_wind_with_one_time_is_layered_and_with_one_point_steady():
     position_n = jnp.array([0.0, 0.0, -700.0])
     layered = LayeredWind(jnp.asarray(ALTITUDES), jnp.asarray(VELOCITIES[1]))
     one_time = VaryingWind(jnp.array([5.0]), jnp.asarray(ALTITUDES), jnp.asarray(VELOCITIES[1:2]))
@@ -112,8 +115,8 @@ def test_varying_wind_of_one_time_is_layered_and_of_one_place_steady():
     np.testing.assert_array_equal(one_place.at(position_n, 99.0), VELOCITIES[1, 0])
 
 
-def test_varying_wind_is_differentiable_and_batched():
-    """In between, the slopes in time and in altitude are those of the cell's corners; beyond the ends they are none."""
+def test_a_varying_wind_supports_gradients_and_batches():
+    """Slopes in time and altitude are those of the cell's corners inside the table, and zero outside."""
     wind, position_n = varying(), jnp.array([0.0, 0.0, -600.0])
     change = jax.grad(lambda t: wind.at(position_n, t)[0])(300.0)
     below, above = (VELOCITIES[1, j, 0] - VELOCITIES[0, j, 0] for j in (1, 2))
@@ -122,8 +125,8 @@ def test_varying_wind_is_differentiable_and_batched():
     np.testing.assert_allclose(shear, -(VELOCITIES[0, 2] - VELOCITIES[0, 1]) / 800.0, rtol=1e-12)
     np.testing.assert_array_equal(jax.grad(lambda t: wind.at(position_n, t)[0])(1e5), 0.0)
     positions_n, times = jnp.tile(position_n, (3, 1)), jnp.array([0.0, 600.0, 1500.0])
-    many = jax.jit(jax.vmap(wind.at))(positions_n, times)
-    np.testing.assert_allclose(many, 0.5 * (VELOCITIES[:, 1] + VELOCITIES[:, 2]), atol=1e-14)
+    batch = jax.jit(jax.vmap(wind.at))(positions_n, times)
+    np.testing.assert_allclose(batch, 0.5 * (VELOCITIES[:, 1] + VELOCITIES[:, 2]), atol=1e-14)
     winds = jax.vmap(lambda scale: VaryingWind(wind.times, wind.altitudes, scale * wind.velocities_n))(jnp.arange(3.0))
-    of_winds = jax.vmap(lambda one: one.at(position_n, 600.0))(winds)
+    of_winds = jax.vmap(lambda wind_of_batch: wind_of_batch.at(position_n, 600.0))(winds)
     np.testing.assert_allclose(of_winds[2], 2.0 * of_winds[1], atol=1e-14)

@@ -1,4 +1,4 @@
-"""Earth frames against pymap3d, and against what NASA's NESC check-cases log in all three frames."""
+"""Earth frames against pymap3d, and against logs of NASA's NESC check-cases."""
 
 import math
 
@@ -46,7 +46,7 @@ LOGGED_POSITION_M = 3e-3
 LOGGED_VELOCITY_M_S = 4e-7
 
 
-def test_nesc_positions():
+def test_positions_equal_those_of_the_nesc_logs():
     position_e = ecef_from_geodetic(*GEODETIC)
     np.testing.assert_allclose(position_e, np.array(POSITION_ECEF_FT) * FOOT_M, atol=LOGGED_POSITION_M)
     position_i = eci_from_ecef(position_e, TIME_S, 0.0)
@@ -57,7 +57,7 @@ def test_nesc_positions():
     assert h == pytest.approx(GEODETIC[2], abs=LOGGED_POSITION_M)
 
 
-def test_nesc_velocities():
+def test_velocities_equal_those_of_the_nesc_logs():
     R_ne = rotation_ned_from_ecef(*GEODETIC[:2])
     velocity_e = rotate_back(R_ne, jnp.array(VELOCITY_NED_FT_S) * FOOT_M)
     velocity_i = velocity_eci_from_ecef(ecef_from_geodetic(*GEODETIC), velocity_e, TIME_S, 0.0)
@@ -67,8 +67,8 @@ def test_nesc_velocities():
     np.testing.assert_allclose(velocity_n, np.array(VELOCITY_NED_FT_S) * FOOT_M, atol=LOGGED_VELOCITY_M_S)
 
 
-def test_earth_turns_eastwards():
-    """A place that starts on the inertial x axis moves towards inertial y: a quarter turn in a quarter day."""
+def test_the_earth_rotates_eastwards():
+    """A point on the inertial x axis moves towards inertial y: a quarter turn in a quarter of a sidereal day."""
     quarter_s = 0.5 * math.pi / EARTH_ROTATION_RAD_S
     assert quarter_s == pytest.approx(86164.1 / 4.0, abs=0.1)  # a sidereal day, in seconds
     position_i = eci_from_ecef(jnp.array([7e6, 0.0, 0.0]), quarter_s, 0.0)
@@ -83,7 +83,7 @@ velocities = st.tuples(*[st.floats(-8e3, 8e3)] * 3).map(jnp.array)
 
 @generic
 @given(vectors, velocities, st.floats(0.0, 1e5), longitudes)
-def test_inertial_frame_round_trip(position_e, velocity_e, time, longitude_0):
+def test_the_round_trip_through_the_inertial_frame_is_exact(position_e, velocity_e, time, longitude_0):
     position_i = eci_from_ecef(position_e, time, longitude_0)
     np.testing.assert_allclose(ecef_from_eci(position_i, time, longitude_0), position_e, atol=POSITION_ROUNDING_M)
     velocity_i = velocity_eci_from_ecef(position_e, velocity_e, time, longitude_0)
@@ -93,8 +93,8 @@ def test_inertial_frame_round_trip(position_e, velocity_e, time, longitude_0):
 
 @generic
 @given(vectors, velocities, st.floats(0.0, 1e4), longitudes)
-def test_velocity_is_the_time_derivative_of_position(position_e, velocity_e, time, longitude_0):
-    """Differentiating the moving point's inertial position gives the transport term without writing it down."""
+def test_the_velocity_is_the_time_derivative_of_the_position(position_e, velocity_e, time, longitude_0):
+    """Differentiation of the moving point's inertial position gives the transport term independently."""
     _, velocity_i = jax.jvp(
         lambda position, t: eci_from_ecef(position, t, longitude_0), (position_e, time), (velocity_e, 1.0)
     )
@@ -126,12 +126,12 @@ def test_rotations_are_proper(lat, lon):
 @generic
 @given(st.floats(-1.5, 1.5), longitudes)
 def test_local_axes_point_along_the_coordinates(lat, lon):
-    """North, east and up are where latitude, longitude and height grow: checked by differentiating the position."""
+    """North, east and up are the directions of growing latitude, longitude and height, checked by differentiation."""
     axes_e = position_slopes(lat, lon, 500.0)
     R_ne = rotation_ned_from_ecef(lat, lon)
-    for axis, sign, row in zip(axes_e, (1.0, 1.0, -1.0), R_ne, strict=True):
+    for axis, sign, local_axis in zip(axes_e, (1.0, 1.0, -1.0), R_ne, strict=True):
         # The derivative of the position cancels terms of relative size e^2, and rounds.
-        np.testing.assert_allclose(sign * axis / np.linalg.norm(axis), row, atol=5e-15)
+        np.testing.assert_allclose(sign * axis / np.linalg.norm(axis), local_axis, atol=5e-15)
 
 
 def test_gradients_agree_with_differences():
@@ -143,11 +143,11 @@ def test_gradients_agree_with_differences():
     assert all(np.all(np.isfinite(part)) for part in gradient)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_batches_equal_single_evaluations():
     time = jnp.linspace(0.0, 1e4, 7)
     position_i = 7e6 * jax.random.normal(jax.random.key(3), (7, 3))
     batch = jax.jit(jax.vmap(ecef_from_eci, in_axes=(0, 0, None)))(position_i, time, 0.2)
     np.testing.assert_allclose(batch[5], ecef_from_eci(position_i[5], time[5], 0.2), atol=2 * POSITION_ROUNDING_M)
     batch = jax.jit(jax.vmap(ned_from_ecef_point, in_axes=(0, None, None, None)))(position_i, 0.7, -0.4, 0.0)
-    one = ned_from_ecef_point(position_i[5], 0.7, -0.4, 0.0)
-    np.testing.assert_allclose(batch[5], one, atol=2 * POSITION_ROUNDING_M)
+    single = ned_from_ecef_point(position_i[5], 0.7, -0.4, 0.0)
+    np.testing.assert_allclose(batch[5], single, atol=2 * POSITION_ROUNDING_M)

@@ -1,4 +1,4 @@
-"""Rotations against scipy's independent implementation, against each other, and at the places where formulas break."""
+"""Rotations against scipy, consistency of conversions, and singular attitudes."""
 
 import math
 
@@ -42,7 +42,7 @@ generic = settings(deadline=None, max_examples=30)
 
 
 def scipy_rotation_bn(roll, pitch, yaw):
-    """scipy's matrix takes body vectors to NED; ours goes the other way."""
+    """The matrix of scipy maps body to NED vectors; its transpose maps NED to body."""
     return Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix().T
 
 
@@ -65,17 +65,17 @@ def test_euler_to_quaternion_agrees_with_scipy(roll, pitch, yaw):
 
 @generic
 @given(angles, pitches, angles)
-def test_euler_angles_come_back(roll, pitch, yaw):
+def test_the_round_trip_of_euler_angles_is_exact(roll, pitch, yaw):
     back = jax.jit(euler_from_quaternion)(quaternion_from_euler(roll, pitch, yaw))
-    turned = np.asarray(back) - np.array([roll, pitch, yaw])
+    difference = np.asarray(back) - np.array([roll, pitch, yaw])
     # Rounding in the matrix reaches roll and yaw divided by cos(1.5) = 0.07; +-pi is one and the same angle.
-    np.testing.assert_allclose(np.sin(turned), 0.0, atol=20 * ROUNDING)
-    np.testing.assert_allclose(np.cos(turned), 1.0, atol=ROUNDING)
+    np.testing.assert_allclose(np.sin(difference), 0.0, atol=20 * ROUNDING)
+    np.testing.assert_allclose(np.cos(difference), 1.0, atol=ROUNDING)
 
 
 @generic
 @given(quaternions)
-def test_quaternion_comes_back_from_its_rotation(q):
+def test_the_round_trip_of_quaternions_is_exact(q):
     back = np.asarray(jax.jit(quaternion_from_rotation)(rotation_from_quaternion(jnp.asarray(q))))
     assert back[0] >= 0.0
     # Compared as vectors, not by their product, which would square the error away.
@@ -87,8 +87,8 @@ shepperd_slopes = [jax.jit(jacobian(quaternion_from_rotation)) for jacobian in (
 
 @pytest.mark.parametrize("row", range(4))
 @pytest.mark.parametrize("small", [0.0, 1e-9])
-def test_quaternion_from_rotation_at_half_turns(row, small):
-    """Where Shepperd's method is needed: all but one component zero or tiny, in particular half turns (q0 = 0)."""
+def test_quaternions_of_half_turns_are_exact(row, small):
+    """Shepperd's method with a single dominant component, in particular half turns (q0 = 0)."""
     q = np.full(4, small)
     q[row] = 1.0
     q /= np.linalg.norm(q)
@@ -100,7 +100,7 @@ def test_quaternion_from_rotation_at_half_turns(row, small):
 
 @generic
 @given(quaternions, vectors)
-def test_derivative_keeps_the_length(q, rates):
+def test_the_derivative_preserves_the_length(q, rates):
     q_dot = np.asarray(quaternion_derivative(jnp.asarray(q), jnp.asarray(rates)))
     # Four products of order 10 cancel.
     assert q @ q_dot == pytest.approx(0.0, abs=10 * ROUNDING)
@@ -109,7 +109,7 @@ def test_derivative_keeps_the_length(q, rates):
 
 @generic
 @given(quaternions, vectors)
-def test_derivative_turns_the_frame_at_the_body_rates(q, rates):
+def test_the_derivative_rotates_the_frame_at_the_body_rates(q, rates):
     """R_bn_dot = -[w x] R_bn (Poisson's equation), by differentiating the matrix along q_dot."""
     q, rates = jnp.asarray(q), jnp.asarray(rates)
     R_bn, R_dot = jax.jvp(rotation_from_quaternion, (q,), (quaternion_derivative(q, rates),))
@@ -120,7 +120,7 @@ def test_derivative_turns_the_frame_at_the_body_rates(q, rates):
 
 @generic
 @given(quaternions, quaternions)
-def test_product_chains_rotations(q_ba, q_cb):
+def test_the_product_chains_rotations(q_ba, q_cb):
     q_ba, q_cb = jnp.asarray(q_ba), jnp.asarray(q_cb)
     chained = rotation_from_quaternion(quaternion_multiply(q_ba, q_cb))
     R_cb, R_ba = rotation_from_quaternion(q_cb), rotation_from_quaternion(q_ba)
@@ -140,7 +140,7 @@ def test_products_agree_with_numpy(q, v, w):
 
 @pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2])
 @pytest.mark.parametrize(("roll", "yaw"), [(0.0, 0.0), (0.4, -1.1), (-2.0, 2.5)])
-def test_vertical_attitude_keeps_its_matrix(pitch, roll, yaw):
+def test_a_vertical_attitude_keeps_its_matrix(pitch, roll, yaw):
     """Straight up or down the split into roll and yaw is free, but the angles must still give the same attitude."""
     for R_bn in (
         rotation_from_euler(roll, pitch, yaw),
@@ -153,7 +153,7 @@ def test_vertical_attitude_keeps_its_matrix(pitch, roll, yaw):
 
 
 @pytest.mark.parametrize("off_vertical", [3e-7, 1e-7, 3e-8, 1.1e-8, 0.9e-8, 1e-9])
-def test_attitude_close_to_vertical_keeps_its_matrix(off_vertical):
+def test_an_attitude_close_to_vertical_keeps_its_matrix(off_vertical):
     R_bn = rotation_from_quaternion(quaternion_from_euler(0.7, math.pi / 2 - off_vertical, -0.3))
     back = rotation_from_euler(*euler_from_rotation(R_bn))
     # Rounding 2e-16 over a cosine of 1e-8 above the threshold, the cosine itself below: see _GIMBAL_COSINE.
@@ -181,7 +181,7 @@ def test_gradients_agree_with_differences():
     check_grads(jax.jit(quaternion_derivative), (q, rates), order=1)
 
 
-def test_normalize():
+def test_normalized_quaternions_have_unit_length():
     q = jnp.array([3.0, -1.0, 2.0, 0.5])
     unit = normalize(q)
     np.testing.assert_allclose(unit, np.asarray(q) / np.linalg.norm(q), atol=ROUNDING)
@@ -191,17 +191,17 @@ def test_normalize():
     np.testing.assert_allclose(jax.jit(jax.jacfwd(normalize))(unit), np.eye(4) - np.outer(unit, unit), atol=ROUNDING)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_batches_equal_single_evaluations():
     q = jax.vmap(normalize)(jax.random.normal(jax.random.key(1), (50, 4)))
     v = jax.random.normal(jax.random.key(2), (50, 3))
 
     def chain(q, v):
         R_bn = rotation_from_quaternion(q)
-        turned = cross(rotate(R_bn, v), rotate_back(R_bn, v))
-        return euler_from_rotation(R_bn), quaternion_from_rotation(R_bn), quaternion_derivative(q, turned)
+        crossed = cross(rotate(R_bn, v), rotate_back(R_bn, v))
+        return euler_from_rotation(R_bn), quaternion_from_rotation(R_bn), quaternion_derivative(q, crossed)
 
     batch = jax.jit(jax.vmap(chain))(q, v)
     for i in (0, 17, 49):
         # Fused arithmetic may round differently; vectors of order 10.
-        for whole, one in zip(batch, jax.jit(chain)(q[i], v[i]), strict=True):
-            np.testing.assert_allclose(whole[i], one, atol=20 * ROUNDING)
+        for whole, single in zip(batch, jax.jit(chain)(q[i], v[i]), strict=True):
+            np.testing.assert_allclose(whole[i], single, atol=20 * ROUNDING)

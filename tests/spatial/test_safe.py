@@ -1,4 +1,4 @@
-"""Guarded lengths and angles: equal to numpy away from zero, finite in value and gradient at it."""
+"""Guarded lengths and angles: equal to numpy away from zero, with finite values and gradients at zero."""
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ sizes = st.floats(1e-140, 1e6) | st.floats(-1e6, -1e-140)
 
 @settings(deadline=None, max_examples=30)
 @given(sizes, sizes, sizes)
-def test_away_from_zero_they_are_the_plain_functions(x, y, z):
+def test_functions_away_from_zero_equal_the_unguarded_ones(x, y, z):
     # Squares and their root round a few times.
     assert safe_hypot(x, y) == pytest.approx(np.hypot(x, y), rel=1e-15)
     assert safe_atan2(y, x) == pytest.approx(np.arctan2(y, x), rel=1e-15)
@@ -25,7 +25,7 @@ def test_away_from_zero_they_are_the_plain_functions(x, y, z):
 
 
 @pytest.mark.parametrize("size", [0.0, 1e-200, -1e-320])
-def test_at_zero_value_and_gradient_are_zero(size):
+def test_values_and_gradients_at_zero_are_zero(size):
     for function in (safe_hypot, safe_atan2):
         assert function(size, size) == 0.0
         assert jax.grad(function, argnums=(0, 1))(size, size) == (0.0, 0.0)
@@ -35,13 +35,13 @@ def test_at_zero_value_and_gradient_are_zero(size):
 
 
 @pytest.mark.parametrize("size", [1e-144, 1e-100, 1e-8])
-def test_gradient_is_finite_and_right_just_above_zero(size):
+def test_gradients_just_above_zero_are_exact(size):
     np.testing.assert_allclose(jax.grad(safe_norm)(jnp.full(3, size)), np.full(3, 3**-0.5), rtol=1e-14)
     d_y, d_x = jax.grad(safe_atan2, argnums=(0, 1))(size, size)
     np.testing.assert_allclose([d_y * size, d_x * size], [0.5, -0.5], rtol=1e-14)
 
 
-def test_vmap_and_jit():
+def test_functions_support_vmap_and_jit():
     x, y = jnp.array([0.0, 3.0, -1.0]), jnp.array([0.0, 4.0, 0.0])
     np.testing.assert_allclose(jax.jit(jax.vmap(safe_hypot))(x, y), [0.0, 5.0, 1.0], rtol=1e-15)
     np.testing.assert_allclose(jax.jit(jax.vmap(safe_atan2))(y, x), [0.0, np.arctan2(4.0, 3.0), np.pi], rtol=1e-15)

@@ -1,4 +1,4 @@
-"""Geodetic coordinates against pymap3d, an independent implementation, and against their own inverse."""
+"""Geodetic coordinates against pymap3d, and round trips."""
 
 import math
 
@@ -43,22 +43,22 @@ POSITION_ROUNDING_M = 1e-8
 
 @generic
 @given(latitudes, longitudes, heights)
-def test_forward_agrees_with_pymap3d(lat, lon, h):
+def test_ecef_positions_agree_with_pymap3d(lat, lon, h):
     expected = pymap3d.geodetic2ecef(lat, lon, h, deg=False)
     np.testing.assert_allclose(jax.jit(ecef_from_geodetic)(lat, lon, h), expected, atol=POSITION_ROUNDING_M)
 
 
 @generic
 @given(latitudes, longitudes, heights)
-def test_inverse_comes_back(lat, lon, h):
+def test_the_geodetic_round_trip_is_exact(lat, lon, h):
     back = jax.jit(geodetic_from_ecef)(ecef_from_geodetic(lat, lon, h))
     assert abs(back[0] - lat) * WGS84_A_M < POSITION_ROUNDING_M
     assert abs(back[1] - lon) * WGS84_A_M * math.cos(lat) < POSITION_ROUNDING_M
     assert abs(back[2] - h) < POSITION_ROUNDING_M
 
 
-def test_inverse_everywhere_is_far_better_than_a_micrometre():
-    """All latitudes, from 10 km below the ellipsoid to geostationary height: the claim of the docstring."""
+def test_the_inverse_is_accurate_at_every_latitude_and_height():
+    """Latitudes from pole to pole, from 10 km below the ellipsoid to geostationary height: the docstring's claim."""
     lat, h = np.meshgrid(
         np.concatenate([np.linspace(-np.pi / 2, np.pi / 2, 181), [1e-9, np.pi / 2 - 1e-9, 0.78539]]),
         [-10e3, -1.0, 0.0, 1e4, 1e5, 4e5, 3.6e7],
@@ -74,7 +74,7 @@ def test_inverse_everywhere_is_far_better_than_a_micrometre():
 
 @generic
 @given(latitudes, longitudes, heights)
-def test_inverse_agrees_with_pymap3d(lat, lon, h):
+def test_geodetic_coordinates_agree_with_pymap3d(lat, lon, h):
     position_e = jax.jit(ecef_from_geodetic)(lat, lon, h)
     expected = pymap3d.ecef2geodetic(*[float(x) for x in position_e], deg=False)
     lat_here, lon_here, h_here = jax.jit(geodetic_from_ecef)(position_e)
@@ -84,7 +84,7 @@ def test_inverse_agrees_with_pymap3d(lat, lon, h):
     assert h_here == pytest.approx(float(expected[2]), abs=POSITION_ROUNDING_M)
 
 
-def test_equator_and_poles():
+def test_coordinates_at_equator_and_poles_are_exact():
     np.testing.assert_allclose(ecef_from_geodetic(0.0, 0.0, 10.0), [WGS84_A_M + 10.0, 0.0, 0.0], rtol=1e-15)
     for sign in (1.0, -1.0):
         lat, lon, h = geodetic_from_ecef(jnp.array([0.0, 0.0, sign * (WGS84_B_M + 1000.0)]))
@@ -94,8 +94,8 @@ def test_equator_and_poles():
     np.testing.assert_allclose([lat, lon, h], [0.0, -math.pi / 2, 1000.0], atol=POSITION_ROUNDING_M)
 
 
-def test_radii_of_curvature():
-    """Against the figures that [WGS84] TR8350.2 table 3.3 derives: polar radius 6399593.6258 m, printed to 0.1 mm."""
+def test_radii_of_curvature_equal_published_values():
+    """Against the polar radius in [WGS84] TR8350.2 table 3.3, 6399593.6258 m, printed to 0.1 mm."""
     R_M, R_N = radii_of_curvature(math.pi / 2)
     assert pytest.approx(6399593.6258, abs=5e-5) == R_M
     assert pytest.approx(6399593.6258, abs=5e-5) == R_N
@@ -119,14 +119,14 @@ def test_radii_are_the_slopes_of_the_position(lat, lon, h):
     "position_e",
     [[WGS84_A_M, 0.0, 0.0], [0.0, 0.0, WGS84_B_M], [0.0, 0.0, -WGS84_B_M], [-WGS84_A_M, 0.0, 0.0], [4e6, 1e6, 5e6]],
 )
-def test_gradient_of_the_inverse_is_finite(position_e):
+def test_the_gradient_of_the_inverse_is_finite(position_e):
     for slopes in geodetic_slopes.values():
         assert np.all(np.isfinite(jnp.stack(slopes(jnp.array(position_e)))))
 
 
 @generic
 @given(st.floats(-1.5, 1.5), longitudes, heights)
-def test_gradient_of_the_inverse_inverts_the_gradient(lat, lon, h):
+def test_the_gradient_of_the_inverse_inverts_the_gradient(lat, lon, h):
     forward = jnp.stack(position_slopes(lat, lon, h), axis=1)
     inverse = jnp.stack(geodetic_slopes["reverse"](ecef_from_geodetic(lat, lon, h)))
     scale = np.array([WGS84_A_M, WGS84_A_M, 1.0])  # angles as arcs, so that all entries are of order 1
@@ -140,7 +140,7 @@ offsets = st.floats(-200e3, 200e3)
 
 @generic
 @given(offsets, offsets, st.floats(-15e3, 1e3), st.floats(-1.3, 1.3), longitudes, st.floats(0.0, 2000.0))
-def test_flat_earth_comes_back(north, east, down, lat_0, lon_0, h_0):
+def test_the_flat_earth_round_trip_is_exact(north, east, down, lat_0, lon_0, h_0):
     position_n = jnp.array([north, east, down])
     lat, lon, h = jax.jit(geodetic_from_flat)(position_n, lat_0, lon_0, h_0)
     back = flat_from_geodetic(lat, lon, h, lat_0, lon_0, h_0)
@@ -150,7 +150,7 @@ def test_flat_earth_comes_back(north, east, down, lat_0, lon_0, h_0):
     np.testing.assert_allclose(other_turn, position_n, atol=4 * POSITION_ROUNDING_M)
 
 
-def test_flat_earth_small_offset_is_the_arc():
+def test_a_small_flat_earth_offset_is_the_arc():
     """Theory section 1, "small: p_N / (R_M + h_0)": the arctangent is less by a third of the cube, 1e-13 rad."""
     R_M, R_N = (float(R) for R in radii_of_curvature(0.6))
     lat, lon, h = geodetic_from_flat(jnp.array([300.0, -350.0, -120.0]), 0.6, 1.0, 50.0)
@@ -159,23 +159,27 @@ def test_flat_earth_small_offset_is_the_arc():
     assert h == 170.0
 
 
-def test_flat_earth_goes_on_along_its_tangent():
-    """The arctangent up to 45 deg, there without a kink, and on to every longitude; the stretch is its slope."""
+def test_the_flat_earth_map_continues_along_its_tangent():
+    """The arctangent up to 45 deg, a smooth continuation to every longitude, and the scale as the derivative."""
     R_M, R_N = (float(R) for R in radii_of_curvature(0.6))
     across = R_N * math.cos(0.6)
-    for turned in (0.3, 0.25 * math.pi - 1e-9, -0.25 * math.pi, 2.0, -3.0, 3.14):
-        place = flat_from_geodetic(-0.4, 3.0 + turned, 0.0, 0.6, 3.0, 0.0)
-        near = max(-0.25 * math.pi, min(turned, 0.25 * math.pi))
-        assert float(place[1]) == pytest.approx(across * (math.tan(near) + 2.0 * (turned - near)), rel=1e-15)
-        assert float(place[0]) == pytest.approx(-R_M * (1.0 + 2.0 * (1.0 - 0.25 * math.pi)), rel=1e-15)
-        slope = jax.grad(lambda lon: flat_from_geodetic(-0.4, lon, 0.0, 0.6, 3.0, 0.0)[1])(3.0 + turned)
-        assert abs(turned) == 0.25 * math.pi or slope / across == pytest.approx(
-            float(flat_map_scale(place[1], across)), rel=1e-12
+    for longitude_difference in (0.3, 0.25 * math.pi - 1e-9, -0.25 * math.pi, 2.0, -3.0, 3.14):
+        position = flat_from_geodetic(-0.4, 3.0 + longitude_difference, 0.0, 0.6, 3.0, 0.0)
+        limited = max(-0.25 * math.pi, min(longitude_difference, 0.25 * math.pi))
+        assert float(position[1]) == pytest.approx(
+            across * (math.tan(limited) + 2.0 * (longitude_difference - limited)), rel=1e-15
         )
-        assert float(geodetic_from_flat(place, 0.6, 3.0, 0.0)[1]) == pytest.approx(3.0 + turned, abs=1e-15)
+        assert float(position[0]) == pytest.approx(-R_M * (1.0 + 2.0 * (1.0 - 0.25 * math.pi)), rel=1e-15)
+        slope = jax.grad(lambda lon: flat_from_geodetic(-0.4, lon, 0.0, 0.6, 3.0, 0.0)[1])(3.0 + longitude_difference)
+        assert abs(longitude_difference) == 0.25 * math.pi or slope / across == pytest.approx(
+            float(flat_map_scale(position[1], across)), rel=1e-12
+        )
+        assert float(geodetic_from_flat(position, 0.6, 3.0, 0.0)[1]) == pytest.approx(
+            3.0 + longitude_difference, abs=1e-15
+        )
 
 
-def test_flat_earth_against_the_exact_tangent_plane():
+def test_the_flat_earth_deviates_from_the_tangent_plane_to_second_order():
     """10 km away the flat Earth departs from the tangent plane by the second-order terms of a sphere, and by no more.
 
     The ground drops by d^2 / 2R; the parallel bends polewards by E^2 tan(phi) / 2R; parallels shorten by
@@ -204,7 +208,7 @@ def test_gradients_agree_with_differences():
     assert np.all(np.isfinite(jax.jit(jax.jacrev(flat_from_geodetic))(0.7, -0.4, 10.0, 0.7, -0.4, 10.0)))
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_batches_equal_single_evaluations():
     lat = jnp.linspace(-1.5, 1.5, 11)
     lon = jnp.linspace(-3.0, 3.0, 11)
     h = jnp.linspace(-1e3, 2e4, 11)
@@ -227,7 +231,7 @@ def test_a_sphere_is_an_ellipsoid_without_flattening(lat, lon, h):
     np.testing.assert_allclose(radii_of_curvature(lat, sphere), 6371007.1809, rtol=1e-15)
 
 
-def test_ellipsoid_follows_from_a_and_f():
+def test_ellipsoid_parameters_follow_from_a_and_f():
     # [WGS84] TR8350.2 table 3.3: semi-minor axis to 0.1 mm, first and second eccentricity squared to 14 decimals.
     assert pytest.approx(6356752.3142, abs=5e-5) == WGS84.b
     assert pytest.approx(6.69437999014e-3, abs=5e-15) == WGS84.e2

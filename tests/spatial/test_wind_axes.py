@@ -23,7 +23,7 @@ generic = settings(deadline=None, max_examples=30)
 
 @generic
 @given(speeds, angles, slopes)
-def test_flow_angles_come_back(V, alpha, beta):
+def test_the_round_trip_of_flow_angles_is_exact(V, alpha, beta):
     velocity_b = V * jnp.array(
         [math.cos(alpha) * math.cos(beta), math.sin(beta), math.sin(alpha) * math.cos(beta)]
     )  # the definition, [SL] section 2.3
@@ -35,12 +35,12 @@ def test_flow_angles_come_back(V, alpha, beta):
 
 @generic
 @given(speeds, angles, slopes)
-def test_path_angles_come_back(V, chi, gamma):
+def test_the_round_trip_of_path_angles_is_exact(V, chi, gamma):
     velocity_n = V * jnp.array([math.cos(gamma) * math.cos(chi), math.cos(gamma) * math.sin(chi), -math.sin(gamma)])
     np.testing.assert_allclose(jnp.stack(path_angles(velocity_n)), [gamma, chi], rtol=20 * ROUNDING, atol=ROUNDING)
 
 
-def test_senses():
+def test_angles_have_the_conventional_signs():
     """Signs in words: climbing is positive gamma, east is chi 90 deg, nose above the flow is positive alpha."""
     gamma, chi = path_angles(jnp.array([0.0, 10.0, -10.0]))
     assert gamma == pytest.approx(math.pi / 4, rel=1e-15)
@@ -55,7 +55,7 @@ def test_senses():
 
 @generic
 @given(angles, slopes, angles, angles, slopes)
-def test_attitude_from_path_comes_back(mu, gamma, chi, alpha, beta):
+def test_the_round_trip_of_attitude_from_path_is_exact(mu, gamma, chi, alpha, beta):
     R_bn = jax.jit(attitude_from_path)(mu, gamma, chi, alpha, beta)
     np.testing.assert_allclose(R_bn @ R_bn.T, np.eye(3), atol=ROUNDING)
     # A velocity along the wind axis, seen in both frames, shows all five angles again.
@@ -66,7 +66,7 @@ def test_attitude_from_path_comes_back(mu, gamma, chi, alpha, beta):
     assert bank_about_velocity(R_bn, alpha, beta) == pytest.approx(mu, abs=2e-14)
 
 
-def test_bank_is_the_angle_of_the_full_matrix():
+def test_the_bank_is_the_angle_of_the_full_matrix():
     """Theory section 2: mu = atan2(R_wn[1, 2], R_wn[2, 2])."""
     alpha, beta = 0.31, -0.12
     R_bn = rotation_from_euler(0.5, 0.4, -2.0)
@@ -84,12 +84,12 @@ def test_values_and_gradients_are_finite_on_the_axes(function):
         assert np.all(np.isfinite(jnp.stack(jax.jit(jax.vmap(jacobian(function)))(velocities))))
 
 
-def test_at_rest_all_is_zero():
+def test_angles_at_rest_are_zero():
     np.testing.assert_array_equal(jnp.stack(flow_angles(jnp.zeros(3))), np.zeros(3))
     np.testing.assert_array_equal(jnp.stack(path_angles(jnp.zeros(3))), np.zeros(2))
 
 
-def test_bank_in_vertical_flight_is_finite():
+def test_the_bank_in_vertical_flight_is_finite():
     R_bn = jnp.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])  # nose straight up
     assert bank_about_velocity(R_bn, 0.0, 0.0) == 0.0
     gradients = jax.jit(jax.grad(bank_about_velocity, argnums=(0, 1, 2)))(R_bn, 0.0, 0.0)
@@ -105,7 +105,7 @@ def test_gradients_agree_with_differences():
     check_grads(jax.jit(attitude_from_path), (0.3, -0.1, 1.0, 0.2, 0.05), order=1)
 
 
-def test_vmap_agrees_with_one_at_a_time():
+def test_batches_equal_single_evaluations():
     path = jax.random.uniform(jax.random.key(0), (20, 5), minval=-1.0, maxval=1.0)
     R_bn = jax.jit(jax.vmap(attitude_from_path))(*path.T)
     mu = jax.jit(jax.vmap(bank_about_velocity))(R_bn, path[:, 3], path[:, 4])
