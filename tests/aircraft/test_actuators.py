@@ -45,29 +45,29 @@ def test_surfaces_never_pass_their_limits(position, command):
     speed = rate(position, command)
     assert (jnp.abs(speed) <= ACTUATORS.rate_limit).all()
     # Over any step up to the time constant the motion cannot overshoot the limited command.
-    after = position + 0.0495 * speed
-    assert (after <= ACTUATORS.upper + 1e-15).all()
-    assert (after >= ACTUATORS.lower - 1e-15).all()
+    new_state = position + 0.0495 * speed
+    assert (new_state <= ACTUATORS.upper + 1e-15).all()
+    assert (new_state >= ACTUATORS.lower - 1e-15).all()
 
 
 @settings(deadline=None, max_examples=50)
 @given(position=ANGLES, wanted=ANGLES)
-def test_command_for_rate_moves_at_that_rate_where_possible(position, wanted):
+def test_the_command_for_a_rate_gives_that_rate_where_possible(position, required_rate):
     position = 0.5 * ACTUATORS.limit_command(position)  # room for the command: 0.15 rad to the nearest limit
-    given_rate = rate(position, command_for_rate(position, 2 * wanted))
+    given_rate = rate(position, command_for_rate(position, 2 * required_rate))
     np.testing.assert_allclose(
-        given_rate, jnp.clip(2 * wanted, -ACTUATORS.rate_limit, ACTUATORS.rate_limit), atol=1e-12
+        given_rate, jnp.clip(2 * required_rate, -ACTUATORS.rate_limit, ACTUATORS.rate_limit), atol=1e-12
     )
 
 
-def test_gradient_is_that_of_the_lag_and_zero_at_the_limit():
+def test_the_gradient_is_that_of_the_lag_and_zero_at_the_limit():
     def total(command):
         return jnp.sum(rate(jnp.zeros(3), command))
 
     np.testing.assert_allclose(jax.grad(total)(jnp.array([0.01, -0.02, 9.0])), [1 / 0.0495, 1 / 0.0495, 0.0])
 
 
-def test_vmap_over_a_fleet_equals_one_at_a_time():
+def test_batches_equal_single_evaluations():
     positions, commands = jnp.linspace(-0.3, 0.3, 12).reshape(4, 3), jnp.linspace(0.5, -0.5, 12).reshape(4, 3)
-    many = jax.vmap(rate)(positions, commands)
-    np.testing.assert_array_equal(many, [rate(p, c) for p, c in zip(positions, commands, strict=True)])
+    batch_rates = jax.vmap(rate)(positions, commands)
+    np.testing.assert_array_equal(batch_rates, [rate(p, c) for p, c in zip(positions, commands, strict=True)])

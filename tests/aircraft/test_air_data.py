@@ -20,7 +20,7 @@ def test_air_data_of_a_known_flow():
     np.testing.assert_allclose(data.mach, 13 / 340.294, rtol=1e-5)
 
 
-def test_altitude_is_an_array_whatever_comes_in():
+def test_the_altitude_is_always_an_array():
     data = air_data(jnp.array([100.0, 0.0, 5.0]), 2000, StandardAtmosphere().at(2000.0))
     assert data.altitude.shape == ()
     assert float(data.altitude) == 2000.0
@@ -36,12 +36,14 @@ def test_gradients_are_finite_at_rest_and_without_sideslip():
         assert all(jnp.isfinite(leaf).all() for leaf in gradient)
 
 
-def test_vmap_and_jit_equal_one_at_a_time():
+def test_batches_and_compiled_code_equal_single_evaluations():
     velocities = jnp.array([[150.0, 3.0, 20.0], [80.0, -9.0, 30.0]])
     air = StandardAtmosphere().at(3000.0)
-    many = jax.jit(jax.vmap(lambda v: air_data(v, 3000.0, air)))(velocities)
+    batch_data = jax.jit(jax.vmap(lambda v: air_data(v, 3000.0, air)))(velocities)
     for k, velocity in enumerate(velocities):
-        one = air_data(velocity, 3000.0, air)
+        single = air_data(velocity, 3000.0, air)
         np.testing.assert_allclose(
-            [many.alpha[k], many.beta[k], many.qbar[k]], [one.alpha, one.beta, one.qbar], rtol=1e-14
+            [batch_data.alpha[k], batch_data.beta[k], batch_data.qbar[k]],
+            [single.alpha, single.beta, single.qbar],
+            rtol=1e-14,
         )

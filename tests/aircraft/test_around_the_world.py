@@ -1,4 +1,4 @@
-"""The same flight seen from an origin near by and from one far off: over the date line, around and across a pole."""
+"""Flights described from near and distant chart origins: across the date line, around and across a pole."""
 
 import functools
 
@@ -33,7 +33,7 @@ def _environment(latitude_deg, longitude_deg, wind_n):
 
 @functools.cache
 def _trimmed(latitude_deg, longitude_deg, course_deg, wind_n):
-    """Steady flight at a place, seen from there; Earth-fixed state and controls."""
+    """Trim at a position, relative to a chart origin there; Earth-fixed state and controls."""
     environment = _environment(latitude_deg, longitude_deg, wind_n)
     target = trim_target(SPEED_M_S, ALTITUDE_M, 0.0, course_deg * DEG_RAD)
     point = eqx.filter_jit(solve_trim)(F16, environment, target)
@@ -43,10 +43,10 @@ def _trimmed(latitude_deg, longitude_deg, course_deg, wind_n):
 
 @jax.jit
 def _second(environment, state, controls):
-    """What is seen of a state, and the state a second later."""
-    seen = local_state(environment.earth, state)
-    now = flight_condition(F16, environment, 0.0, seen)
-    lat, lon, h = environment.earth.geodetic(seen.position_n)
+    """Logged quantities of a state, and the state one second later."""
+    local = local_state(environment.earth, state)
+    condition = flight_condition(F16, environment, 0.0, local)
+    lat, lon, h = environment.earth.geodetic(local.position_n)
     R_be = rotation_from_quaternion(state.quaternion)
     logged = {
         "position_e": state.position_e,
@@ -57,28 +57,28 @@ def _second(environment, state, controls):
         "height": h,
         "latitude_deg": lat * RAD_DEG,
         "longitude_deg": lon * RAD_DEG,
-        "euler_deg": euler_from_quaternion(seen.quaternion) * RAD_DEG,
-        "rates_deg": seen.rates_b * RAD_DEG,
-        "velocity_n": rotate_back(now.R_bn, seen.velocity_b),
-        "wind_e": rotate_back(R_be, now.R_bn @ now.wind_n),
-        "wind_axes_deg": jnp.stack([now.air_data.alpha, now.air_data.beta]) * RAD_DEG,
-        "airspeed": now.air_data.V,
-        "gravity": now.earth.gravity,
+        "euler_deg": euler_from_quaternion(local.quaternion) * RAD_DEG,
+        "rates_deg": local.rates_b * RAD_DEG,
+        "velocity_n": rotate_back(condition.R_bn, local.velocity_b),
+        "wind_e": rotate_back(R_be, condition.R_bn @ condition.wind_n),
+        "wind_axes_deg": jnp.stack([condition.air_data.alpha, condition.air_data.beta]) * RAD_DEG,
+        "airspeed": condition.air_data.V,
+        "gravity": condition.earth.gravity,
     }
     step = jnp.asarray(STEP_S)
     return logged, jax.lax.fori_loop(0, STEPS, lambda _, y: advance(F16, environment, 0.0, y, controls, step), state)
 
 
 def _flown(start, controls, wind_n, seconds, origin_deg=None):
-    """Log of a flight, every second; without an origin each second is seen from one near by, under the aircraft."""
-    rows, state = [], start
+    """Log of a flight, every second; without a given origin, the chart's origin follows the aircraft."""
+    logs, state = [], start
     environment = None if origin_deg is None else _environment(*origin_deg, wind_n)
     for _ in range(seconds + 1):
         lat, lon, _ = pymap3d.ecef2geodetic(*np.asarray(state.position_e))
-        here = _environment(lat - 0.01, lon, wind_n) if environment is None else environment
-        logged, state = _second(here, state, controls)
-        rows.append(logged)
-    return {key: np.stack([np.asarray(row[key]) for row in rows]) for key in rows[0]}
+        chart_environment = _environment(lat - 0.01, lon, wind_n) if environment is None else environment
+        logged, state = _second(chart_environment, state, controls)
+        logs.append(logged)
+    return {key: np.stack([np.asarray(log[key]) for log in logs]) for key in logs[0]}
 
 
 FLIGHTS = {
@@ -111,51 +111,53 @@ def _near(name):
 def test_a_flight_is_the_same_from_every_origin(name, origin_deg):
     """Truth, logged angles and wind to 1e-6 m, m/s and deg, the angles farther than 100 m from a pole."""
     place_deg, course_deg, wind_n, seconds = FLIGHTS[name]
-    near = _near(name)
-    far = _flown(*_trimmed(*place_deg, course_deg, wind_n), wind_n, seconds, origin_deg)
-    away = np.hypot(*near["position_e"][:, :2].T) > 100.0
-    assert away.sum() > 0.9 * seconds
-    for key, value in near.items():
-        difference = far[key] - value
+    nearby = _near(name)
+    distant = _flown(*_trimmed(*place_deg, course_deg, wind_n), wind_n, seconds, origin_deg)
+    off_pole = np.hypot(*nearby["position_e"][:, :2].T) > 100.0
+    assert off_pole.sum() > 0.9 * seconds
+    for key, value in nearby.items():
+        difference = distant[key] - value
         if key in ("longitude_deg", "euler_deg"):
             difference = (difference + 180.0) % 360.0 - 180.0
-        kept = difference if key in ("position_e", "velocity_e", "velocity_b", "R_be", "height") else difference[away]
-        assert np.max(np.abs(kept)) < SAME, f"{key}: {np.max(np.abs(kept))}"
+        relevant = (
+            difference if key in ("position_e", "velocity_e", "velocity_b", "R_be", "height") else difference[off_pole]
+        )
+        assert np.max(np.abs(relevant)) < SAME, f"{key}: {np.max(np.abs(relevant))}"
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_what_is_logged_follows_from_the_place(name):
-    """Place, angles, velocity and wind of the log from the Earth-fixed truth alone, through pymap3d."""
+def test_logged_quantities_follow_from_the_position(name):
+    """Position, angles, velocity and wind of the log, recomputed from Earth-fixed quantities with pymap3d."""
     place_deg, course_deg, wind_n, seconds = FLIGHTS[name]
     log = _flown(*_trimmed(*place_deg, course_deg, wind_n), wind_n, seconds, (-20.0, -100.0))
     lat, lon, h = pymap3d.ecef2geodetic(*log["position_e"].T)
-    away = np.hypot(*log["position_e"][:, :2].T) > 100.0
+    off_pole = np.hypot(*log["position_e"][:, :2].T) > 100.0
     np.testing.assert_allclose(log["latitude_deg"], lat, atol=SAME)
     np.testing.assert_allclose(log["height"], h, atol=SAME)
-    np.testing.assert_allclose(((log["longitude_deg"] - lon + 180.0) % 360.0 - 180.0)[away], 0.0, atol=SAME)
+    np.testing.assert_allclose(((log["longitude_deg"] - lon + 180.0) % 360.0 - 180.0)[off_pole], 0.0, atol=SAME)
 
     def ned(vectors_e):
         east, north, up = pymap3d.ecef2enuv(*vectors_e.T, lat, lon)
-        return np.stack([north, east, -up], axis=-1)[away]
+        return np.stack([north, east, -up], axis=-1)[off_pole]
 
-    np.testing.assert_allclose(ned(log["velocity_e"]), log["velocity_n"][away], atol=SAME)
-    np.testing.assert_allclose(ned(log["wind_e"]), np.broadcast_to(wind_n, (away.sum(), 3)), atol=SAME)
+    np.testing.assert_allclose(ned(log["velocity_e"]), log["velocity_n"][off_pole], atol=SAME)
+    np.testing.assert_allclose(ned(log["wind_e"]), np.broadcast_to(wind_n, (off_pole.sum(), 3)), atol=SAME)
     forward, right, down = (ned(log["R_be"][:, k]) for k in range(3))
     roll, yaw = np.arctan2(right[:, 2], down[:, 2]), np.arctan2(forward[:, 1], forward[:, 0])
     expected = np.degrees(np.stack([roll, -np.arcsin(forward[:, 2]), yaw], axis=-1))
-    difference = (log["euler_deg"][away] - expected + 180.0) % 360.0 - 180.0
+    difference = (log["euler_deg"][off_pole] - expected + 180.0) % 360.0 - 180.0
     np.testing.assert_allclose(difference, 0.0, atol=SAME)
 
 
 @pytest.mark.long
-def test_the_flights_go_where_they_say():
-    """The circle stays at three nautical miles of arc for more than a turn; the others cross what they are to cross."""
+def test_flights_cross_pole_and_date_line():
+    """The circle remains at three nautical miles for more than a turn; the other flights cross pole and date line."""
     circle = _near("around the pole")
     np.testing.assert_allclose(90.0 - circle["latitude_deg"], 3 * MILE_M / 111_690.0, rtol=1e-9)
-    turned = {name: np.ptp(np.unwrap(np.radians(_near(name)["longitude_deg"]))) * RAD_DEG for name in FLIGHTS}
-    assert turned["around the pole"] > 370.0
-    assert 170.0 < turned["across the pole"] < 190.0
+    longitude_ranges = {name: np.ptp(np.unwrap(np.radians(_near(name)["longitude_deg"]))) * RAD_DEG for name in FLIGHTS}
+    assert longitude_ranges["around the pole"] > 370.0
+    assert 170.0 < longitude_ranges["across the pole"] < 190.0
     wrapped = (_near("date line")["longitude_deg"] + 180.0) % 360.0 - 180.0
     assert wrapped[0] > 179.0
     assert wrapped[-1] < -179.0
@@ -163,10 +165,10 @@ def test_the_flights_go_where_they_say():
 
 @pytest.mark.long
 def test_the_motion_is_smooth_on_the_polar_axis():
-    """The derivative on the axis and a hundredth of a metre beside it: the air damps rates that the axes do not enter.
+    """The derivative on the axis equals the derivative a hundredth of a metre beside the axis.
 
-    Without wind, which has no direction at a pole. Gravity turns by 1e-2 m / 6.4e6 m: 2e-8 m/s^2; the controls of
-    the trim leave no angular acceleration beyond its residual.
+    Without wind, whose direction is undefined at a pole. Gravity turns by 1e-2 m / 6.4e6 m: 2e-8 m/s^2; the trim leaves
+    no angular acceleration beyond the residual.
     """
     start, controls = _trimmed(*FLIGHTS["across the pole"][0], 0.0, (0.0, 0.0, 0.0))
     environment = _environment(89.9, 0.0, (0.0, 0.0, 0.0))
@@ -177,11 +179,11 @@ def test_the_motion_is_smooth_on_the_polar_axis():
         return earth_fixed_derivative(F16, environment, 0.0, state, controls)
 
     height_m = 6_356_752.3 + ALTITUDE_M
-    beside = derivative(jnp.array([0.006, 0.008, height_m]))
+    nearby = derivative(jnp.array([0.006, 0.008, height_m]))
     for across_m in (0.0, 1e-12, 1e-9, 1e-6):
-        found = derivative(jnp.array([across_m, 0.0, height_m]))
-        np.testing.assert_allclose(found.rates_b, beside.rates_b, atol=1e-9)
-        np.testing.assert_allclose(found.velocity_b, beside.velocity_b, atol=1e-7)
+        rates = derivative(jnp.array([across_m, 0.0, height_m]))
+        np.testing.assert_allclose(rates.rates_b, nearby.rates_b, atol=1e-9)
+        np.testing.assert_allclose(rates.velocity_b, nearby.velocity_b, atol=1e-7)
     slope = jax.jit(jax.jacrev(lambda p: derivative(p).velocity_b))
-    for place in ([0.0, 0.0, height_m], [1.0, 0.0, height_m]):
-        assert np.all(np.isfinite(slope(jnp.array(place))))
+    for position in ([0.0, 0.0, height_m], [1.0, 0.0, height_m]):
+        assert np.all(np.isfinite(slope(jnp.array(position))))

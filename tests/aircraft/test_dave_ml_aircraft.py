@@ -27,7 +27,7 @@ def model(name):
     return read_dave_ml(NASA.joinpath(f"{name}.dml").read_bytes(), f"{name}.dml")
 
 
-def built(**other):
+def built(**changes):
     parts = {
         "aerodynamics": model("F16_aero"),
         "inertia": model("F16_inertia"),
@@ -38,7 +38,7 @@ def built(**other):
         "beta_range": (-30 * DEG_RAD, 30 * DEG_RAD),
         "inertia_inputs": {"vrsPositionOfCM": 25.0},
     }
-    return dave_ml_airframe(**{**parts, **other})
+    return dave_ml_airframe(**{**parts, **changes})
 
 
 @pytest.fixture(scope="module")
@@ -54,21 +54,23 @@ def wrench_of(airframe, x):
     return jnp.concatenate([wrench.force_b, wrench.moment_b])
 
 
-def test_it_is_the_built_in_variant(f16):
+def test_the_aircraft_from_files_equals_the_built_in_variant(f16):
     """Forces and moments about the centre of gravity at 10,000 states; mass and inertia."""
     assert isinstance(f16, DaveMlAircraft)
     low = [60.0, -9 * DEG_RAD, -29 * DEG_RAD, -1.0, -1.0, -1.0, -24 * DEG_RAD, -21 * DEG_RAD, -30 * DEG_RAD]
     high = [300.0, 44 * DEG_RAD, 29 * DEG_RAD, 1.0, 1.0, 1.0, 24 * DEG_RAD, 21 * DEG_RAD, 30 * DEG_RAD]
     x = jnp.asarray(np.random.default_rng(1).uniform(low, high, size=(10_000, 9)))
-    known, found = (np.asarray(wrench_of(airframe, x)) for airframe in (S119, f16))
-    scale = np.max(np.abs(known), axis=0)
+    expected, computed = (np.asarray(wrench_of(airframe, x)) for airframe in (S119, f16))
+    scale = np.max(np.abs(expected), axis=0)
     # the file writes pi with nine figures: 1e-9 of what depends on it
-    np.testing.assert_allclose(found / scale, known / scale, atol=5e-9)
-    for one, other in zip(jax.tree.leaves(f16.mass_properties), jax.tree.leaves(S119.mass_properties), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(computed / scale, expected / scale, atol=5e-9)
+    for leaf, expected_leaf in zip(
+        jax.tree.leaves(f16.mass_properties), jax.tree.leaves(S119.mass_properties), strict=True
+    ):
+        np.testing.assert_allclose(leaf, expected_leaf, rtol=1e-12, atol=1e-9)
 
 
-def test_thrust_and_its_inverse(f16):
+def test_the_inverse_of_the_thrust_is_exact(f16):
     @jax.jit
     @jax.vmap
     def both(power):
@@ -77,17 +79,19 @@ def test_thrust_and_its_inverse(f16):
         return thrust, S119.engine.propulsion(power, air).force_b[0], f16.engine.power_for_thrust(thrust, air)
 
     powers = jnp.linspace(0.0, 100.0, 41)
-    thrust, known, back = both(powers)
-    np.testing.assert_allclose(thrust, known, rtol=1e-12)
+    thrust, expected, back = both(powers)
+    np.testing.assert_allclose(thrust, expected, rtol=1e-12)
     np.testing.assert_allclose(back, powers, atol=1e-9)
 
 
-def test_it_is_trimmed_as_the_built_in_one(f16):
+def test_the_trim_equals_that_of_the_built_in_variant(f16):
     environment, target = standard_environment(), target_deg(150.0, 1000.0)
-    one, other = trim(f16, environment, target), trim(S119, environment, target)
-    assert one.converged
+    file_trim, built_in_trim = trim(f16, environment, target), trim(S119, environment, target)
+    assert file_trim.converged
     # the engine's angular momentum is not in the files: a rad of sideslip less
-    np.testing.assert_allclose([one.alpha, one.power], [other.alpha, other.power], rtol=1e-6)
+    np.testing.assert_allclose(
+        [file_trim.alpha, file_trim.power], [built_in_trim.alpha, built_in_trim.power], rtol=1e-6
+    )
 
 
 def test_slopes_are_finite_at_rest(f16):

@@ -36,12 +36,12 @@ def coefficient(aircraft, name, data=AIR, rates=RATES, surfaces=DEFLECTIONS):
     return float(aircraft.coefficients(data, rates, surfaces)[COEFFICIENTS.index(name)])
 
 
-def test_every_figure_of_the_authors():
+def test_coefficients_equal_the_authors_figures():
     """42 figures of three states, [BM] appendix E; the errors are rounding: see the check's explanation."""
-    found = AEROSONDE_FORCES.measure()
-    assert len(found) == 42
-    assert max(abs(one.error) for one in found) < 1e-12
-    assert all(one.passes for one in found)
+    comparisons = AEROSONDE_FORCES.measure()
+    assert len(comparisons) == 42
+    assert max(abs(comparison.error) for comparison in comparisons) < 1e-12
+    assert all(comparison.passes for comparison in comparisons)
 
 
 def with_values(aircraft, **values):
@@ -52,11 +52,11 @@ def with_values(aircraft, **values):
 
 
 def navion():
-    """The light aircraft of the tests by its derivatives; its drag CD0 + K (CL^2 - CL0^2) at no rates and deflections."""
+    """The light aircraft of the tests by derivatives; drag CD0 + K (CL^2 - CL0^2) at zero rates and deflections."""
     light = light_aircraft()
     K = 0.33 / (2 * 0.41 * 4.44)
     zero = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, jnp.zeros_like(AEROSONDE.derivatives))
-    same = with_values(
+    aircraft = with_values(
         zero,
         CL0=0.41, CL_alpha=4.44, CL_q=3.8, CL_elevator=0.355, CD0=0.05 - K * 0.41**2,
         CY_beta=-0.564, CY_rudder=0.157, Cl_beta=-0.074, Cl_p=-0.41, Cl_r=0.107, Cl_aileron=-0.134, Cl_rudder=0.0107,
@@ -65,15 +65,15 @@ def navion():
     )  # fmt: skip
     return eqx.tree_at(
         lambda a: (a.span, a.wing_area, a.mean_chord, a.induced_drag, a.stall_alpha),
-        same,
+        aircraft,
         (light.span, light.wing_area, light.mean_chord, jnp.asarray(K), jnp.asarray(100.0)),
     ), light
 
 
 @given(V=st.floats(20.0, 80.0), alpha=st.floats(-0.15, 0.2), beta=st.floats(-0.3, 0.3), seed=st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
-def test_the_same_aircraft_written_by_hand(V, alpha, beta, seed):
-    """Two formulations agree: all but the drag, which by hand takes the lift of rates and elevator too."""
+def test_the_aircraft_equals_a_hand_written_one(V, alpha, beta, seed):
+    """Two formulations agree, except for drag: the hand-written one includes the lift of rates and elevator."""
     mine, light = navion()
     direction = [np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)]
     data = air_data(V * jnp.asarray(direction), 100.0, StandardAtmosphere().at(100.0))
@@ -83,15 +83,17 @@ def test_the_same_aircraft_written_by_hand(V, alpha, beta, seed):
         jnp.asarray(random.normal(size=3)),
     )
     surfaces = surfaces.at[0].set(0.0)
-    mine, other = (one.aerodynamics(data, rates, surfaces) for one in (mine, light))
+    mine, expected = (airframe.aerodynamics(data, rates, surfaces) for airframe in (mine, light))
     scale = float(data.qbar) * float(light.wing_area)
-    np.testing.assert_allclose(mine.force_b, other.force_b, atol=1e-12 * scale)
-    np.testing.assert_allclose(mine.moment_b, other.moment_b, atol=1e-12 * scale * 10)
+    np.testing.assert_allclose(mine.force_b, expected.force_b, atol=1e-12 * scale)
+    np.testing.assert_allclose(mine.moment_b, expected.moment_b, atol=1e-12 * scale * 10)
 
 
-@pytest.mark.parametrize("name", [row + column for row in COEFFICIENTS for column in DERIVATIVE_ARGUMENTS])
-def test_each_derivative_is_that(name):
-    """By a change of one: the coefficient changes by its argument, and no other does."""
+@pytest.mark.parametrize(
+    "name", [coefficient_name + column for coefficient_name in COEFFICIENTS for column in DERIVATIVE_ARGUMENTS]
+)
+def test_each_derivative_changes_one_coefficient(name):
+    """A changed derivative changes one coefficient, by the argument."""
     V, b, c = 25.0, float(AEROSONDE.span), float(AEROSONDE.mean_chord)
     p, q, r = np.asarray(RATES) * [b, c, b] / (2 * V)
     argument = dict(zip(DERIVATIVE_ARGUMENTS, (1.0, 0.1, 0.06, p, q, r, 0.01, 0.0036), strict=True))[name[2:]]
@@ -103,8 +105,8 @@ def test_each_derivative_is_that(name):
     np.testing.assert_allclose(difference, expected, atol=1e-12)
 
 
-def test_far_beyond_the_stall_lift_is_that_of_a_flat_plate():
-    """[BM] equation 4.9: half of it is left at alpha0, where attached and separated flow have equal parts."""
+def test_the_lift_far_beyond_the_stall_is_that_of_a_flat_plate():
+    """[BM] equation 4.9: half of the attached lift remains at alpha0."""
     still = jnp.zeros(3)
     for alpha in (0.9, 1.5, -1.2, 3.0):
         plate = 2.0 * np.sign(np.sin(alpha)) * np.sin(alpha) ** 2 * np.cos(alpha)
@@ -113,7 +115,7 @@ def test_far_beyond_the_stall_lift_is_that_of_a_flat_plate():
     assert float(AEROSONDE.flow_separation(jnp.asarray(0.0))) == pytest.approx(2 * np.exp(-23.5), rel=1e-3)
 
 
-def test_the_blending_as_the_source_writes_it():
+def test_the_blending_function_equals_the_source():
     M, a0 = 50.0, 0.47
     for alpha in np.linspace(-1.0, 1.0, 41):
         x, y = np.exp(-M * (alpha - a0)), np.exp(M * (alpha + a0))
@@ -122,32 +124,32 @@ def test_the_blending_as_the_source_writes_it():
 
 
 def test_moments_move_with_the_centre_of_gravity():
-    """r x F: a centre 0.1 m behind the reference turns lift into a moment that raises the nose."""
+    """r x F: with the centre 0.1 m behind the reference, lift gives a nose-up moment."""
     moved = eqx.tree_at(lambda a: a.cg_offset_b, AEROSONDE, jnp.array([-0.1, 0.0, 0.02]))
-    before, after = (one.aerodynamics(AIR, RATES, DEFLECTIONS) for one in (AEROSONDE, moved))
+    nominal, shifted = (airframe.aerodynamics(AIR, RATES, DEFLECTIONS) for airframe in (AEROSONDE, moved))
     lever = np.array([0.1, 0.0, -0.02])  # the reference point seen from the centre
-    np.testing.assert_allclose(after.moment_b - before.moment_b, np.cross(lever, before.force_b), atol=1e-10)
-    assert float(after.moment_b[1]) > float(before.moment_b[1])
+    np.testing.assert_allclose(shifted.moment_b - nominal.moment_b, np.cross(lever, nominal.force_b), atol=1e-10)
+    assert float(shifted.moment_b[1]) > float(nominal.moment_b[1])
 
 
 def with_table(name, over, points, values):
-    """The Aerosonde with a table of one derivative, its own taken away."""
-    place = derivative_index(name, SURFACES)
-    bare = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, AEROSONDE.derivatives.at[place].set(0.0))
+    """The Aerosonde with a table instead of one derivative."""
+    index = derivative_index(name, SURFACES)
+    bare = eqx.tree_at(lambda a: a.derivatives, AEROSONDE, AEROSONDE.derivatives.at[index].set(0.0))
     tables = make_tables(make_axes(points, clamp=True), [(tuple(range(len(points))), [values])])
     inputs = ("alpha", "beta", *SURFACES)
     return dataclasses.replace(
         bare,
         tables=tables,
         table_factors=jnp.ones(1),
-        table_derivatives=(place,),
-        table_arguments=tuple(inputs.index(one) for one in over),
+        table_derivatives=(index,),
+        table_arguments=tuple(inputs.index(argument) for argument in over),
     )
 
 
 @given(alpha=st.floats(-0.4, 0.4), elevator=st.floats(-0.5, 0.5))
 @settings(max_examples=25, deadline=None)
-def test_a_table_of_what_is_linear_changes_nothing(alpha, elevator):
+def test_a_table_of_a_linear_function_equals_derivatives(alpha, elevator):
     """Of a derivative, and of a whole coefficient over two angles."""
     data, surfaces = at(alpha), DEFLECTIONS.at[0].set(elevator)
     constant = with_table("Cm_q", ("alpha",), [np.array([-0.5, 0.0, 0.5])], np.full(3, -38.21))
@@ -174,14 +176,14 @@ def test_a_table_of_lift_stalls_as_derivatives_do():
     ("key", "value", "outside"),
     [("alpha", 0.0, False), ("alpha", 0.5, True), ("beta", -0.5, True), ("V", 12.9, True), ("V", 40.1, True)],
 )
-def test_outside_its_ranges(key, value, outside):
+def test_conditions_outside_the_valid_range_are_reported(key, value, outside):
     assert bool(AEROSONDE.outside_tables(dataclasses.replace(AIR, **{key: jnp.asarray(value)}))) is outside
 
 
 @jax.jit
 @functools.partial(jax.jacfwd, argnums=(0, 1, 2))
 def slopes(velocity_b, rates, surfaces):
-    """Of forces and moments."""
+    """Derivatives of forces and moments."""
     wrench = AEROSONDE.aerodynamics(air_data(velocity_b, 100.0, StandardAtmosphere().at(100.0)), rates, surfaces)
     return jnp.concatenate([wrench.force_b, wrench.moment_b])
 
@@ -204,7 +206,7 @@ def test_gradients_by_the_data_are_finite():
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(slopes_by_data(AEROSONDE)))
 
 
-def test_batched_and_compiled_as_alone():
+def test_batches_and_compiled_code_equal_single_evaluations():
     alphas = jnp.linspace(-0.5, 0.8, 6)
     alone = [AEROSONDE.coefficients(at(alpha, 0.06), RATES, DEFLECTIONS) for alpha in alphas]
 
@@ -216,8 +218,8 @@ def test_batched_and_compiled_as_alone():
 
 
 def no_dispersion(aircraft):
-    one = jnp.ones(())
-    body = BodyDispersion(one, one, jnp.ones(3), one, jnp.zeros(()))
+    unity = jnp.ones(())
+    body = BodyDispersion(unity, unity, jnp.ones(3), unity, jnp.zeros(()))
     return DerivativeDispersion(jnp.ones_like(aircraft.derivatives), None, body)
 
 
@@ -227,11 +229,11 @@ def _second_moments(inertia_b):
     return 0.5 * np.array([Jyy + Jzz - Jxx, Jxx + Jzz - Jyy, Jxx + Jyy - Jzz])
 
 
-def test_a_dispersion_changes_what_it_is_named_for():
-    same = dispersed_derivative_aircraft(AEROSONDE, no_dispersion(AEROSONDE))
-    for a, b in zip(jax.tree.leaves(same), jax.tree.leaves(AEROSONDE), strict=True):
+def test_a_dispersion_changes_the_named_quantity():
+    unchanged = dispersed_derivative_aircraft(AEROSONDE, no_dispersion(AEROSONDE))
+    for a, b in zip(jax.tree.leaves(unchanged), jax.tree.leaves(AEROSONDE), strict=True):
         np.testing.assert_array_equal(a, b)
-    place = derivative_index("Cm_alpha", SURFACES)
+    index = derivative_index("Cm_alpha", SURFACES)
     d = no_dispersion(AEROSONDE)
     d = eqx.tree_at(
         lambda d: (
@@ -240,7 +242,7 @@ def test_a_dispersion_changes_what_it_is_named_for():
         ),
         d,
         (
-            d.derivatives.at[place].set(0.5),
+            d.derivatives.at[index].set(0.5),
             jnp.asarray(0.8),
             jnp.asarray(1.1),
             jnp.array([1.21, 1.0, 1.44]),
@@ -248,16 +250,16 @@ def test_a_dispersion_changes_what_it_is_named_for():
             jnp.asarray(0.1),
         ),
     )
-    other = dispersed_derivative_aircraft(AEROSONDE, d)
-    assert float(other.derivatives[place]) == pytest.approx(-1.37)
-    assert float(other.mass_properties.mass) == pytest.approx(12.1)
-    J, before = np.asarray(other.mass_properties.inertia_b), np.asarray(AEROSONDE.mass_properties.inertia_b)
-    of_x, of_y, of_z = 1.21 * _second_moments(before) * [1.0, 1.0 / 1.21, 1.44 / 1.21]
+    dispersed = dispersed_derivative_aircraft(AEROSONDE, d)
+    assert float(dispersed.derivatives[index]) == pytest.approx(-1.37)
+    assert float(dispersed.mass_properties.mass) == pytest.approx(12.1)
+    J, nominal_b = np.asarray(dispersed.mass_properties.inertia_b), np.asarray(AEROSONDE.mass_properties.inertia_b)
+    of_x, of_y, of_z = 1.21 * _second_moments(nominal_b) * [1.0, 1.0 / 1.21, 1.44 / 1.21]
     expected = np.diag([of_y + of_z, of_x + of_z, of_x + of_y])
-    expected[0, 2] = expected[2, 0] = 1.32 * before[0, 2]
+    expected[0, 2] = expected[2, 0] = 1.32 * nominal_b[0, 2]
     np.testing.assert_allclose(J, expected, rtol=1e-14)
-    np.testing.assert_allclose(J @ np.asarray(other.mass_properties.inertia_inverse_b), np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(other.actuators.time_constant, 0.025)
-    assert float(other.cg_offset_b[0]) == pytest.approx(-0.1 * 0.18994)
-    thrusts = [float(a.engine.propulsion(70.0, AIR).force_b[0]) for a in (AEROSONDE, other)]
+    np.testing.assert_allclose(J @ np.asarray(dispersed.mass_properties.inertia_inverse_b), np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(dispersed.actuators.time_constant, 0.025)
+    assert float(dispersed.cg_offset_b[0]) == pytest.approx(-0.1 * 0.18994)
+    thrusts = [float(a.engine.propulsion(70.0, AIR).force_b[0]) for a in (AEROSONDE, dispersed)]
     assert thrusts[1] == pytest.approx(0.8 * thrusts[0])

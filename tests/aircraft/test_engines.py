@@ -53,8 +53,8 @@ def thrust(engine, power, data):
 
 
 @pytest.mark.parametrize("case", PUBLISHED["checks"], ids=lambda case: case["name"])
-def test_thrust_and_torque_as_the_authors_compute_them(case):
-    """[BM] addendum; figures of the authors' simulator, whose `torque` is the propeller's; the reaction rolls left."""
+def test_thrust_and_torque_equal_the_authors_figures(case):
+    """[BM] addendum; the `torque` in the authors' simulator is the propeller's; the reaction rolls left."""
     data = air(case.get("V", 25.0), PUBLISHED["rho_check_kg_m3"])
     wrench = AEROSONDE.propulsion(100.0 * case["controls"]["throttle"], data)
     assert float(wrench.force_b[0]) == pytest.approx(case["thrust_N"], abs=1e-10)
@@ -80,20 +80,20 @@ def test_motor_and_propeller_torques_balance(power, V, density):
 def test_the_power_for_a_thrust_gives_that_thrust(power, V, density):
     data = air(V, density)
     for engine in ENGINES.values():
-        wanted = thrust(engine, power, data)
-        found = engine.power_for_thrust(wanted, data)
-        assert 0.0 <= float(found) <= 100.0
-        assert float(thrust(engine, found, data)) == pytest.approx(float(wanted), rel=1e-6, abs=1e-5)
+        required = thrust(engine, power, data)
+        inverse_power = engine.power_for_thrust(required, data)
+        assert 0.0 <= float(inverse_power) <= 100.0
+        assert float(thrust(engine, inverse_power, data)) == pytest.approx(float(required), rel=1e-6, abs=1e-5)
 
 
 @given(wanted=st.floats(-80.0, 300.0), V=st.floats(0.0, 45.0))
 @settings(max_examples=50, deadline=None)
 def test_no_power_comes_nearer_to_a_thrust(wanted, V):
-    """Beyond what the engine gives, the nearest: least and greatest thrust, whose power need not be 0."""
+    """The nearest available thrust; the power of least thrust need not be 0."""
     data = air(V)
-    found = AEROSONDE.power_for_thrust(wanted, data)
+    inverse_power = AEROSONDE.power_for_thrust(wanted, data)
     best = np.abs(np.asarray(jax.vmap(lambda p: thrust(AEROSONDE, p, data))(jnp.linspace(0, 100, 501))) - wanted).min()
-    assert abs(float(thrust(AEROSONDE, found, data)) - wanted) <= best + 1e-6
+    assert abs(float(thrust(AEROSONDE, inverse_power, data)) - wanted) <= best + 1e-6
 
 
 def test_a_slow_propeller_in_fast_air_brakes():
@@ -103,15 +103,15 @@ def test_a_slow_propeller_in_fast_air_brakes():
     assert float(AEROSONDE.motor_speed(0.0, air(0.0))) == 0.0
 
 
-def test_a_propeller_of_the_other_hand_rolls_the_other_way():
-    left = eqx.tree_at(lambda e: e.direction, AEROSONDE, -ONE)
-    a, b = (engine.propulsion(80.0, air(20.0)) for engine in (AEROSONDE, left))
+def test_a_left_handed_propeller_rolls_the_aircraft_to_the_right():
+    left_handed = eqx.tree_at(lambda e: e.direction, AEROSONDE, -ONE)
+    a, b = (engine.propulsion(80.0, air(20.0)) for engine in (AEROSONDE, left_handed))
     assert float(a.moment_b[0]) == -float(b.moment_b[0]) < 0.0
     np.testing.assert_array_equal(a.force_b, b.force_b)
 
 
 def test_piston_power_falls_with_density_and_thrust_is_limited_at_rest():
-    """Gagg and Farrar: no power where the density is 0.132 / 1.132 of that at sea level."""
+    """Gagg and Farrar: no power at 0.132 / 1.132 of the sea-level density."""
     assert float(thrust(PISTON, 100.0, air(0.0, 1.225))) == pytest.approx(2500.0)
     fast = air(80.0, 1.225)
     assert float(thrust(PISTON, 100.0, fast)) * 80.0 == pytest.approx(0.8 * 120e3, rel=0.15)
@@ -135,7 +135,7 @@ def test_the_jet_follows_its_tables():
 @named
 @given(power=st.floats(0.0, 100.0), rate=st.floats(-200.0, 200.0))
 @settings(max_examples=30, deadline=None)
-def test_the_throttle_for_a_rate_gives_it_where_it_can(name, power, rate):
+def test_the_throttle_for_a_rate_gives_that_rate_where_possible(name, power, rate):
     engine, data = ENGINES[name], air(20.0)
     throttle = engine.throttle_for_power_rate(power, rate)
     given_rate = float(engine.rate(EnginePower(jnp.asarray(power)), throttle, data).power)
@@ -163,7 +163,7 @@ def air_of(V):
 
 
 @named
-def test_batched_and_compiled_as_alone(name):
+def test_batches_and_compiled_code_equal_single_evaluations(name):
     engine = ENGINES[name]
     powers, speeds = jnp.linspace(0.0, 100.0, 7), jnp.linspace(0.0, 40.0, 7)
     alone = [thrust(engine, p, air_of(v)) for p, v in zip(powers, speeds, strict=True)]
@@ -172,8 +172,8 @@ def test_batched_and_compiled_as_alone(name):
 
 
 @named
-def test_thrust_beyond_the_powers_that_there_are_goes_on(name):
-    """So that a trim solver can say by how much it is exceeded."""
+def test_the_thrust_is_extrapolated_beyond_the_power_range(name):
+    """Extrapolation shows a trim solver the excess of power."""
     data = air(20.0)
     low, high = thrust(ENGINES[name], -10.0, data), thrust(ENGINES[name], 110.0, data)
     assert float(low) < float(thrust(ENGINES[name], 0.0, data))

@@ -67,15 +67,15 @@ def test_interpolation_passes_through_every_tabulated_value(f16):
     axes = DATA["axes"]
     for i, alpha_deg in enumerate(axes["alpha_deg"]):
         for j, elevator_deg in enumerate(DATA["variants"]["textbook"]["elevator_axis_deg"]):
-            found = vector(airframe, flow(alpha_deg), surfaces_deg=(elevator_deg, 0.0, 0.0))
-            assert found[0] == pytest.approx(tables["CX0"][i, j], abs=1e-12)
-            assert found[4] == pytest.approx(tables["Cm0"][i, j], abs=1e-12)
+            coefficients = vector(airframe, flow(alpha_deg), surfaces_deg=(elevator_deg, 0.0, 0.0))
+            assert coefficients[0] == pytest.approx(tables["CX0"][i, j], abs=1e-12)
+            assert coefficients[4] == pytest.approx(tables["Cm0"][i, j], abs=1e-12)
         for j, beta_deg in enumerate(axes["abs_beta_deg"]):
             for sign in (1, -1):
-                found = vector(airframe, flow(alpha_deg, sign * beta_deg))
-                assert found[3] == pytest.approx(sign * tables["Cl0"][i, j], abs=1e-12)
-                assert found[5] == pytest.approx(sign * tables["Cn0"][i, j], abs=1e-12)
-                assert found[2] == pytest.approx(tables["CZ0"][i] * (1 - (beta_deg * DEG_RAD) ** 2), abs=1e-12)
+                coefficients = vector(airframe, flow(alpha_deg, sign * beta_deg))
+                assert coefficients[3] == pytest.approx(sign * tables["Cl0"][i, j], abs=1e-12)
+                assert coefficients[5] == pytest.approx(sign * tables["Cn0"][i, j], abs=1e-12)
+                assert coefficients[2] == pytest.approx(tables["CZ0"][i] * (1 - (beta_deg * DEG_RAD) ** 2), abs=1e-12)
         for j, beta_deg in enumerate(axes["beta_deg"]):
             still = vector(airframe, flow(alpha_deg, beta_deg))
             aileron = vector(airframe, flow(alpha_deg, beta_deg), surfaces_deg=(0.0, 20.0, 0.0)) - still
@@ -85,7 +85,7 @@ def test_interpolation_passes_through_every_tabulated_value(f16):
                 assert change[5] == pytest.approx(tables[("Cnda", "Cndr")[k]][i, j], abs=1e-12)
 
 
-def test_damping_derivatives_are_the_tabulated_ones(f16):
+def test_damping_derivatives_equal_the_tabulated_ones(f16):
     # Theory section 4: p = P b/2V, q = Q c/2V, r = R b/2V; alpha 10 deg is the fifth node.
     airframe = f16_from_data(DATA, x_cg_over_c=0.35)
     at = {
@@ -93,27 +93,29 @@ def test_damping_derivatives_are_the_tabulated_ones(f16):
     }
     air = flow(10.0)
     half_span, half_chord = float(airframe.span) / 300.0, float(airframe.mean_chord) / 300.0
-    rest = vector(airframe, air)
+    steady = vector(airframe, air)
     for axis, names in enumerate((("CYp", "Clp", "Cnp"), ("CXq", "CZq", "Cmq"), ("CYr", "Clr", "Cnr"))):
         rates = [0.0, 0.0, 0.0]
         rates[axis] = 0.2
-        change = vector(airframe, air, rates) - rest
-        rows = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+        change = vector(airframe, air, rates) - steady
+        coefficient_names = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
         length = half_chord if axis == 1 else half_span
         expected = {name[:2]: at[name] * 0.2 * length for name in names}
-        np.testing.assert_allclose(change, [expected.get(row, 0.0) for row in rows], atol=1e-14)
+        np.testing.assert_allclose(
+            change, [expected.get(coefficient_name, 0.0) for coefficient_name in coefficient_names], atol=1e-14
+        )
 
 
-def test_centre_of_gravity_moves_the_moments_by_lever_times_force(f16):
-    behind, reference = (f16_from_data(DATA, x_cg_over_c=x) for x in (0.40, 0.35))
+def test_the_centre_of_gravity_shifts_moments_by_lever_times_force(f16):
+    aft, reference = (f16_from_data(DATA, x_cg_over_c=x) for x in (0.40, 0.35))
     case = (flow(12.0, 4.0), (0.3, 0.1, -0.2), (3.0, 5.0, -4.0))
-    a, b = vector(behind, *case), vector(reference, *case)
+    a, b = vector(aft, *case), vector(reference, *case)
     np.testing.assert_allclose(a[:4], b[:4], atol=1e-15)
     np.testing.assert_allclose(a[4] - b[4], -0.05 * b[2], atol=1e-14)
     np.testing.assert_allclose(a[5] - b[5], 0.05 * b[1] * 11.32 / 30.0, atol=1e-14)
 
 
-def test_founding_variant_is_that_of_its_thesis(f16):
+def test_the_founding_variant_equals_its_thesis(f16):
     # Theory section 9 item 10: CXq(-5 deg) = +0.11; its elevator table ends at 25 deg, its aileron refers to 21.5 deg.
     founding, textbook = f16["founding"], f16["textbook"]
     pitching = (0.0, 0.4, 0.0)
@@ -126,12 +128,12 @@ def test_founding_variant_is_that_of_its_thesis(f16):
     assert full[3] == pytest.approx(DATA["tables"]["Clda"]["values"][3][3], abs=1e-12)
 
 
-def test_s119_holds_the_ends_of_its_tables_and_textbook_extrapolates(f16):
-    beyond, end, before = (vector(f16["s119"], flow(alpha_deg))[0] for alpha_deg in (50.0, 45.0, 40.0))
-    assert beyond == end
-    assert end != before
-    beyond, end, before = (vector(f16["textbook"], flow(alpha_deg))[0] for alpha_deg in (50.0, 45.0, 40.0))
-    assert beyond == pytest.approx(2 * end - before, abs=1e-12)
+def test_tables_are_clamped_in_s119_and_extrapolated_in_the_textbook(f16):
+    outside, end, inside = (vector(f16["s119"], flow(alpha_deg))[0] for alpha_deg in (50.0, 45.0, 40.0))
+    assert outside == end
+    assert end != inside
+    outside, end, inside = (vector(f16["textbook"], flow(alpha_deg))[0] for alpha_deg in (50.0, 45.0, 40.0))
+    assert outside == pytest.approx(2 * end - inside, abs=1e-12)
 
 
 @settings(deadline=None, max_examples=25)
@@ -143,14 +145,14 @@ def test_s119_holds_the_ends_of_its_tables_and_textbook_extrapolates(f16):
     R=st.floats(-1, 1),
     elevator_deg=st.floats(-25, 25),
 )
-def test_mirrored_flight_has_mirrored_forces(f16, alpha_deg, beta_deg, P, Q, R, elevator_deg):
+def test_a_mirrored_flight_has_mirrored_forces(f16, alpha_deg, beta_deg, P, Q, R, elevator_deg):
     # With aileron and rudder at zero (their tables carry the tunnel's small asymmetry) left and right are equal.
-    one = vector(f16["textbook"], flow(alpha_deg, beta_deg), (P, Q, R), (elevator_deg, 0.0, 0.0))
-    other = vector(f16["textbook"], flow(alpha_deg, -beta_deg), (-P, Q, -R), (elevator_deg, 0.0, 0.0))
-    np.testing.assert_allclose(other, one * [1, -1, 1, -1, 1, -1], atol=1e-13)
+    forces = vector(f16["textbook"], flow(alpha_deg, beta_deg), (P, Q, R), (elevator_deg, 0.0, 0.0))
+    mirrored_forces = vector(f16["textbook"], flow(alpha_deg, -beta_deg), (-P, Q, -R), (elevator_deg, 0.0, 0.0))
+    np.testing.assert_allclose(mirrored_forces, forces * [1, -1, 1, -1, 1, -1], atol=1e-13)
 
 
-def test_wrench_is_dynamic_pressure_times_area_times_coefficients(f16):
+def test_the_wrench_is_dynamic_pressure_times_area_times_coefficients(f16):
     air, rates, surfaces_deg = flow(8.0, 3.0), (0.2, 0.1, -0.1), (-4.0, 3.0, 2.0)
     c = vector(f16["textbook"], air, rates, surfaces_deg)
     wrench = f16["textbook"].aerodynamics(air, jnp.array(rates), jnp.array(surfaces_deg) * DEG_RAD)
@@ -177,7 +179,7 @@ def test_wrench_is_dynamic_pressure_times_area_times_coefficients(f16):
         ({"mach": 0.99, "altitude": 49999 * FOOT_M}, False),
     ],
 )
-def test_leaving_the_tables_is_flagged(f16, where, outside):
+def test_conditions_outside_the_tables_are_reported(f16, where, outside):
     assert bool(f16["textbook"].outside_tables(flow(**where))) is outside
 
 
@@ -192,7 +194,7 @@ KINKS = [(5.0, 0.0, (0.0, 0.0, 0.0)), (-10.0, -30.0, (-24.0, 20.0, 30.0)), (45.0
 @eqx.filter_jit
 @eqx.filter_grad
 def slopes(arguments):
-    """Of the sum of all forces and moments, by everything that they depend on."""
+    """Derivatives of the sum of forces and moments by every input."""
     airframe, air_data, rates_b, surfaces = arguments
     wrench = airframe.aerodynamics(air_data, rates_b, surfaces) + airframe.engine.propulsion(50.0, air_data)
     return jnp.sum(wrench.force_b) + jnp.sum(wrench.moment_b)
@@ -206,7 +208,7 @@ def test_gradients_are_finite_at_kinks(f16, alpha_deg, beta_deg, surfaces_deg):
     assert jnp.any(gradient[2] != 0)
 
 
-def test_gradient_within_a_cell_equals_difference_quotient(f16):
+def test_the_gradient_within_a_cell_equals_the_difference_quotient(f16):
     # Bilinear within a cell: the central difference is exact up to rounding 1e-16/1e-4 and the curvature of beta^2.
     airframe = f16["textbook"]
 
@@ -220,17 +222,19 @@ def test_gradient_within_a_cell_equals_difference_quotient(f16):
     np.testing.assert_allclose(jax.grad(Cm)(alpha), (Cm(alpha + h) - Cm(alpha - h)) / (2 * h), rtol=1e-9)
 
 
-def test_vmap_over_flow_equals_one_at_a_time(f16):
+def test_batches_equal_single_evaluations(f16):
     alphas = np.array([-3.0, 4.0, 21.0, 44.0])
     batch = jax.tree.map(lambda *x: jnp.stack(x), *(flow(alpha, 2.0) for alpha in alphas))
-    many = jax.vmap(f16["textbook"].coefficients, in_axes=(0, None, None))(batch, jnp.zeros(3), jnp.full(3, 0.1))
+    batch_coefficients = jax.vmap(f16["textbook"].coefficients, in_axes=(0, None, None))(
+        batch, jnp.zeros(3), jnp.full(3, 0.1)
+    )
     for k, alpha in enumerate(alphas):
-        one = vector(f16["textbook"], flow(alpha, 2.0), surfaces_deg=(0.1 * RAD_DEG,) * 3)
-        np.testing.assert_allclose(many.Cm[k], one[4], atol=1e-15)
-        np.testing.assert_allclose(many.Cn[k], one[5], atol=1e-15)
+        single = vector(f16["textbook"], flow(alpha, 2.0), surfaces_deg=(0.1 * RAD_DEG,) * 3)
+        np.testing.assert_allclose(batch_coefficients.Cm[k], single[4], atol=1e-15)
+        np.testing.assert_allclose(batch_coefficients.Cn[k], single[5], atol=1e-15)
 
 
-def test_other_numbers_do_not_recompile():
+def test_new_airframe_data_do_not_recompile():
     # Every number of the airframe is an array: a fleet of different variants is one compiled function. The textbook
     # and founding tables have equal shapes.
     traces = []
@@ -240,17 +244,17 @@ def test_other_numbers_do_not_recompile():
         traces.append(1)
         return airframe.coefficients(flow(), jnp.zeros(3), jnp.zeros(3)).CZ
 
-    found = [float(lift(f16_from_data(DATA, variant, x))) for variant, x in (("textbook", 0.3), ("founding", 0.35))]
+    lifts = [float(lift(f16_from_data(DATA, variant, x))) for variant, x in (("textbook", 0.3), ("founding", 0.35))]
     assert len(traces) == 1
-    assert np.isfinite(found).all()
+    assert np.isfinite(lifts).all()
 
 
-def test_unknown_variant_is_refused_with_the_known_ones():
+def test_an_unknown_variant_is_refused_with_the_known_names():
     with pytest.raises(ValueError, match=r"'textbok': known are textbook, s119, founding"):
         f16_from_data(DATA, "textbok")
 
 
-def test_changed_entry_must_be_what_the_variant_says():
+def test_replaced_table_entries_are_checked():
     data = copy.deepcopy(DATA)
     data["tables"]["CXq"]["values"][1] = -0.12
     with pytest.raises(ValueError, match=r"founding: CXq\[1\] is -0.12, expected -0.11"):

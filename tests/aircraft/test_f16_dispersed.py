@@ -1,4 +1,4 @@
-"""The dispersed F-16: each factor changes what it is named for, by exactly its part, and nothing else."""
+"""The dispersed F-16: each factor changes exactly the named quantity."""
 
 import dataclasses
 
@@ -32,7 +32,7 @@ TAKEN_AWAY = {
     "beta": ("CYb",),
     "all but the flow": ("CX0", "CZ0", "Cm0", "Cl0", "Cn0"),
 }
-"""What the coefficient's contribution hangs on: without it, the nominal coefficient lacks just that contribution."""
+"""Inputs on which the coefficients depend: without the input, exactly the contribution is missing."""
 
 
 @jax.jit
@@ -42,7 +42,7 @@ def coefficients(airframe, air=AIR, rates=RATES, surfaces=SURFACES):
 
 
 def scaled(name, factor):
-    """The nominal aircraft with one coefficient scaled."""
+    """The nominal aircraft with one scaled coefficient."""
     index = F16_COEFFICIENTS.index(name)
     dispersion = no_dispersion()
     changed = dispersion.coefficients.at[index].set(factor)
@@ -53,22 +53,22 @@ def changed(field, value):
     return dispersed_f16(NOMINAL, eqx.tree_at(lambda d: getattr(d, field), no_dispersion(), jnp.asarray(value)))
 
 
-def contribution(name, what):
-    """Nominal coefficient minus the same without what the contribution hangs on, the c.g. at the reference."""
+def contribution(name, omitted_input):
+    """Nominal coefficient less the coefficient without one input, the c.g. at the reference."""
     at_reference = eqx.tree_at(lambda a: a.x_cg, NOMINAL, NOMINAL.x_cg_reference)
     index = FIELDS.index(name[:2])
     zero = jnp.zeros(3)
-    if what == "all but the flow":
+    if omitted_input == "all but the flow":
         return coefficients(at_reference, AIR, zero, zero)[index] if name != "Cm0" else None
     rates, surfaces, air = RATES, SURFACES, AIR
-    if what in "pqr":
-        rates = rates.at["pqr".index(what)].set(0.0)
-    elif what == "beta":
+    if omitted_input in "pqr":
+        rates = rates.at["pqr".index(omitted_input)].set(0.0)
+    elif omitted_input == "beta":
         air = eqx.tree_at(lambda a: a.beta, AIR, jnp.zeros(()))
     else:
-        surfaces = surfaces.at[("elevator", "aileron", "rudder").index(what)].set(0.0)
-    with_all, without = coefficients(at_reference), coefficients(at_reference, air, rates, surfaces)
-    return with_all[index] - without[index]
+        surfaces = surfaces.at[("elevator", "aileron", "rudder").index(omitted_input)].set(0.0)
+    complete, reduced = coefficients(at_reference), coefficients(at_reference, air, rates, surfaces)
+    return complete[index] - reduced[index]
 
 
 def test_every_coefficient_is_tested_and_named_once():
@@ -78,7 +78,7 @@ def test_every_coefficient_is_tested_and_named_once():
     assert [len(names) for names in TABLE_COEFFICIENTS] == [cells.shape[-1] for cells in NOMINAL.tables.cells]
 
 
-def test_no_dispersion_is_the_same_aircraft():
+def test_the_aircraft_without_dispersion_is_unchanged():
     for ours, nominal in zip(
         jax.tree.leaves(dispersed_f16(NOMINAL, no_dispersion())), jax.tree.leaves(NOMINAL), strict=True
     ):
@@ -87,46 +87,46 @@ def test_no_dispersion_is_the_same_aircraft():
 
 @pytest.mark.parametrize(("what", "name"), [(what, name) for what, names in TAKEN_AWAY.items() for name in names])
 def test_a_factor_scales_its_contribution_alone(what, name):
-    """The change is 0.3 of the contribution, to rounding of coefficients of order one (1e-15 each, a few added)."""
-    before, after = coefficients(NOMINAL), coefficients(scaled(name, 1.3))
-    change = dict(zip(FIELDS, np.asarray(after - before), strict=True))
-    own = name[:2]
+    """The change is 0.3 of the contribution, up to rounding of coefficients of order one (1e-15 each)."""
+    nominal, changed_coefficients = coefficients(NOMINAL), coefficients(scaled(name, 1.3))
+    change = dict(zip(FIELDS, np.asarray(changed_coefficients - nominal), strict=True))
+    scaled_field = name[:2]
     lever = float(NOMINAL.x_cg_reference - NOMINAL.x_cg)
     # forces act on moments through the lever of the c.g.
-    expected = dict.fromkeys(FIELDS, 0.0) | {own: change[own]}
-    if own == "CZ":
-        expected["Cm"] = change[own] * lever
-    if own == "CY":
-        expected["Cn"] = -change[own] * lever * float(NOMINAL.mean_chord / NOMINAL.span)
+    expected = dict.fromkeys(FIELDS, 0.0) | {scaled_field: change[scaled_field]}
+    if scaled_field == "CZ":
+        expected["Cm"] = change[scaled_field] * lever
+    if scaled_field == "CY":
+        expected["Cn"] = -change[scaled_field] * lever * float(NOMINAL.mean_chord / NOMINAL.span)
     for field, value in expected.items():
         assert change[field] == pytest.approx(value, abs=1e-14), field
-    assert abs(change[own]) > 1e-5
+    assert abs(change[scaled_field]) > 1e-5
     share = contribution(name, what)
     if name in ("CX0", "Cm0"):  # functions of the elevator: compared at its own deflection
         at_reference = eqx.tree_at(lambda a: a.x_cg, NOMINAL, NOMINAL.x_cg_reference)
         only_elevator = SURFACES.at[1:].set(0.0)
-        share = coefficients(at_reference, AIR, jnp.zeros(3), only_elevator)[FIELDS.index(own)]
-    assert change[own] == pytest.approx(0.3 * float(share), abs=1e-14)
+        share = coefficients(at_reference, AIR, jnp.zeros(3), only_elevator)[FIELDS.index(scaled_field)]
+    assert change[scaled_field] == pytest.approx(0.3 * float(share), abs=1e-14)
 
 
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.floats(0.1, 10.0), min_size=3, max_size=3))
-def test_any_second_moments_make_a_possible_body(factors):
-    """Positive principal moments, none above the sum of the others; the nominal F-16 has 3.4 % to spare there."""
+def test_positive_second_moments_give_a_possible_body(factors):
+    """Positive principal moments within the triangle inequality; the nominal F-16 has a margin of 3.4 %."""
     properties = changed("second_moments", factors).mass_properties
     J, inverse = np.asarray(properties.inertia_b), np.asarray(properties.inertia_inverse_b)
     np.testing.assert_array_equal(J, J.T)
-    least, middle, greatest = np.linalg.eigvalsh(J)
-    assert 0 < least <= middle <= greatest < least + middle
+    smallest, middle, greatest = np.linalg.eigvalsh(J)
+    assert 0 < smallest <= middle <= greatest < smallest + middle
     # relative to the largest entries of the sums, Jzz / Jxx <= 130 of them
     np.testing.assert_allclose(J @ inverse, np.eye(3), atol=1e-13)
     nominal = np.asarray(NOMINAL.mass_properties.inertia_b)
     root = np.sqrt(factors)
-    before, after = (0.5 * np.trace(one) * np.eye(3) - one for one in (nominal, J))
-    np.testing.assert_allclose(after, before * np.outer(root, root), atol=1e-15 * np.trace(J))
+    nominal_moments, dispersed_moments = (0.5 * np.trace(matrix) * np.eye(3) - matrix for matrix in (nominal, J))
+    np.testing.assert_allclose(dispersed_moments, nominal_moments * np.outer(root, root), atol=1e-15 * np.trace(J))
 
 
-def test_thrust_mass_actuators():
+def test_factors_scale_thrust_mass_and_actuators():
     at = (jnp.asarray(70.0), air_at(3000.0, 0.5))
     nominal = NOMINAL.engine.propulsion(*at).force_b
     np.testing.assert_allclose(changed("thrust", 0.8).engine.propulsion(*at).force_b, 0.8 * nominal, rtol=1e-15)
@@ -139,22 +139,22 @@ def test_thrust_mass_actuators():
     np.testing.assert_array_equal(slow.rate_limit, NOMINAL.actuators.rate_limit)
 
 
-def test_cg_aft_of_the_force():
-    """AircraftSample about a c.g. that moves aft by d: M' = M + d x F, d forward of the old c.g. being -d along body x."""
+def test_a_cg_shift_changes_the_moment_by_arm_times_force():
+    """Moment about a c.g. moved aft by d: M' = M + d x F, with the former c.g. at d forward along body x."""
     shift = 0.07
-    before = NOMINAL.aerodynamics(AIR, RATES, SURFACES)
-    after = changed("cg_shift", shift).aerodynamics(AIR, RATES, SURFACES)
-    np.testing.assert_array_equal(after.force_b, before.force_b)
+    nominal = NOMINAL.aerodynamics(AIR, RATES, SURFACES)
+    shifted = changed("cg_shift", shift).aerodynamics(AIR, RATES, SURFACES)
+    np.testing.assert_array_equal(shifted.force_b, nominal.force_b)
     # the reference point moves forward, seen from the c.g.
     arm_b = np.array([shift * float(NOMINAL.mean_chord), 0.0, 0.0])
-    expected = np.asarray(before.moment_b) + np.cross(arm_b, np.asarray(before.force_b))
-    np.testing.assert_allclose(after.moment_b, expected, rtol=1e-12)
+    expected = np.asarray(nominal.moment_b) + np.cross(arm_b, np.asarray(nominal.force_b))
+    np.testing.assert_allclose(shifted.moment_b, expected, rtol=1e-12)
 
 
-def test_a_batch_of_aircraft():
+def test_dispersions_support_batches():
     draws = np.random.default_rng(1).uniform(0.8, 1.2, (5, 3))
     dispersions = jax.vmap(lambda x: eqx.tree_at(lambda d: d.second_moments, no_dispersion(), x))(jnp.asarray(draws))
     fleet = jax.jit(jax.vmap(dispersed_f16, in_axes=(None, 0)))(NOMINAL, dispersions)
     for k, factors in enumerate(draws):
-        one = changed("second_moments", factors).mass_properties.inertia_b
-        np.testing.assert_allclose(fleet.mass_properties.inertia_b[k], one, rtol=1e-15)
+        single = changed("second_moments", factors).mass_properties.inertia_b
+        np.testing.assert_allclose(fleet.mass_properties.inertia_b[k], single, rtol=1e-15)

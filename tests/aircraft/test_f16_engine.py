@@ -32,21 +32,21 @@ rates_of_all_commands = jax.jit(
     ("throttle", "power"),
     [(0.0, 0.0), (0.5, 32.47), (0.77, 50.0038), (0.9, 78.262), (1.0, 100.0), (-0.2, 0.0), (1.3, 100.0)],
 )
-def test_gearing(throttle, power):
+def test_the_gearing_equals_the_published_one(throttle, power):
     # Theory section 4: 64.94 t up to 0.77, 217.38 t - 117.38 above; held at its stops.
     assert float(ENGINE.gearing(throttle)) == pytest.approx(power, abs=1e-12)
 
 
 @settings(deadline=None, max_examples=50)
 @given(power=PERCENT)
-def test_throttle_is_the_inverse_of_the_gearing(power):
+def test_the_throttle_is_the_inverse_of_the_gearing(power):
     # The published gearing jumps down by 0.0012 percent at throttle 0.77; powers inside the jump come out within it.
     assert float(ENGINE.gearing(ENGINE.throttle_for_power(power))) == pytest.approx(power, abs=0.00121)
 
 
 @settings(deadline=None, max_examples=50)
 @given(throttle=st.floats(0.0, 1.0))
-def test_gearing_is_the_inverse_of_the_throttle(throttle):
+def test_the_gearing_is_the_inverse_of_the_throttle(throttle):
     # 0.0012 percent over the lower slope 64.94 percent.
     assert float(ENGINE.throttle_for_power(ENGINE.gearing(throttle))) == pytest.approx(throttle, abs=2e-5)
 
@@ -67,13 +67,13 @@ def test_gearing_is_the_inverse_of_the_throttle(throttle):
         (50.0, 50.0, 0.0),
     ],
 )
-def test_lag_branches(power, command, rate):
+def test_the_lag_equals_the_published_branches(power, command, rate):
     assert float(power_rate(power, command)) == pytest.approx(rate, abs=1e-12)
 
 
 @settings(deadline=None, max_examples=100)
 @given(power=PERCENT, wanted=st.floats(-60.0, 60.0))
-def test_command_gives_the_wanted_rate_where_any_does(power, wanted):
+def test_the_command_gives_the_required_rate_where_possible(power, wanted):
     reachable = np.asarray(rates_of_all_commands(power))
     # The grid's own resolution in rate is 5 1/s times 0.01 percent.
     assume(np.min(np.abs(reachable - wanted)) < 0.05)
@@ -84,7 +84,7 @@ def test_command_gives_the_wanted_rate_where_any_does(power, wanted):
 
 
 @pytest.mark.parametrize(("power", "wanted"), [(45.0, 20.0), (49.0, 3.0), (52.0, -20.0), (50.0, -1.0)])
-def test_command_crosses_half_power_without_sticking(power, wanted):
+def test_the_command_crosses_half_power_without_sticking(power, wanted):
     rates, start = [], power
     for _ in range(100):
         rate = float(power_rate(power, command_for_rate(power, wanted)))
@@ -96,21 +96,21 @@ def test_command_crosses_half_power_without_sticking(power, wanted):
 
 @settings(deadline=None, max_examples=50)
 @given(power=PERCENT, altitude_ft=st.floats(0.0, 50000.0), mach=st.floats(0.0, 1.0))
-def test_power_for_thrust_is_the_inverse_of_thrust(power, altitude_ft, mach):
+def test_the_power_for_a_thrust_is_the_inverse_of_the_thrust(power, altitude_ft, mach):
     altitude = altitude_ft * FOOT_M
     # Almost at rest above 40,000 ft the published idle thrust exceeds military thrust: no inverse, and no flight.
     assume(thrust(50.0, altitude, mach) - thrust(0.0, altitude, mach) > 1500.0)
-    found = power_for_thrust(thrust(power, altitude, mach), altitude, mach)
+    inverse_power = power_for_thrust(thrust(power, altitude, mach), altitude, mach)
     # There thrust rises by at least 30 N per percent: rounding is far below.
-    assert float(found) == pytest.approx(power, abs=1e-9)
+    assert float(inverse_power) == pytest.approx(power, abs=1e-9)
 
 
-def test_power_for_thrust_stops_at_what_the_engine_can_give():
+def test_the_power_for_a_thrust_stays_within_limits():
     assert float(power_for_thrust(-5000.0, 3000.0, 0.5)) == 0.0
     assert float(power_for_thrust(1e6, 3000.0, 0.5)) == 100.0
 
 
-def test_thrust_at_table_nodes():
+def test_the_thrust_at_table_nodes_is_exact():
     for i, altitude_ft in enumerate(DATA["axes"]["altitude_ft"]):
         for j, mach in enumerate(DATA["axes"]["mach"]):
             for power, name in ((0.0, "T_idle"), (50.0, "T_mil"), (100.0, "T_max")):
@@ -119,15 +119,15 @@ def test_thrust_at_table_nodes():
 
 
 def _exactly(altitude, mach):
-    """Air data whose Mach number is that one to the last bit, on the edge of the tables."""
+    """Air data with a bit-exact Mach number, on the edge of the tables."""
     return eqx.tree_at(lambda d: d.mach, air_at(altitude, mach), jnp.asarray(mach))
 
 
-def test_leaving_the_thrust_tables_is_flagged():
+def test_conditions_outside_the_thrust_tables_are_reported():
     inside = [ENGINE.outside_tables(_exactly(*case)) for case in ((0.0, 0.0), (50000 * FOOT_M, 1.0), (5000.0, 0.5))]
-    beyond = [ENGINE.outside_tables(_exactly(*case)) for case in ((-1.0, 0.5), (15241.0, 0.5), (5000.0, 1.01))]
+    outside = [ENGINE.outside_tables(_exactly(*case)) for case in ((-1.0, 0.5), (15241.0, 0.5), (5000.0, 1.01))]
     assert not np.any(inside)
-    assert np.all(beyond)
+    assert np.all(outside)
 
 
 @pytest.mark.parametrize("power", [0.0, 50.0, 100.0])
@@ -142,7 +142,7 @@ def test_gradients_are_finite_at_the_joints(power):
     assert np.isfinite(gradient).all()
 
 
-def test_vmap_equals_one_at_a_time():
+def test_batches_equal_single_evaluations():
     powers = jnp.array([10.0, 49.0, 51.0, 90.0])
-    many = jax.vmap(lambda p: ENGINE.thrust(p, 4000.0, 0.55))(powers)
-    np.testing.assert_allclose(many, [float(thrust(p, 4000.0, 0.55)) for p in powers], rtol=1e-14)
+    batch = jax.vmap(lambda p: ENGINE.thrust(p, 4000.0, 0.55))(powers)
+    np.testing.assert_allclose(batch, [float(thrust(p, 4000.0, 0.55)) for p in powers], rtol=1e-14)

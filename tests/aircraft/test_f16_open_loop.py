@@ -1,9 +1,9 @@
-"""Open-loop flights of the F-16 against the textbook's equations in plain NumPy, of other state variables and units.
+"""Open-loop flights of the F-16 against the textbook's equations in plain NumPy, with other state variables and units.
 
-The library's textbook variant flies in the standard atmosphere; the constants that the textbook's program rounds (its
-atmosphere, gravity, mass, inertia ratios, 57.3 deg/rad) are those of `anser.verification.textbook`. Both sides take
-Runge-Kutta steps of 0.01 s with the controls held; what remains is the difference of their truncation errors in
-quaternion and Euler angles, 4e-9 of the span of a quantity at most.
+The library's textbook variant flies in the standard atmosphere; the rounded constants of the textbook's program
+(atmosphere, gravity, mass, inertia ratios, 57.3 deg/rad) are in `anser.verification.textbook`. Both sides take
+Runge-Kutta steps of 0.01 s with constant controls; the remaining difference is the truncation error in quaternion and
+Euler angles, at most 4e-9 of the range of a quantity.
 """
 
 import functools
@@ -62,19 +62,30 @@ def flown(airframe, environment, start, commands):
     """States after each step in the textbook's order and units."""
 
     def step(state, command):
-        after = advance(airframe, environment, 0.0, state, Controls(command[1:] * DEG, command[0]), STEP)
-        V, alpha, beta = flow_angles(after.velocity_b)
-        north, east, down = after.position_n / FOOT
-        euler = euler_from_quaternion(after.quaternion)
-        row = [V / FOOT, alpha, beta, *euler, *after.rates_b, north, east, -down, after.power, *after.surfaces / DEG]
-        return after, jnp.stack(row)
+        new_state = advance(airframe, environment, 0.0, state, Controls(command[1:] * DEG, command[0]), STEP)
+        V, alpha, beta = flow_angles(new_state.velocity_b)
+        north, east, down = new_state.position_n / FOOT
+        euler = euler_from_quaternion(new_state.quaternion)
+        textbook_state = [
+            V / FOOT,
+            alpha,
+            beta,
+            *euler,
+            *new_state.rates_b,
+            north,
+            east,
+            -down,
+            new_state.power,
+            *new_state.surfaces / DEG,
+        ]
+        return new_state, jnp.stack(textbook_state)
 
     return jax.lax.scan(step, start, commands)[1]
 
 
 @functools.cache
 def textbook_flight(constants, name):
-    """Commands and states by the textbook's equations, from a trim by them."""
+    """Commands and states from the textbook's equations, starting from a trim by the same equations."""
     condition, x_cg, control, change = FLIGHTS[name]
     aircraft = constants(x_cg)
     start, trimmed = textbook.trim(aircraft, *condition)
@@ -83,7 +94,7 @@ def textbook_flight(constants, name):
 
 
 def departures(constants, name, airframe, environment):
-    """Greatest departure of each quantity over its span."""
+    """Greatest departure of each quantity relative to its range."""
     commands, expected = textbook_flight(constants, name)
     computed = np.asarray(flown(airframe, environment, si_state(expected[0]), jnp.array(commands)))
     # what does not move, as a control that is held, is compared with a span of 1e-3
@@ -91,7 +102,7 @@ def departures(constants, name, airframe, environment):
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_flight_follows_the_equations_of_the_textbook(name):
+def test_the_flight_follows_the_equations_of_the_textbook(name):
     airframe = load_f16("textbook", FLIGHTS[name][1])
     assert departures(textbook.exact_constants, name, airframe, standard_environment()).max() < TOLERANCE
     moved = np.ptp(textbook_flight(textbook.exact_constants, name)[1], axis=0)
@@ -101,7 +112,7 @@ def test_flight_follows_the_equations_of_the_textbook(name):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_flight_with_the_rounded_constants_of_the_textbook(name):
+def test_the_flight_with_rounded_constants_follows_the_textbook(name):
     airframe = textbook_aircraft(FLIGHTS[name][1])
     assert departures(textbook.rounded_constants, name, airframe, textbook_environment()).max() < TOLERANCE
 
@@ -132,7 +143,7 @@ CHANGES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CHANGES)
-def test_number_changed_by_1e_4_is_noticed(name):
+def test_a_change_of_any_number_by_1e_4_is_detected(name):
     worst = []
     for flight, (_, x_cg, *_) in FLIGHTS.items():
         airframe = CHANGES[name](load_f16("textbook", x_cg))

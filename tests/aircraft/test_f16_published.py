@@ -1,4 +1,4 @@
-"""The F-16 against every figure published for it: [SL] table 3.5-2, its steady turn, the static shots of [S119]."""
+"""The F-16 against published figures: [SL] table 3.5-2, the steady turn of [SL], the static shots of [S119]."""
 
 import jax
 import jax.numpy as jnp
@@ -12,23 +12,23 @@ from support.reference import reference
 from support.textbook import textbook_aircraft, textbook_environment, textbook_rates
 
 
-def test_derivatives_equal_textbook_table():
+def test_derivatives_equal_the_textbook_table():
     comparisons = assert_passes(F16_DERIVATIVES, 13)
     # Half a unit of the seventh digit of 12.62679 is 4e-7 of it: no tolerance is wider.
     np.testing.assert_allclose([c.tolerance / abs(c.expected) for c in comparisons], 4e-7, rtol=1e-12)
 
 
-def test_exact_inertia_moves_the_roll_acceleration():
+def test_the_exact_inertia_changes_the_roll_acceleration():
     # The program behind the table rounds the inertia ratios to four digits. With the inertia itself P_dot is another by
     # 2.0e-4, hundreds of times the tolerance above: the agreement is no accident of loose bounds.
     table = reference("textbook_checks")["derivative_table_3_5_2"]
-    given = jnp.asarray(state_and_controls(table))
+    inputs = jnp.asarray(state_and_controls(table))
     airframe = textbook_aircraft(table["xcg"], rounded_inertia=False)
-    rates = jax.jit(textbook_rates)(airframe, textbook_environment(), given[:13], given[13:])
+    rates = jax.jit(textbook_rates)(airframe, textbook_environment(), inputs[:13], inputs[13:])
     assert rates[6] / table["rates"]["P_dot"] - 1 == pytest.approx(-2.0e-4, abs=5e-6)
 
 
-def test_turn_example_is_steady():
+def test_the_turn_example_is_steady():
     tolerance = {c.group: c.tolerance for c in assert_passes(F16_TURN, 11)}
     # In plain figures: 1e-4 ft/s^2 is 3e-6 g; the engine's 6e-4 percent/s are 3e-6 of its range per second.
     assert tolerance["VT_dot"] < 1e-4
@@ -37,23 +37,23 @@ def test_turn_example_is_steady():
     assert tolerance["pow_dot"] < 6e-4
 
 
-def test_turn_example_tells_a_wrong_state():
+def test_the_turn_example_reveals_a_wrong_state():
     # One percent of the rudder is five thousand times the tolerance of the yaw acceleration.
     example = reference("textbook_checks")["turn_example_3_6_2"]
-    given = state_and_controls(example)
-    given[16] *= 1.01
+    inputs = state_and_controls(example)
+    inputs[16] *= 1.01
     rates = jax.jit(textbook_rates)(
-        textbook_aircraft(0.35), textbook_environment(), jnp.asarray(given[:13]), jnp.asarray(given[13:])
+        textbook_aircraft(0.35), textbook_environment(), jnp.asarray(inputs[:13]), jnp.asarray(inputs[13:])
     )
     yaw = next(c.tolerance for c in assert_passes(F16_TURN, 11) if c.group == "R_dot")
     assert abs(float(rates[8])) > 1e3 * yaw
 
 
 def test_single_precision_leaves_the_aileron_of_the_turn_uncertain():
-    """The reason of the one wider tolerance of the trim tables: 4e-7 of the sideslip rate's terms, as aileron."""
-    given = state_and_controls(reference("textbook_checks")["turn_example_3_6_2"])
-    _, slopes = rates_and_slopes(textbook_aircraft(0.35), textbook_environment(), jnp.asarray(given))
-    _, alpha, beta, phi, theta, _, P, _, R = given[:9]
+    """Reason for the wider tolerance of the trim tables: 4e-7 of the sideslip rate's terms, as aileron."""
+    inputs = state_and_controls(reference("textbook_checks")["turn_example_3_6_2"])
+    _, slopes = rates_and_slopes(textbook_aircraft(0.35), textbook_environment(), jnp.asarray(inputs))
+    _, alpha, beta, phi, theta, _, P, _, R = inputs[:9]
     g, V = 32.17, 502.0
     # [SL] coordinate the turn by its kinematics: gravity across the aircraft is the acceleration of the turn.
     coordination = np.zeros(17)
@@ -67,7 +67,7 @@ def test_single_precision_leaves_the_aileron_of_the_turn_uncertain():
     equations = np.vstack([np.asarray(slopes)[[0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12]], coordination])
     unknowns = [1, 2, 3, 4, 6, 7, 8, 12, 13, 14, 15, 16]
     aileron_by_beta_dot = np.linalg.inv(equations[:, unknowns])[10, 2]
-    beta_dot = 4e-7 * np.abs(slopes[2]) @ np.abs(given)
+    beta_dot = 4e-7 * np.abs(slopes[2]) @ np.abs(inputs)
     assert beta_dot == pytest.approx(5.8e-8, rel=0.02)
     assert abs(aileron_by_beta_dot * beta_dot) == pytest.approx(1.5e-5, rel=0.02)
 

@@ -1,4 +1,4 @@
-"""An airframe of a user's own code is refused where its body is impossible, by whatever way it comes in."""
+"""User-defined airframes with an impossible body are refused at every entry."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,8 +25,8 @@ FLAWS = {
 
 
 def flawed(flaw):
-    where, value, _ = FLAWS[flaw]
-    return eqx.tree_at(where, GOOD, value)
+    selector, value, _ = FLAWS[flaw]
+    return eqx.tree_at(selector, GOOD, value)
 
 
 @pytest.mark.parametrize("flaw", FLAWS)
@@ -35,12 +35,12 @@ def test_an_impossible_body_is_refused_with_the_attribute(flaw):
         refuse_impossible_body(flawed(flaw), "mine")
 
 
-def test_functions_that_take_an_airframe_refuse_it():
+def test_an_impossible_body_is_refused_by_public_functions():
     with pytest.raises(ValueError, match=r"LightAircraft: arrived 0 as mass_properties\.mass"):
         anser.linearize(flawed("mass"), speed_m_s=50.0, altitude_m=0.0)
 
 
-def test_an_entry_point_is_refused(monkeypatch):
+def test_an_impossible_body_is_refused_at_an_entry_point(monkeypatch):
     class Point:
         value = "mine:aircraft"
 
@@ -57,5 +57,5 @@ def test_an_entry_point_is_refused(monkeypatch):
 )
 def test_the_library_has_possible_bodies(name, variant):
     refuse_impossible_body(load_airframe(name, variant), name)
-    least, middle, greatest = np.linalg.eigvalsh(load_airframe(name, variant).mass_properties.inertia_b)
-    assert least + middle > 1.02 * greatest
+    smallest, middle, greatest = np.linalg.eigvalsh(load_airframe(name, variant).mass_properties.inertia_b)
+    assert smallest + middle > 1.02 * greatest

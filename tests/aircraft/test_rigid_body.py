@@ -25,11 +25,11 @@ CONTROLS = make_controls()
 
 
 class Vacuum(AbstractAtmosphere):
-    """No air: nothing but gravity and thrust acts."""
+    """No air: only gravity and thrust act."""
 
     def at(self, altitude: ScalarLike) -> Air:
-        one = jnp.ones_like(jnp.asarray(altitude))
-        return Air(density=0 * one, pressure=0 * one, temperature=200 * one, speed_of_sound=300 * one)
+        unity = jnp.ones_like(jnp.asarray(altitude))
+        return Air(density=0 * unity, pressure=0 * unity, temperature=200 * unity, speed_of_sound=300 * unity)
 
 
 SPACE = Environment(atmosphere=Vacuum(), wind=SteadyWind(jnp.zeros(3)), earth=FlatEarth(jnp.asarray(9.8)))
@@ -41,7 +41,7 @@ def _angular_momentum_n(state):
     return rotate_back(rotation_from_quaternion(state.quaternion), momentum_b)
 
 
-def test_torque_free_rotation_keeps_angular_momentum_and_energy():
+def test_torque_free_rotation_conserves_angular_momentum_and_energy():
     # Thrust acts through the centre of gravity; the spinning engine only couples the axes. A tumble with all three
     # rates, two turns: momentum in NED, rotational energy and the quaternion's length are integrals of the motion.
     start = make_state(rates=(2.0, 0.6, -0.9))
@@ -59,13 +59,13 @@ def test_torque_free_rotation_keeps_angular_momentum_and_energy():
     energy = 0.5 * jnp.einsum("ti,ij,tj->t", path.rates_b, J, path.rates_b)
     assert float(jnp.ptp(path.rates_b[:, 1])) > 0.5  # it does tumble
     # Runge-Kutta's global error at a step of 0.01 rad: (0.01)^4 times 20 rad, 2e-7 at worst.
-    before = _angular_momentum_n(start)
-    np.testing.assert_allclose(momentum, np.tile(before, (2000, 1)), atol=2e-7 * float(jnp.linalg.norm(before)))
+    initial = _angular_momentum_n(start)
+    np.testing.assert_allclose(momentum, np.tile(initial, (2000, 1)), atol=2e-7 * float(jnp.linalg.norm(initial)))
     np.testing.assert_allclose(energy, energy[0], rtol=2e-7)
     np.testing.assert_allclose(jnp.linalg.norm(path.quaternion, axis=1), 1.0, atol=2e-7)
 
 
-def test_free_fall_keeps_energy_and_horizontal_velocity():
+def test_free_fall_accelerates_by_gravity_only():
     state = make_state(power=0.0)
     thrust_b = F16.engine.propulsion(0.0, condition_of(F16, SPACE, 0.0, state).air_data).force_b
     rate = derivative(F16, SPACE, 0.0, state, CONTROLS)
@@ -100,7 +100,7 @@ def _wind_axis_rates(F, g, m, V, alpha, beta, mu, gamma, P, Q, R):
 
 @jax.jit
 def _flight_angles_and_rates(state, rate):
-    """V, alpha, beta, mu, gamma, chi of a state in still air, and their rates by the chain rule."""
+    """V, alpha, beta, mu, gamma, chi of a state in still air, and the rates by the chain rule."""
 
     def angles(state):
         R_bn = rotation_from_quaternion(state.quaternion)
@@ -116,13 +116,13 @@ def _flight_angles_and_rates(state, rate):
 def test_body_axes_and_wind_axes_agree(state):
     # Two formulations of one mechanics; they share the forces only.
     rate = derivative(F16, STILL, 0.0, state, CONTROLS)
-    (V, alpha, beta, mu, gamma, _), found = _flight_angles_and_rates(state, rate)
+    (V, alpha, beta, mu, gamma, _), rates = _flight_angles_and_rates(state, rate)
     force_b = np.asarray(condition_of(F16, STILL, 0.0, state).wrench.force_b)
     expected = _wind_axis_rates(
         force_b, float(STILL.gravity), float(F16.mass_properties.mass), V, alpha, beta, mu, gamma, *state.rates_b
     )
     # Rounding: rates of up to 100 m/s^2 and 10 rad/s; near the vertical tan(gamma) and 1/cos(gamma) magnify it.
-    np.testing.assert_allclose(found, expected, atol=1e-10 * (1 + abs(np.tan(gamma)) ** 2), rtol=1e-9)
+    np.testing.assert_allclose(rates, expected, atol=1e-10 * (1 + abs(np.tan(gamma)) ** 2), rtol=1e-9)
 
 
 @settings(deadline=None, max_examples=30)
@@ -144,15 +144,15 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces(state):
     rates=st.lists(st.floats(-3, 3), min_size=3, max_size=3),
     acceleration=st.lists(st.floats(-10, 10), min_size=3, max_size=3),
 )
-def test_moment_for_acceleration_is_the_inverse(rates, acceleration):
-    rates_b, wanted = jnp.array(rates), jnp.array(acceleration)
-    moment_b = moment_for_acceleration(F16.mass_properties, rates_b, wanted)
-    np.testing.assert_allclose(angular_acceleration(F16.mass_properties, rates_b, moment_b), wanted, atol=1e-12)
+def test_the_moment_for_an_acceleration_is_the_inverse(rates, acceleration):
+    rates_b, required = jnp.array(rates), jnp.array(acceleration)
+    moment_b = moment_for_acceleration(F16.mass_properties, rates_b, required)
+    np.testing.assert_allclose(angular_acceleration(F16.mass_properties, rates_b, moment_b), required, atol=1e-12)
 
 
 @settings(deadline=None, max_examples=20)
 @given(state=states, wind=st.tuples(st.floats(-30, 30), st.floats(-30, 30), st.floats(-5, 5)))
-def test_steady_wind_only_carries_the_aircraft(state, wind):
+def test_a_steady_wind_only_translates_the_aircraft(state, wind):
     # The same motion through the air: accelerations equal in NED, ground speed larger by the wind.
     wind_n = jnp.array(wind)
     R_bn = rotation_from_quaternion(state.quaternion)
@@ -165,13 +165,15 @@ def test_steady_wind_only_carries_the_aircraft(state, wind):
     np.testing.assert_allclose(windy.velocity_b, still.velocity_b + shift_b, atol=1e-10)
 
 
-def test_condition_holds_each_signal_once():
+def test_the_flight_condition_holds_the_air_data_and_forces():
     state = make_state(beta=0.05)
-    now = condition_of(F16, STILL, 0.0, state)
-    np.testing.assert_allclose(now.air_data.V, 160.0, rtol=1e-14)
-    np.testing.assert_allclose([now.air_data.alpha, now.air_data.beta], [0.1, 0.05], rtol=1e-13)
-    np.testing.assert_allclose(now.wrench.force_b, now.aerodynamic.force_b + now.propulsive.force_b)
-    np.testing.assert_allclose(now.wrench.moment_b, now.aerodynamic.moment_b + now.propulsive.moment_b)
+    condition = condition_of(F16, STILL, 0.0, state)
+    np.testing.assert_allclose(condition.air_data.V, 160.0, rtol=1e-14)
+    np.testing.assert_allclose([condition.air_data.alpha, condition.air_data.beta], [0.1, 0.05], rtol=1e-13)
+    np.testing.assert_allclose(condition.wrench.force_b, condition.aerodynamic.force_b + condition.propulsive.force_b)
+    np.testing.assert_allclose(
+        condition.wrench.moment_b, condition.aerodynamic.moment_b + condition.propulsive.moment_b
+    )
 
 
 @pytest.mark.parametrize("airframe", [F16, light_aircraft()], ids=["f16", "light"])
@@ -190,17 +192,19 @@ def test_gradients_are_finite_on_the_symmetry_plane_and_at_nodes(airframe):
     assert all(jnp.any(leaf != 0) for leaf in (gradient[2].velocity_b, gradient[2].surfaces, gradient[3].surfaces))
 
 
-def test_vmap_over_a_fleet_equals_one_at_a_time():
+def test_batches_equal_single_evaluations():
     fleet = [make_state(V=V, beta=beta) for V, beta in ((90.0, 0.1), (160.0, 0.0), (240.0, -0.2))]
     batch = jax.tree.map(lambda *x: jnp.stack(x), *fleet)
-    many = jax.jit(jax.vmap(state_derivative, in_axes=(None, None, None, 0, None)))(F16, STILL, 0.0, batch, CONTROLS)
+    batch_rates = jax.jit(jax.vmap(state_derivative, in_axes=(None, None, None, 0, None)))(
+        F16, STILL, 0.0, batch, CONTROLS
+    )
     for k, state in enumerate(fleet):
-        one = derivative(F16, STILL, 0.0, state, CONTROLS)
-        for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+        single = derivative(F16, STILL, 0.0, state, CONTROLS)
+        for a, b in zip(jax.tree.leaves(batch_rates), jax.tree.leaves(single), strict=True):
             np.testing.assert_allclose(a[k], b, rtol=1e-12, atol=1e-12)
 
 
-def test_compiled_equals_plain():
+def test_compiled_code_equals_plain_evaluation():
     airframe, state = light_aircraft(), make_state()
     plain = state_derivative(airframe, STILL, 0.0, state, CONTROLS)
     compiled = derivative(airframe, STILL, 0.0, state, CONTROLS)

@@ -38,24 +38,24 @@ _to, _from = jax.jit(earth_fixed_state), jax.jit(local_state)
 
 @generic
 @given(states)
-def test_local_and_earth_fixed_states_are_one(state):
+def test_the_round_trip_between_local_and_earth_fixed_states_is_exact(state):
     back = _from(EARTH, _to(EARTH, state))
     np.testing.assert_allclose(back.position_n, state.position_n, atol=2e-8)  # rounding of 6.4e6 m, twice
     np.testing.assert_allclose(back.rates_b, state.rates_b, atol=1e-15)
     turn = abs(float(jnp.sum(back.quaternion * state.quaternion)))
     assert turn == pytest.approx(1.0, abs=1e-14)
-    for same in ("velocity_b", "surfaces", "power"):
-        np.testing.assert_array_equal(getattr(back, same), getattr(state, same))
+    for name in ("velocity_b", "surfaces", "power"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(state, name))
 
 
 @jax.jit
 def _in_travelling_axes(state):
-    """The same motion written in local NED axes: [SL] eq. 1.7-18 with the axes that travel with the aircraft."""
-    now = flight_condition(F16, ROUND, 0.0, state)
-    force = now.wrench.force_b / F16.mass_properties.mass
+    """The same motion in local NED axes: [SL] eq. 1.7-18 with axes that travel with the aircraft."""
+    condition = flight_condition(F16, ROUND, 0.0, state)
+    force = condition.wrench.force_b / F16.mass_properties.mass
     return (
-        now.earth.chart_scale * rotate_back(now.R_bn, state.velocity_b),
-        force + rotate(now.R_bn, now.earth.apparent_gravity_n) - cross(state.rates_b, state.velocity_b),
+        condition.earth.chart_scale * rotate_back(condition.R_bn, state.velocity_b),
+        force + rotate(condition.R_bn, condition.earth.apparent_gravity_n) - cross(state.rates_b, state.velocity_b),
         quaternion_derivative(state.quaternion, state.rates_b),
     )
 
@@ -70,15 +70,18 @@ def _seen_derivative(state):
 @generic
 @given(states)
 def test_two_formulations_agree(state):
-    """Earth-fixed motion, seen in local axes through the chain rule, is the motion written in those axes."""
-    seen = _seen_derivative(state)
+    """Earth-fixed motion, transformed to local axes by the chain rule, equals the motion in local axes."""
+    local_rate = _seen_derivative(state)
     expected = _in_travelling_axes(state)
     # Through the derivative of a rotation: 6.4e6 m times 1e-16 over the arm of the velocity.
-    for found, wanted, rounding in zip(
-        (seen.position_n, seen.velocity_b, seen.quaternion), expected, (1e-10, 1e-10, 1e-12), strict=True
+    for rate, expected_rate, rounding in zip(
+        (local_rate.position_n, local_rate.velocity_b, local_rate.quaternion),
+        expected,
+        (1e-10, 1e-10, 1e-12),
+        strict=True,
     ):
-        sign = 1.0 if wanted.shape == (3,) else float(jnp.sign(jnp.sum(_seen_sign(state) * state.quaternion)))
-        np.testing.assert_allclose(sign * found, wanted, atol=rounding)
+        sign = 1.0 if expected_rate.shape == (3,) else float(jnp.sign(jnp.sum(_seen_sign(state) * state.quaternion)))
+        np.testing.assert_allclose(sign * rate, expected_rate, atol=rounding)
 
 
 @jax.jit
@@ -96,8 +99,8 @@ def _tumble(environment, start, body):
     return jax.lax.scan(one, start, length=3000)[0]
 
 
-def test_invariants_of_a_body_without_air_forces():
-    """Energy, the polar angular momentum of the orbit and the inertial angular momentum of the tumbling stay."""
+def test_energy_and_momenta_without_air_forces_are_conserved():
+    """Energy, the orbit's polar angular momentum and the tumbling's inertial angular momentum are conserved."""
     earth, body = EARTH, load_body("undamped-brick")
     start = earth_fixed_state(earth, make_state(V=300.0, rates=(0.2, 0.5, 0.3), altitude=9000.0))
     end = _tumble(ROUND, start, body)
@@ -114,14 +117,14 @@ def test_invariants_of_a_body_without_air_forces():
         energy = 0.5 * jnp.sum(velocity_i**2) - potential
         return np.array([energy, jnp.cross(position_i, velocity_i)[2], *spin_i, jnp.linalg.norm(state.quaternion)])
 
-    before, after = conserved(start, 0.0), conserved(end, 30.0)
+    initial, final = conserved(start, 0.0), conserved(end, 30.0)
     # 3000 steps that each round by 1e-16 of 6e7 J/kg and 2e9 m^2/s; a spin error of the fourth order of 0.6 rad/s * 0.01 s.
-    np.testing.assert_allclose(after, before, rtol=1e-10)
+    np.testing.assert_allclose(final, initial, rtol=1e-10)
     assert float(jnp.linalg.norm(end.position_e - start.position_e)) > 5000.0
 
 
 def test_a_huge_sphere_at_rest_is_flat():
-    """With R to infinity and GM = g R^2 the derivative is that of the flat Earth; what is left goes with 1/R."""
+    """With R to infinity and GM = g R^2 the derivative is that of the flat Earth, up to terms of order 1/R."""
     g, radius = 9.81, 1e13
     sphere = eqx.tree_at(
         lambda e: e.gravitational_parameter, spherical_earth(radius, 0.3, 0.4), jnp.asarray(g * radius**2)
@@ -136,7 +139,7 @@ def test_a_huge_sphere_at_rest_is_flat():
     np.testing.assert_allclose(curved.rates_b, flat.rates_b, atol=1e-4)
 
 
-def test_dispatch_by_the_kind_of_earth():
+def test_the_motion_state_depends_on_the_class_of_earth():
     state = make_state()
     assert to_motion_state(standard_environment(), state) is state
     assert to_local_state(standard_environment(), state) is state
@@ -147,7 +150,7 @@ def test_dispatch_by_the_kind_of_earth():
         earth_fixed_derivative(F16, standard_environment(), 0.0, moving, CONTROLS)
 
 
-def test_gradient_and_batch():
+def test_results_support_gradients_and_batches():
     moving = earth_fixed_state(EARTH, make_state())
 
     def total(y):
@@ -156,16 +159,16 @@ def test_gradient_and_batch():
     for leaf in jax.tree.leaves(jax.jit(jax.grad(total))(moving)):
         assert np.all(np.isfinite(leaf))
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), moving)
-    many = jax.jit(jax.vmap(earth_fixed_derivative, in_axes=(None, None, None, 0, None)))(
+    batch_rates = jax.jit(jax.vmap(earth_fixed_derivative, in_axes=(None, None, None, 0, None)))(
         F16, ROUND, 0.0, batch, CONTROLS
     )
-    one = _derivative(F16, ROUND, 0.0, moving, CONTROLS)
-    for a, b in zip(jax.tree.leaves(many), jax.tree.leaves(one), strict=True):
+    single = _derivative(F16, ROUND, 0.0, moving, CONTROLS)
+    for a, b in zip(jax.tree.leaves(batch_rates), jax.tree.leaves(single), strict=True):
         np.testing.assert_allclose(a[0], b, rtol=1e-12, atol=1e-12)
 
 
-def test_regular_at_the_pole():
-    """Motion through the pole: the Earth-fixed state and its derivative are finite, whatever north means there."""
+def test_the_motion_at_the_pole_is_regular():
+    """Motion through the pole: the Earth-fixed state and derivative are finite although north is undefined."""
     earth = wgs84_earth(89.9 * np.pi / 180, 0.0)
     environment = standard_environment(earth=earth)
     moving = earth_fixed_state(earth, make_state())

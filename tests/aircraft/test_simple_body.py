@@ -30,23 +30,23 @@ def test_drag_opposes_the_motion(velocity_b):
     np.testing.assert_allclose(force_b, -size * velocity_b, rtol=1e-12, atol=1e-12)
 
 
-def test_brick_is_damped_about_each_axis():
+def test_the_brick_is_damped_about_each_axis():
     """M = qbar S l (-1) w l / 2V with the brick's span for roll and yaw and its chord for pitch."""
     brick = load_body("brick")
     data = air_data(jnp.array([100.0, 0.0, 0.0]), 1000.0, AIR)
     rates_b = jnp.array([1.0, 2.0, -3.0])
     lengths = np.array([0.33333, 0.66667, 0.33333]) * FOOT_M
     expected = -float(data.qbar) * 0.22222 * FOOT_M**2 * lengths**2 * np.asarray(rates_b) / 200.0
-    found = brick.aerodynamics(data, rates_b, jnp.zeros(3))
-    np.testing.assert_allclose(found.moment_b, expected, rtol=1e-12)
-    np.testing.assert_array_equal(found.force_b, np.zeros(3))
+    wrench = brick.aerodynamics(data, rates_b, jnp.zeros(3))
+    np.testing.assert_allclose(wrench.moment_b, expected, rtol=1e-12)
+    np.testing.assert_array_equal(wrench.force_b, np.zeros(3))
     np.testing.assert_array_equal(
         load_body("undamped-brick").aerodynamics(data, rates_b, jnp.zeros(3)).moment_b, np.zeros(3)
     )
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_at_rest_everything_is_finite_and_zero(name):
+def test_forces_at_rest_are_finite_and_zero(name):
     body = load_body(name)
 
     def wrench(velocity_b, rates_b):
@@ -59,7 +59,7 @@ def test_at_rest_everything_is_finite_and_zero(name):
         assert np.all(np.isfinite(slope))
 
 
-def test_no_engine_and_no_surfaces():
+def test_the_body_has_no_engine_and_no_surfaces():
     body = load_body("sphere")
     assert float(body.mass_properties.mass) == pytest.approx(SLUG_KG, rel=1e-15)
     air = air_at(1000.0, 0.5)
@@ -71,6 +71,6 @@ def test_no_engine_and_no_surfaces():
     assert float(body.engine.rate(body.engine.steady_state(0.0), 1.0, air).power) == 0.0
 
 
-def test_unknown_body_is_named_with_the_known_ones():
+def test_an_unknown_body_is_refused_with_the_known_names():
     with pytest.raises(ValueError, match="'cube': known are dragless-sphere, sphere, undamped-brick, brick"):
         load_body("cube")

@@ -1,4 +1,4 @@
-"""The linter of tables: what readers of TP-1538 found by eye, planted outliers, and nothing in smooth tables."""
+"""The search for suspect table entries: known suspects of TP-1538, planted outliers, and smooth tables."""
 
 import numpy as np
 import pytest
@@ -22,19 +22,21 @@ def found():
 
 
 @pytest.mark.parametrize("point", LISTED, ids=str)
-def test_finds_every_point_that_readers_found(found, point):
-    name, *place = point
-    assert any(one.table == name and tuple(place) in (one.location, *one.neighbours) for one in found)
+def test_the_search_finds_every_known_suspect(found, point):
+    name, *location = point
+    assert any(
+        suspect.table == name and tuple(location) in (suspect.location, *suspect.neighbours) for suspect in found
+    )
 
 
-def test_finds_at_most_as_many_again(found):
-    """Cz at 70 deg is one finding of several points; 13 places are listed."""
+def test_the_search_finds_at_most_twice_the_known_suspects(found):
+    """Cz at 70 deg is one suspect with several points; 13 points are listed."""
     assert len(LISTED) == 13
     assert len(found) <= 2 * len(LISTED)
-    assert [one.score for one in found] == sorted((one.score for one in found), reverse=True)
+    assert [suspect.score for suspect in found] == sorted((suspect.score for suspect in found), reverse=True)
 
 
-def test_worst_is_the_misprint_of_the_flap_table(found):
+def test_the_worst_suspect_is_the_misprint_of_the_flap_table(found):
     assert found[0][:3] == ("Cm_lef", (25.0, -6.0), -0.1607)
 
 
@@ -45,7 +47,7 @@ def smooth(alphas, betas, phase=0.0):
 
 @settings(deadline=None, max_examples=30)
 @given(row=st.integers(1, 18), column=st.integers(1, 17), size=st.sampled_from([-0.6, 0.6]))
-def test_finds_a_planted_outlier_and_not_its_neighbours(row, column, size):
+def test_the_search_finds_a_planted_outlier(row, column, size):
     values = smooth(AXES["alpha1"], AXES["beta1"])
     values[row, column] += size
     axes = (AXES["alpha1"], AXES["beta1"])
@@ -53,7 +55,7 @@ def test_finds_a_planted_outlier_and_not_its_neighbours(row, column, size):
     assert worst.location == (axes[0][row], axes[1][column])
 
 
-def test_smooth_tables_and_short_ones_have_none():
+def test_smooth_and_short_tables_have_no_suspects():
     axes = (AXES["alpha1"], AXES["beta1"])
     tables = {
         "C": GriddedTable(axes, smooth(*axes)),
@@ -64,12 +66,12 @@ def test_smooth_tables_and_short_ones_have_none():
     assert suspect_points(tables) == ()
 
 
-def test_a_place_that_is_off_in_most_tables_is_told_once():
+def test_a_suspect_common_to_most_tables_is_reported_once():
     axes = (AXES["alpha1"], AXES["beta1"])
     tables = {}
     for k in range(6):
         values = smooth(*axes, phase=0.3 * k)
         values[10, 4] += 0.5
         tables[f"C{k}"] = GriddedTable(axes, values)
-    together = [one for one in suspect_points(tables) if one.table == "all"]
-    assert [one.location for one in together] == [(axes[0][10], axes[1][4])]
+    together = [suspect for suspect in suspect_points(tables) if suspect.table == "all"]
+    assert [suspect.location for suspect in together] == [(axes[0][10], axes[1][4])]

@@ -45,7 +45,7 @@ def table(airframe, alphas, betas, surfaces_deg, rates=None, V=150.0):
     return np.asarray(many(airframe, alphas.ravel(), betas.ravel(), surfaces, rates, np.broadcast_to(V, count)))
 
 
-def test_is_the_aircraft_of_the_report():
+def test_the_aircraft_equals_that_of_the_report():
     assert isinstance(AIRFRAME, F16TP1538)
     np.testing.assert_allclose(AIRFRAME.mass_properties.mass, 636.94 * SLUG_KG, rtol=1e-14)
     assert AIRFRAME.actuators.names == ("elevator", "aileron", "rudder", "leading_edge_flap")
@@ -54,7 +54,7 @@ def test_is_the_aircraft_of_the_report():
 
 
 @pytest.mark.parametrize("x_cg", [0.25, X_CG, 0.40])
-def test_build_up_is_that_of_the_report_everywhere(x_cg):
+def test_the_build_up_equals_that_of_the_report(x_cg):
     """4000 random states against the formulas written out with SciPy's interpolation; rounding only."""
     random = np.random.default_rng(1538)
     count = 4000
@@ -74,14 +74,14 @@ def test_interpolation_passes_through_every_printed_value(name, row):
     alphas, betas, elevators = (x.ravel() for x in np.meshgrid(*axes, indexing="ij"))
     surfaces = np.column_stack([elevators, *np.zeros((2, elevators.size)), np.full(elevators.size, 25.0)])
     at_reference = load_airframe("f16", "tp1538", 0.35)
-    found = table(at_reference, alphas, betas, surfaces)[:, row]
+    values = table(at_reference, alphas, betas, surfaces)[:, row]
     if name in ("Cl", "Cn"):
-        found = found - np.interp(alphas, AXES["alpha1"], TABLES[f"delta{name}beta"]) * betas
-    np.testing.assert_allclose(found, TABLES[name].ravel(), atol=1e-13)
+        values = values - np.interp(alphas, AXES["alpha1"], TABLES[f"delta{name}beta"]) * betas
+    np.testing.assert_allclose(values, TABLES[name].ravel(), atol=1e-13)
 
 
 def test_flap_increments_go_to_zero_where_they_were_not_measured():
-    """With the flap at 0 the tables end at 45 deg: from 50 deg on it has no part, between nothing jumps."""
+    """Tables with the flap at 0 end at 45 deg; from 50 deg on they have no influence, with continuity in between."""
     up, down = (table(AIRFRAME, [44.999, 45.001, 47.5, 50.0, 70.0], 7.0, (5.0, 10.0, 10.0, x)) for x in (0.0, 25.0))
     np.testing.assert_array_equal(up[3:], down[3:])
     np.testing.assert_allclose(up[0], up[1], atol=2e-4)
@@ -98,12 +98,12 @@ HALF_DIGIT = 0.5e-3 + 1e-9
 
 
 def lef_of(alphas):
-    """Static schedule at the Mach number at which the textbook froze it, deg."""
+    """Static flap schedule at the textbook's Mach number, deg."""
     return np.clip(1.38 * np.asarray(alphas) + 0.43, 0.0, 25.0)
 
 
 def reduced(alphas, betas, elevator=0.0, aileron=0.0, rudder=0.0, rates=None):
-    """Coefficients about the reference point with the flap where the schedule has it."""
+    """Coefficients about the reference point with the flap on schedule."""
     alphas, betas = np.broadcast_arrays(alphas, betas)
     surfaces = np.column_stack(
         [np.full(alphas.size, x) for x in (elevator, aileron, rudder)] + [lef_of(alphas.ravel())]
@@ -116,7 +116,7 @@ def textbook(name):
 
 
 def last_digit(values):
-    """Half of the last printed digit of each value, three significant ones: [SL] rounds so."""
+    """Half of the last printed digit of each value, for three significant digits as in [SL]."""
     digits = np.floor(np.log10(np.maximum(np.abs(values), 1e-9)))
     return 0.5 * 10.0 ** np.clip(digits - 2, -3, None) + 1e-9
 
@@ -169,15 +169,15 @@ def test_axial_force_reduces_to_the_textbook_within_a_digit():
 def test_pitching_moment_reduces_to_the_textbook_below_the_stall():
     """Up to 30 deg within 0.001; above, the textbook is smoothed."""
     for k, elevator in enumerate((-24.0, -12.0, 0.0, 12.0, 24.0)):
-        found = reduced(SHORT, 0.0, elevator)[:, 4]
-        np.testing.assert_allclose(found[:9], textbook("Cm0")[:9, k], atol=1.5e-3)
+        moments = reduced(SHORT, 0.0, elevator)[:, 4]
+        np.testing.assert_allclose(moments[:9], textbook("Cm0")[:9, k], atol=1.5e-3)
 
 
 # --- what jax needs, and properties ---
 
 
-def test_pitch_damping_of_lift_is_its_own_and_not_the_flap_increment_of_lift():
-    """A well-known public code multiplies the pitch rate by the increment of CZ; at alpha -10 deg that is far off."""
+def test_the_pitch_damping_of_lift_is_not_the_flap_increment_of_lift():
+    """A well-known public code multiplies the pitch rate by the increment of CZ: a large error at alpha -10 deg."""
     rate = np.array([0.0, 0.3, 0.0])
     air = (-10.0, 0.0, (0.0, 0.0, 0.0, 0.0))
     change = (table(AIRFRAME, *air, rate) - table(AIRFRAME, *air))[0, 2]
@@ -194,23 +194,23 @@ def test_pitch_damping_of_lift_is_its_own_and_not_the_flap_increment_of_lift():
     surfaces=st.tuples(st.floats(-25, 25), st.floats(-21.5, 21.5), st.floats(-30, 30)),
     shares=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
 )
-def test_linear_in_aileron_rudder_flap_and_rates(alpha, beta, lef, surfaces, shares):
-    """Half of the aileron, rudder, flap or rates gives the mean of none and all: only the elevator is not linear."""
+def test_coefficients_are_linear_in_aileron_rudder_flap_and_rates(alpha, beta, lef, surfaces, shares):
+    """Half of aileron, rudder, flap or rates gives the mean of zero and full: only the elevator is nonlinear."""
     e, a, r = surfaces
-    here = (np.array([alpha]), np.array([beta]))
+    angles = (np.array([alpha]), np.array([beta]))
     rates = 2.0 * np.array(shares)
-    for none, all_, at_none, at_all in (
+    for zero, full, zero_rates, full_rates in (
         ((e, 0, r, lef), (e, a, r, lef), rates, rates),
         ((e, a, 0, lef), (e, a, r, lef), rates, rates),
         ((e, a, r, 0), (e, a, r, lef), rates, rates),
         ((e, a, r, lef), (e, a, r, lef), 0 * rates, rates),
     ):
-        ends = [table(AIRFRAME, *here, s, w) for s, w in ((none, at_none), (all_, at_all))]
-        middle = table(AIRFRAME, *here, np.add(none, all_) / 2, (at_none + at_all) / 2)
-        np.testing.assert_allclose(middle, np.add(*ends) / 2, atol=1e-12)
+        endpoints = [table(AIRFRAME, *angles, s, w) for s, w in ((zero, zero_rates), (full, full_rates))]
+        middle = table(AIRFRAME, *angles, np.add(zero, full) / 2, (zero_rates + full_rates) / 2)
+        np.testing.assert_allclose(middle, np.add(*endpoints) / 2, atol=1e-12)
 
 
-def test_beyond_the_tables_the_ends_are_held_and_said():
+def test_tables_are_clamped_beyond_the_ends_and_reported():
     for inside, outside in (((90.0, 3.0), (120.0, 3.0)), ((-20.0, 3.0), (-35.0, 3.0)), ((10.0, 30.0), (10.0, 40.0))):
         np.testing.assert_allclose(
             table(AIRFRAME, *inside, (0, 0, 0, 25.0))[0, :3], table(AIRFRAME, *outside, (0, 0, 0, 25.0))[0, :3]
@@ -240,7 +240,7 @@ def test_gradients_are_finite_everywhere_at_breakpoints_and_at_rest():
     assert bool(jnp.isfinite(slopes).all())
 
 
-def test_batches_and_compiled_code_give_the_same():
+def test_batches_and_compiled_code_equal_single_evaluations():
     alphas, betas = np.linspace(-20, 90, 23), np.linspace(-30, 30, 23)
     together = table(AIRFRAME, alphas, betas, (4.0, -5.0, 6.0, 11.0), (0.2, 0.1, -0.3))
     for k in (0, 7, 22):

@@ -1,4 +1,4 @@
-"""Deviations of the F-16 of TP-1538: each factor scales its own part of the build-up, and each changes the flight."""
+"""Dispersions of the F-16 of TP-1538: each factor scales exactly the named part of the build-up."""
 
 import equinox as eqx
 import jax
@@ -55,8 +55,8 @@ def test_a_factor_scales_its_own_part_alone_and_linearly(name):
     np.testing.assert_allclose(at[3.0] - at[1.0], 2 * change, atol=1e-13)
 
 
-def test_parts_are_the_whole():
-    """All coefficients at 0: nothing is left of force and moment."""
+def test_the_parts_add_up_to_the_whole():
+    """With zero coefficients, force and moment vanish."""
     nothing = NOMINAL.with_coefficients_scaled(jnp.zeros(len(F16_COEFFICIENTS)))
     np.testing.assert_allclose(coefficients(nothing), 0.0, atol=1e-15)
 
@@ -73,15 +73,15 @@ def test_parts_are_the_whole():
         ("cg_shift", 0.03, "rates_b"),
     ],
 )
-def test_every_other_deviation_changes_the_flight(field, value, moved):
+def test_each_deviation_changes_the_flight(field, value, moved):
     dispersion = eqx.tree_at(lambda d: getattr(d, field), no_dispersion(), jnp.asarray(value))
-    one, other = derivative(NOMINAL), derivative(dispersed_f16(NOMINAL, dispersion))
-    pairs = zip(*(jax.tree.leaves(getattr(d, moved)) for d in (one, other)), strict=True)
+    nominal_rate, changed_rate = derivative(NOMINAL), derivative(dispersed_f16(NOMINAL, dispersion))
+    pairs = zip(*(jax.tree.leaves(getattr(d, moved)) for d in (nominal_rate, changed_rate)), strict=True)
     assert any(float(jnp.abs(a - b).max()) > 1e-3 for a, b in pairs)
 
 
-def test_no_dispersion_leaves_it_as_it_is():
-    for one, other in zip(
+def test_the_aircraft_without_dispersion_is_unchanged():
+    for nominal_leaf, changed_leaf in zip(
         jax.tree.leaves(NOMINAL), jax.tree.leaves(dispersed_f16(NOMINAL, no_dispersion())), strict=True
     ):
-        np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(nominal_leaf, changed_leaf)

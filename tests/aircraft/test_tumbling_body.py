@@ -82,10 +82,10 @@ def torque_free(rates):
     )
     m = (I2 - I1) * (energy * I3 - momentum) / ((I3 - I2) * (momentum - energy * I1))
     speed = np.sqrt((I3 - I2) * (momentum - energy * I1) / (I1 * I2 * I3))
-    first, second, third = rates[order]
+    rate_1, rate_2, third = rates[order]
     # w1 = a1 cn, w2 = a2 sn, w3 = a3 dn; time runs backwards where w3 is negative
     sign = np.sign(third)
-    phase = np.arctan2(second / amplitude[1], first / amplitude[0])
+    phase = np.arctan2(rate_2 / amplitude[1], rate_1 / amplitude[0])
     start = special.ellipkinc(phase, m)
 
     def at(time):
@@ -116,38 +116,38 @@ def reference_flight(rates):
 
     exact = {"method": "DOP853", "t_eval": SECONDS, "rtol": 3e-14}
     flown = integrate.solve_ivp(orbit, (0.0, DURATION), np.concatenate([position, velocity]), atol=1e-9, **exact).y
-    turned = integrate.solve_ivp(turning, (0.0, DURATION), R_bi.ravel(), atol=1e-14, **exact).y
-    rows = []
+    rotated = integrate.solve_ivp(turning, (0.0, DURATION), R_bi.ravel(), atol=1e-14, **exact).y
+    states = []
     for k, t in enumerate(SECONDS):
         c, s = np.cos(EARTH_RATE * t), np.sin(EARTH_RATE * t)
         R_ei = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        R_bi = turned[:, k].reshape(3, 3)
+        R_bi = rotated[:, k].reshape(3, 3)
         relative = flown[3:, k] - EARTH_RATE * np.array([-flown[1, k], flown[0, k], 0.0])
-        rows.append((R_ei @ flown[:3, k], R_bi @ relative, R_bi @ R_ei.T, rates_at(t)))
-    return [np.array(column) for column in zip(*rows, strict=True)]
+        states.append((R_ei @ flown[:3, k], R_bi @ relative, R_bi @ R_ei.T, rates_at(t)))
+    return [np.array(column) for column in zip(*states, strict=True)]
 
 
 @jax.jit
 def anser_flight(body, environment, start):
-    """The same and the rotation NED to body, at each second."""
+    """As `reference_flight`, and the rotation NED to body, at each second."""
     controls = Controls(jnp.zeros(3), jnp.asarray(0.0))
 
     def second(state, _):
-        after = jax.lax.fori_loop(0, 100, lambda _, y: advance(body, environment, 0.0, y, controls, STEP), state)
-        R_be, local = rotation_from_quaternion(after.quaternion), local_state(environment.earth, after)
+        new_state = jax.lax.fori_loop(0, 100, lambda _, y: advance(body, environment, 0.0, y, controls, STEP), state)
+        R_be, local = rotation_from_quaternion(new_state.quaternion), local_state(environment.earth, new_state)
         R_bn = rotation_from_quaternion(local.quaternion)
-        return after, (after.position_e, after.velocity_b, R_be, after.rates_b, R_bn)
+        return new_state, (new_state.position_e, new_state.velocity_b, R_be, new_state.rates_b, R_bn)
 
     return jax.lax.scan(second, earth_fixed_state(environment.earth, start), length=SECONDS.size)[1]
 
 
-def angle_between(one, other):
-    """Angle of the rotation from one to the other, deg."""
-    return np.degrees(Rotation.from_matrix(one @ np.swapaxes(other, 1, 2)).magnitude())
+def angle_between(rotations_1, rotations_2):
+    """Angles between attitudes, deg."""
+    return np.degrees(Rotation.from_matrix(rotations_1 @ np.swapaxes(rotations_2, 1, 2)).magnitude())
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_minute_of_tumbling(name):
+def test_a_minute_of_tumbling_equals_the_analytic_solution(name):
     rates = STARTS[name]
     body = load_body("undamped-brick")
     environment = standard_environment(earth=wgs84_earth(LATITUDE, LONGITUDE))
