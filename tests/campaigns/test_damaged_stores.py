@@ -163,8 +163,8 @@ def test_metadata_of_another_study_are_not_put_in(study, out, tmp_path):
 
 def test_two_processes_do_not_resume_one_store(study, out):
     program = (
-        "import pathlib, sys\nfrom anser.campaigns.store_lock import exclusive\n"
-        "with exclusive(pathlib.Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
+        "import pathlib, sys\nfrom anser.campaigns.store_integrity import folder_lock\n"
+        "with folder_lock(pathlib.Path(sys.argv[1])):\n    print('held', flush=True)\n    sys.stdin.read()"
     )
     command = [sys.executable, "-c", program, str(out)]
     holder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
