@@ -78,7 +78,9 @@ def test_the_chunk_of_a_campaign_is_what_memory_holds_and_stays(has, tmp_path, m
 
 def test_the_command_says_it_in_one_line(has, anser, tmp_path, monkeypatch):
     monkeypatch.setattr(flights, "fly_many", made_up)
-    monkeypatch.setattr("anser.campaigns.campaign_report.write_campaign", lambda store, worst: [])  # the report takes three seconds
+    monkeypatch.setattr(
+        "anser.campaigns.campaign_report.write_campaign", lambda store, worst: []
+    )  # the report takes three seconds
     has(2 * GB)
     (tmp_path / "three.toml").write_text((Path(__file__).parents[2] / "scenarios/three-aircraft.toml").read_text())
     (tmp_path / "study.toml").write_text(text_of(flights=4))
