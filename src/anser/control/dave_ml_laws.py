@@ -120,8 +120,6 @@ class DaveMlLaw(AbstractController):
 
     Attributes
     ----------
-    law
-        Evaluator of the file.
     surfaces
         Names of the outputs for the airframe's surfaces, in the airframe's order.
     power
@@ -142,10 +140,6 @@ class DaveMlLaw(AbstractController):
 
         Parameters
         ----------
-        controller_state
-            None.
-        belief
-            The aircraft's own estimate of its state.
         command
             Inputs of the law by name, SI units and radians.
         step
@@ -173,8 +167,6 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
 
     Parameters
     ----------
-    model
-        The file's content.
     surfaces
         Names of the airframe's surfaces; the output for `elevator` is `elevatorDeflection`.
     power

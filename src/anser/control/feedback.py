@@ -47,12 +47,8 @@ def virtual_control(
 
     Parameters
     ----------
-    gains
-        Gains of the loop.
     error
         r - y, shape (3,), angles wrapped.
-    integral
-        Time integral of the error.
     reference_rate, measured_rate
         Rates of the reference and of the output; only the derivative term uses the output's rate.
     """
@@ -75,8 +71,6 @@ def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) ->
 
     Parameters
     ----------
-    gains
-        Gains of the loop.
     error
         r - y, shape (3,).
     acceleration

@@ -202,8 +202,6 @@ def derived_bandwidths(
 
     Parameters
     ----------
-    airframe, condition
-        Airframe and condition in steady flight.
     surfaces, power
         Trimmed deflections, rad, and engine power, percent.
     step

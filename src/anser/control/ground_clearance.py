@@ -106,8 +106,6 @@ class GroundClearance(eqx.Module):
         altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink.
     normal_acceleration_max
         Greatest acceleration normal to the path, limited by lift and load factor, m/s^2.
-    motion
-        Present motion of the aircraft.
     """
 
     is_lost: Flag
@@ -121,8 +119,6 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
 
     Parameters
     ----------
-    belief
-        The aircraft's own estimate of its state.
     limits
         Least altitude, angle of attack and load factor.
 
@@ -168,8 +164,6 @@ def level_off_command(
     ----------
     command
         Command of the guidance, through the air.
-    clearance
-        Present ground clearance.
     gains
         Gains of the controller's velocity loop (V, gamma, chi).
     gravity

@@ -102,8 +102,6 @@ def follow(
         Position of the aircraft (m) and velocity over ground (m/s), NED.
     wind_n
         Wind measured by the aircraft (ground velocity minus air velocity), NED, m/s.
-    settings
-        See `GuidanceSettings`.
     """
 
     def correction(offset_n: Vector3) -> Vector3:
@@ -146,8 +144,6 @@ def hold(
         Commanded height above the goal, m.
     speed
         Airspeed, m/s.
-    settings
-        See `GuidanceSettings`.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
     arrival_axis = arrival_direction_n[:2] / jnp.maximum(

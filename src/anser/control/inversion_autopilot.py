@@ -41,8 +41,6 @@ class InversionAutopilot(AbstractController):
 
     Attributes
     ----------
-    gains, limits
-        Gains and limits of the loops.
     loop
         The commanded loop: "velocity" takes a `PathCommand`, "attitude" and "rates" a `LoopCommand`. Loops inside the
         commanded loop are closed.

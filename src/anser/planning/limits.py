@@ -79,8 +79,6 @@ class Limit:
         Bounded variable, by key in `anser.variables`.
     extreme
         Function that computes the extreme along an axis.
-    description
-        Name in text.
     heading
         Short column heading; empty: the description.
     violation

@@ -58,8 +58,6 @@ def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Sce
         Running summary of one flight, with concrete arrays.
     planned_s
         Arrival times of the last plan, s.
-    scenario
-        Scenario of the flight.
     """
     aircraft = []
     for k, config in enumerate(scenario.aircraft):

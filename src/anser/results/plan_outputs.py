@@ -194,8 +194,6 @@ def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     ----------
     dataset
         Dataset of `anser.results.plan_record`.
-    path
-        New file.
 
     Raises
     ------

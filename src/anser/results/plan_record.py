@@ -72,8 +72,6 @@ class PlanSamples:
         Arrays (time, aircraft), SI units and radians, by key of `anser.variables`.
     goal_positions_n
         Goal positions (time, aircraft, NED axis), m.
-    extremes
-        Extremes of the paths.
     closest_by_distance
         Closest approaches by distance in space.
     closest_by_separation
@@ -100,8 +98,6 @@ class PlanDetails:
 
     Attributes
     ----------
-    scenario
-        Scenario of the plan.
     paths
         Short description of each path.
     messages
@@ -154,13 +150,6 @@ _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 
 def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     """Label a plan.
-
-    Parameters
-    ----------
-    samples
-        Samples of the paths.
-    details
-        Request and planner's report.
 
     Returns
     -------

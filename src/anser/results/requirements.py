@@ -101,8 +101,6 @@ def evaluate_requirements(
 
     Parameters
     ----------
-    requirements
-        Requirements of the scenario.
     aircraft, fleet
         Aircraft entries and fleet entry of the summary.
     clearances

@@ -88,8 +88,6 @@ class FirstBreak:
 
     Attributes
     ----------
-    factor, inversion
-        Names.
     sign
         Sign of the change, +1 or -1.
     change, value
@@ -157,8 +155,6 @@ class FailureCorrelation:
 
     Attributes
     ----------
-    factor
-        Name.
     measure
         "value": failures correlate with the value; "amount": with the magnitude of the change. The stronger of the two.
     correlation

@@ -145,8 +145,6 @@ def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float 
 
     Parameters
     ----------
-    inputs, outputs
-        Pairs of numbers.
     confidence
         Nominal coverage, 0..1.
 
@@ -203,8 +201,6 @@ def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
     ----------
     inputs, count
         Numbers of inputs and of blocks; the number of blocks is a power of 2.
-    seed
-        Seed of the scrambling.
 
     Returns
     -------
@@ -228,8 +224,6 @@ def sobol_indices(outputs: np.ndarray, inputs: int, confidence: float = 0.95) ->
     ----------
     outputs
         Outputs in the order of the points.
-    inputs
-        Number of inputs.
     confidence
         Coverage of the intervals, 0..1.
 

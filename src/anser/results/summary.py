@@ -99,8 +99,6 @@ def summarize(
         Times of the record, s, increasing; shape (time,), at least two.
     history
         Arrays (time, aircraft) in SI units and radians, keyed as in `anser.variables`.
-    scenario
-        Scenario of the flight.
     wall_s
         Duration of the computation, s.
     paths

@@ -166,8 +166,6 @@ def act(
     ----------
     vehicle, state, perception
         The aircraft, its state between two steps, and the result of `perceive`.
-    instant
-        Present instant.
     plan
         The aircraft's plan; None without a planner. Required for an aircraft with a mission.
     freeze
@@ -311,16 +309,10 @@ def fly_alone(
     ----------
     vehicle, state
         An aircraft without a mission, and its state at time 0.
-    environment
-        Environment of the flight.
     step
         Sampling period, s.
     count
         Number of periods.
-    recorder
-        Selects the recorded data.
-    randomness
-        Source of the random numbers of the flight.
 
     Returns
     -------

@@ -61,8 +61,6 @@ class AircraftGroup(eqx.Module):
 
     Attributes
     ----------
-    vehicles
-        Parts of the aircraft.
     starts
         Steady flight at the start; leading axis members.
     start_positions_n
@@ -85,14 +83,8 @@ class Flight(eqx.Module):
 
     Attributes
     ----------
-    environment
-        Environment of the flight.
     groups
         The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
-    planner
-        Planner of the fleet.
-    timing
-        Periods.
     randomness
         Source of random numbers, from seed and flight number; None: no random numbers may be drawn.
     """
@@ -166,20 +158,14 @@ def assemble(
 
     Parameters
     ----------
-    environment
-        Environment of the flight.
     aircraft
         Parts, steady flight at the start, and start position (NED, m) of every aircraft.
-    planner
-        Planner of the fleet.
     step
         Sampling period, s.
     replan_steps
         Number of steps between plans; 0: only the first plan.
     freeze
         Time before the arrival during which the plan is frozen, s.
-    randomness
-        Source of random numbers.
     real_count
         Number of real aircraft, first in order; the others pad the fleet to a size with a compiled program and never
         fly. None: no padding.
@@ -394,14 +380,10 @@ def fly(
 
     Parameters
     ----------
-    flight
-        Definition of the flight.
     state
         State before the first step, from `start_flight` or an earlier call.
     first_step
         Number of the first step: 0 at the start.
-    count
-        Number of steps.
     recorder, recorder_state
         Recorder and its present state (None: initial state). Without a recorder, every variable is recorded at every
         step.

@@ -234,10 +234,6 @@ class GoalApproach(eqx.Module):
         Rendezvous position, NED, m.
     to_goal_n, to_rendezvous_n
         Straight lines through space from the aircraft, NED, m.
-    clearance
-        Ground clearance.
-    plan
-        Plan of the aircraft.
     phase
         `APPROACH`, `FROZEN` or `HOLD`.
     """
@@ -393,8 +389,6 @@ def scan_steps(
         Number of the first sample, not batched.
     count
         Number of steps, a multiple of the recorder's stride.
-    recorder, recorder_state
-        Recorder and its present state.
     active_steps
         Number of steps to run, known only at run time; requires a stride of 1. None: `count`.
 

@@ -96,8 +96,6 @@ def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Resp
         is commanded.
     count
         Number of periods.
-    loop
-        The commanded loop.
     """
     trimmed = loop_outputs(exact_belief(case.airframe, case.environment, case.trim.state), loop)
     return loop_flight(case, trimmed + size, count, loop, ResponseRecorder(loop=loop))

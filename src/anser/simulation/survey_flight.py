@@ -221,10 +221,6 @@ def take_sample(
     ----------
     sample
         Sample of an aircraft under `InversionAutopilot` with a commanded velocity loop.
-    environment, time
-        Environment and time (s) of the sample.
-    limits
-        Limits of the autopilot.
     start
         Condition at the start, inside the airframe's data.
     """
@@ -318,8 +314,6 @@ class SurveyRecorder(AbstractRecorder):
 
     Attributes
     ----------
-    limits
-        Limits of the autopilot.
     start
         Condition at the start, inside the airframe's data.
     size, tolerance

@@ -91,8 +91,6 @@ class Mission(eqx.Module):
         True motion of the goal, for the sensors only, never for the planner.
     airborne
         Whether the goal is in the air; otherwise on the surface.
-    rendezvous
-        Rendezvous with the goal.
     hold
         Hold after the arrival or a break-off, for any planner and guidance.
     """
@@ -129,8 +127,6 @@ class Vehicle(eqx.Module):
         None: no goal, no break-off, no planner.
     gusts
         Gusts in addition to the mean wind.
-    faults
-        Faults of the aircraft.
     """
 
     airframe: AbstractAirframe

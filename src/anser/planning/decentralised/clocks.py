@@ -78,16 +78,12 @@ def clock_accelerations(
 
     Parameters
     ----------
-    paths
-        Present paths.
     network
         State of the network after the exchange.
     positions_n
         Positions of the aircraft, NED, m.
     active, coordinated
         Masks of the flying aircraft and of the coordinated clocks; the rate of an uncoordinated clock returns to 1.
-    gains
-        Gains of the law.
     """
     knowledge = network.knowledge
     estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)

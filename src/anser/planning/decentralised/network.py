@@ -52,14 +52,10 @@ class NetworkState(eqx.Module):
 
     Attributes
     ----------
-    outages
-        Links in outage.
     hears
         Links with a message in the last exchange: (receiver, sender).
     messages, message_links
         Messages under way, and the links they use; leading axis exchanges, a ring buffer.
-    knowledge
-        Knowledge of the aircraft.
     """
 
     outages: LinkMatrix
@@ -79,8 +75,6 @@ class Network(eqx.Module):
     ----------
     range
         Range of a link, m.
-    dropouts
-        Losses and outages of a link.
     period
         Time between two exchanges, s.
     period_samples
@@ -128,18 +122,12 @@ class Network(eqx.Module):
 
         Parameters
         ----------
-        state
-            State of the network.
-        broadcast
-            Current data of the aircraft.
         positions_n
             Positions of the aircraft, NED, m.
         active
             Mask of the aircraft that send and receive.
         number, time
             Number and time (s) of the sample.
-        randomness
-            Random numbers of the flight.
         """
         knowledge = _with_broadcasts(state.knowledge, broadcast, time)
         outages, up = self.links(state.outages, positions_n, active, number, randomness)

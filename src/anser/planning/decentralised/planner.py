@@ -68,14 +68,10 @@ class DecentralisedPlanState(eqx.Module):
 
     Attributes
     ----------
-    plan
-        Present paths.
     replanning
         Result of the last replanning: index into `REPLANNING_MESSAGES`.
     limits
         As in `CertifiedPlanState`.
-    exchange
-        State of the agreement on paths.
     clocks, network, time
         Present state of clocks and network, and time, s.
     replan_needed
@@ -108,10 +104,6 @@ class DecentralisedPlanner(AbstractPlanner):
     ----------
     aircraft_planner
         Limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew.
-    network
-        Communication network.
-    gains
-        Gains of the clocks.
     tube
         Greatest distance from the agreed path, m.
     allow_replanning

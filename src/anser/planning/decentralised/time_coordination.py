@@ -68,8 +68,6 @@ def clock_acceleration(
         Delay behind the path, s; negative: ahead.
     count
         Number of coordinated aircraft.
-    gains
-        Gains of the law.
     """
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)

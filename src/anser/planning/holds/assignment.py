@@ -69,8 +69,6 @@ class _HoldOption(eqx.Module):
 
     Attributes
     ----------
-    path, circle
-        Path and circle of the hold.
     whole, hold_track
         Track of approach and hold, and the part after the arrival.
     cylinders, cylinders_after
@@ -149,8 +147,6 @@ def assign_holds(
         Paths to the arrivals; stacked.
     tasks
         Planning tasks, with the goals predicted at `start_time`.
-    airspace, settings
-        Airspace and guidance settings of the fleet.
     start_time
         Time of the prediction, s; distances count from here on.
     end_time

@@ -72,8 +72,6 @@ class HoldAroundGoal(eqx.Module):
         ----------
         belief
             The aircraft's own estimate of its state and its goal's.
-        clearance
-            Present ground clearance.
         rendezvous
             Rendezvous; the height of the stand-off is the height of the hold.
         distance_min
@@ -82,8 +80,6 @@ class HoldAroundGoal(eqx.Module):
             Plan with the arrival before the hold.
         is_breakaway
             Whether the aircraft has left its plan, and must not follow the planned hold.
-        instant
-            Present instant.
         """
         if belief.goal is None:
             raise ValueError("a hold is flown around a goal: the aircraft has none")

@@ -125,8 +125,6 @@ class HoldReference(AbstractReference):
 
     Attributes
     ----------
-    path
-        Planned path.
     goal_offset_n, goal_offset_rate_n
         Offset of the goal from the prediction, m, and its rate, m/s.
     now
@@ -220,18 +218,10 @@ def hold_path(
         Position (m), velocity over the ground (m/s) and time (s) at the start of the hold.
     goal
         Position and velocity of the goal at the arrival, m and m/s over the ground.
-    circle
-        Circle of the hold.
-    wind
-        Wind of the plan.
     end_time
         End of the path, s.
     settings
         Guidance settings; radius and turn direction are taken from the circle.
-    gravity
-        Acceleration of gravity, m/s^2.
-    cells
-        Number of cells of the path.
     """
     position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal

@@ -87,8 +87,6 @@ class PlanningTask(eqx.Module):
         Velocity of the aircraft relative to the air, NED, m/s.
     goal_position_n, goal_velocity_n
         Sensed goal, NED, m and m/s over the ground; predicted at constant velocity.
-    rendezvous
-        Rendezvous with the goal.
     wind_n
         Wind measured by the aircraft, NED, m/s.
     origin_n
@@ -382,8 +380,6 @@ def replan(
 
     Parameters
     ----------
-    plan
-        Present plan.
     time
         Present time, s.
     tasks, sides, even_speed

@@ -198,8 +198,6 @@ class PublishedPlanState(eqx.Module):
 
     Attributes
     ----------
-    plan
-        Present plan.
     sides
         Sides of the detours, chosen with the first plan.
     deceleration

@@ -286,10 +286,6 @@ def even_law(
 
     Parameters
     ----------
-    coefficients_n
-        Coefficients of the path.
-    duration
-        Duration, s.
     speed_0
         Airspeed at the start, m/s.
     deceleration

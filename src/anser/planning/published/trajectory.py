@@ -262,8 +262,6 @@ def solve_lateral_bend(
         Positive: bend to the right; negative: to the left.
     guess
         Initial bend, m, either sign; None: computed.
-    rule
-        Quadrature rule of the length.
 
     Notes
     -----
