@@ -1,4 +1,4 @@
-"""What the workers of a cluster are given in tests, and a scheduler and workers in processes of their own."""
+"""Functions for the workers of a test cluster, and a scheduler and workers in separate processes."""
 
 import contextlib
 import os
@@ -14,19 +14,19 @@ TESTS = Path(__file__).parents[1]
 
 
 def marked(folder, chunk):
-    """Fly nothing: leave a file."""
+    """Write a file instead of flying."""
     (folder / str(chunk)).write_text("")
 
 
 def slow(folder, chunk):
-    """As `marked`, but all chunks after the first take an hour."""
+    """As `marked`, but every chunk except the first takes an hour."""
     if chunk > 0:
         time.sleep(3600.0)
     marked(folder, chunk)
 
 
 def deadly(folder, chunk):
-    """As `marked`, but chunk 1 kills its worker."""
+    """As `marked`, but chunk 1 kills the worker."""
     if chunk == 1:
         with (folder / "deaths").open("a") as deaths:
             deaths.write("x")
@@ -35,16 +35,16 @@ def deadly(folder, chunk):
 
 
 class Worker:
-    """A worker in a process of its own, without a nanny; begun again when it has died, where that is asked for."""
+    """A worker process without a nanny, optionally restarted after its death."""
 
-    def __init__(self, address, options, again):
-        words = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
-        self._words, self._options, self._again = [*words, "--no-dashboard"], options, again
+    def __init__(self, address, options, is_restarted):
+        command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
+        self._words, self._options, self._again = [*command, "--no-dashboard"], options, is_restarted
         self._process = self._begun()
         threading.Thread(target=self._look_after, daemon=True).start()
 
     def kill(self):
-        """Kill it for good."""
+        """Kill the worker permanently."""
         self._again = False
         self._process.kill()
 
@@ -59,14 +59,14 @@ class Worker:
 
 
 @contextlib.contextmanager
-def begun_cluster(path=(str(TESTS), *sys.path), again=False):
-    """A scheduler and one worker, who find modules in a path: the address, and both."""
+def begun_cluster(path=(str(TESTS), *sys.path), is_restarted=False):
+    """Start a scheduler and one worker with a module path; yield the address, the scheduler and the worker."""
     options = {"env": {**os.environ, "PYTHONPATH": os.pathsep.join(path)}, "stdout": subprocess.DEVNULL}
-    words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    with subprocess.Popen([*words, "--no-dashboard"], stderr=subprocess.PIPE, text=True, **options) as scheduler:
-        address = next(found[0] for line in scheduler.stderr if (found := re.search(r"tcp://127\.0\.0\.1:\d+", line)))
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    with subprocess.Popen([*command, "--no-dashboard"], stderr=subprocess.PIPE, text=True, **options) as scheduler:
+        address = next(match[0] for line in scheduler.stderr if (match := re.search(r"tcp://127\.0\.0\.1:\d+", line)))
         threading.Thread(target=scheduler.stderr.read, daemon=True).start()
-        worker = Worker(address, options, again)
+        worker = Worker(address, options, is_restarted)
         try:
             yield address, scheduler, worker
         finally:

@@ -1,4 +1,4 @@
-"""Stores of the first format: as those of today, with zero as the fill value, marks of chunks, and no checksums."""
+"""Stores of the first format: zero fill values, completion marks of chunks, and no checksums."""
 
 import json
 import shutil
@@ -8,7 +8,7 @@ import zarr
 
 
 def as_first_format(folder):
-    """Turn the store of a complete campaign into what the first format would have held."""
+    """Convert the store of a complete campaign to the first format."""
     root = folder / "flights.zarr"
     shutil.rmtree(folder / "checksums")
     (root / ".zmetadata").unlink()
@@ -16,13 +16,13 @@ def as_first_format(folder):
     group = zarr.open_group(root, mode="r+")
     group.attrs["format_version"] = 1
     for path in root.rglob(".zarray"):
-        about = json.loads(path.read_text())
-        if about["fill_value"] is None:
-            kind = np.dtype(about["dtype"]).kind
-            about["fill_value"] = {"b": False, "i": -1 if "series" in path.parts else 0}.get(
+        metadata = json.loads(path.read_text())
+        if metadata["fill_value"] is None:
+            kind = np.dtype(metadata["dtype"]).kind
+            metadata["fill_value"] = {"b": False, "i": -1 if "series" in path.parts else 0}.get(
                 kind, "" if kind == "U" else 0
             )
-        path.write_text(json.dumps(about))
+        path.write_text(json.dumps(metadata))
     chunk = int(group.attrs["chunk"])
     count = -(-group["flight"].shape[0] // chunk)
     labels = {"long_name": "Whether the flights of a chunk are complete", "_ARRAY_DIMENSIONS": ["chunk"]}

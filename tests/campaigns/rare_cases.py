@@ -1,4 +1,4 @@
-"""Studies with a rare event, and flights that are made up from the wind: their probabilities are known."""
+"""Studies with a rare event, and synthetic flights with known probabilities."""
 
 from anser.results.flight_rows import FlightRow
 from campaigns.study_cases import THREE, study_of
@@ -18,13 +18,13 @@ def rare_study(**changes):
 
 
 def made_up(cases, batch=None, precision="float64"):
-    """Rows whose greatest miss is the wind's speed, and whose least separation is as much more than 500 m."""
+    """Rows with a greatest miss equal to the wind speed, and a least separation of 500 m plus the wind speed."""
     return [_row(case.scenario.wind.speed_m_s) for case in cases]
 
 
 def _row(wind_m_s):
     aircraft = [
-        {"name": one.name, "miss_m": wind_m_s / (k + 1), "clearance_min_m": 200.0, "status": "arrived"}
-        for k, one in enumerate(THREE.aircraft)
+        {"name": config.name, "miss_m": wind_m_s / (k + 1), "clearance_min_m": 200.0, "status": "arrived"}
+        for k, config in enumerate(THREE.aircraft)
     ]
     return FlightRow(aircraft, {"arrival_spread_s": 0.0, "separation_min_m": 500.0 + wind_m_s}, [], met=True)

@@ -1,4 +1,4 @@
-"""A small study, and flights that are made up from their scenarios: for tests that fly nothing."""
+"""A small study, and synthetic flights computed from scenarios, for tests without simulation."""
 
 import hashlib
 from pathlib import Path
@@ -28,24 +28,24 @@ def text_of(scenario="three.toml", flights=4):
 
 
 def made_up(cases, batch=None, series=None, precision="float64"):
-    """Rows that follow from each scenario alone; some fail, one cannot begin."""
+    """Synthetic rows as functions of the scenarios, including failed flights and a failed start."""
     return [_row(case, series) for case in cases]
 
 
-def _row(case, kept):
+def _row(case, selection):
     scenario = case.scenario
     seed = scenario.seed if case.seed is None else case.seed
-    drawn = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
-    if drawn < 1.0:
+    variate = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
+    if variate < 1.0:
         return FlightRow.failed_start("made up: could not begin")
     aircraft = [
-        {"name": one.name, "arrival_s": 60.0 + drawn, "miss_m": drawn + k, "status": "arrived"}
-        for k, one in enumerate(scenario.aircraft)
+        {"name": config.name, "arrival_s": 60.0 + variate, "miss_m": variate + k, "status": "arrived"}
+        for k, config in enumerate(scenario.aircraft)
     ]
-    met = drawn < 8.0
-    fleet = {"arrival_spread_s": drawn / 100.0, "separation_min_m": 500.0 - drawn}
+    is_met = variate < 8.0
+    fleet = {"arrival_spread_s": variate / 100.0, "separation_min_m": 500.0 - variate}
     series = {}
-    if kept is not None:
-        times, places = kept.times_s(scenario), np.arange(3.0)[:, None]
-        series = {key: convert_series(key, 0.1 * drawn + places + 0.01 * times) for key in kept.keys}
-    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": met}], met, series=series)
+    if selection is not None:
+        times, offsets = selection.times_s(scenario), np.arange(3.0)[:, None]
+        series = {key: convert_series(key, 0.1 * variate + offsets + 0.01 * times) for key in selection.keys}
+    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": is_met}], is_met, series=series)

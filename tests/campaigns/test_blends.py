@@ -1,4 +1,4 @@
-"""Blends: standard normal however they were mixed, the same on the host and within a flight, and found again."""
+"""Blended random numbers: standard normal after any number of blends, equal on host and in flight, and reproducible."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ def mixed_often(count, moves, keep):
     return points
 
 
-def test_a_fresh_one_is_the_flight_of_its_number():
+def test_a_new_point_is_the_flight_of_its_number():
     (point,) = SPACE.sample(np.array([7]))
     ours, theirs = (
         SPACE.randomness_at(point).for_aircraft(jnp.asarray(1)),
@@ -31,7 +31,7 @@ def test_a_fresh_one_is_the_flight_of_its_number():
     np.testing.assert_allclose(ours.uniforms(AIR, 3, 6), theirs.uniforms(AIR, 3, 6), rtol=1e-12)
 
 
-def test_a_mixed_one_is_the_weighted_sum():
+def test_a_blended_point_is_the_weighted_sum():
     points = SPACE.propose(SPACE.sample(np.array([7])), np.array([0.8]), np.array([9]))
     np.testing.assert_allclose(
         SPACE.randomness_at(points[0]).normals(AIR, 3, 6),
@@ -44,7 +44,7 @@ def test_a_mixed_one_is_the_weighted_sum():
     )
 
 
-def test_of_what_is_not_kept_nothing_is_left():
+def test_a_point_with_zero_weight_is_dropped():
     points = SPACE.propose(SPACE.sample(np.arange(2)), np.array([0.0, 0.6]), np.array([8, 9]))
     assert points["count"].tolist() == [1, 2]
     assert points["flights"][0, 0] == 8
@@ -52,7 +52,7 @@ def test_of_what_is_not_kept_nothing_is_left():
     np.testing.assert_allclose(np.sum(points["weights"] ** 2, axis=1), 1.0)
 
 
-def test_they_are_standard_normal_and_independent_however_often_mixed():
+def test_blends_stay_standard_normal_and_independent():
     numbers = SPACE.dispersions(mixed_often(4000, 5, 0.7), 3)
     for column in numbers.T:
         assert stats.kstest(column, "norm").pvalue > 1e-3
@@ -60,14 +60,14 @@ def test_they_are_standard_normal_and_independent_however_often_mixed():
     assert np.max(np.abs(correlation)) < 4.0 / np.sqrt(4000)
 
 
-def test_a_point_is_found_again_from_its_flights_and_weights():
+def test_a_point_is_rebuilt_from_its_flights_and_weights():
     point = mixed_often(3, 4, 0.9)[1]
     count = int(point["count"])
-    again = SPACE.point(point["flights"][:count].tolist(), point["weights"][:count].tolist())
-    assert again == point
+    rebuilt = SPACE.point(point["flights"][:count].tolist(), point["weights"][:count].tolist())
+    assert rebuilt == point
 
 
-def test_a_known_probability_is_found_among_them():
+def test_a_known_probability_is_estimated_in_the_space_of_blends():
     space, threshold = GaussianSpace(3, 28), float(stats.norm.isf(1e-3))
 
     def linear(points, numbers):

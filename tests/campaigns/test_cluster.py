@@ -1,4 +1,4 @@
-"""A cluster that is lost ends a campaign with one message, whatever died; a chunk that kills workers ends no other."""
+"""The loss of a cluster ends a campaign with one message; a chunk that kills workers does not stop other chunks."""
 
 import signal
 import time
@@ -19,7 +19,7 @@ def files(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_scheduler_that_dies_ends_the_campaign_and_keeps_what_is_complete(tmp_path, capfd):
+def test_a_dead_scheduler_ends_the_campaign_and_completed_chunks_remain(tmp_path, capfd):
     with begun_cluster() as (address, scheduler, _):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1, 2])
         assert next(chunks) == 0
@@ -33,17 +33,17 @@ def test_a_scheduler_that_dies_ends_the_campaign_and_keeps_what_is_complete(tmp_
 
 
 @pytest.mark.long
-def test_a_cluster_that_cannot_import_what_flies_is_refused(tmp_path):
+def test_a_cluster_without_the_module_is_refused(tmp_path):
     with begun_cluster(path=()) as (address, _, _):
-        words = (
+        message = (
             r"arrived a scheduler or worker without anser \(No module named 'campaigns'\); expected it installed there"
         )
-        with pytest.raises(StoreError, match=words):
+        with pytest.raises(StoreError, match=message):
             list(fly_on_cluster(address, marked, tmp_path, [0]))
 
 
 @pytest.mark.long
-def test_a_scheduler_that_does_not_answer_ends_it(tmp_path, monkeypatch):
+def test_a_scheduler_without_answer_ends_the_campaign(tmp_path, monkeypatch):
     with begun_cluster() as (address, scheduler, _):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
@@ -54,7 +54,7 @@ def test_a_scheduler_that_does_not_answer_ends_it(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_cluster_without_workers_ends_it_after_a_while(tmp_path, monkeypatch):
+def test_a_cluster_without_workers_ends_the_campaign_after_a_while(tmp_path, monkeypatch):
     with begun_cluster() as (address, _, worker):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
@@ -65,9 +65,9 @@ def test_a_cluster_without_workers_ends_it_after_a_while(tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_chunk_that_kills_its_workers_is_given_up_and_the_others_are_flown(tmp_path, monkeypatch):
+def test_a_chunk_that_kills_workers_is_abandoned_and_other_chunks_are_flown(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_RETRIES", 1)
-    with begun_cluster(again=True) as (address, _, _):
+    with begun_cluster(is_restarted=True) as (address, _, _):
         with pytest.raises(StoreError, match="arrived chunk 1, whose workers died 8 times"):
             list(fly_on_cluster(address, deadly, tmp_path, list(range(8))))
         assert files(tmp_path) == ["0", "2", "3", "4", "5", "6", "7", "deaths"]

@@ -1,4 +1,4 @@
-"""Two campaigns with paired seeds: counted by hand, told what differs, refused where they are no pairs."""
+"""Campaigns with paired seeds: counts, differences, and refusal of unpaired campaigns."""
 
 import numpy as np
 import pytest
@@ -25,55 +25,58 @@ def flown(folder, scenario=THREE, **changes):
     return Campaign(store)
 
 
-def test_pairs_are_counted_and_what_differs_is_named(tmp_path):
-    one = flown(tmp_path / "one")
-    other = flown(
+def test_pairs_are_counted_and_differences_are_listed(tmp_path):
+    campaign_1 = flown(tmp_path / "one")
+    campaign_2 = flown(
         tmp_path / "other", THREE.replace("fleet.speed_m_s", 151.0), vary=[{**WIND, "high": 6.0}], precision="float32"
     )
-    found = anser.compare_campaigns(one, tmp_path / "other")
-    met = [each.dataset["met"].values for each in (one, other)]
-    assert found.flights == FLIGHTS
-    assert (found.first_only, found.second_only) == (int((met[0] & ~met[1]).sum()), int((~met[0] & met[1]).sum()))
-    assert found.both + found.first_only + found.second_only + found.neither == FLIGHTS
-    assert 0.0 < found.p_value <= 1.0
+    comparison = anser.compare_campaigns(campaign_1, tmp_path / "other")
+    is_met = [campaign.dataset["met"].values for campaign in (campaign_1, campaign_2)]
+    assert comparison.flights == FLIGHTS
+    assert (comparison.first_only, comparison.second_only) == (
+        int((is_met[0] & ~is_met[1]).sum()),
+        int((~is_met[0] & is_met[1]).sum()),
+    )
+    assert comparison.both + comparison.first_only + comparison.second_only + comparison.neither == FLIGHTS
+    assert 0.0 < comparison.p_value <= 1.0
     # made up: the greatest miss of the three, infinite where a flight could not begin
-    worst = [each.dataset["miss_m"].max("aircraft").fillna(np.inf).values for each in (one, other)]
-    (miss, spread) = found.differences
+    worst = [campaign.dataset["miss_m"].max("aircraft").fillna(np.inf).values for campaign in (campaign_1, campaign_2)]
+    (miss, spread) = comparison.differences
     assert miss.second_better == int((worst[1] < worst[0]).sum())
     assert miss.first_better == int((worst[1] > worst[0]).sum())
     assert miss.alike == int((worst[1] == worst[0]).sum())
     assert miss.low < miss.share == miss.second_better / FLIGHTS < miss.high
     assert (spread.name, spread.unit) == ("arrival_spread_s", "s")
-    (median,) = [one for one in miss.quantiles if one[0] == 0.5]
+    (median,) = [quantile for quantile in miss.quantiles if quantile[0] == 0.5]
     assert median[2] < median[1] < median[3]
-    assert found.applied == {"wind.speed_m_s": FLIGHTS}
-    assert found.scenario == (("fleet.speed_m_s", 150.0, 151.0),)
-    assert found.precision == ("float64", "float32")
-    told = found.as_dict()
-    assert told["differences"][0]["quantiles"][0]["share"] == 0.5
-    assert told["scenario"] == [{"path": "fleet.speed_m_s", "first": 150.0, "second": 151.0}]
-    assert {path.name for path in draw_paired(found.dataset, tmp_path)} == {"comparison.svg", "comparison.png"}
+    assert comparison.applied == {"wind.speed_m_s": FLIGHTS}
+    assert comparison.scenario == (("fleet.speed_m_s", 150.0, 151.0),)
+    assert comparison.precision == ("float64", "float32")
+    document = comparison.as_dict()
+    assert document["differences"][0]["quantiles"][0]["share"] == 0.5
+    assert document["scenario"] == [{"path": "fleet.speed_m_s", "first": 150.0, "second": 151.0}]
+    assert {path.name for path in draw_paired(comparison.dataset, tmp_path)} == {"comparison.svg", "comparison.png"}
 
 
-def test_a_campaign_beside_itself_differs_in_nothing(tmp_path):
-    one = flown(tmp_path / "one")
-    found = anser.compare_campaigns(one, one)
-    assert (found.first_only, found.second_only, found.p_value) == (0, 0, 1.0)
-    assert all(each.alike == FLIGHTS and each.share == 0.0 for each in found.differences)
-    assert all(value == 0.0 for each in found.differences for _, value, *_ in each.quantiles)
-    assert found.applied == {}
-    assert found.scenario == ()
+def test_a_campaign_compared_with_itself_has_no_differences(tmp_path):
+    campaign = flown(tmp_path / "one")
+    comparison = anser.compare_campaigns(campaign, campaign)
+    assert (comparison.first_only, comparison.second_only, comparison.p_value) == (0, 0, 1.0)
+    assert all(difference.alike == FLIGHTS and difference.share == 0.0 for difference in comparison.differences)
+    assert all(value == 0.0 for difference in comparison.differences for _, value, *_ in difference.quantiles)
+    assert comparison.applied == {}
+    assert comparison.scenario == ()
 
 
-def test_what_is_no_pair_is_refused(tmp_path):
-    one = flown(tmp_path / "one")
+def test_unpaired_campaigns_are_refused(tmp_path):
+    campaign = flown(tmp_path / "one")
     with pytest.raises(ValueError, match="arrived campaigns of 60 and 20 flights"):
-        anser.compare_campaigns(one, flown(tmp_path / "few", sampling={"flights": 20}))
+        anser.compare_campaigns(campaign, flown(tmp_path / "few", sampling={"flights": 20}))
     with pytest.raises(ValueError, match=r"60 of 60 flights have other seeds .*of the seeds 1 and 2"):
-        anser.compare_campaigns(one, flown(tmp_path / "seed", seed=2))
+        anser.compare_campaigns(campaign, flown(tmp_path / "seed", seed=2))
     (tmp_path / "begun").mkdir()
     create_store(tmp_path / "begun", study_of(sampling={"flights": FLIGHTS}), THREE, {})
     with pytest.raises(ValueError, match="without a flight that was flown in both"):
-        anser.compare_campaigns(one, tmp_path / "begun")
+        anser.compare_campaigns(campaign, tmp_path / "begun")
     with pytest.raises(StoreError, match="a folder without"):
-        anser.compare_campaigns(one, tmp_path)
+        anser.compare_campaigns(campaign, tmp_path)

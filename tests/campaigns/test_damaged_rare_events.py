@@ -1,4 +1,4 @@
-"""Damaged folders of rare events: named when they are read, flown again when resumed, to the last bit."""
+"""Damaged folders of rare events: reported on reading, flown again on resuming, with bit-identical results."""
 
 import json
 import shutil
@@ -45,21 +45,21 @@ def batches(folder):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_a_damaged_batch_is_named_and_flown_again(study, whole, out, seed):
+def test_a_damaged_batch_is_reported_and_flown_again(study, whole, out, seed):
     kinds = [*OF_ONE_FILE, "swap", "copy over"]
     files = sorted((out / "flown").iterdir())
     damaged = MUTATIONS[kinds[seed % len(kinds)]](files, np.random.default_rng(seed))
     with pytest.raises(StoreError, match=r"flown/\d+\.npy: arrived|arrived no batch from flight"):
         read_rare(out)
-    told = []
-    found = rare(study, out, processes=1, resume=True, progress=lambda what, part: told.append(what))
+    messages = []
+    event = rare(study, out, processes=1, resume=True, progress=lambda message, part: messages.append(message))
     assert batches(out) == batches(whole)
-    assert found.document == read_rare(whole).document
-    assert sum("flown again" in text for text in told) == sum(path.name in str(told) for path in damaged)
+    assert event.document == read_rare(whole).document
+    assert sum("flown again" in text for text in messages) == sum(path.name in str(messages) for path in damaged)
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_damaged_record_of_what_was_asked_is_refused(study, out, seed):
+def test_a_damaged_configuration_is_refused(study, out, seed):
     kind = ("edit JSON", "flip one bit", "cut", "empty")[seed]
     MUTATIONS[kind]([out / "rare-asked.json"], np.random.default_rng(seed))
     for read in (lambda: read_rare(out), lambda: rare(study, out, processes=1, resume=True)):
@@ -67,10 +67,10 @@ def test_a_damaged_record_of_what_was_asked_is_refused(study, out, seed):
             read()
 
 
-def test_a_rare_event_of_the_first_format_is_read_and_not_gone_on_with(study, whole, out):
-    asked = json.loads((out / "rare-asked.json").read_text())
-    del asked["sha256"]
-    (out / "rare-asked.json").write_text(json.dumps(asked | {"format_version": 1}))
+def test_a_rare_event_of_the_first_format_is_readable_but_not_resumable(study, whole, out):
+    configuration = json.loads((out / "rare-asked.json").read_text())
+    del configuration["sha256"]
+    (out / "rare-asked.json").write_text(json.dumps(configuration | {"format_version": 1}))
     for path in (out / "flown").iterdir():
         values = np.load(path)[1]
         with path.open("wb") as file:

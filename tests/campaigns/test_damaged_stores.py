@@ -1,4 +1,4 @@
-"""Stores as xarray reads them by itself, and damaged ones: named when they are read, flown again when resumed."""
+"""Stores read by plain xarray, and damaged stores: reported on reading, flown again on resuming."""
 
 import shutil
 import subprocess
@@ -55,14 +55,14 @@ def contents(folder):
     return store.dataset(), store.series().load(), files
 
 
-def assert_same(folder, other):
-    one, two = contents(folder), contents(other)
-    xr.testing.assert_identical(one[0], two[0])
-    xr.testing.assert_identical(one[1], two[1])
-    assert one[2] == two[2]
+def assert_same(folder, expected_folder):
+    actual, expected = contents(folder), contents(expected_folder)
+    xr.testing.assert_identical(actual[0], expected[0])
+    xr.testing.assert_identical(actual[1], expected[1])
+    assert actual[2] == expected[2]
 
 
-def test_xarray_alone_reads_every_array_as_it_was_written(whole):
+def test_plain_xarray_reads_every_array_as_written(whole):
     store, plain = CampaignStore.open(whole), xr.open_zarr(whole / "flights.zarr")
     data = plain.load()
     assert data["flown"].values.all()
@@ -81,7 +81,7 @@ def test_xarray_alone_reads_every_array_as_it_was_written(whole):
     xr.testing.assert_identical(series, store.series().load())
 
 
-def test_flights_that_were_not_flown_are_told_in_xarray_alone(study, tmp_path):
+def test_missing_flights_are_marked_in_plain_xarray(study, tmp_path):
     store = open_campaign_store(study, tmp_path / "out", resume=False)
     flights.fly_chunk(store.folder, 1)
     data = xr.open_zarr(tmp_path / "out" / "flights.zarr").load()
@@ -89,7 +89,7 @@ def test_flights_that_were_not_flown_are_told_in_xarray_alone(study, tmp_path):
     assert np.isnan(data["miss_m"].values[[0, 11]]).all()
 
 
-def test_a_store_of_the_first_format_is_read_and_not_gone_on_with(study, whole, out):
+def test_a_store_of_the_first_format_is_readable_but_not_resumable(study, whole, out):
     as_first_format(out)
     store, expected = CampaignStore.open(out), CampaignStore.open(whole)
     old, new = store.dataset(), expected.dataset()
@@ -103,7 +103,7 @@ def test_a_store_of_the_first_format_is_read_and_not_gone_on_with(study, whole, 
 
 
 @pytest.mark.parametrize("seed", range(11))
-def test_a_damaged_store_is_named_and_flown_again_to_the_last_bit(study, whole, out, seed):
+def test_a_damaged_store_is_reported_and_restored_bit_identically(study, whole, out, seed):
     draw = np.random.default_rng(seed)
     kinds = sorted(MUTATIONS)
     damaged = MUTATIONS[kinds[seed % len(kinds)]](files_of(out), draw)
@@ -131,20 +131,20 @@ def test_a_damaged_store_is_named_and_flown_again_to_the_last_bit(study, whole, 
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("content", [None, b""])
-def test_each_kind_of_file_of_a_store_is_made_anew(study, whole, out, name, message, content):
+def test_every_type_of_store_file_is_restored(study, whole, out, name, message, content):
     if content is None:
         (out / name).unlink()
     else:
         (out / name).write_bytes(content)
     with pytest.raises(StoreError, match=message):
         CampaignStore.open(out)
-    told = []
-    campaign(study, out, resume=True, processes=1, progress=lambda what, part: told.append(what))
+    messages = []
+    campaign(study, out, resume=True, processes=1, progress=lambda what, part: messages.append(what))
     assert_same(out, whole)
-    assert ("is flown again" in told[0]) == (name.split("/")[-1] != "0" and "zattrs" not in name)
+    assert ("is flown again" in messages[0]) == (name.split("/")[-1] != "0" and "zattrs" not in name)
 
 
-def test_damage_done_after_a_store_was_opened_is_named(out):
+def test_damage_after_opening_a_store_is_reported(out):
     store = CampaignStore.open(out)
     (out / "flights.zarr" / "series" / "phase" / "1.0.0").unlink()
     store.dataset()
@@ -152,7 +152,7 @@ def test_damage_done_after_a_store_was_opened_is_named(out):
         store.series()
 
 
-def test_metadata_of_another_study_are_not_put_in(study, out, tmp_path):
+def test_metadata_of_another_study_are_not_inserted(study, out, tmp_path):
     (out / "flights.zarr" / "seed" / "0").unlink()
     (study.parent / "other.toml").write_text(study.read_text().replace("seed = 1", "seed = 2"))
     with pytest.raises(

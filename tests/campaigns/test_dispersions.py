@@ -1,4 +1,4 @@
-"""Every kind of number that a study may disperse reaches the model: changed alone, the flight is another."""
+"""Every dispersible parameter reaches the model: a single change gives a different flight."""
 
 import numpy as np
 import pytest
@@ -33,16 +33,16 @@ CHANGED = {
     "aircraft[0].deviation.coefficients.Cm0": 1.2,
 }
 PRESET = {"goal_sensor.angle_mrad": 3.0, "goal_sensor.range_m": 10.0}
-"""What the camera has where the file says nothing."""
+"""Values of the camera if not set in the file."""
 
 
 @pytest.mark.long
-def test_each_number_alone_makes_another_flight(tmp_path):
+def test_each_dispersed_parameter_changes_the_flight(tmp_path):
     columns, flights = {}, len(CHANGED) + 2
     for k, (path, value) in enumerate(CHANGED.items()):
-        held = PRESET.get(path, value_at(WORLD, path))
-        assert held != value
-        column = [held] * flights
+        nominal = PRESET.get(path, value_at(WORLD, path))
+        assert nominal != value
+        column = [nominal] * flights
         column[k + 2] = value  # two flights are as they are
         columns[path] = np.array(column)
     study = study_of(vary=[], sampling={"method": "table", "file": "values.csv"})
@@ -52,8 +52,8 @@ def test_each_number_alone_makes_another_flight(tmp_path):
     fly_campaign(store)
     data = CampaignStore.open(tmp_path).dataset()
     assert (data["reason"].values == "").all()
-    told = np.concatenate([data[key].values for key in ("arrival_s", "miss_m", "speed_max_m_s")], axis=1)
-    np.testing.assert_array_equal(told[0], told[1])
+    results = np.concatenate([data[key].values for key in ("arrival_s", "miss_m", "speed_max_m_s")], axis=1)
+    np.testing.assert_array_equal(results[0], results[1])
     for k, path in enumerate(CHANGED):
         assert data[path].values[k + 2] == CHANGED[path]
-        assert np.any(told[k + 2] != told[0]), path
+        assert np.any(results[k + 2] != results[0]), path

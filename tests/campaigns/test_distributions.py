@@ -1,4 +1,4 @@
-"""Values of distributions: against scipy, within their bounds, and what is refused."""
+"""Distributions: agreement with scipy, bounds, and refused definitions."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def vary(**keys):
 
 @pytest.mark.parametrize(("keys", "known"), KNOWN)
 @given(share=st.floats(1e-12, 1.0 - 1e-12))
-def test_the_share_below_a_value_is_the_one_asked_for(keys, known, share):
+def test_the_quantile_inverts_the_distribution_function(keys, known, share):
     value = vary(**keys).quantile(np.array([share]))
     assert known.cdf(value[0]) == pytest.approx(share, rel=1e-6, abs=1e-12)
 
@@ -40,10 +40,10 @@ def test_a_truncated_value_lies_within_its_bounds(share):
     assert 2.0 <= vary(**TRUNCATED).quantile(np.array([share]))[0] <= 8.0
 
 
-def test_choices_come_as_often_as_weighted():
+def test_choices_have_the_weighted_frequencies():
     chosen = vary(distribution="choice", values=["a", "b", "c"], weights=[6.0, 3.0, 1.0])
-    found = chosen.quantile((np.arange(1000) + 0.5) / 1000)
-    assert [int(np.sum(found == one)) for one in "abc"] == [600, 300, 100]
+    values = chosen.quantile((np.arange(1000) + 0.5) / 1000)
+    assert [int(np.sum(values == letter)) for letter in "abc"] == [600, 300, 100]
     assert vary(distribution="choice", values=[True, False]).quantile(np.array([0.2, 0.7])).tolist() == [True, False]
 
 
@@ -78,5 +78,5 @@ def refused(**keys):
         ({"distribution": "beta"}, 'vary[0].distribution: arrived "beta"; expected "normal" or'),
     ],
 )
-def test_a_distribution_that_is_none_is_refused_with_the_place(keys, said):
+def test_an_invalid_distribution_is_refused_with_its_key(keys, said):
     assert said in refused(**keys)

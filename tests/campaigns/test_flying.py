@@ -1,4 +1,4 @@
-"""Campaigns with made-up flights: complete, resumed to the last bit, refused where something else is there."""
+"""Campaigns with synthetic flights: complete, resumed with bit-identical results, and refused for other studies."""
 
 import multiprocessing
 
@@ -29,38 +29,38 @@ def begun(folder, **changes):
     return create_store(folder, study, THREE, {})
 
 
-def test_every_flight_has_a_row_and_what_was_applied(tmp_path):
+def test_every_flight_has_a_row_with_the_applied_values(tmp_path):
     store = begun(tmp_path / "out")
-    told = []
-    fly_campaign(store, progress=lambda what, part: told.append((what, part)))
+    messages = []
+    fly_campaign(store, progress=lambda message, part: messages.append((message, part)))
     data = store.dataset()
     assert data["flight"].values.tolist() == list(range(FLIGHTS))
-    assert told[0] == ("0 of 50 flights", 0.0)
-    assert told[-1] == ("50 of 50 flights", 1.0)
+    assert messages[0] == ("0 of 50 flights", 0.0)
+    assert messages[-1] == ("50 of 50 flights", 1.0)
     for k in range(FLIGHTS):
         scenario = flight_scenario(store, k)
         assert scenario.wind.speed_m_s == data["wind.speed_m_s"].values[k]
         assert scenario.seed == data["seed"].values[k]
-        (row,) = made_up([flights.FlightCase(scenario)])
-        assert data["reason"].values[k] == row.reason
-        if not row.reason:
-            assert data["miss_m"].values[k, 1] == row.aircraft[1]["miss_m"]
+        (flight_row,) = made_up([flights.FlightCase(scenario)])
+        assert data["reason"].values[k] == flight_row.reason
+        if not flight_row.reason:
+            assert data["miss_m"].values[k, 1] == flight_row.aircraft[1]["miss_m"]
 
 
-def test_an_interrupted_campaign_goes_on_to_the_last_bit(tmp_path, monkeypatch):
+def test_an_interrupted_campaign_is_resumed_bit_identically(tmp_path, monkeypatch):
     whole = begun(tmp_path / "whole")
     fly_campaign(whole)
     rng = np.random.default_rng(3)
     store = begun(tmp_path / "parts")
     interrupted = 0
     while not store.chunk_is_complete.all():
-        left = int(rng.integers(0, 3))
+        remaining = int(rng.integers(0, 3))
 
         def sometimes(cases, batch=None, series=None, precision="float64"):
-            nonlocal left
-            if left == 0:
+            nonlocal remaining
+            if remaining == 0:
                 raise KeyboardInterrupt
-            left -= 1
+            remaining -= 1
             return made_up(cases, series=series)
 
         monkeypatch.setattr(flights, "fly_many", sometimes)
@@ -86,73 +86,73 @@ def test_a_chunk_without_its_record_is_flown_again(tmp_path):
     xr.testing.assert_identical(store.dataset(), whole)
 
 
-def test_a_flight_that_is_no_scenario_is_a_failure_with_its_reason(tmp_path):
+def test_an_invalid_scenario_is_a_failed_flight_with_a_reason(tmp_path):
     wide = {"path": "wind.speed_m_s", "distribution": "uniform", "low": -20.0, "high": 20.0}
     store = begun(tmp_path / "out", vary=[wide])
     fly_campaign(store)
-    data, found = store.dataset(), Campaign(store).estimates()
+    data, estimates = store.dataset(), Campaign(store).estimates()
     bad = data["wind.speed_m_s"].values < 0.0
     assert 0 < bad.sum() < FLIGHTS
-    assert all("wind.speed_m_s: arrived -" in str(one) for one in data["reason"].values[bad])
+    assert all("wind.speed_m_s: arrived -" in str(reason) for reason in data["reason"].values[bad])
     assert not data["met"].values[bad].any()
-    assert found.flown == FLIGHTS
-    assert found.met == int(data["met"].sum())
-    assert found.high < 1.0 - bad.mean() + 0.2
+    assert estimates.flown == FLIGHTS
+    assert estimates.met == int(data["met"].sum())
+    assert estimates.high < 1.0 - bad.mean() + 0.2
     with pytest.raises(ScenarioError):
         flight_scenario(store, int(np.flatnonzero(bad)[0]))
 
 
-def test_answers_count_failures_as_the_worst(tmp_path):
+def test_estimates_count_failures_as_the_worst(tmp_path):
     store = begun(tmp_path / "out")
     fly_campaign(store)
-    data, found = store.dataset(), Campaign(store).estimates()
+    data, estimates = store.dataset(), Campaign(store).estimates()
     began = data["reason"].values == ""
     assert (~began).sum() > 0
-    (miss,) = [one for one in found.quantiles if one.name == "miss_m" and one.share == 0.5]
+    (miss,) = [quantile for quantile in estimates.quantiles if quantile.name == "miss_m" and quantile.share == 0.5]
     worst = np.where(began, data["miss_m"].values.max(axis=1), np.inf)
     assert miss.value == np.sort(worst)[24]
     assert miss.low < miss.value < miss.high
-    assert found.causes["could not begin: made up: could not begin"] == (~began).sum()
-    assert found.causes["not met: miss_max_m"] == (~data["met"].values & began).sum()
-    assert set(found.worst[: int((~began).sum())]) == set(np.flatnonzero(~began).tolist())
+    assert estimates.causes["could not begin: made up: could not begin"] == (~began).sum()
+    assert estimates.causes["not met: miss_max_m"] == (~data["met"].values & began).sum()
+    assert set(estimates.worst[: int((~began).sum())]) == set(np.flatnonzero(~began).tolist())
 
 
-def test_another_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
+def test_a_different_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
     store = begun(tmp_path / "out")
-    same = study_of(sampling={"flights": FLIGHTS})
-    values = flights.applied_values(same, THREE, {})
-    store.refuse_unless_same(same, THREE, values)
+    study = study_of(sampling={"flights": FLIGHTS})
+    values = flights.applied_values(study, THREE, {})
+    store.refuse_unless_same(study, THREE, values)
     with pytest.raises(StoreError, match="other values"):
-        store.refuse_unless_same(same, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
+        store.refuse_unless_same(study, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
     with pytest.raises(StoreError, match="study"):
         store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE, values)
     with pytest.raises(StoreError, match="the precision float64; expected float32, to go on with it"):
         store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, precision="float32"), THREE, values)
     with pytest.raises(StoreError, match="scenario"):
-        store.refuse_unless_same(same, THREE.replace("fleet.speed_m_s", 151.0), values)
+        store.refuse_unless_same(study, THREE.replace("fleet.speed_m_s", 151.0), values)
     monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"expected 9\.9"):
-        store.refuse_unless_same(same, THREE, values)
+        store.refuse_unless_same(study, THREE, values)
     with pytest.raises(StoreError, match=r"expected 9\.9"):
         flights.fly_chunk(store.folder, 0)  # a worker of another version
     with pytest.raises(StoreError, match="a folder without"):
         CampaignStore.open(tmp_path)
 
 
-def test_no_space_is_refused_before_anything_flies(tmp_path, monkeypatch):
+def test_insufficient_disk_space_is_refused_before_flying(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 1000})())
     with pytest.raises(StoreError, match=r"0\.001 MB free; expected 0\."):
         begun(tmp_path / "out")
 
 
-def test_a_flight_flown_again_is_compared_with_its_row(tmp_path):
+def test_a_replayed_flight_is_compared_with_its_row(tmp_path):
     store = begun(tmp_path / "out")
     fly_campaign(store)
     number = int(np.flatnonzero(store.dataset()["met"].values)[0])
-    (row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
-    summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
+    (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
+    summary = {"aircraft": flight_row.aircraft, "fleet": flight_row.fleet, "requirements": flight_row.requirements}
     assert replay_differences(store, number, summary, met=True) == {}
-    row.aircraft[1]["miss_m"] += 1.0
+    flight_row.aircraft[1]["miss_m"] += 1.0
     assert replay_differences(store, number, summary, met=False) == {"miss_m": pytest.approx(1e-4), "met": "True"}
     with pytest.raises(ValueError, match="arrived 50; expected one from 0 to 49"):
         flight_scenario(store, FLIGHTS)
@@ -177,13 +177,13 @@ def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
         )
         # what rounding changes between a flight alone and one in a batch is more in float32
         number = int(np.flatnonzero(store.dataset()["met"].values)[0])
-        (row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
-        row.aircraft[1]["miss_m"] += 1e-3
-        summary = {"aircraft": row.aircraft, "fleet": row.fleet, "requirements": row.requirements}
+        (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
+        flight_row.aircraft[1]["miss_m"] += 1e-3
+        summary = {"aircraft": flight_row.aircraft, "fleet": flight_row.fleet, "requirements": flight_row.requirements}
         assert (replay_differences(store, number, summary, met=True) == {}) == (precision == "float32")
 
 
-def test_a_precision_that_does_not_fit_is_refused_before_anything_flies(tmp_path):
+def test_an_unsupported_precision_is_refused_before_flying(tmp_path):
     with pytest.raises(ScenarioError, match='precision: arrived "float32" of a round Earth'):
         create_store(tmp_path, study_of(precision="float32"), THREE.replace("earth", "wgs84"), {})
 
@@ -196,7 +196,7 @@ def test_a_campaign_leaves_no_processes(tmp_path):
 KEEP = {"series": ["position_error", "speed_limited"], "series_every_s": 0.5}
 
 
-def test_series_of_every_flight_are_kept_to_the_last_bit_of_float32(tmp_path):
+def test_series_of_every_flight_are_stored_in_float32(tmp_path):
     store = begun(tmp_path / "out", keep=KEEP)
     fly_campaign(store)
     data, series = store.dataset(), Campaign(store).series
@@ -208,16 +208,16 @@ def test_series_of_every_flight_are_kept_to_the_last_bit_of_float32(tmp_path):
     assert series["speed_limited"].dtype == np.int32
     assert series["speed_limited"].attrs["flag_meanings"] == "free limited"
     for k in range(FLIGHTS):
-        (row,) = made_up([flights.FlightCase(flight_scenario(store, k))], series=store.series_selection)
-        kept = series["position_error_m"].values[k]
-        if row.reason:
-            assert np.isnan(kept).all()
+        (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, k))], series=store.series_selection)
+        stored = series["position_error_m"].values[k]
+        if flight_row.reason:
+            assert np.isnan(stored).all()
             assert (series["speed_limited"].values[k] == -1).all()
         else:
-            np.testing.assert_array_equal(kept, row.series["position_error"].astype(np.float32))
+            np.testing.assert_array_equal(stored, flight_row.series["position_error"].astype(np.float32))
 
 
-def test_series_go_on_with_the_campaign_and_belong_to_its_study(tmp_path):
+def test_series_are_resumed_with_the_campaign(tmp_path):
     whole, store = begun(tmp_path / "whole", keep=KEEP), begun(tmp_path / "parts", keep=KEEP)
     fly_campaign(whole)
     flights.fly_chunk(store.folder, 1)
@@ -227,12 +227,12 @@ def test_series_go_on_with_the_campaign_and_belong_to_its_study(tmp_path):
     xr.testing.assert_identical(store.series().load(), whole.series().load())
     values = store.applied(slice(None))[1]
     store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, keep=KEEP), THREE, values)
-    other = study_of(sampling={"flights": FLIGHTS}, keep={**KEEP, "series_every_s": 1.0})
+    changed_study = study_of(sampling={"flights": FLIGHTS}, keep={**KEEP, "series_every_s": 1.0})
     with pytest.raises(StoreError, match="study"):
-        store.refuse_unless_same(other, THREE, values)
+        store.refuse_unless_same(changed_study, THREE, values)
 
 
-def test_a_campaign_without_series_says_so(tmp_path):
+def test_a_campaign_without_series_raises_an_error(tmp_path):
     store = begun(tmp_path / "out")
     with pytest.raises(StoreError, match=r"arrived a campaign without series; expected one of a study that keeps some"):
         store.series()
@@ -256,7 +256,7 @@ def test_a_campaign_without_series_says_so(tmp_path):
         ),
     ],
 )
-def test_series_that_no_flight_has_are_refused_before_any_flies(tmp_path, keep, vary, words):
+def test_series_that_no_flight_has_are_refused_before_flying(tmp_path, keep, vary, words):
     (tmp_path / "out").mkdir()
     with pytest.raises(ScenarioError, match=words):
         create_store(tmp_path / "out", study_of(keep=keep, vary=vary), THREE, {})
@@ -270,7 +270,7 @@ def test_series_that_some_flights_have_are_kept(tmp_path):
     assert store.series_selection.keys == ("gust_u",)
 
 
-def test_space_for_series_is_asked_for_too(tmp_path, monkeypatch):
+def test_the_required_disk_space_includes_series(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 200_000})())
     begun(tmp_path / "without")
     with pytest.raises(StoreError, match="MB free; expected"):

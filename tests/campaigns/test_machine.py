@@ -1,4 +1,4 @@
-"""Memory that is free is read from the kernel's files and from control groups of both versions, the least counts."""
+"""Free memory from the kernel's files and from control groups of both versions; the lowest limit applies."""
 
 from pathlib import Path
 
@@ -12,14 +12,14 @@ UNLIMITED = 9223372036854771712  # as version 1 writes that there is no limit
 
 @pytest.fixture
 def machine(tmp_path):
-    """Files of a kernel: of 8 GB available, and in what groups the process is."""
+    """Simulated kernel files: 8 GB available, and the control groups of the process."""
 
     def made(groups, **files):
         (tmp_path / "proc/self").mkdir(parents=True)
         (tmp_path / "proc/meminfo").write_text(f"MemTotal: 16000000 kB\nMemAvailable:  {8 * GB // 1024} kB\n")
         (tmp_path / "proc/self/cgroup").write_text(groups)
-        for place, text in files.items():
-            path = tmp_path / "sys/fs/cgroup" / place
+        for name, text in files.items():
+            path = tmp_path / "sys/fs/cgroup" / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(f"{text}\n")
         return tmp_path
@@ -27,11 +27,11 @@ def machine(tmp_path):
     return made
 
 
-def test_without_groups_it_is_what_the_kernel_says(machine):
+def test_the_memory_without_groups_is_that_of_the_kernel(machine):
     assert available_memory(machine("0::/\n")) == 8 * GB // 1024 * 1024
 
 
-def test_a_group_of_version_2_may_have_less_and_files_that_were_read_do_not_count(machine):
+def test_a_limit_of_version_2_applies_without_cached_files(machine):
     stat = f"anon {GB}\ninactive_file {GB}"
     root = machine(
         "0::/jobs/one\n",
@@ -40,7 +40,7 @@ def test_a_group_of_version_2_may_have_less_and_files_that_were_read_do_not_coun
     assert available_memory(root) == 3 * GB
 
 
-def test_a_group_above_may_have_less_still(machine):
+def test_a_limit_of_a_parent_group_applies(machine):
     root = machine(
         "0::/jobs/one\n",
         **{"jobs/one/memory.max": "max", "jobs/one/memory.current": GB},
@@ -49,7 +49,7 @@ def test_a_group_above_may_have_less_still(machine):
     assert available_memory(root) == GB
 
 
-def test_a_group_of_version_1_counts_alike(machine):
+def test_a_limit_of_version_1_applies(machine):
     groups = "9:name=systemd:/\n4:cpu,memory:/jobs/one\n0::/\n"
     root = machine(
         groups,
@@ -60,18 +60,18 @@ def test_a_group_of_version_1_counts_alike(machine):
     assert available_memory(root) == 3 * GB
 
 
-def test_a_container_sees_its_group_at_the_top(machine):
+def test_the_group_of_a_container_is_at_the_top(machine):
     root = machine("0::/../elsewhere\n", **{"memory.max": 3 * GB, "memory.current": 4 * GB})
     assert available_memory(root) == 0
 
 
-def test_this_machine_has_some_memory_and_a_core():
-    found = available_memory()
-    assert found is not None
-    assert found > 10**8
+def test_this_machine_has_memory_and_a_core():
+    free_bytes = available_memory()
+    assert free_bytes is not None
+    assert free_bytes > 10**8
     assert usable_cores() >= 1
 
 
-def test_nothing_is_known_of_a_machine_that_does_not_say(tmp_path, monkeypatch):
+def test_the_memory_of_a_silent_system_is_unknown(tmp_path, monkeypatch):
     monkeypatch.setattr("anser.campaigns.machine.os.sysconf", lambda name: (_ for _ in ()).throw(ValueError))
     assert available_memory(Path(tmp_path)) is None

@@ -1,4 +1,4 @@
-"""As many processes and flights of a batch as memory holds, said in one line where it limits them."""
+"""Numbers of processes and of flights per batch limited by memory, with a single message."""
 
 from pathlib import Path
 
@@ -14,27 +14,27 @@ GB = 10**9
 
 @pytest.fixture
 def has(monkeypatch):
-    """A machine of so much free memory and so many cores."""
+    """A machine with the given free memory and number of cores."""
 
-    def made(free, cores=8):
-        monkeypatch.setattr(flights, "available_memory", lambda: free)
+    def made(free_bytes, cores=8):
+        monkeypatch.setattr(flights, "available_memory", lambda: free_bytes)
         monkeypatch.setattr(flights, "usable_cores", lambda: cores)
 
     return made
 
 
-def test_enough_memory_gives_a_process_for_each_core_and_nothing_is_said(has):
+def test_enough_memory_gives_one_process_per_core_silently(has):
     has(64 * GB)
     assert flights.process_limit(THREE, 128) == flights.ProcessLimit(8, "")
 
 
-def test_where_nothing_is_known_of_the_memory_cores_count(has):
+def test_cores_are_the_limit_if_the_memory_is_unknown(has):
     has(None)
     assert flights.process_limit(THREE, 128) == flights.ProcessLimit(8, "")
     assert flights.batch_size_for(128, THREE) == 128
 
 
-def test_fewer_processes_where_memory_is_short(has):
+def test_scarce_memory_reduces_the_number_of_processes(has):
     has(4 * GB)
     room = flights.process_limit(THREE, 128)
     assert room.processes == 2
@@ -44,7 +44,7 @@ def test_fewer_processes_where_memory_is_short(has):
     assert room.message.endswith(": 2 fly, not one for each of 8 cores")
 
 
-def test_one_flies_where_not_even_one_has_room(has):
+def test_one_process_flies_even_without_enough_memory(has):
     has(GB)
     room = flights.process_limit(THREE, 128)
     assert room.processes == 1
@@ -52,7 +52,7 @@ def test_one_flies_where_not_even_one_has_room(has):
     assert flights.batch_size_for(128, THREE) == 1
 
 
-def test_a_batch_is_no_larger_than_one_process_has_room_for(has):
+def test_a_batch_fits_the_memory_of_one_process(has):
     twenty = SeriesSelection(tuple("abcdefgh"), 1)  # every step of 150 s
     has(int(2.5 * GB))
     small = flights.batch_size_for(128, THREE, twenty)
@@ -63,7 +63,7 @@ def test_a_batch_is_no_larger_than_one_process_has_room_for(has):
     assert "may be killed" in flights.process_limit(THREE, small + 1, twenty).message
 
 
-def test_the_chunk_of_a_campaign_is_what_memory_holds_and_stays(has, tmp_path, monkeypatch):
+def test_the_chunk_size_is_set_by_memory_and_remains(has, tmp_path, monkeypatch):
     monkeypatch.setattr(flights, "fly_many", made_up)
     keep = {"series": ["north", "east", "altitude", "airspeed", "bank", "alpha", "course"], "series_every_s": 0.01}
     has(int(2.2 * GB))
@@ -76,7 +76,7 @@ def test_the_chunk_of_a_campaign_is_what_memory_holds_and_stays(has, tmp_path, m
     assert store.flown.size == store.chunk
 
 
-def test_the_command_says_it_in_one_line(has, anser, tmp_path, monkeypatch):
+def test_the_command_reports_the_memory_limit_in_one_line(has, anser, tmp_path, monkeypatch):
     monkeypatch.setattr(flights, "fly_many", made_up)
     monkeypatch.setattr(
         "anser.campaigns.campaign_report.write_campaign", lambda store, worst: []
@@ -85,7 +85,7 @@ def test_the_command_says_it_in_one_line(has, anser, tmp_path, monkeypatch):
     (tmp_path / "three.toml").write_text((Path(__file__).parents[2] / "scenarios/three-aircraft.toml").read_text())
     (tmp_path / "study.toml").write_text(text_of(flights=4))
     _, _, said = anser("campaign", tmp_path / "study.toml", "--out", tmp_path / "out")
-    (line,) = [one for one in said.splitlines() if one.startswith("memory: ")]
+    (line,) = [text for text in said.splitlines() if text.startswith("memory: ")]
     assert "2,000 MB are free" in line
     _, _, said = anser("campaign", tmp_path / "study.toml", "--out", tmp_path / "other", "--processes", 1)
     assert "memory: " not in said

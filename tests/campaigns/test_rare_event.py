@@ -1,4 +1,4 @@
-"""Rare events with made-up flights: known probabilities, gone on with to the last bit, refused where they cannot be."""
+"""Rare events with synthetic flights: known probabilities, bit-identical resumption, and refusals."""
 
 import json
 
@@ -28,7 +28,7 @@ def study(tmp_path):
     return tmp_path / "study.toml"
 
 
-def test_the_shipped_study_is_good():
+def test_the_shipped_study_is_valid():
     study, scenario, _ = load_study(STUDIES / "how-rarely.toml")
     flights = RareFlights(study, scenario)
     assert flights.plan == SubsetPlan(points=200, share=0.1, levels_max=10, repetitions=5)
@@ -37,14 +37,14 @@ def test_the_shipped_study_is_good():
     flights.refuse_early()
 
 
-def test_a_known_probability_and_all_that_is_told_of_it(study, tmp_path):
-    told = []
-    found = rare(study, tmp_path / "out", processes=1, progress=lambda what, part: told.append((what, part)))
-    assert found.estimate.low < 1e-2 < found.estimate.high
-    assert found.probability_of(4.5).probability == pytest.approx(0.5, abs=0.1)
+def test_a_known_probability_is_estimated_and_documented(study, tmp_path):
+    messages = []
+    event = rare(study, tmp_path / "out", processes=1, progress=lambda message, part: messages.append((message, part)))
+    assert event.estimate.low < 1e-2 < event.estimate.high
+    assert event.probability_of(4.5).probability == pytest.approx(0.5, abs=0.1)
     document = json.loads((tmp_path / "out" / "rare.json").read_text())
-    assert document == json.loads(json.dumps(found.document))
-    assert document["probability"] == found.estimate.probability
+    assert document == json.loads(json.dumps(event.document))
+    assert document["probability"] == event.estimate.probability
     assert document["seed"] == 1
     assert document["scenario_hash"] == THREE.hash
     assert document["levels"][0] == {
@@ -55,21 +55,21 @@ def test_a_known_probability_and_all_that_is_told_of_it(study, tmp_path):
     }
     assert document["levels"][1]["flights"] == 270
     assert all(7.5 < bound < 8.5 for bound in document["levels"][1]["bounds"])
-    assert document["flights"] == found.store.flown
+    assert document["flights"] == event.store.flown
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"rare.json", "rare.svg", "rare.png"}
-    assert told[0] == ("level 1: 30 of 300 flights", 0.1)
-    assert ("level 2: 270 of 270 flights", 1.0) in told
+    assert messages[0] == ("level 1: 30 of 300 flights", 0.1)
+    assert ("level 2: 270 of 270 flights", 1.0) in messages
     # the worst again: the same flight
     worst = document["worst"][0]
     assert worst["miss_m"] > 8.91
-    (row,) = made_up([found.worst()])
-    assert max(one["miss_m"] for one in row.aircraft) == pytest.approx(worst["miss_m"], rel=1e-12)
-    with pytest.raises(ValueError, match="place: arrived 10; expected one from 0 to 9"):
-        found.worst(10)
-    assert read_rare(tmp_path / "out").document == found.document
+    (flight_row,) = made_up([event.worst()])
+    assert max(result["miss_m"] for result in flight_row.aircraft) == pytest.approx(worst["miss_m"], rel=1e-12)
+    with pytest.raises(ValueError, match="rank: arrived 10; expected one from 0 to 9"):
+        event.worst(10)
+    assert read_rare(tmp_path / "out").document == event.document
 
 
-def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch):
+def test_an_interrupted_analysis_is_resumed_bit_identically(study, tmp_path, monkeypatch):
     whole = rare(study, tmp_path / "whole", processes=1)
     flown = 0
 
@@ -81,14 +81,14 @@ def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch
         return made_up(cases)
 
     monkeypatch.setattr(rare_flights, "fly_many", sometimes)
-    interrupted, found = 0, None
-    while found is None:
+    interrupted, event = 0, None
+    while event is None:
         try:
-            found = rare(study, tmp_path / "parts", processes=1, resume=interrupted > 0)
+            event = rare(study, tmp_path / "parts", processes=1, resume=interrupted > 0)
         except KeyboardInterrupt:
             interrupted += 1
     assert interrupted > 2
-    assert found.document == whole.document
+    assert event.document == whole.document
     # none was flown twice: what was interrupted counts once more
     assert flown - interrupted == whole.store.flown // whole.flights.batch
     (tmp_path / "parts" / "flown" / "000000030.npy").unlink()
@@ -96,7 +96,7 @@ def test_an_interrupted_one_goes_on_to_the_last_bit(study, tmp_path, monkeypatch
         read_rare(tmp_path / "parts")
 
 
-def test_what_cannot_be_gone_on_with_is_refused(study, tmp_path, monkeypatch):
+def test_an_unsuitable_store_is_not_resumed(study, tmp_path, monkeypatch):
     open_rare_store(study, tmp_path / "out", resume=False)
     with pytest.raises(FileExistsError):
         rare(study, tmp_path / "out", processes=1)
@@ -114,29 +114,29 @@ def test_what_cannot_be_gone_on_with_is_refused(study, tmp_path, monkeypatch):
         read_rare(tmp_path / "out")
 
 
-def test_a_breach_below_the_threshold(study, tmp_path):
+def test_a_breach_below_the_threshold_is_estimated(study, tmp_path):
     text = RARE_TEXT.replace("miss_m", "separation_min_m").replace("8.91", "500.09")
     study.write_text(text)
-    found = rare(study, tmp_path / "out", processes=1)
-    assert found.estimate.low < 1e-2 < found.estimate.high
-    assert found.document["breached"] == "below"
-    thresholds = found.dataset["threshold"].values
+    event = rare(study, tmp_path / "out", processes=1)
+    assert event.estimate.low < 1e-2 < event.estimate.high
+    assert event.document["breached"] == "below"
+    thresholds = event.dataset["threshold"].values
     assert thresholds[0] > 503.0
     assert thresholds[-1] == 500.09
-    assert np.all(np.diff(found.dataset["probability"].values) <= 1e-12)
+    assert np.all(np.diff(event.dataset["probability"].values) <= 1e-12)
 
 
-def test_what_is_rarer_than_its_levels_is_told_as_a_bound(study, tmp_path):
+def test_an_event_rarer_than_the_levels_gives_an_upper_bound(study, tmp_path):
     study.write_text(RARE_TEXT.replace("8.91", "20.0").replace("repetitions", "levels_max = 2\nrepetitions"))
-    found = rare(study, tmp_path / "out", processes=1)
-    assert found.estimate.probability is None
-    assert found.estimate.low == 0.0
-    assert 0.05 < found.estimate.high < 0.3
-    assert found.document["probability"] is None
-    assert np.isfinite(found.dataset["probability"].values[:-1]).all()
+    event = rare(study, tmp_path / "out", processes=1)
+    assert event.estimate.probability is None
+    assert event.estimate.low == 0.0
+    assert 0.05 < event.estimate.high < 0.3
+    assert event.document["probability"] is None
+    assert np.isfinite(event.dataset["probability"].values[:-1]).all()
 
 
-def test_flights_that_fail_are_the_event():
+def test_failed_flights_count_as_the_event():
     flights = RareFlights(
         rare_study(vary=[{"path": "wind.speed_m_s", "distribution": "normal", "mean": 0.0, "sigma": 3.0}]), THREE
     )
@@ -146,15 +146,15 @@ def test_flights_that_fail_are_the_event():
     np.testing.assert_array_equal(np.isinf(values), winds < 0.0)
     np.testing.assert_allclose(values[winds >= 0.0], winds[winds >= 0.0], rtol=1e-9)
     assert flights.limit_state_value(FlightRow.failed_start("no plan")) == np.inf
-    (row,) = made_up([flights.case(points[int(np.argmax(winds))])])
-    assert np.isfinite(flights.limit_state_value(row))
-    row.aircraft[1]["status"] = "the aircraft reached the ground; what is recorded after that stands still"
-    assert flights.limit_state_value(row) == np.inf
-    row.aircraft[1].update(status="arrived", miss_m=None)
-    assert flights.limit_state_value(row) == np.inf
+    (flight_row,) = made_up([flights.case(points[int(np.argmax(winds))])])
+    assert np.isfinite(flights.limit_state_value(flight_row))
+    flight_row.aircraft[1]["status"] = "the aircraft reached the ground; what is recorded after that stands still"
+    assert flights.limit_state_value(flight_row) == np.inf
+    flight_row.aircraft[1].update(status="arrived", miss_m=None)
+    assert flights.limit_state_value(flight_row) == np.inf
 
 
-def test_correlated_numbers_stay_so():
+def test_correlated_parameters_stay_correlated():
     course = {"path": "wind.from_deg", "distribution": "normal", "mean": 180.0, "sigma": 5.0}
     speed = {"path": "wind.speed_m_s", "distribution": "normal", "mean": 50.0, "sigma": 1.0}
     group = {"paths": ["wind.speed_m_s", "wind.from_deg"], "coefficients": [[1.0, 0.8], [0.8, 1.0]]}
@@ -174,16 +174,16 @@ def test_correlated_numbers_stay_so():
         ({"statistic": "miss_m"}, "rare.threshold: arrived nothing; expected"),
     ],
 )
-def test_an_event_that_is_none_is_refused(rare_table, said):
+def test_an_invalid_event_is_refused(rare_table, said):
     with pytest.raises(ScenarioError) as caught:
         rare_study(rare=rare_table)
     assert said in str(caught.value)
 
 
-def test_what_a_scenario_cannot_have_is_refused_before_anything_flies(study, tmp_path):
-    one = THREE.replace("aircraft", [THREE.aircraft[0].model_dump(exclude_unset=True)])
+def test_an_unsuitable_scenario_is_refused_before_flying(study, tmp_path):
+    single = THREE.replace("aircraft", [THREE.aircraft[0].model_dump(exclude_unset=True)])
     with pytest.raises(ScenarioError, match="a statistic of one aircraft, such as miss_m"):
-        _ = RareFlights(rare_study(rare=BELOW), one).config
+        _ = RareFlights(rare_study(rare=BELOW), single).config
     with pytest.raises(ScenarioError, match="one whose flights can fly together"):
         _ = RareFlights(rare_study(), THREE.replace("fleet.planner", "decentralised")).config
     study.write_text(RARE_TEXT.replace("low = 0.0", "low = -9.0").replace("high = 9.0", "high = -5.0"))

@@ -1,4 +1,4 @@
-"""The report of a campaign from made-up flights: what it says, its tables, what is flown again, what is kept."""
+"""The report of a campaign with synthetic flights: page, tables, replays and archived flights."""
 
 import json
 import re
@@ -30,7 +30,7 @@ def made_up_flights(monkeypatch):
 
 @pytest.fixture
 def again(monkeypatch):
-    """Flights flown again are made up too; which ones."""
+    """Replace replays by synthetic flights; return the list of replayed scenarios."""
     numbers, (dataset, summary) = [], make_flight()
 
     def save(folder):
@@ -70,14 +70,14 @@ def page_of(store):
 
 
 def data_of(page):
-    (found,) = re.findall(r'<script type="application/json" id="campaign">(.*?)</script>', page, re.DOTALL)
-    return json.loads(found)
+    (text,) = re.findall(r'<script type="application/json" id="campaign">(.*?)</script>', page, re.DOTALL)
+    return json.loads(text)
 
 
-def test_the_page_says_what_the_answers_say(tmp_path):
+def test_the_page_shows_the_estimates(tmp_path):
     store = flown(tmp_path / "out", description=EVIL)
-    told = []
-    written = write_campaign(store, worst=0, progress=lambda what, part: told.append(what))
+    messages = []
+    written = write_campaign(store, worst=0, progress=lambda message, part: messages.append(message))
     names = [
         "report.html",
         "campaign.svg",
@@ -88,30 +88,30 @@ def test_the_page_says_what_the_answers_say(tmp_path):
         "indices.parquet",
     ]
     assert [path.name for path in written] == names
-    assert told == ["writing"]
-    page, found = page_of(store), Campaign(store).estimates()
-    assert f"{found.met} of 60 flights met every requirement" in page
-    assert f"{100 * found.low:.2f} to {100 * found.high:.2f} % at 95 % confidence" in page
+    assert messages == ["writing"]
+    page, estimates = page_of(store), Campaign(store).estimates()
+    assert f"{estimates.met} of 60 flights met every requirement" in page
+    assert f"{100 * estimates.low:.2f} to {100 * estimates.high:.2f} % at 95 % confidence" in page
     assert "could not begin: made up: could not begin" in page
     assert "Partial" not in page
     assert "None was flown again" in page
     assert EVIL not in page
     assert re.search(r"""(src|href)\s*=\s*["']?(https?:)?//""", page) is None
-    begins = [k for k in found.worst if store.dataset()["reason"].values[k] == ""]
+    begins = [k for k in estimates.worst if store.dataset()["reason"].values[k] == ""]
     for number in begins:
         assert f"anser run --campaign {store.folder} --flight {number}<" in page
     data = data_of(page)
-    assert [one["path"] for one in data["inputs"]] == ["wind.speed_m_s", "aircraft[0].bend"]
+    assert [item["path"] for item in data["inputs"]] == ["wind.speed_m_s", "aircraft[0].bend"]
     assert data["inputs"][1]["levels"] == ["left", "right"]
     assert data["met"]["n"][-1] == data["drawn"][1] == FLIGHTS
-    (miss,) = [one for one in data["quantities"] if one["name"] == "miss_m"]
+    (miss,) = [item for item in data["quantities"] if item["name"] == "miss_m"]
     assert len(miss["kept"]) == sum(store.dataset()["reason"].values == "")
     assert miss["converging"]["value"][-1] == next(
-        one["value"] for one in miss["quantiles"] if one["share"] == miss["share"]
+        item["value"] for item in miss["quantiles"] if item["share"] == miss["share"]
     )
 
 
-def test_a_partial_campaign_says_so_with_its_n(tmp_path):
+def test_a_partial_campaign_is_marked_with_its_number_of_flights(tmp_path):
     store = begun(tmp_path / "out")
     flying.fly_chunk(store.folder, 1)
     write_campaign(store, worst=0)
@@ -119,7 +119,7 @@ def test_a_partial_campaign_says_so_with_its_n(tmp_path):
     assert data_of(page_of(store))["numbers"] == list(range(20, 40))
 
 
-def test_a_campaign_that_had_enough_is_not_partial(tmp_path):
+def test_a_campaign_stopped_by_its_rule_is_not_partial(tmp_path):
     store = flown(tmp_path / "out", until={"width": 0.9, "at_least": 20})
     assert store.flown.size == 20
     write_campaign(store, worst=0)
@@ -127,10 +127,10 @@ def test_a_campaign_that_had_enough_is_not_partial(tmp_path):
     assert "After 20 of 60 flights the interval was as narrow as the study asks." in page_of(store)
 
 
-def test_the_worst_are_drawn_over_others(tmp_path, again):
+def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, again):
     store = flown(tmp_path / "out")
-    told = []
-    write_campaign(store, worst=2, background=4, progress=lambda what, part: told.append((what, part)))
+    messages = []
+    write_campaign(store, worst=2, background=4, progress=lambda message, part: messages.append((message, part)))
     data = store.dataset()
     misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
     worst = [int(k) for k in np.argsort(-misses)[:2]]
@@ -140,43 +140,43 @@ def test_the_worst_are_drawn_over_others(tmp_path, again):
     assert len(again) == 6
     assert "did not come out as in the campaign" not in page
     assert [scenario.seed for scenario in again[:2]] == data["seed"].values[worst].tolist()
-    assert told[0] == (f"flying {len(again)} flights again", 0.0)
-    assert told[-1] == ("writing", None)
+    assert messages[0] == (f"flying {len(again)} flights again", 0.0)
+    assert messages[-1] == ("writing", None)
 
 
-def test_flights_that_come_out_otherwise_are_named(tmp_path, monkeypatch):
+def test_flights_with_different_replays_are_listed(tmp_path, monkeypatch):
     def otherwise(cases, progress, batch, series, precision):
-        rows = made_up(cases, batch, series)
-        rows[1].aircraft[0]["miss_m"] += 1.0
-        return rows
+        flight_rows = made_up(cases, batch, series)
+        flight_rows[1].aircraft[0]["miss_m"] += 1.0
+        return flight_rows
 
     monkeypatch.setattr(campaign_report, "fly_many", otherwise)
     store = flown(tmp_path / "out")
     write_campaign(store, worst=2, background=1)
-    second = re.findall(r'class="worst-track" data-flight="(\d+)"', page_of(store))[1]
-    assert f"Flown again, these did not come out as in the campaign: {second}." in page_of(store)
+    second_worst = re.findall(r'class="worst-track" data-flight="(\d+)"', page_of(store))[1]
+    assert f"Flown again, these did not come out as in the campaign: {second_worst}." in page_of(store)
 
 
-def test_what_is_kept_over_time_is_drawn_as_bands(tmp_path):
+def test_stored_series_are_drawn_as_bands(tmp_path):
     store = flown(tmp_path / "out", keep={"series": ["position_error", "course", "phase"], "series_every_s": 2.0})
     write_campaign(store, worst=0)
     page, series, data = page_of(store), store.series(), store.dataset()
     assert "the band from 5 to 95 % of them" in page
-    drawn = data_of(page)["series"]
-    assert [one["name"] for one in drawn] == ["position_error_m", "course_deg"]  # a phase has no quantiles
-    assert drawn[0]["time"] == series["time"].values.tolist()
+    plotted = data_of(page)["series"]
+    assert [item["name"] for item in plotted] == ["position_error_m", "course_deg"]  # a phase has no quantiles
+    assert plotted[0]["time"] == series["time"].values.tolist()
     began = data["reason"].values == ""
     assert 0 < began.sum() < FLIGHTS
-    for k, one in enumerate(drawn[0]["aircraft"]):
-        assert one["name"] == data["aircraft"].values[k]
+    for k, item in enumerate(plotted[0]["aircraft"]):
+        assert item["name"] == data["aircraft"].values[k]
         values = series["position_error_m"].values[began, k].astype(float)
         for share, end in ((0.05, "low"), (0.5, "middle"), (0.95, "high")):
-            np.testing.assert_allclose(one[end], np.quantile(values, share, axis=0), rtol=1e-5)
+            np.testing.assert_allclose(item[end], np.quantile(values, share, axis=0), rtol=1e-5)
     write_campaign(flown(tmp_path / "none"), worst=0)
     assert '<section id="series">' not in (tmp_path / "none" / "report.html").read_text(encoding="utf-8")
 
 
-def test_bands_of_angles_do_not_jump_where_the_angle_does():
+def test_bands_of_angles_are_continuous_at_the_wrap():
     around = np.array([178.0, 179.0, -180.0, -179.0, -178.0])
     angles = np.stack([around, around - 178.0], axis=1)[:, None, :] % 360.0
     low, middle, high = quantiles_over((angles + 180.0) % 360.0 - 180.0, circular=True)
@@ -186,7 +186,7 @@ def test_bands_of_angles_do_not_jump_where_the_angle_does():
     assert np.isnan(none).all()
 
 
-def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeypatch):
+def test_an_interrupted_report_has_no_map(tmp_path, monkeypatch):
     def interrupted(cases, progress, batch, series, precision):
         raise KeyboardInterrupt
 
@@ -197,10 +197,10 @@ def test_a_report_that_is_interrupted_is_there_without_its_map(tmp_path, monkeyp
     assert "None was flown again" in page_of(store)
 
 
-def test_the_tables_hold_every_flight_and_answer(tmp_path):
+def test_the_tables_hold_every_flight_and_estimate(tmp_path):
     store = flown(tmp_path / "out")
     write_campaign(store, worst=0)
-    data, found = store.dataset(), Campaign(store).estimates()
+    data, estimates = store.dataset(), Campaign(store).estimates()
     flights = pq.read_table(store.folder / "flights.parquet")
     assert flights.num_rows == FLIGHTS
     np.testing.assert_array_equal(flights["wind.speed_m_s"], data["wind.speed_m_s"].values)
@@ -212,26 +212,26 @@ def test_the_tables_hold_every_flight_and_answer(tmp_path):
     np.testing.assert_array_equal(aircraft["miss_m"], data["miss_m"].values.ravel())
     assert aircraft["aircraft"][:3].to_pylist() == data["aircraft"].values.tolist()
     answers = pq.read_table(store.folder / "answers.parquet").to_pylist()
-    assert answers[0]["value"] == found.probability
-    assert len(answers) == 1 + len(found.quantiles)
-    assert json.loads(pq.read_schema(store.folder / "answers.parquet").metadata[b"causes"]) == found.causes
+    assert answers[0]["value"] == estimates.probability
+    assert len(answers) == 1 + len(estimates.quantiles)
+    assert json.loads(pq.read_schema(store.folder / "answers.parquet").metadata[b"causes"]) == estimates.causes
     indices = pq.read_table(store.folder / "indices.parquet").to_pylist()
-    assert {row["path"] for row in indices} == {"wind.speed_m_s", "aircraft[0].bend"}
-    assert {row["measure"] for row in indices} == {"rank"}
+    assert {record["path"] for record in indices} == {"wind.speed_m_s", "aircraft[0].bend"}
+    assert {record["measure"] for record in indices} == {"rank"}
 
 
-def test_without_pyarrow_there_is_the_page_alone(tmp_path, monkeypatch):
+def test_the_page_is_written_without_pyarrow(tmp_path, monkeypatch):
     monkeypatch.setattr(campaign_report, "has_parquet", lambda: False)
     store = flown(tmp_path / "out", vary=[])
     assert [path.name for path in write_campaign(store, worst=0)] == ["report.html", "campaign.svg", "campaign.png"]
 
 
-def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path):
+def test_a_saltelli_campaign_reports_its_independent_flights(tmp_path):
     store = flown(tmp_path / "out", sampling={"method": "saltelli", "flights": 16})
-    found = Campaign(store).estimates()
-    assert (found.flown, found.independent) == (64, 32)
+    estimates = Campaign(store).estimates()
+    assert (estimates.flown, estimates.independent) == (64, 32)
     alone = store.dataset()["met"].values.reshape(16, 4)[:, [0, 3]]
-    assert found.probability == alone.mean()
+    assert estimates.probability == alone.mean()
     write_campaign(store, worst=0)
     page = page_of(store)
     assert "from the 32 flights that are independent of each other" in page
@@ -239,7 +239,7 @@ def test_a_saltelli_campaign_tells_of_the_flights_that_are_independent(tmp_path)
     assert "one in its place would be made up" in page
 
 
-def test_the_worst_are_kept_whole_once(tmp_path, again):
+def test_the_worst_flights_are_archived_once(tmp_path, again):
     store = flown(tmp_path / "out", keep={"worst": 3})
     folders = archive_worst(store)
     data = store.dataset()

@@ -1,4 +1,4 @@
-"""Study files: what is read, and what is refused before anything flies."""
+"""Study files: valid files, and refusals before flying."""
 
 import numpy as np
 import pytest
@@ -9,22 +9,22 @@ from anser.config import ScenarioError
 from campaigns.study_cases import STUDIES, THREE, study_of, text_of
 
 
-def test_the_shipped_study_is_good():
-    study, scenario, given = load_study(STUDIES / "how-surely.toml")
+def test_the_shipped_study_is_valid():
+    study, scenario, table_columns = load_study(STUDIES / "how-surely.toml")
     assert scenario.name == "uncertain-world"
-    assert given == {}
-    assert [one.distribution for one in study.vary] == ["triangular", "log-normal", "choice"]
+    assert table_columns == {}
+    assert [dispersion.distribution for dispersion in study.vary] == ["triangular", "log-normal", "choice"]
 
 
-def test_the_shipped_study_for_indices_is_good(tmp_path):
-    study, scenario, given = load_study(STUDIES / "what-matters.toml")
+def test_the_shipped_study_for_indices_is_valid(tmp_path):
+    study, scenario, table_columns = load_study(STUDIES / "what-matters.toml")
     assert study.block == 5
-    assert create_store(tmp_path, study, scenario, given).flights == 320
+    assert create_store(tmp_path, study, scenario, table_columns).flights == 320
 
 
-def test_the_hash_is_that_of_the_values():
-    study, again = study_of(), study_of()
-    assert study.hash == again.hash
+def test_the_hash_depends_on_the_values():
+    study, equal_study = study_of(), study_of()
+    assert study.hash == equal_study.hash
     assert study.hash != study_of(seed=2).hash
 
 
@@ -38,7 +38,7 @@ def test_the_hash_is_that_of_the_values():
         ({"method": "walk", "flights": 8}, 'sampling.method: arrived "walk"; expected "monte-carlo" or'),
     ],
 )
-def test_a_sampling_that_is_none_is_refused(sampling, said):
+def test_an_invalid_sampling_is_refused(sampling, said):
     with pytest.raises(ScenarioError) as caught:
         study_of(sampling=sampling)
     assert said in str(caught.value)
@@ -75,31 +75,31 @@ def test_a_sampling_that_is_none_is_refused(sampling, said):
         ({"flights": 3}, 'flights: arrived the unknown key "flights"'),
     ],
 )
-def test_what_does_not_go_together_is_refused(changes, said):
+def test_inconsistent_tables_are_refused(changes, said):
     with pytest.raises(ScenarioError) as caught:
         study_of(**changes)
     assert said in str(caught.value)
 
 
-def test_a_precision_that_is_none_is_refused():
+def test_an_unknown_precision_is_refused():
     with pytest.raises(ScenarioError, match='precision: arrived "float16"; expected "float64" or "float32"'):
         study_of(precision="float16")
 
 
-def test_a_missing_scenario_is_named(tmp_path):
+def test_a_missing_scenario_is_reported_by_name(tmp_path):
     (tmp_path / "study.toml").write_text(text_of(scenario="nowhere.toml"))
     with pytest.raises(ScenarioError, match=r"nowhere.toml: 1 problem\n.*no file of this name"):
         load_study(tmp_path / "study.toml")
 
 
-def test_a_path_that_leads_nowhere_is_refused_before_anything_flies(tmp_path):
+def test_an_unknown_path_is_refused_before_flying(tmp_path):
     study = study_of(vary=[{"path": "wind.sped_m_s", "distribution": "uniform", "low": 0.0, "high": 5.0}])
     with pytest.raises(ScenarioError, match=r"test, what varies of three-aircraft: 1 problem\n.*the unknown key"):
         create_store(tmp_path, study, THREE, {})
     assert not any(tmp_path.iterdir())
 
 
-def test_values_that_no_flight_can_have_are_refused_before_anything_flies(tmp_path):
+def test_values_invalid_for_every_flight_are_refused_before_flying(tmp_path):
     study = study_of(vary=[{"path": "wind.speed_m_s", "distribution": "uniform", "low": -9.0, "high": -5.0}])
     with pytest.raises(ScenarioError, match="every flight") as caught:
         create_store(tmp_path, study, THREE, {})
@@ -108,8 +108,8 @@ def test_values_that_no_flight_can_have_are_refused_before_anything_flies(tmp_pa
 
 
 def test_values_are_set_added_and_multiplied():
-    def applied(path, how):
-        vary = [{"path": path, "distribution": "choice", "values": [2.0], "how": how}]
+    def applied(path, operation):
+        vary = [{"path": path, "distribution": "choice", "values": [2.0], "how": operation}]
         return applied_values(study_of(vary=vary), THREE, {})[path]
 
     speed = THREE.aircraft[0].start.speed_m_s
@@ -125,10 +125,10 @@ def test_a_table_gives_the_values(tmp_path):
     (tmp_path / "three.toml").write_text((STUDIES.parent / "scenarios" / "three-aircraft.toml").read_text())
     text = 'format = 1\nname = "t"\nscenario = "three.toml"\n[sampling]\nmethod = "table"\nfile = "values.csv"\n'
     (tmp_path / "study.toml").write_text(text)
-    study, scenario, given = load_study(tmp_path / "study.toml")
-    found = applied_values(study, scenario, given)
-    assert found["wind.speed_m_s"].tolist() == [0.5, 3.0]
-    assert found["fleet.planner"].tolist() == ["published", "certified"]
+    study, scenario, table_columns = load_study(tmp_path / "study.toml")
+    values = applied_values(study, scenario, table_columns)
+    assert values["wind.speed_m_s"].tolist() == [0.5, 3.0]
+    assert values["fleet.planner"].tolist() == ["published", "certified"]
     (tmp_path / "values.csv").write_text("wind.speed_m_s\n0.5,1\n")
     with pytest.raises(ScenarioError, match="row 2: arrived 2 values; expected 1"):
         load_study(tmp_path / "study.toml")
@@ -137,7 +137,7 @@ def test_a_table_gives_the_values(tmp_path):
         load_study(tmp_path / "study.toml")
 
 
-def test_whole_numbers_are_put_where_whole_ones_stand():
+def test_integer_parameters_stay_integers():
     vary = [{"path": "format", "distribution": "choice", "values": [1.0, 2.0]}]
     assert applied_values(study_of(vary=vary), THREE, {})["format"].dtype.kind == "i"
     assert applied_values(study_of(), THREE, {})["wind.speed_m_s"].dtype.kind == "f"

@@ -188,7 +188,7 @@ class RareEvent:
         """Return one of the worst flights, rank 0 is the worst; raises ScenarioError if its scenario is invalid."""
         points = worst_points(self.repetitions)
         if not 0 <= rank < len(points):
-            raise ValueError(f"place: arrived {rank}; expected one from 0 to {len(points) - 1}")
+            raise ValueError(f"rank: arrived {rank}; expected one from 0 to {len(points) - 1}")
         return self.flights.case(points[rank].point)
 
     def fly_worst(self, rank: int = 0) -> FlightResult:
