@@ -1,4 +1,4 @@
-"""Every command that README, tutorials and how-to pages show is run: the quick ones here, the others where COVERED says."""
+"""Commands in README, tutorials and how-to pages: quick ones run here, the others in the tests listed in COVERED."""
 
 import os
 import re
@@ -21,7 +21,7 @@ INLINE = re.compile(r"`(anser [^`\n]+)`")
 PLACEHOLDER = re.compile(r"\b[A-Z]{3,}")
 
 REFUSED = ' || echo "exit code $?"'
-"""How a page shows a command that is to fail."""
+"""Suffix of a command that must fail on a page."""
 
 COVERED = {
     "make demo": ("tests/test_cli.py", 'anser("run", SCENARIOS / "three-aircraft.toml"'),
@@ -106,29 +106,29 @@ COVERED = {
     "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
-"""Commands that take too long here, or install: the file that runs the same, or the same on a smaller case, and its words."""
+"""Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""
 
 
 LONG_PAGES = {"README.md", "docs/how-to/own-airframe.md"}
-"""Pages whose commands take longer than all others together; the tests of the command line run most of them, smaller."""
+"""Pages whose commands take longer than the rest together; most are run in smaller form by the command-line tests."""
 
 
 def commands_of(page: Path) -> list[str]:
-    """Commands in the shell blocks of a page, and those in its text that are whole."""
+    """Commands in the shell blocks of a page, and complete commands in its text."""
     text = page.read_text(encoding="utf-8")
-    found = []
+    commands = []
     for block in BLOCK.findall(text):
         for line in block.splitlines():
             line = line.removeprefix("$ ").split(" #")[0].strip()
             if line and not line.startswith("#"):
-                found += [line] if " || " in line else [part.strip() for part in line.split(" && ")]
-    whole = [words for words in INLINE.findall(text) if not PLACEHOLDER.search(words) and "--" in words]
-    return list(dict.fromkeys(found + whole))
+                commands += [line] if " || " in line else [part.strip() for part in line.split(" && ")]
+    whole = [command for command in INLINE.findall(text) if not PLACEHOLDER.search(command) and "--" in command]
+    return list(dict.fromkeys(commands + whole))
 
 
 def run_quietly(command: str, monkeypatch: pytest.MonkeyPatch) -> int:
-    words = command.removesuffix(REFUSED).split()
-    monkeypatch.setattr(sys, "argv", words)
+    arguments = command.removesuffix(REFUSED).split()
+    monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as ended:
         main()
     return int(ended.value.code or 0)
@@ -152,8 +152,8 @@ def test_the_pages_show_commands():
         if set(commands) - set(COVERED)
     ],
 )
-def test_the_commands_of_a_page_do_what_it_says(page, monkeypatch, tmp_path, capsys):
-    """In the order of the page, in an empty folder beside the scenarios, after the files that the page writes."""
+def test_the_commands_of_a_page_succeed(page, monkeypatch, tmp_path, capsys):
+    """In the order of the page, in an empty folder next to the scenarios, after the files written by the page."""
     monkeypatch.chdir(tmp_path)
     # `anser --install-completion` writes into the home folder, for the shell that it runs in.
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -177,29 +177,29 @@ def test_the_commands_of_a_page_do_what_it_says(page, monkeypatch, tmp_path, cap
             assert printed.out, (page, command)
 
 
-@pytest.mark.parametrize(("command", "where"), COVERED.items())
-def test_what_is_run_elsewhere_is_shown_and_run_there(command, where):
-    file, words = where
+@pytest.mark.parametrize(("command", "covering_test"), COVERED.items())
+def test_covered_commands_are_shown_and_run_elsewhere(command, covering_test):
+    file, text = covering_test
     assert any(command in commands for commands in DOCUMENTED.values()), f"{command}: no page shows it any more"
-    assert words in (ROOT / file).read_text(encoding="utf-8"), f"{command}: {file} does not run it any more"
+    assert text in (ROOT / file).read_text(encoding="utf-8"), f"{command}: {file} does not run it any more"
 
 
 def test_every_command_named_in_the_text_exists_with_its_options():
     group = typer.main.get_command(app)
     assert isinstance(group, click.Group) or hasattr(group, "commands")
     for page in [*PAGES, *(ROOT / "docs").glob("*.md")]:
-        for words in INLINE.findall(page.read_text(encoding="utf-8")):
-            name, *rest = re.sub(r"[\[\](),;]", " ", words.removeprefix("anser ")).split()
+        for text in INLINE.findall(page.read_text(encoding="utf-8")):
+            name, *arguments = re.sub(r"[\[\](),;]", " ", text.removeprefix("anser ")).split()
             commands = group.commands
             if hasattr(commands.get(name), "commands"):  # a group: of it the command named next, or the first
                 commands = commands[name].commands
-                name = rest[0] if rest and rest[0] in commands else next(iter(commands))
+                name = arguments[0] if arguments and arguments[0] in commands else next(iter(commands))
             if name.startswith("-") or name.isupper():  # an option of all, or a word that stands for any command
                 continue
-            assert name in commands, f"{page.name}: `{words}`: no such command"
-            known = {option for parameter in commands[name].params for option in parameter.opts}
-            unknown = {word for word in rest if word.startswith("--")} - known - {"--help"}
-            assert not unknown, f"{page.name}: `{words}`: no such option {unknown}"
+            assert name in commands, f"{page.name}: `{text}`: no such command"
+            options = {option for parameter in commands[name].params for option in parameter.opts}
+            unknown = {word for word in arguments if word.startswith("--")} - options - {"--help"}
+            assert not unknown, f"{page.name}: `{text}`: no such option {unknown}"
 
 
 def test_every_room_has_its_page_of_the_api():

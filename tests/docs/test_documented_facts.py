@@ -1,4 +1,4 @@
-"""What pages of the documentation state, compared with the package."""
+"""Statements of documentation pages, compared with the package."""
 
 import importlib
 import re
@@ -26,7 +26,7 @@ def test_names_of_the_package_and_tables_of_files_exist(page):
     text = page.read_text(encoding="utf-8")
     for name in set(re.findall(r"`(anser(?:\.[A-Za-z_]\w*)+)", text)):
         assert _exists(name), name
-    tables = {found.partition(".")[0] for found in re.findall(r"`\[{1,2}([a-z_]+(?:\.[a-z_]+)*)\]{1,2}`", text)}
+    tables = {table.partition(".")[0] for table in re.findall(r"`\[{1,2}([a-z_]+(?:\.[a-z_]+)*)\]{1,2}`", text)}
     assert tables <= TABLES | {"start", "network", "dave_ml"}
 
 
@@ -64,7 +64,7 @@ def test_the_deviation_of_exported_places_from_the_tangent_plane_is_that_of_the_
     longitude, latitude = _geodetic_deg(dataset, np.array([1e4]), np.array([1e4]))
     offset = np.array(pymap3d.geodetic2enu(latitude[0], longitude[0], 0.0, 45.0, 0.0, 0.0)) - [1e4, 1e4, 0.0]
     distances = np.linalg.norm(offset), np.linalg.norm(offset[:2]), -offset[2]
-    assert [round(one) for one in distances] == [int(one) for one in stated.groups()]
+    assert [round(value) for value in distances] == [int(value) for value in stated.groups()]
 
 
 def test_the_page_for_newcomers_denies_nothing_that_a_scenario_has():

@@ -1,4 +1,4 @@
-"""One aircraft that is to be planned, and an airspace in which nothing is closed."""
+"""A planning task of one aircraft, and an airspace without keep-outs."""
 
 import jax.numpy as jnp
 
@@ -10,7 +10,7 @@ SPEED_MAX, CLIMB_MAX = 200.0, 40.0
 
 
 def aircraft_task(goal, moving=(0.0, 0.0, 0.0)):
-    """At 2,000 m above the origin, flying north at 150 m/s; the rendezvous 300 m above a goal."""
+    """At 2,000 m above the origin, flying north at 150 m/s; the rendezvous is 300 m above the goal."""
     return AircraftTask(
         position_n=jnp.array([0.0, 0.0, -2000.0]),
         air_velocity_n=jnp.array([150.0, 0.0, 0.0]),
@@ -27,5 +27,5 @@ def aircraft_task(goal, moving=(0.0, 0.0, 0.0)):
 
 
 def airspace(wind, horizontal=0.0, vertical=0.0):
-    """Nothing closed; two aircraft so far apart, m."""
+    """An airspace without keep-outs, with a required separation, m."""
     return Airspace(wind, jnp.asarray(9.81), Separation(jnp.asarray(horizontal), jnp.asarray(vertical)), no_keep_outs())

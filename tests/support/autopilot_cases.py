@@ -1,4 +1,4 @@
-"""Whole flights of the F-16 under its autopilot, as functions that tests compile and batch."""
+"""Complete flights of the F-16 under its autopilot, as functions for compilation and batching."""
 
 import equinox as eqx
 import jax
@@ -21,7 +21,7 @@ ALTITUDE = 5000.0
 
 
 class Case(eqx.Module):
-    """One flight: start, memory of the autopilot, constant command (m/s, rad), sampling period (s)."""
+    """One flight: start, state of the autopilot, constant command (m/s, rad), sampling period (s)."""
 
     state: AircraftState
     memory: AutopilotState
@@ -32,7 +32,7 @@ class Case(eqx.Module):
 
 
 def arrays(case: Case) -> Case:
-    """The same with every number an array, so that other numbers run the same code."""
+    """The case with every number as an array, so that different numbers run the same code."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype=float), case)
 
 
@@ -46,7 +46,7 @@ def model_of(state, memory, gains, limits, step) -> OnboardModel:
 
 
 def control(case, state, memory, gains, limits):
-    """One step of the autopilot with the case's command: controls, signals, memory; and the load factor."""
+    """One step of the autopilot with the case's command: controls, signals, autopilot state, load factor."""
     zero = jnp.zeros(())
     command = PathCommand(*(jnp.asarray(v, dtype=float) for v in (case.V, case.gamma, case.chi)), zero, zero, zero)
     model = model_of(state, memory, gains, limits, case.step)
@@ -55,19 +55,19 @@ def control(case, state, memory, gains, limits):
 
 
 def fly(case, gains, limits, count):
-    """State and memory at the end; state, controls, signals, memory and load factor, one row per step."""
+    """Final state and autopilot state; state, controls, signals, autopilot state and load factor, one row per step."""
 
     def one(carry, _):
         state, memory = carry
-        (controls, signals, after), load = control(case, state, memory, gains, limits)
-        row = (state, controls, signals, memory, load)
-        return (advance(AIRFRAME, ENVIRONMENT, 0.0, state, controls, case.step), after), row
+        (controls, signals, next_memory), load = control(case, state, memory, gains, limits)
+        record = (state, controls, signals, memory, load)
+        return (advance(AIRFRAME, ENVIRONMENT, 0.0, state, controls, case.step), next_memory), record
 
     return jax.lax.scan(one, (case.state, case.memory), length=count)
 
 
 def turned_after_100_steps(case, gains, limits):
-    """East position, and speed, path angle and course of one step earlier."""
-    (state, _), rows = fly(case, gains, limits, 100)
-    motion = rows[2].motion
+    """East position, and speed, path angle and course of the previous step."""
+    (state, _), records = fly(case, gains, limits, 100)
+    motion = records[2].motion
     return jnp.stack([state.position_n[1], motion.V[-1], motion.gamma[-1], motion.chi[-1]])

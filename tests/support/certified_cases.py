@@ -25,24 +25,24 @@ def number(x):
     return jnp.asarray(x, dtype=float)
 
 
-def integrated(place, heading, pieces):
-    """Places and headings after each piece (length, first and last curvature), by Gauss quadrature of the headings.
+def integrated(start, heading, pieces):
+    """Positions and headings after each piece (length, first and last curvature), by Gauss quadrature of the headings.
 
     48 nodes are exact to rounding for pieces that turn by less than about 15 rad.
     """
-    places, headings = [complex(place)], [float(heading)]
+    positions, headings = [complex(start)], [float(heading)]
     for length, begin, end in pieces:
         u = length * _RULE.nodes
         course = headings[-1] + begin * u + (0.5 * (end - begin) * u**2 / length if length > 0.0 else 0.0)
-        places.append(places[-1] + length * np.sum(_RULE.weights * np.exp(1j * course)))
+        positions.append(positions[-1] + length * np.sum(_RULE.weights * np.exp(1j * course)))
         headings.append(headings[-1] + 0.5 * length * (begin + end))
-    return np.array(places), np.array(headings)
+    return np.array(positions), np.array(headings)
 
 
 def random_ends(seed, count, near, far, curvature_use=0.9, sharp=4.0, free=False, scale_max=12.0):
-    """Stacked ends; distances from `near` to `far` greatest-curvature radii, ramps of a `sharp`-th of a radius.
+    """Stacked endpoints; distances from `near` to `far` least radii, ramps of 1 / `sharp` radius.
 
-    `curvature_use` is the greatest share of the curvature that a path may begin with.
+    `curvature_use` is the greatest initial curvature, as a fraction of the limit.
     """
     rng = np.random.default_rng(seed)
     radii = rng.uniform(600.0, 3000.0, count)
@@ -67,20 +67,20 @@ def detours_of(shapes, sides):
 
 
 def picked(tree, k):
-    """One member of a stack."""
+    """The k-th member of a stack."""
     return jax.tree.map(lambda leaf: leaf[k], tree)
 
 
 def _flown(heading, word, angles, straight):
     """End of a path of arcs of unit radius (senses in `word`, 0 is straight), from the origin."""
-    place, angles = 0j, list(angles)
+    position, angles = 0j, list(angles)
     for sense, angle in zip(word, angles, strict=True):
         if sense == 0:
-            place += straight * np.exp(1j * heading)
+            position += straight * np.exp(1j * heading)
         else:
-            place += (np.exp(1j * (heading + sense * angle)) - np.exp(1j * heading)) / (1j * sense)
+            position += (np.exp(1j * (heading + sense * angle)) - np.exp(1j * heading)) / (1j * sense)
             heading += sense * angle
-    return place, heading
+    return position, heading
 
 
 def dubins(start_heading, end, end_heading, radius, three_turns=True):
@@ -89,13 +89,13 @@ def dubins(start_heading, end, end_heading, radius, three_turns=True):
     Parameters
     ----------
     start_heading, end_heading
-        rad.
+        Headings, rad.
     end
         From the start, north + i east, m.
     radius
         Least radius, m.
     three_turns
-        Whether paths of three turns count too.
+        Whether paths of three turns are included.
     """
     full = 2 * np.pi
     d = abs(end) / radius
@@ -103,38 +103,38 @@ def dubins(start_heading, end, end_heading, radius, three_turns=True):
     for mirror in (1.0, -1.0):
         a, b = (mirror * (h - np.angle(end)) for h in (start_heading, end_heading))
         # A turn of sense +1 raises the heading. +0+ and +0-:
-        found = []
+        candidates = []
         square = 2 + d * d - 2 * np.cos(a - b) + 2 * d * (np.sin(a) - np.sin(b))
         course = np.arctan2(np.cos(b) - np.cos(a), d + np.sin(a) - np.sin(b))
-        found.append(((1, 0, 1), ((course - a) % full, 0.0, (b - course) % full), np.sqrt(max(square, 0.0))))
+        candidates.append(((1, 0, 1), ((course - a) % full, 0.0, (b - course) % full), np.sqrt(max(square, 0.0))))
         square = -2 + d * d + 2 * np.cos(a - b) + 2 * d * (np.sin(a) + np.sin(b))
         if square >= 0.0:
             straight = np.sqrt(square)
             course = np.arctan2(-np.cos(a) - np.cos(b), d + np.sin(a) + np.sin(b)) - np.arctan2(-2.0, straight)
-            found.append(((1, 0, -1), ((course - a) % full, 0.0, (course - b) % full), straight))
+            candidates.append(((1, 0, -1), ((course - a) % full, 0.0, (course - b) % full), straight))
         cosine = (6 - d * d + 2 * np.cos(a - b) + 2 * d * (np.sin(a) - np.sin(b))) / 8
         if three_turns and abs(cosine) <= 1.0:
             middle = (full - np.arccos(cosine)) % full
-            first = (a - np.arctan2(np.cos(a) - np.cos(b), d - np.sin(a) + np.sin(b)) + 0.5 * middle) % full
-            found.append(((-1, 1, -1), (first, middle, (a - b - first + middle) % full), 0.0))
-        for word, angles, straight in found:
-            place, heading = _flown(a, word, angles, straight)
+            first_turn = (a - np.arctan2(np.cos(a) - np.cos(b), d - np.sin(a) + np.sin(b)) + 0.5 * middle) % full
+            candidates.append(((-1, 1, -1), (first_turn, middle, (a - b - first_turn + middle) % full), 0.0))
+        for word, angles, straight in candidates:
+            position, heading = _flown(a, word, angles, straight)
             # Whatever is printed in a paper: the path must lead there.
-            assert abs(place - d) < 1e-6
+            assert abs(position - d) < 1e-6
             assert abs(np.exp(1j * heading) - np.exp(1j * b)) < 1e-6
             lengths.append(radius * (sum(angles) + straight))
     return min(lengths)
 
 
-def dubins_of(ends, three_turns=True):
-    """Dubins' lengths of stacked ends."""
-    columns = (ends.heading, ends.end - ends.start, ends.end_heading, 1.0 / ends.curvature_max)
-    rows = zip(*map(np.asarray, columns), strict=True)
-    return np.array([dubins(start, line, end, radius, three_turns) for start, line, end, radius in rows])
+def dubins_of(endpoints, three_turns=True):
+    """Dubins' lengths of stacked endpoints."""
+    columns = (endpoints.heading, endpoints.end - endpoints.start, endpoints.end_heading, 1.0 / endpoints.curvature_max)
+    cases = zip(*map(np.asarray, columns), strict=True)
+    return np.array([dubins(start, line, end, radius, three_turns) for start, line, end, radius in cases])
 
 
 class Dense:
-    """A delivered path seen densely by scipy's interpolant of its knots, with what it asks of its aircraft."""
+    """A delivered path sampled densely by SciPy's interpolant of its knots, with the demands on its aircraft."""
 
     def __init__(self, path, wind, step=1e-3):
         times, air, drift = (np.asarray(x) for x in (path.times, path.air_n, path.drift_n))
@@ -150,13 +150,13 @@ class Dense:
         self.wind_error = np.linalg.norm(drifting - self.blowing, axis=1)
 
     def extremes(self, drag=None):
-        """Under the names of `PathBounds`; with a function that gives a share and a rise of drag, as at the start."""
+        """Extremes, named as in `PathBounds`; `drag` returns factor and increment of the drag relative to the start."""
         through, push = self.velocity - self.blowing, self.acceleration
         speed, level = np.linalg.norm(through, axis=1), np.hypot(through[:, 0], through[:, 1])
         side = (through[:, 0] * push[:, 1] - through[:, 1] * push[:, 0]) / level
-        ahead = (through[:, 0] * push[:, 0] + through[:, 1] * push[:, 1]) / level
+        forward = (through[:, 0] * push[:, 0] + through[:, 1] * push[:, 1]) / level
         sine, cosine = -through[:, 2] / speed, level / speed
-        lift = GRAVITY * cosine - push[:, 2] * cosine - ahead * sine
+        lift = GRAVITY * cosine - push[:, 2] * cosine - forward * sine
         along = np.sum(through * push, axis=1) / speed + GRAVITY * sine
         share, rise = (1.0, 0.0) if drag is None else drag(speed, np.hypot(side, lift) / GRAVITY)
         return {
@@ -197,30 +197,30 @@ FLOWN = {
     "bend": [0.3, -0.4, 0.0, 0.5, -0.2, 0.1],
     "course": [0.8, -1.6, 2.8, 0.4, 1.0, -1.8],
 }
-"""Six flights that climb, sink, bank 38 deg, slow down and speed up; what each begins and ends with."""
+"""Six flights with climbs, descents, 38 deg of bank, deceleration and acceleration; initial and final conditions."""
 WAYS = detours_of([0, 2, 3, 0, 4, 1], [-1, 1, -1, -1, -1, -1])
 BANK = np.radians(38.0)
 
 
 def delivered(wind):
-    """The flights of `FLOWN` in a wind: horizontal ends, tabulated profiles, solved detours, shapes and delivered paths."""
+    """The flights of `FLOWN` in a wind: endpoints, tabulated profiles, solved detours, routes and delivered paths."""
 
-    def one(flight, way):
-        last = mean_to_last_speed(flight["mean"], flight["speed_0"], flight["duration"])
+    def deliver_flight(flight, shape_of_detour):
+        final_speed = mean_to_last_speed(flight["mean"], flight["speed_0"], flight["duration"])
         profile = make_profile(
             flight["duration"],
             (flight["altitude_0"], flight["altitude_1"]),
             (flight["climb_0"], 0.0),
             flight["climb_dot_0"],
             flight["detour"],
-            (flight["speed_0"], last, last),
+            (flight["speed_0"], final_speed, final_speed),
             flight["speed_dot_0"],
         )
         table = tabulate(profile, wind, INTERVALS)
         fastest = profile.speed_max
         curvature = jnp.tan(BANK) * GRAVITY / fastest**2
         zero = jnp.zeros(())
-        ends = PathEndpoints(
+        endpoints = PathEndpoints(
             start=jax.lax.complex(zero, zero),
             heading=flight["heading"],
             curvature=flight["bend"] * curvature,
@@ -231,10 +231,10 @@ def delivered(wind):
             sharpness=curvature / (2.0 * fastest),
             scale_max=jnp.ones(()),
         )
-        words = jax.vmap(lambda word: direct(ends, word))(jnp.asarray(WORDS))
-        base = jax.tree.map(lambda leaf: leaf[jnp.argmin(words.length)], words)
-        solved = solve_detour(ends, base, way, table.length)
-        shape = route(ends, solved)
-        return ends, table, solved, shape, deliver(START_S, table, shape)
+        directs = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
+        base = jax.tree.map(lambda leaf: leaf[jnp.argmin(directs.length)], directs)
+        solved = solve_detour(endpoints, base, shape_of_detour, table.length)
+        shape = route(endpoints, solved)
+        return endpoints, table, solved, shape, deliver(START_S, table, shape)
 
-    return jax.vmap(one)({name: jnp.asarray(values) for name, values in FLOWN.items()}, WAYS)
+    return jax.vmap(deliver_flight)({name: jnp.asarray(values) for name, values in FLOWN.items()}, WAYS)

@@ -1,4 +1,4 @@
-"""A good scenario for the certified planner, pieces to change in it, and what must come of a change."""
+"""A valid scenario for the certified planner, modifications, and checks of their consequences."""
 
 import json
 
@@ -66,7 +66,7 @@ FAST_SHIP = ("speed_m_s = 8\ncourse_deg = 60", "speed_m_s = 155\ncourse_deg = 18
 
 
 def changed(changes) -> str:
-    """Replace pieces of the good scenario; each piece must be there, or the case would test nothing."""
+    """The valid scenario with replaced pieces; each piece must exist in the scenario."""
     text = GOOD
     for old, new in changes:
         assert old in text, old
@@ -75,13 +75,13 @@ def changed(changes) -> str:
 
 
 def and_cell(old="", new=""):
-    """Add a keep-out, changed in one place."""
+    """Add a keep-out with one modification."""
     assert old in CELL
     return [("[[goal]]", f"{CELL.replace(old, new) if old else CELL}[[goal]]")]
 
 
 def check_refusal(changes, path: str, whom: str, arrived: str, expected: str) -> None:
-    """Refused with one problem that says where, what arrived (a part), what would be right (a part)."""
+    """Check for a refusal with exactly one problem: path, subject, parts of the value found and the expectation."""
     with pytest.raises(ScenarioError) as refused:
         loads(changed(changes), "case.toml")
     assert len(refused.value.problems) == 1, str(refused.value)
@@ -92,8 +92,8 @@ def check_refusal(changes, path: str, whom: str, arrived: str, expected: str) ->
 
 
 def check_allowed(changes) -> None:
-    """Loads, and loads again from the record of all its values."""
+    """Check that the scenario loads, also from the record of its values."""
     scenario = loads(changed(changes))
-    again = validate(json.loads(scenario.model_dump_json()))
-    assert again == scenario
-    assert again.hash == scenario.hash
+    reloaded = validate(json.loads(scenario.model_dump_json()))
+    assert reloaded == scenario
+    assert reloaded.hash == scenario.hash

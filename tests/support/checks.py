@@ -5,7 +5,7 @@ from anser.verification.checks import Comparison
 
 
 def assert_passes(check: Check, count: int) -> tuple[Comparison, ...]:
-    """Fail with all that falls short; return the comparisons, of which there must be `count`."""
+    """Verify a check and list the failed comparisons; return the comparisons, exactly `count`."""
     (outcome,) = verify(checks=[check])
     assert outcome.problem is None
     short = [f"{c.group}, {c.point}: {c.obtained} not {c.expected}" for c in outcome.comparisons if not c.passes]

@@ -1,4 +1,4 @@
-"""A headless Chromium that a test drives over the DevTools protocol, through two pipes: no port, no library."""
+"""A headless Chromium controlled by a test with the DevTools protocol, through two pipes: no port, no library."""
 
 import base64
 import contextlib
@@ -22,11 +22,11 @@ _FLAGS = (
 
 def find_chromium():
     """Path of an installed Chromium, or None."""
-    return next((found for found in map(shutil.which, NAMES) if found), None)
+    return next((path for path in map(shutil.which, NAMES) if path), None)
 
 
 def skip_without_chromium():
-    """Skip the module that asks where there is no Chromium."""
+    """Skip the calling module without an installed Chromium."""
     if find_chromium() is None:
         names = ", ".join(NAMES)
         pytest.skip(
@@ -35,7 +35,7 @@ def skip_without_chromium():
 
 
 class Chromium:
-    """A browser with one page; what its console says and what it asks the network for is kept."""
+    """A browser with one page; records console messages and network requests."""
 
     def __init__(self, folder: Path, width=1280, height=800):
         self.requests, self.faults, self._count, self._rest = [], [], 0, b""
@@ -60,7 +60,7 @@ class Chromium:
         os.close(theirs_out)
         self._session = None
         target = self._ask("Target.getTargets")["targetInfos"]
-        page = next(one["targetId"] for one in target if one["type"] == "page")
+        page = next(entry["targetId"] for entry in target if entry["type"] == "page")
         self._session = self._ask("Target.attachToTarget", targetId=page, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._ask(f"{domain}.enable")
@@ -80,7 +80,7 @@ class Chromium:
         os.close(self._out)
 
     def open(self, path: Path, limit_s=120.0):
-        """Open a file and wait until the page says that it is ready; returns how long that took, s."""
+        """Open a file and wait until the page reports ready; return the duration, s."""
         began = time.monotonic()
         self._ask("Page.navigate", url=path.resolve().as_uri())
         while not self.run("location.protocol === 'file:' && document.documentElement?.dataset.ready || ''"):
@@ -95,13 +95,13 @@ class Chromium:
 
     def run(self, code):
         """Value of an expression in the page; a promise is awaited."""
-        found = self._ask("Runtime.evaluate", expression=code, returnByValue=True, awaitPromise=True)
-        if "exceptionDetails" in found:
-            raise AssertionError(f"{code}: {found['exceptionDetails']}")
-        return found["result"].get("value")
+        answer = self._ask("Runtime.evaluate", expression=code, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in answer:
+            raise AssertionError(f"{code}: {answer['exceptionDetails']}")
+        return answer["result"].get("value")
 
     def settle(self):
-        """Wait until the page has drawn what it was told to."""
+        """Wait until the page has finished drawing."""
         self.run(
             "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 30))))"
         )
@@ -111,24 +111,24 @@ class Chromium:
         self._ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def scheme(self, name):
-        """What the reader prefers: "light" or "dark"."""
+        """Set the reader's preference: "light" or "dark"."""
         self._ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": name}])
 
     def pdf(self):
-        """The page as it is printed, as the bytes of a PDF file."""
+        """The printed page, as the bytes of a PDF file."""
         return base64.b64decode(self._ask("Page.printToPDF", printBackground=False)["data"])
 
-    def mouse(self, kind, x, y, **more):
+    def mouse(self, kind, x, y, **options):
         """Move or press the mouse: "mouseMoved", "mousePressed", "mouseReleased"."""
-        self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+        self._ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, **options)
 
     def picture(self):
-        """What the window shows, as the bytes of a PNG file."""
+        """Screenshot of the window, as the bytes of a PNG file."""
         return base64.b64decode(self._ask("Page.captureScreenshot", format="png")["data"])
 
     @contextlib.contextmanager
     def before_every_page(self, code):
-        """Run a script in every page that is opened meanwhile, before its own."""
+        """Run a script before the page's own scripts in every page opened inside the context."""
         added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=code)["identifier"]
         try:
             yield

@@ -1,4 +1,4 @@
-"""Generic flight conditions for the control tests, each one vector of numbers, so that one compiled code serves all."""
+"""Generic flight conditions for the control tests, each a single vector, so that one compiled program is sufficient."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -52,7 +52,7 @@ flights = vectors(*FLIGHT_BOUNDS)
 
 
 class Setting(eqx.Module):
-    """An aircraft in a steady wind at one instant."""
+    """An aircraft in a steady wind at one time."""
 
     state: AircraftState
     condition: FlightCondition
@@ -80,13 +80,13 @@ def environment_of(x):
 
 def believed_motion(state, x) -> tuple[FlightCondition, PathMotion]:
     environment = environment_of(x)
-    now = flight_condition(AIRFRAME, environment, 0.0, state)
+    condition = flight_condition(AIRFRAME, environment, 0.0, state)
     mass = AIRFRAME.mass_properties.mass
-    return now, path_motion(now, now.wrench.force_b, state.velocity_b, mass, environment.gravity)
+    return condition, path_motion(condition, condition.wrench.force_b, state.velocity_b, mass, environment.gravity)
 
 
 def model_of(state, x) -> OnboardModel:
-    """What the loops know of a state after steady flight in it."""
+    """The loops' onboard model of a state after steady flight in this state."""
     _, motion = believed_motion(state, x)
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     memory = initial_autopilot_state(attitude, state.rates_b, state.surfaces)

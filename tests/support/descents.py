@@ -1,4 +1,4 @@
-"""Random tasks of three aircraft that descend to their rendezvous above boats, planned as published."""
+"""Random tasks of three aircraft with a descent to rendezvous above boats, planned as published."""
 
 import numpy as np
 
@@ -8,14 +8,14 @@ _START_MAX_M = 15_000.0
 _NEAREST = 0.25  # of that distance
 _DESCENT_MAX_M = 5_000.0
 MILD = 100
-"""Seed from which on the aircraft come from like distances, descend by 2.5 km at most and start toward their goals."""
+"""First seed of the mild tasks: similar distances, descents of at most 2.5 km, starts toward the goals."""
 
 
 def descending_task(seed, duration_s=220.0):
-    """Text of a scenario: starts within 15 km, up to 5 km above rendezvous that stand 150 to 600 m above boats.
+    """Text of a scenario: starts within 15 km, up to 5 km above rendezvous 150 to 600 m above boats.
 
-    All have three aircraft, so that one compiled program flies them. Many cannot be flown as planned: a descent of 5 km
-    over 4 km of way is among them.
+    Every task has three aircraft, so that one compiled program is sufficient. Many plans cannot be flown, for example a
+    descent of 5 km over 4 km.
     """
     rng = np.random.default_rng([19, seed])
     speed = rng.uniform(120.0, 200.0)
@@ -66,14 +66,14 @@ def descending_task(seed, duration_s=220.0):
 
 
 def flown_descent(seed):
-    """Fly a task: what its plan was announced as, how each aircraft ended, and the lowest of each, m."""
+    """Fly a task; return the announcement of its plan, the final statuses, and the lowest altitudes, m."""
     flown = anser.run(anser.loads(descending_task(seed)))
     return {
         "seed": seed,
         "met": flown.met,
-        "problems": [one.split(": ", 1)[1] for one in flown.planned.problems()],
-        "status": [row["status"] for row in flown.summary["aircraft"]],
-        "arrived": [bool(held) for held in (flown.dataset["phase"].values == 2).any(axis=0)],
+        "problems": [problem.split(": ", 1)[1] for problem in flown.planned.problems()],
+        "status": [aircraft["status"] for aircraft in flown.summary["aircraft"]],
+        "arrived": [bool(arrived) for arrived in (flown.dataset["phase"].values == 2).any(axis=0)],
         "lowest_m": [round(float(low), 1) for low in flown.dataset["altitude_m"].min("time")],
         "text": str(flown).splitlines()[0],
     }

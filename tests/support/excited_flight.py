@@ -19,27 +19,27 @@ LATEST = 8
 def excited_flight(
     airframe, environment, gains, limits, trim, step, factors, delays, count
 ) -> Float[Array, "flights steps 3"]:
-    """Deflections commanded, less those of trim, after a small kick to all body rates.
+    """Commanded deflections minus trim, after a small disturbance of the body rates.
 
-    `factors` (flights, 3) multiply what the autopilot commands beyond trim; `delays` (flights, 3) are whole samples.
+    `factors` (flights, 3) multiply the autopilot's commands relative to trim; `delays` (flights, 3) are whole samples.
     """
-    held = trim.controls.surfaces
+    trim_surfaces = trim.controls.surfaces
 
     def one(factor, delay):
         def sample(carry, k):
             state, memory, sent = carry
             model = onboard_model(exact_belief(airframe, environment, state), limits, gains, memory, step)
-            controls, _, memory = velocity_control(model, gains, memory, wanted)
+            controls, _, memory = velocity_control(model, gains, memory, command)
             sent = jnp.concatenate([controls.surfaces[None], sent[:-1]])
-            surfaces = held + factor * (sent[delay, jnp.arange(3)] - held)
+            surfaces = trim_surfaces + factor * (sent[delay, jnp.arange(3)] - trim_surfaces)
             state = advance(airframe, environment, 0.0, state, Controls(surfaces, controls.throttle), step)
-            return (state, memory, sent), controls.surfaces - held
+            return (state, memory, sent), controls.surfaces - trim_surfaces
 
         start, memory = trim.state, trimmed_autopilot_state(trim)
         path = onboard_model(exact_belief(airframe, environment, start), limits, gains, memory, step).motion
-        wanted = PathCommand(path.V, path.gamma, path.chi, *jnp.zeros(3))
+        command = PathCommand(path.V, path.gamma, path.chi, *jnp.zeros(3))
         kicked = eqx.tree_at(lambda s: s.rates_b, start, start.rates_b + 1e-9)
-        sent = jnp.broadcast_to(held, (LATEST, 3))
+        sent = jnp.broadcast_to(trim_surfaces, (LATEST, 3))
         return jax.lax.scan(sample, (kicked, memory, sent), jnp.arange(count))[1]
 
     return jax.vmap(one)(factors, delays)

@@ -1,4 +1,4 @@
-"""Flying a fleet segment by segment, and changing the aircraft of a fleet of one kind."""
+"""Flights of a fleet segment by segment, with changes to the aircraft of a single group."""
 
 import equinox as eqx
 import jax
@@ -18,17 +18,17 @@ def started(flight):
 def segment(flight, state, number=0):
     """State after one segment, and its history; `number` counts segments from the start.
 
-    As `anser.run` flies it: by the program that plans anew only where a new plan is asked for.
+    As in `anser.run`: the program with replanning is used only if a new plan is needed.
     """
     at = jnp.asarray(SEGMENT_STEPS * number, dtype=jnp.int32)
-    after, _, history = fly_segment(without_replanning(flight), state, at)
-    if after.planner.replan_needed:
-        after, _, history = fly_segment(flight, state, at)
-    return after, history
+    next_state, _, history = fly_segment(without_replanning(flight), state, at)
+    if next_state.planner.replan_needed:
+        next_state, _, history = fly_segment(flight, state, at)
+    return next_state, history
 
 
 def segments(flight, state, count):
-    """State after so many segments from the start on, and the whole history."""
+    """State after `count` segments from the start, and the whole history."""
     parts = []
     for number in range(count):
         state, history = segment(flight, state, number)
@@ -37,17 +37,17 @@ def segments(flight, state, count):
 
 
 def own(state):
-    """States of the aircraft of a fleet of one kind."""
+    """States of the aircraft of a fleet with a single group."""
     (of_kind,) = state.vehicles
     return of_kind
 
 
-def with_own(where, state, values):
-    """The flight's state with other values in the aircraft's; `where` chooses among `own`."""
-    return eqx.tree_at(lambda s: where(s.vehicles[0]), state, values)
+def with_own(select, state, values):
+    """The flight's state with replaced values in the aircraft's state; `select` chooses them in `own`."""
+    return eqx.tree_at(lambda s: select(s.vehicles[0]), state, values)
 
 
 def parts_of(flight):
-    """Parts of the aircraft of a fleet of one kind; common leaves have no leading axis."""
+    """Parts of the aircraft of a fleet with a single group; shared leaves have no leading axis."""
     (kind,) = flight.groups
     return eqx.combine(kind.vehicles.batched, kind.vehicles.shared)

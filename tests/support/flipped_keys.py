@@ -1,4 +1,4 @@
-"""Every key of a scenario with another value: whether that is refused, changes the flight, or is read elsewhere."""
+"""Every key of a scenario with a different value: refused, effective in the flight, or read by another part."""
 
 import math
 import typing
@@ -22,7 +22,7 @@ REFUSED, NO_EFFECT_REFUSED, NO_EFFECT_CAUTION, BESIDE, BUILT, NONE, FIXED = (
 
 
 def keys_of(model, table, prefix=""):
-    """Path, field and value of each key of a table and of those in it; of a list of tables, those of the first."""
+    """Path, field and value of the keys of a table and its nested tables; for a list of tables, of the first table."""
     for name, field in model.model_fields.items():
         value = getattr(table, name)
         if isinstance(value, BaseModel):
@@ -34,41 +34,41 @@ def keys_of(model, table, prefix=""):
 
 
 def answers(scenario):
-    """By path of each key, what another value of it does."""
-    found, built = {}, _flight_arrays(scenario)
+    """Effect of a different value, by the path of the key."""
+    answers_by_path, built = {}, _flight_arrays(scenario)
     for path, field, value in keys_of(Scenario, scenario):
-        found[path] = _answer(scenario, built, path, _others(field, value))
-    return found
+        answers_by_path[path] = _answer(scenario, built, path, _others(field, value))
+    return answers_by_path
 
 
-def _answer(scenario, built, path, others):
-    """The best answer of several other values: an effect before a refusal."""
+def _answer(scenario, built, path, alternatives):
+    """The best answer over the alternative values: an effect before a refusal."""
     answer = FIXED
-    for value in others:
+    for value in alternatives:
         try:
-            other = scenario.replace(path, value)
+            alternative_scenario = scenario.replace(path, value)
         except ScenarioError:
             answer = REFUSED if answer == FIXED else answer
             continue
-        if any(problem.path == path for problem in unused_key_problems(other)):
+        if any(problem.path == path for problem in unused_key_problems(alternative_scenario)):
             return NO_EFFECT_REFUSED
-        if any(text.startswith(f"{path}: ") for text in unused_key_cautions(other)):
+        if any(text.startswith(f"{path}: ") for text in unused_key_cautions(alternative_scenario)):
             return NO_EFFECT_CAUTION
-        if _direct_values(scenario) != _direct_values(other):
+        if _direct_values(scenario) != _direct_values(alternative_scenario):
             return BESIDE
-        if not _is_same(built, _flight_arrays(other)):
+        if not _is_same(built, _flight_arrays(alternative_scenario)):
             return BUILT
         answer = NONE
     return answer
 
 
 def _others(field, value):
-    """Other values that a key may hold."""
+    """Alternative values of a key."""
     if isinstance(value, bool):
         return [not value]
-    choices = [one for part in (field.annotation, *typing.get_args(field.annotation)) for one in _literals(part)]
+    choices = [choice for part in (field.annotation, *typing.get_args(field.annotation)) for choice in _literals(part)]
     if choices:
-        return [one for one in choices if one != value]
+        return [choice for choice in choices if choice != value]
     if isinstance(value, tuple) and value and isinstance(value[0], float):
         return [[0.5 * x for x in value], [1.1 * x + 0.01 for x in value]]
     if "float" not in str(field.annotation) and "int" not in str(field.annotation):
@@ -83,8 +83,8 @@ def _others(field, value):
         return [low + 0.3 * (min(high, 1e4) - max(low, -1e4)), 50.0, 60.0, 15.0, 5.0, 1.0, 0.1]
     if isinstance(value, int):
         return [value + 1]
-    near = [0.95 * value, 1.05 * value, 0.5 * value, 2.0 * value, value + 0.01, value + 1.0]
-    return [x for x in near if low <= x <= high and x != value and math.isfinite(x)]
+    candidates = [0.95 * value, 1.05 * value, 0.5 * value, 2.0 * value, value + 0.01, value + 1.0]
+    return [x for x in candidates if low <= x <= high and x != value and math.isfinite(x)]
 
 
 def _literals(annotation):

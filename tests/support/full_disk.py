@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def full_disk(size_max: int = 512) -> Iterator[None]:
-    """Let no file of this process grow beyond a size, in bytes: writing more fails as it does on a full disk."""
+    """Limit the size of the files written by this process, in bytes: larger writes fail as on a full disk."""
     limits, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size_max, limits[1]))
     try:

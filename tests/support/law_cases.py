@@ -1,4 +1,4 @@
-"""An F-16 that flies somewhere, and NASA's control law evaluated by hand."""
+"""An F-16 in flight, and NASA's control law evaluated by hand."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,8 +23,8 @@ def belief_of(euler=(0.05, 0.06, 0.8), velocity_b=(172.0, 1.0, 9.0), rates_b=(0.
         actuators=AIRFRAME.actuators.steady_state(jnp.zeros(3)),
         engine=AIRFRAME.engine.steady_state(jnp.asarray(14.0)),
     )
-    now = flight_condition(AIRFRAME, environment, 0.0, state)
-    return Belief(AIRFRAME, state, now, jnp.zeros(3), None, None)
+    condition = flight_condition(AIRFRAME, environment, 0.0, state)
+    return Belief(AIRFRAME, state, condition, jnp.zeros(3), None, None)
 
 
 def instant_of(time_s, environment=ROUND, step_s=0.01):

@@ -1,15 +1,15 @@
-"""A second airframe, unlike the F-16 in everything: constant derivatives, a propeller, a tenth of the mass.
+"""A second airframe, different from the F-16 throughout: constant derivatives, a propeller, a tenth of the mass.
 
 The North American Navion at 176 ft/s, sea level: R. C. Nelson, *Flight Stability and Automatic Control*, 2nd ed., table
-B.1 ("General aviation airplane: NAVION"); the data go back to G. L. Teper, NASA CR-96008, 1969. Departures, each
-because the interface or common sense asks for it:
+B.1 ("General aviation airplane: NAVION"); the data go back to G. L. Teper, NASA CR-96008, 1969. Deviations from the
+source, each with its reason:
 
-- the alpha_dot derivatives are left out (an airframe knows the air data, not their rates);
+- the alpha_dot derivatives are omitted (an airframe gets the air data, not their rates);
 - the drag is the parabola CD0 + K CL^2 through the printed CD and its printed slope, so that it stays positive;
-- Cl of the rudder is 0.0107: the printed 0.107 repeats the value of Clr and is ten times what such a fin can give.
+- Cl of the rudder is 0.0107: the printed 0.107 repeats the value of Clr and is ten times too large for this fin.
 
 The engine is not published with the derivatives: 285 hp (the Rangemaster's) through a propeller of efficiency 0.8,
-power falling with density, response a plain first-order lag of 0.8 s; throttle and power differ by the factor 100 only.
+power proportional to density, response a first-order lag of 0.8 s; throttle and power differ by the factor 100 only.
 """
 
 import jax.numpy as jnp
@@ -55,15 +55,15 @@ class LightEngine(AbstractEngine):
         return thrust_along_body_x(power / 100 * self._thrust_at_full_power(air_data))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power, 0..100 percent, whose thrust is nearest to `thrust`."""
+        """Power, 0..100 percent, for the thrust nearest to `thrust`."""
         return jnp.clip(100 * thrust / self._thrust_at_full_power(air_data), 0.0, 100.0)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle that holds a power."""
+        """Steady-state throttle for a power."""
         return jnp.clip(jnp.asarray(power) / 100, 0.0, 1.0)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle whose lag gives nearest to the wanted rate."""
+        """Throttle for the power rate nearest to `power_rate`."""
         return jnp.clip((power + self.lag * power_rate) / 100, 0.0, 1.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:

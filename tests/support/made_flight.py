@@ -117,8 +117,12 @@ def _one(time, start_n, start_e, start_h, goal_n, goal_e, w_n, w_e, bend):
         "outside_tables": time < -1.0,
         "status": np.zeros(time.size, dtype=int),
     }
-    for axis, row, place in zip(("north", "east", "altitude"), goal, rendezvous, strict=True):
-        record |= {f"goal_{axis}": row, f"goal_estimate_{axis}": row, f"rendezvous_{axis}": place}
+    for axis, goal_values, rendezvous_values in zip(("north", "east", "altitude"), goal, rendezvous, strict=True):
+        record |= {
+            f"goal_{axis}": goal_values,
+            f"goal_estimate_{axis}": goal_values,
+            f"rendezvous_{axis}": rendezvous_values,
+        }
     offset = rendezvous - np.stack([record["north"], record["east"], record["altitude"]])
     record["range_to_rendezvous"] = np.linalg.norm(offset, axis=0)
     record["clearance"] = np.linalg.norm(offset - np.array([[0.0], [0.0], [300.0]]), axis=0)

@@ -1,4 +1,4 @@
-"""A scenario of aircraft and goals of any names, such as no file may have, too."""
+"""A scenario with aircraft and goals of arbitrary names, including names that a file may not contain."""
 
 from pydantic import BaseModel
 
@@ -11,13 +11,13 @@ def made_scenario(names, goals, kinds=None, name="made-up", **tables):
     Parameters
     ----------
     names, goals
-        Of the aircraft, and of the goal of each.
+        Names of the aircraft, and the goal of each.
     kinds
-        Of these goals; surface where None is given.
+        Kinds of the goals; None: surface.
     name
-        Of the scenario.
+        Name of the scenario.
     **tables
-        As a file holds them.
+        Further tables, as in a file.
     """
     kinds = ["surface"] * len(names) if kinds is None else kinds
     kind_of = dict(zip(goals, kinds, strict=True))
@@ -32,23 +32,23 @@ def made_scenario(names, goals, kinds=None, name="made-up", **tables):
         }
         for k, goal in enumerate(goals)
     ]
-    places = [
+    goal_tables = [
         {"name": marks[goal], "kind": kind, "north_m": 9000.0, "east_m": 5000.0 * k}
         | ({"altitude_m": 2000.0} if kind == "airborne" else {})
         for k, (goal, kind) in enumerate(kind_of.items())
     ]
     values = {"format": 1, "name": "made-up", "timing": {"duration_s": 1000.0}, "fleet": {"speed_m_s": 150.0}}
-    made = validate(values | {"aircraft": aircraft, "goal": places} | tables)
+    scenario = validate(values | {"aircraft": aircraft, "goal": goal_tables} | tables)
     real = {mark: goal for goal, mark in marks.items()}
-    named = BaseModel.model_copy  # a scenario refuses what nothing checks
-    return named(
-        made,
+    copy_model = BaseModel.model_copy  # a scenario refuses what nothing checks
+    return copy_model(
+        scenario,
         update={
             "name": name,
             "aircraft": tuple(
-                named(one, update={"name": own, "goal": goal})
-                for one, own, goal in zip(made.aircraft, names, goals, strict=True)
+                copy_model(model, update={"name": aircraft_name, "goal": goal})
+                for model, aircraft_name, goal in zip(scenario.aircraft, names, goals, strict=True)
             ),
-            "goal": tuple(named(one, update={"name": real[one.name]}) for one in made.goal),
+            "goal": tuple(copy_model(model, update={"name": real[model.name]}) for model in scenario.goal),
         },
     )

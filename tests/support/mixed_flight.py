@@ -44,7 +44,7 @@ def _vehicle(airframe, speed, goal_n):
 
 
 def mixed_flight():
-    """Each from the South to a goal of its own to the North."""
+    """Flight of the fleet with two aircraft groups."""
     aircraft = []
     for k, (airframe, speed) in enumerate(((elevon_aircraft(), 55.0), (load_airframe("f16", "textbook"), 150.0))):
         vehicle = _vehicle(airframe, speed, jnp.array([speed * ARRIVAL, 2000.0 * k, 0.0]))

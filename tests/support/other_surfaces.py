@@ -1,4 +1,4 @@
-"""The light aircraft with control surfaces of other names and another number, for whatever must not assume three."""
+"""The light aircraft with different names and numbers of control surfaces, for code that must not assume three."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -22,14 +22,14 @@ SPLIT = ("elevator", "left_aileron", "right_aileron", "rudder")
 
 
 class MixedSurfaces(AbstractAirframe):
-    """An airframe whose surfaces act as sums of another's.
+    """An airframe whose surfaces act as linear combinations of another airframe's surfaces.
 
     Attributes
     ----------
     base
-        The other.
+        The underlying airframe.
     mixing
-        Deflections of its surfaces of those of this one, shape (its surfaces, surfaces).
+        Matrix from the deflections to those of the base, shape (surfaces of the base, surfaces).
     """
 
     mass_properties: MassProperties
@@ -41,11 +41,11 @@ class MixedSurfaces(AbstractAirframe):
     mixing: Float[Array, "others surfaces"]
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Those of the other airframe."""
+        """Aerodynamics of the base."""
         return self.base.aerodynamics(air_data, rates_b, self.mixing @ surfaces)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """As the other airframe."""
+        """As for the base."""
         return self.base.outside_tables(air_data)
 
 
@@ -63,7 +63,7 @@ def _mixed(actuators, mixing):
 
 
 def elevon_aircraft():
-    """Two elevons, half of whose sum is an elevator and half of whose difference ailerons; no rudder."""
+    """Two elevons: half their sum is the elevator, half their difference the ailerons; no rudder."""
     limit = jnp.full(2, 25.0 * DEG_RAD)
     actuators = FirstOrderActuators(
         time_constant=jnp.full(2, 0.1), lower=-limit, upper=limit, rate_limit=jnp.full(2, 1.0), names=ELEVONS
@@ -72,7 +72,7 @@ def elevon_aircraft():
 
 
 def split_aileron_aircraft():
-    """An aileron on each side, which share the work of the one; second-order actuators."""
+    """Separate ailerons on each side instead of a common deflection; second-order actuators."""
     limit = jnp.array([25.0, 20.0, 20.0, 20.0]) * DEG_RAD
     actuators = SecondOrderActuators(
         frequency=jnp.full(4, 20.0),

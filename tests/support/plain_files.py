@@ -1,4 +1,4 @@
-"""Files of the package as other programs read them: by xarray, pandas, SciPy or a parser alone."""
+"""Files of the package read by other programs: by xarray, pandas, SciPy or a parser alone."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ from anser.results import read_netcdf
 
 
 def read_alone(path: Path) -> xr.Dataset:
-    """What xarray reads of a NetCDF file by itself, equal to the package's reading but for the format's version."""
+    """Dataset read by xarray alone, checked to equal the package's reading except for the format version."""
     alone = xr.load_dataset(path)
     assert alone.attrs.pop("format_version") == 1
     xr.testing.assert_identical(alone, read_netcdf(path))
@@ -17,7 +17,7 @@ def read_alone(path: Path) -> xr.Dataset:
 
 
 def parsed(path: Path) -> object:
-    """A document as any JSON parser reads it: NaN and infinity are refused."""
+    """A document read by a strict JSON parser: NaN and infinity are refused."""
 
     def refused(name: str) -> None:
         raise ValueError(f"{path}: {name} is no JSON")

@@ -15,9 +15,9 @@ def plan_case(
     separation_m=None,
     keep_outs=(),
     distance_min_m=None,
-    **more,
+    **extra_details,
 ):
-    """Samples and details of a plan; the aircraft come from all sides, the last one arrives between two samples."""
+    """Samples and details of a plan; the aircraft come from several sides, the last arrives between two samples."""
     arrival = np.resize(np.asarray(arrivals, dtype=float), len(names))
     time = np.union1d(STEP * np.arange(int(arrival.max() / STEP) + 1), arrival)
     angle = 2.0 * np.pi * np.arange(len(names)) / len(names) + 0.3
@@ -48,20 +48,20 @@ def plan_case(
     goals = np.stack(
         [known(1000.0 * np.cos(angle) + drift), known(1000.0 * np.sin(angle) + 0.0 * drift), known(0.0 * to_go)], axis=2
     )
-    one = np.ones(len(names))
+    ones = np.ones(len(names))
     extremes = PlanExtremes(
         SPEED * arrival,
-        SPEED * one,
+        SPEED * ones,
         {
-            "airspeed_min": SPEED * one,
-            "airspeed_max": SPEED * one,
-            "bank_max": 0.2 * one,
-            "load_factor_max": one,
-            "climb_rate_max": 0.0 * one,
+            "airspeed_min": SPEED * ones,
+            "airspeed_max": SPEED * ones,
+            "bank_max": 0.2 * ones,
+            "load_factor_max": ones,
+            "climb_rate_max": 0.0 * ones,
             "altitude_min": 1000.0 + 100.0 * np.arange(len(names)),
             "altitude_max": 1000.0 + 100.0 * np.arange(len(names)),
-            "thrust_surplus_max": 0.0 * one,
-            "thrust_deficit_max": 0.0 * one,
+            "thrust_surplus_max": 0.0 * ones,
+            "thrust_deficit_max": 0.0 * ones,
         },
     )
     gap = np.linspace(9000.0, 520.0, time.size)
@@ -100,7 +100,7 @@ def plan_case(
             "climb_rate_max": 80.0,
             "altitude_min": 100.0,
             "altitude_max": 15240.0,
-            "thrust_surplus_max": 2.0 * one,
+            "thrust_surplus_max": 2.0 * ones,
         },
     }
-    return samples, PlanDetails(**(details | more))
+    return samples, PlanDetails(**(details | extra_details))

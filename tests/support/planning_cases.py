@@ -32,37 +32,39 @@ def trajectories(draw):
     line = draw(st.floats(500.0, 20000.0)) * velocity(1.0, draw(angles), draw(path_angles))
     duration = float(jnp.linalg.norm(line)) / 150.0 * draw(st.floats(0.8, 1.6))
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), draw(st.floats(-3e3, 0.0))])
-    ends = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
-    return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1])
+    end_velocities = [velocity(150.0, draw(angles), draw(path_angles)) for _ in range(2)]
+    return _fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1])
 
 
 @st.composite
 def flyable(draw):
-    """Bent paths as fleets fly them: 2 to 20 km, ends within 75 deg of the line; |dr/ds| is above half its mean."""
+    """Bent paths typical of fleets: 2 to 20 km, end courses within 75 deg of the line; |dr/ds| above half its mean."""
     distance, course = draw(st.floats(2e3, 2e4)), draw(angles)
     line = distance * velocity(1.0, course, draw(st.floats(-0.15, 0.15)))
     duration = distance / 150.0 * draw(st.floats(0.9, 1.3))
-    ends = [velocity(150.0, course + draw(st.floats(-1.3, 1.3)), draw(st.floats(-0.2, 0.2))) for _ in range(2)]
+    end_velocities = [
+        velocity(150.0, course + draw(st.floats(-1.3, 1.3)), draw(st.floats(-0.2, 0.2))) for _ in range(2)
+    ]
     start = jnp.array([draw(st.floats(-1e4, 1e4)), draw(st.floats(-1e4, 1e4)), -3000.0])
     bend = distance * draw(st.floats(-2.0, 2.0))
-    return _fit(draw(st.floats(0.0, 100.0)), duration, start, ends[0], start + line, ends[1], bend)
+    return _fit(draw(st.floats(0.0, 100.0)), duration, start, end_velocities[0], start + line, end_velocities[1], bend)
 
 
 def plan_at(time, tasks, sides, even=False, speed=SPEED):
-    """A fleet's plan; every argument an array of one kind, so that nothing compiles twice."""
+    """A fleet's plan; every argument as an array of fixed type, so that the planner compiles once."""
     time, sides, speed = (jnp.asarray(x, dtype=float) for x in (time, sides, speed))
     return _plan(time, tasks, speed, sides, jnp.asarray(even))
 
 
 def stand_offs(count: int, height: float = 300.0) -> Rendezvous:
-    """Free arrivals straight above each goal."""
+    """Unconstrained arrivals straight above each goal."""
     return jax.vmap(make_rendezvous)(jnp.tile(jnp.array([[0.0, 0.0, -height]]), (count, 1)))
 
 
 def fleet(
     positions_n, air_velocities_n, goal_positions_n, goal_velocities_n, rendezvous=None, wind_n=None, deceleration=1.0
 ):
-    """What a fleet knows at its first plan."""
+    """A fleet's planning task at its first plan."""
     count = positions_n.shape[0]
     return PlanningTask(
         position_n=positions_n,
@@ -79,7 +81,7 @@ def fleet(
 
 
 def in_wind(tasks: PlanningTask, wind_n) -> PlanningTask:
-    """The same tasks in air that moves, seen from the ground; goals drift with it."""
+    """The same tasks in moving air, seen from the ground; goals drift with the air."""
     wind = jnp.asarray(wind_n)
     return replace(
         tasks, goal_velocity_n=tasks.goal_velocity_n + wind[None], wind_n=jnp.tile(wind, (tasks.wind_n.shape[0], 1))
@@ -113,7 +115,7 @@ def random_fleet(seed: int, goal_speed_max: float, count: int = 3) -> PlanningTa
 
 
 def on_plan(plan, tasks: PlanningTask, time, elapsed, flown=None) -> PlanningTask:
-    """What a fleet knows that has followed its plan exactly for some time, its goals having moved as foreseen."""
+    """Task of a fleet that has followed its plan exactly for a time, with goals moved as predicted."""
     states = along(plan.trajectories, time)
     if flown is None:
         flown = plan.lengths - rest_lengths(plan.trajectories, time)

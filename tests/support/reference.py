@@ -1,4 +1,4 @@
-"""Published check figures: those that `anser verify` uses."""
+"""Published check figures, as used by `anser verify`."""
 
 from anser.verification.checks import load_published as reference
 

@@ -1,4 +1,4 @@
-"""A report that stands open in a browser: its pictures, its colours, and whether it complains."""
+"""A report opened in a browser: its pictures, its colours, and its faults."""
 
 import io
 import json
@@ -10,7 +10,7 @@ WINDOW = (1010, 600)  # small: these machines draw the scene without a graphics 
 
 
 def opened(browser, path):
-    """Open a page, unless it is the one that stands open; its faults and requests are those since it was opened."""
+    """Open a page, unless already open; faults and requests are counted from the opening."""
     if browser.run("location.href") == path.as_uri():
         browser.run(
             "anser.state.setFocus(anser.state.names[0]); anser.state.names.forEach((n) => anser.state.toggle(n, true));"
@@ -25,16 +25,16 @@ def opened(browser, path):
 
 
 def is_clean(browser, path):
-    left = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
-    return browser.faults == [] and left == [path.as_uri()]
+    external = [url for url in browser.requests if not url.startswith(("data:", "blob:"))]
+    return browser.faults == [] and external == [path.as_uri()]
 
 
-def picture_of(browser, what):
-    """Pixels of an element, as shares of full light; scrolled to the top of the window."""
-    browser.run(f"document.querySelector({json.dumps(what)}).scrollIntoView()")
+def picture_of(browser, selector):
+    """Pixels of an element, as fractions of full intensity; scrolled to the top of the window."""
+    browser.run(f"document.querySelector({json.dumps(selector)}).scrollIntoView()")
     browser.settle()
     box = browser.run(
-        f"(() => {{ const b = document.querySelector({json.dumps(what)}).getBoundingClientRect();"
+        f"(() => {{ const b = document.querySelector({json.dumps(selector)}).getBoundingClientRect();"
         " return [b.left, b.top, b.right, Math.min(b.bottom, innerHeight - 70)].map(Math.round); })()"
     )
     whole = matplotlib.image.imread(io.BytesIO(browser.picture()))[..., :3]
@@ -42,5 +42,5 @@ def picture_of(browser, what):
 
 
 def has_color(picture, color):
-    wanted = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
-    return int((np.abs(picture - wanted).max(axis=-1) < 0.06).sum())
+    target = np.array([int(color[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    return int((np.abs(picture - target).max(axis=-1) < 0.06).sum())

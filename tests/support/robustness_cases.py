@@ -1,4 +1,4 @@
-"""A small robustness study, made up: what the statistics and figures of one must say is known by hand."""
+"""A small synthetic robustness study, with statistics and figures known by hand."""
 
 import numpy as np
 import xarray as xr
@@ -11,18 +11,18 @@ REACHED, FAILED, NOT_FLOWN = (OUTCOMES.index(name) for name in ("reached", "fail
 def made_up_study() -> xr.Dataset:
     """Two factors, two conditions: ten flights dispersed, eight of a sweep, eight of the first factor alone.
 
-    Model-based inversion fails where the first factor exceeds 1.1: dispersed flights 8 and 9, half of the sweep at 20 %,
+    Model-based inversion fails if the first factor exceeds 1.1: dispersed flights 8 and 9, half of the sweep at 20 %,
     and alone from +20 % on. Incremental inversion always succeeds. The last aircraft alone, at -20 %, has no steady
     flight.
     """
     dispersed = np.linspace(0.9, 1.13, 10)
     swept = np.array([0.95, 1.05, 0.92, 1.08, 0.9, 1.1, 0.8, 1.2])
     changes = np.array([0.1, 0.1, 0.2, 0.2, -0.1, -0.1, -0.2, -0.2])
-    first = np.concatenate([dispersed, swept, 1 + changes])
-    count = len(first)
+    first_factor = np.concatenate([dispersed, swept, 1 + changes])
+    count = len(first_factor)
     part = np.repeat([0, 1, 2], [10, 8, 8])
     outcome = np.full((2, count), REACHED)
-    outcome[0, first > 1.1 + 1e-9] = FAILED
+    outcome[0, first_factor > 1.1 + 1e-9] = FAILED
     outcome[:, -1] = NOT_FLOWN
     reason = np.where(outcome == FAILED, REASONS.index("surfaces"), 0)
     reason[0, 9] = REASONS.index("unexplained")
@@ -32,7 +32,7 @@ def made_up_study() -> xr.Dataset:
         for name, (unit, _, usual) in errors.items()
     }
     variables["path_angle_final_error_max_deg"][1][0, 9] = 0.4
-    values = np.stack([first, np.cos(np.arange(count))], axis=1)
+    values = np.stack([first_factor, np.cos(np.arange(count))], axis=1)
     meanings = "dispersed spread alone"
     return xr.Dataset(
         {

@@ -100,15 +100,15 @@ def exact_constants(x_cg=0.30):
     return Aircraft(9295.44 / SLUG_KG, 9.80665 / FOOT_M, exact_ratios(), 180.0 / np.pi, standard_air, x_cg)
 
 
-def _cell(value, first, spacing, count):
-    """Cell of an even axis and the fraction within it; the last cells go on beyond the ends."""
-    at = (value - first) / spacing
+def _cell(value, start, spacing, count):
+    """Cell of an even axis and the fraction within it; the last cells extend beyond the ends."""
+    at = (value - start) / spacing
     k = min(max(int(np.floor(at)), 0), count - 2)
     return k, at - k
 
 
-def _bilinear(table, row, column):
-    (i, s), (j, t) = row, column
+def _bilinear(table, row_position, column):
+    (i, s), (j, t) = row_position, column
     return (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1]) + s * (
         (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
     )
@@ -137,10 +137,10 @@ def coefficients(aircraft, VT, alpha, beta, rates, surfaces):
 
 def thrust(power, altitude, mach):
     """Thrust, lbf."""
-    idle, military, most = _bilinear(THRUST, _cell(altitude, 0.0, 10000.0, 6), _cell(mach, 0.0, 0.2, 6))
+    idle, military, maximum = _bilinear(THRUST, _cell(altitude, 0.0, 10000.0, 6), _cell(mach, 0.0, 0.2, 6))
     if power < 50.0:
         return idle + (military - idle) * power / 50.0
-    return military + (most - military) * (power - 50.0) / 50.0
+    return military + (maximum - military) * (power - 50.0) / 50.0
 
 
 def gearing(throttle):

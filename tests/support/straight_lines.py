@@ -1,4 +1,4 @@
-"""A planner that is not anser's: straight lines."""
+"""A planner from outside anser: straight lines."""
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ class Line(AbstractReference):
 
 
 class StraightLines(AbstractPlanner):
-    """Each aircraft flies straight to its rendezvous, shifted by an error (NED, m), and is there after a given time."""
+    """Straight flight of each aircraft to its rendezvous, shifted by an error (NED, m), in a given duration."""
 
     duration: Scalar
     error_n: Vector3

@@ -1,4 +1,4 @@
-"""The numbers with which Stevens & Lewis computed what they print: those that `anser verify` uses."""
+"""The constants behind the printed results of Stevens & Lewis, as used by `anser verify`."""
 
 from anser.verification.textbook import (
     TextbookAtmosphere,

@@ -1,4 +1,4 @@
-"""The folder of a run of one aircraft, level at the origin: enough for commands that read one."""
+"""The folder of a run of one aircraft, level at the origin: sufficient for commands on a run."""
 
 import json
 from pathlib import Path
@@ -29,9 +29,9 @@ def make_run(folder: Path) -> Path:
     """Write `flight.nc` and `summary.json` into a new folder."""
     folder.mkdir()
     write_netcdf(tiny_dataset(), folder / "flight.nc")
-    row = {"name": "one", "goal": "buoy", "status": "arrived", "planned_arrival_s": 1.0}
-    row |= {"arrival_s": None, "miss_m": 0.0}
+    aircraft = {"name": "one", "goal": "buoy", "status": "arrived", "planned_arrival_s": 1.0}
+    aircraft |= {"arrival_s": None, "miss_m": 0.0}
     fleet = {"separation_min_m": None, "simulated_s": 2.0}
-    summary = {"format_version": 1, "scenario": {"name": "still"}, "aircraft": [row], "fleet": fleet}
+    summary = {"format_version": 1, "scenario": {"name": "still"}, "aircraft": [aircraft], "fleet": fleet}
     (folder / "summary.json").write_text(json.dumps(summary | {"requirements": []}))
     return folder

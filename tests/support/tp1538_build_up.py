@@ -1,4 +1,4 @@
-"""The build-up of NASA TP-1538 written out with SciPy's interpolation, as the report prints it: a second opinion."""
+"""The build-up of NASA TP-1538 with SciPy's interpolation, as printed in the report: an independent reference."""
 
 import json
 from importlib import resources
@@ -43,19 +43,19 @@ def coefficients(alpha, beta, elevator, aileron, rudder, lef, P, Q, R, V_ft_s, x
     def damped(name):
         return look_up(name, alpha) + f * short(f"delta{name}_lef")
 
-    def lateral(name, first, beside):
+    def lateral(name, base_value, increment):
         rudder_part = look_up(f"{name}_r30", alpha, beta) - base(name, 0.0)
         aileron_part = look_up(f"{name}_a20", alpha, beta) - base(name, 0.0)
         flap_part = short(f"{name}_a20_lef", beta) - short(f"{name}_lef", beta) - aileron_part
         C = "CY" if name == "Cy" else name
         return (
-            first
+            base_value
             + f * flap(name)
             + a * (aileron_part + f * flap_part)
             + r * rudder_part
             + y * damped(C.replace("CY", "Cy") + "r")
             + p * damped(C.replace("CY", "Cy") + "p")
-            + beside
+            + increment
         )
 
     CX = base("Cx", elevator) + f * flap("Cx") + q * damped("Cxq")

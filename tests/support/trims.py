@@ -17,7 +17,7 @@ SAMPLES = 10
 
 
 def glider(f16: F16) -> F16:
-    """F-16 whose engine gives nothing: no level flight exists."""
+    """F-16 with an engine without thrust: no level flight exists."""
     (cells,) = f16.engine.thrust_tables.cells
     return eqx.tree_at(lambda a: a.engine.thrust_tables.cells[0], f16, jnp.zeros_like(cells))
 
@@ -39,8 +39,10 @@ def fly(
     """Fly `SAMPLES` times `count` steps of `advance` with held controls; the states after each `count`."""
 
     def some(state: AircraftState, _: None) -> tuple[AircraftState, AircraftState]:
-        after = jax.lax.fori_loop(0, count, lambda k, s: advance(airframe, environment, 0.0, s, controls, step), state)
-        return after, after
+        next_state = jax.lax.fori_loop(
+            0, count, lambda k, s: advance(airframe, environment, 0.0, s, controls, step), state
+        )
+        return next_state, next_state
 
     return jax.lax.scan(some, state, length=SAMPLES)[1]
 

@@ -71,7 +71,7 @@ WAYPOINT_GOAL = (
 
 
 def changed(*changes: tuple[str, str]) -> str:
-    """Replace pieces of the good scenario; each piece must be there, or the case would test nothing."""
+    """The valid scenario with replaced pieces; each piece must exist in the scenario."""
     text = GOOD
     for old, new in changes:
         assert old in text, old
@@ -90,15 +90,15 @@ def refusal(text: str) -> ScenarioError:
     return caught.value
 
 
-def assert_told(changes: list[tuple[str, str]], told: tuple[str, str, str, str]) -> None:
-    """The changed scenario has one problem, which says where, of whom, what arrived and what would be right."""
-    path, whom, arrived, expected = told
+def assert_told(changes: list[tuple[str, str]], problem_texts: tuple[str, str, str, str]) -> None:
+    """Check for exactly one problem in the changed scenario: path, subject, value found and expectation."""
+    path, subject, arrived, expected = problem_texts
     error = refusal(changed(*changes))
     assert len(error.problems) == 1, str(error)
     problem = error.problems[0]
     assert problem.path == path
-    assert problem.subject == whom
+    assert problem.subject == subject
     assert arrived in problem.arrived
     assert expected in problem.expected
-    for part in told:
+    for part in problem_texts:
         assert part in str(error).splitlines()[1]

@@ -41,11 +41,11 @@ UPSETS = {
     "deep stall: alpha 63, c.g. 0.40": (64, 63, 0, 0, -60, 0, 0, 0, 8000, 0.40),
 }
 RECOVERED_DEG = (5.0, 3.0, 2.0)
-"""Bank, path angle, sideslip that count as level flight."""
+"""Greatest bank, path angle and sideslip of level flight."""
 
 
 def start_of(V, alpha, beta, mu, gamma, P, Q, R, altitude, x_cg, airframe=AIRFRAME):
-    """State and airframe of an upset; the flap stands at its schedule, the engine at 20 percent."""
+    """State and airframe of an upset; the flap is at its scheduled position, the engine at 20 percent."""
     airframe = eqx.tree_at(lambda a: a.x_cg, airframe, jnp.asarray(float(x_cg)))
     alpha, beta, mu, gamma = (x * DEG_RAD for x in (alpha, beta, mu, gamma))
     velocity_b = V * jnp.array([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
@@ -62,11 +62,13 @@ def start_of(V, alpha, beta, mu, gamma, P, Q, R, altitude, x_cg, airframe=AIRFRA
 
 
 def recover(airframe, start, steps=STEPS):
-    """Fly with level flight to the north commanded; what is seen at every tenth step."""
+    """Fly with level flight to the north commanded; returns a record of every tenth step."""
     gravity = ENVIRONMENT.gravity
     limits, gains, zero = default_limits(), published_gains(), jnp.zeros(())
-    now = flight_condition(airframe, ENVIRONMENT, 0.0, start)
-    motion = path_motion(now, now.wrench.force_b, start.velocity_b, airframe.mass_properties.mass, gravity)
+    initial_condition = flight_condition(airframe, ENVIRONMENT, 0.0, start)
+    motion = path_motion(
+        initial_condition, initial_condition.wrench.force_b, start.velocity_b, airframe.mass_properties.mass, gravity
+    )
     attitude = jnp.stack([motion.mu, motion.alpha, motion.beta])
     command = PathCommand(jnp.asarray(SPEED_M_S), zero, zero, zero, zero, zero)
 
@@ -76,58 +78,64 @@ def recover(airframe, start, steps=STEPS):
         controls, _, memory = velocity_control(model, gains, memory, command)
         return (advance(airframe, ENVIRONMENT, 0.0, state, controls, STEP_S), memory), None
 
-    def seen(carry, _):
+    def record(carry, _):
         state = carry[0]
-        now = flight_condition(airframe, ENVIRONMENT, 0.0, state)
-        motion = path_motion(now, now.wrench.force_b, state.velocity_b, airframe.mass_properties.mass, gravity)
-        row = {
+        initial_condition = flight_condition(airframe, ENVIRONMENT, 0.0, state)
+        motion = path_motion(
+            initial_condition,
+            initial_condition.wrench.force_b,
+            state.velocity_b,
+            airframe.mass_properties.mass,
+            gravity,
+        )
+        values = {
             "altitude": -state.position_n[2],
             "off_deg": jnp.stack([motion.mu, motion.gamma, motion.beta]) / DEG_RAD,
             "alpha_deg": motion.alpha / DEG_RAD,
             "V": motion.V,
             "rates": state.rates_b,
             "surfaces_deg": state.surfaces / DEG_RAD,
-            "pitch_acceleration": now.wrench.moment_b[1] / airframe.mass_properties.inertia_b[1, 1],
-            "outside": airframe.outside_tables(now.air_data),
+            "pitch_acceleration": initial_condition.wrench.moment_b[1] / airframe.mass_properties.inertia_b[1, 1],
+            "outside": airframe.outside_tables(initial_condition.air_data),
         }
-        return jax.lax.scan(one, carry, length=EVERY)[0], row
+        return jax.lax.scan(one, carry, length=EVERY)[0], values
 
     memory = initial_autopilot_state(attitude, start.rates_b, start.surfaces)
-    return jax.lax.scan(seen, (start, memory), length=steps // EVERY)[1]
+    return jax.lax.scan(record, (start, memory), length=steps // EVERY)[1]
 
 
 def flown(upsets=UPSETS, steps=STEPS, airframe=AIRFRAME):
-    """History of each upset by its name."""
+    """History of each upset by name."""
     airframes, starts = zip(*(start_of(*upset, airframe=airframe) for upset in upsets.values()), strict=True)
     start = jax.tree.map(lambda *leaves: jnp.stack(leaves), *starts)
-    x_cg = jnp.stack([one.x_cg for one in airframes])
+    x_cg = jnp.stack([model.x_cg for model in airframes])
 
     @jax.jit
     @jax.vmap
-    def fly(x, one):
-        return recover(eqx.tree_at(lambda a: a.x_cg, airframe, x), one, steps)
+    def fly(x, model):
+        return recover(eqx.tree_at(lambda a: a.x_cg, airframe, x), model, steps)
 
-    rows = jax.tree.map(np.asarray, fly(x_cg, start))
-    return {name: {key: values[k] for key, values in rows.items()} for k, name in enumerate(upsets)}
+    histories = jax.tree.map(np.asarray, fly(x_cg, start))
+    return {name: {key: values[k] for key, values in histories.items()} for k, name in enumerate(upsets)}
 
 
 def held(upset, steps=3000):
-    """Angle of attack (deg) at each step with the elevator held fully nose-down, aileron and rudder against the yaw."""
+    """Angle of attack (deg) at each step with full nose-down elevator, aileron and rudder against the yaw."""
     airframe, start = start_of(*upset)
     down = airframe.actuators.upper[0]
 
     def one(state, _):
         lateral = jnp.clip(0.5 * state.rates_b[jnp.array([0, 2])], -0.3, 0.3)
         surfaces = jnp.stack([down, lateral[0], lateral[1], jnp.zeros(())])
-        after = advance(airframe, ENVIRONMENT, 0.0, state, Controls(surfaces, jnp.asarray(0.0)), STEP_S)
-        return after, jnp.arctan2(state.velocity_b[2], state.velocity_b[0]) / DEG_RAD
+        next_state = advance(airframe, ENVIRONMENT, 0.0, state, Controls(surfaces, jnp.asarray(0.0)), STEP_S)
+        return next_state, jnp.arctan2(state.velocity_b[2], state.velocity_b[0]) / DEG_RAD
 
     return np.asarray(jax.jit(lambda state: jax.lax.scan(one, state, length=steps)[1])(start))
 
 
 def recovery_s(history):
-    """Time from which on the flight stays level, s; infinite where it is not level for the last 5 s."""
+    """Time of the recovery to level flight, s; infinite unless the last 5 s are level."""
     level = np.all(np.abs(history["off_deg"]) < RECOVERED_DEG, axis=1) & (history["alpha_deg"] < 25.0)
-    last = np.flatnonzero(~level)
-    time = 0.0 if last.size == 0 else (last[-1] + 1) * EVERY * STEP_S
+    not_level = np.flatnonzero(~level)
+    time = 0.0 if not_level.size == 0 else (not_level[-1] + 1) * EVERY * STEP_S
     return time if time < (len(level) * EVERY * STEP_S) - 5.0 else np.inf

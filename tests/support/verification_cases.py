@@ -1,5 +1,4 @@
-"""Checks made up for the tests: one that agrees, one that does not, one that breaks, one that computes
-nonsense, one without published figures."""
+"""Checks for the tests: an agreeing one, a deviating one, a failing one, one with nonsense, one without figures."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A sample of the trial of mutated aircraft files, and that the trial finds what it looks for."""
+"""A sample of the trial of mutated aircraft files, and the trial's detection of wrong answers."""
 
 import tomllib
 
@@ -11,16 +11,16 @@ STARTER = tomllib.loads(airframe_starter())
 
 
 def test_a_sample_is_refused_or_right():
-    found = list(outcomes(bodies=30, seed=3, every_unit=80))
-    assert [one for one in found if not one.good] == []
-    assert {one.answer for one in found} == {"refused", "right"}
-    assert {one.file for one in found} == {"DAVE-ML", "aircraft file"}
-    assert table(found).count("\n") > 10
+    results = list(outcomes(bodies=30, seed=3, every_unit=80))
+    assert [outcome for outcome in results if not outcome.good] == []
+    assert {outcome.answer for outcome in results} == {"refused", "right"}
+    assert {outcome.file for outcome in results} == {"DAVE-ML", "aircraft file"}
+    assert table(results).count("\n") > 10
 
 
 @pytest.mark.long
 def test_every_unit_and_a_thousand_bodies_are_refused_or_right():
-    assert [one for one in outcomes(bodies=1000, seed=41) if not one.good] == []
+    assert [outcome for outcome in outcomes(bodies=1000, seed=41) if not outcome.good] == []
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,7 @@ def test_every_unit_and_a_thousand_bodies_are_refused_or_right():
         ({"Jzz_kg_m2": 9e3}, "mass.Jzz", "refused"),
     ],
 )
-def test_what_goes_wrong_is_seen(changes, refusal, answer):
+def test_wrong_answers_are_detected(changes, refusal, answer):
     values = {**STARTER, "mass": {**STARTER["mass"], **changes}}
     assert try_toml("mass", "a change", values, refusal).answer == answer
 

@@ -1,4 +1,4 @@
-"""The trial of arrival times: its tasks, and the straight way that arrivals are compared with."""
+"""The trial of arrival times: its tasks, and the straight line as the reference of arrivals."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,12 +16,14 @@ def test_random_tasks_are_valid_and_of_every_kind():
     assert {kind for _, kind in tasks} == {"level", "climb", "descent"}
     assert {scenario.goal_of(scenario.aircraft[0]).speed_m_s > 0.0 for scenario, _ in tasks} == {False, True}
     level = [scenario.aircraft for scenario, kind in tasks if kind == "level"]
-    rises = np.array([one.rendezvous.stand_off_up_m - one.start.altitude_m for fleet in level for one in fleet])
+    rises = np.array(
+        [aircraft.rendezvous.stand_off_up_m - aircraft.start.altitude_m for fleet in level for aircraft in fleet]
+    )
     assert np.any(rises == 0.0)
     assert np.any((rises != 0.0) & (np.abs(rises) < 1.0))
 
 
-def test_the_straight_way_meets_a_moving_goal_in_the_wind():
+def test_the_straight_line_meets_a_moving_goal_in_the_wind():
     scenario = next(s for s, _ in map(random_scenario, range(48)) if s.wind.speed_m_s > 5.0 and len(s.aircraft) == 3)
     goals = (9000.0, 100.0, -1700.0), (-6000.0, 4000.0, -1500.0), (300.0, -8000.0, -2000.0)
     tasks = stack_tasks([aircraft_task(goal, (10.0, -4.0, 1.0)) for goal in goals])

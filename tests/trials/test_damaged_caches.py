@@ -1,4 +1,4 @@
-"""A sample of the trial of damaged caches, with every kind of damage, and the trial itself: it finds what is wrong."""
+"""A sample of the trial of damaged caches, with every kind of damage, and the trial's detection of faults."""
 
 from collections import Counter
 
@@ -9,13 +9,13 @@ from anser.compiling.store import FolderStore
 from trials.damaged_caches import DAMAGES, run_trial
 
 
-def test_damaged_programs_are_made_anew_and_places_of_others_left_unused(tmp_path):
+def test_damaged_programs_are_rebuilt_and_untrusted_folders_ignored(tmp_path):
     outcomes = run_trial(len(DAMAGES), tmp_path)
     assert Counter(outcome.kind for outcome in outcomes) == dict.fromkeys(DAMAGES, 1)
     assert [outcome for outcome in outcomes if outcome.fault] == []
 
 
-def test_a_store_that_takes_everything_is_found_out(tmp_path, monkeypatch):
+def test_a_store_without_checks_is_detected(tmp_path, monkeypatch):
     monkeypatch.setattr(damaged_caches, "DAMAGES", {"of another program": DAMAGES["of another program"]})
     monkeypatch.setattr(FolderStore, "load", _unchecked)
     (outcome,) = run_trial(1, tmp_path)

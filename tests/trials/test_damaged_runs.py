@@ -1,4 +1,4 @@
-"""A sample of the trial of damaged files: each is refused, repaired or read rightly."""
+"""A sample of the trial of damaged files: every file is refused, repaired or read correctly."""
 
 import pytest
 

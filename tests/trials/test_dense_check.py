@@ -1,4 +1,4 @@
-"""The dense check of plans: passes a hand-made good plan, and finds each kind of fault that is planted in it."""
+"""The dense check of plans: passes a correct plan, and finds every kind of planted fault."""
 
 import math
 from dataclasses import replace
@@ -48,23 +48,23 @@ def _motions(t):
 
 
 def _case(motions, limits=None):
-    last = motions[:, -1, 0]
+    end_positions = motions[:, -1, 0]
     goal_velocity = np.array([[5.0, -3.0, 0.0], [0.0, 0.0, 0.0], [1.0, 1.0, 0.0]])
     stand_off = np.tile([0.0, 0.0, -300.0], (3, 1))
     course = np.arctan2(motions[:, -1, 1, 1], motions[:, -1, 1, 0])
-    same = np.ones(3)
+    ones = np.ones(3)
     limits = limits or FleetLimits(
-        100 * same, 220 * same, 1.0 * same, 30 * same, 500 * same, 5000 * same, 2 * same, 3 * same, 3 * same
+        100 * ones, 220 * ones, 1.0 * ones, 30 * ones, 500 * ones, 5000 * ones, 2 * ones, 3 * ones, 3 * ones
     )
     return PlanCase(
         Starts(0.0, motions[:, 0, 0], motions[:, 0, 1], motions[:, 0, 2]),
-        Goals(np.zeros((3, 1)), (last - goal_velocity * LAST - stand_off)[:, None], goal_velocity, stand_off,
+        Goals(np.zeros((3, 1)), (end_positions - goal_velocity * LAST - stand_off)[:, None], goal_velocity, stand_off,
               np.where([True, True, False], course, np.nan), np.where([False, True, False], math.atan2(8.0, 190.0), np.nan)),
         limits,
         WindProfile(np.array([500.0, 2000.0, 4000.0]), np.array([[0.0, 0, 0], [6.0, -4.0, 0.0], [12.0, 3.0, 0.0]])),
         KeepOutCylinders(np.array([[9000.0, -9000.0]]), np.array([[0.0, 10.0]]), np.array([800.0]), np.array([0.0]), np.array([9000.0])),
         1000.0, 200.0,
-        ArrivalRule("at", LAST * same, np.full((3, 2), np.nan), math.nan, np.arange(3)),
+        ArrivalRule("at", LAST * ones, np.full((3, 2), np.nan), math.nan, np.arange(3)),
         V, G,
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def test_good_plan_passes(good):
 
 def test_extremes_are_those_of_the_textbook(good):
     # Knots every second: the quintic misses a circle of 20 rad/s/1000 by (w h)^6/720 of its radius, 1e-8 m/s^2 and less.
-    found = good[3].extremes
+    extremes = good[3].extremes
     t = np.arange(0.0, LAST + 5e-4, 1e-3)
     # Aircraft 0: wind at 1,000 m is (2, -4/3); a level circle over the ground, so the airspeed swings by the wind.
     wind = np.array([2.0, -4.0 / 3.0])
@@ -107,37 +107,37 @@ def test_extremes_are_those_of_the_textbook(good):
     speed = np.hypot(north, east)
     turning = V**2 / RADIUS
     side = turning * (V - wind[0] * np.cos(V / RADIUS * t) - wind[1] * np.sin(V / RADIUS * t)) / speed
-    assert found["speed_min"][0] == pytest.approx(speed.min(), abs=1e-6)
-    assert found["speed_max"][0] == pytest.approx(speed.max(), abs=1e-6)
-    assert found["bank_max"][0] == pytest.approx(math.atan(side.max() / G), abs=1e-7)
-    assert found["load_factor_max"][0] == pytest.approx(math.hypot(side.max(), G) / G, abs=1e-7)
+    assert extremes["speed_min"][0] == pytest.approx(speed.min(), abs=1e-6)
+    assert extremes["speed_max"][0] == pytest.approx(speed.max(), abs=1e-6)
+    assert extremes["bank_max"][0] == pytest.approx(math.atan(side.max() / G), abs=1e-7)
+    assert extremes["load_factor_max"][0] == pytest.approx(math.hypot(side.max(), G) / G, abs=1e-7)
     # Aircraft 1 climbs at 8 m/s through 2,000 to 2,480 m, headed north, faster by 0.5 m/s each second.
     height = 2000.0 + 8.0 * t
     head = 160.0 + 0.5 * t - (6.0 + 3.0e-3 * (height - 2000.0))
     cross = 4.0 - 3.5e-3 * (height - 2000.0)
     speed = np.sqrt(head**2 + cross**2 + 64.0)
-    assert found["speed_max"][1] == pytest.approx(speed.max(), abs=1e-6)
-    assert found["climb_rate_max"][1] == pytest.approx(8.0, abs=1e-9)
-    assert found["altitude_max"][1] == pytest.approx(2480.0, abs=1e-9)
-    assert found["acceleration_max"][1] == pytest.approx(((0.5 * head + G * 8.0) / speed).max(), abs=1e-7)
+    assert extremes["speed_max"][1] == pytest.approx(speed.max(), abs=1e-6)
+    assert extremes["climb_rate_max"][1] == pytest.approx(8.0, abs=1e-9)
+    assert extremes["altitude_max"][1] == pytest.approx(2480.0, abs=1e-9)
+    assert extremes["acceleration_max"][1] == pytest.approx(((0.5 * head + G * 8.0) / speed).max(), abs=1e-7)
     # Aircraft 1 is straight over the ground: sideways force only where the air comes from the side.
-    assert found["deceleration_max"][1] < 0.0
+    assert extremes["deceleration_max"][1] < 0.0
 
 
 @pytest.mark.parametrize("limit", LIMITS)
-def test_each_limit_is_found_by_name_where_it_is_broken_and_only_there(good, limit):
+def test_each_violated_limit_is_reported_by_name_and_only_there(good, limit):
     paths, case, arrivals, report = good
     sign = 1.0 if limit in ("speed_min", "altitude_min") else -1.0
     at = report.extremes[limit].copy()
-    met = replace(case, limits=replace(case.limits, **{limit: at}))
-    assert dense_check(paths, met, arrivals, 0.01).passes
-    by = 5.0 * Tolerances().of_limit(limit)
+    satisfied_case = replace(case, limits=replace(case.limits, **{limit: at}))
+    assert dense_check(paths, satisfied_case, arrivals, 0.01).passes
+    excess = 5.0 * Tolerances().of_limit(limit)
     broken = at.copy()
-    broken[1] += sign * by
-    found = dense_check(paths, replace(case, limits=replace(case.limits, **{limit: broken})), arrivals)
-    assert _kinds(found) == {(limit, (1,))}
+    broken[1] += sign * excess
+    report_broken = dense_check(paths, replace(case, limits=replace(case.limits, **{limit: broken})), arrivals)
+    assert _kinds(report_broken) == {(limit, (1,))}
     # The same extreme at the same samples: nothing but rounding between.
-    assert found.breaches[0].amount == pytest.approx(by, rel=1e-6)
+    assert report_broken.breaches[0].amount == pytest.approx(excess, rel=1e-6)
 
 
 def test_a_spike_between_two_milliseconds_is_found(good):
@@ -149,8 +149,8 @@ def test_a_spike_between_two_milliseconds_is_found(good):
     extra[0, 1, 2, 2] += 30.0
     times = np.insert(times, [11] * 3, inside, axis=1)
     knots = np.insert(knots, [11] * 3, extra, axis=1)
-    found = dense_check(Paths(times, knots, np.zeros_like(knots)), case, arrivals)
-    assert ("load_factor_max", (0,)) in _kinds(found)
+    report = dense_check(Paths(times, knots, np.zeros_like(knots)), case, arrivals)
+    assert ("load_factor_max", (0,)) in _kinds(report)
     without = dense_check(
         Paths(times, np.insert(paths.air_n + paths.drift_n, [11] * 3, _motions(inside), axis=1), 0.0 * knots),
         case,
@@ -171,18 +171,18 @@ def test_a_jump_in_an_empty_cell_is_found(good, order, kind):
 
 
 @pytest.mark.parametrize("field", ["position_n", "velocity_n", "acceleration_n"])
-def test_another_start_is_found(good, field):
+def test_a_wrong_start_is_found(good, field):
     paths, case, arrivals, _ = good
-    there = getattr(case.starts, field).copy()
-    there[1, 2] += 0.01
-    found = dense_check(paths, replace(case, starts=replace(case.starts, **{field: there})), arrivals)
-    assert _kinds(found) == {(f"start_{field[:-2]}", (1,))}
+    moved = getattr(case.starts, field).copy()
+    moved[1, 2] += 0.01
+    report = dense_check(paths, replace(case, starts=replace(case.starts, **{field: moved})), arrivals)
+    assert _kinds(report) == {(f"start_{field[:-2]}", (1,))}
 
 
-def test_a_late_begin_is_found(good):
+def test_a_late_start_is_found(good):
     paths, case, arrivals, _ = good
-    found = dense_check(replace(paths, times=paths.times + 0.01), case, arrivals + 0.01)
-    assert {("start_time", (0,)), ("start_time", (1,)), ("start_time", (2,))} <= _kinds(found)
+    report = dense_check(replace(paths, times=paths.times + 0.01), case, arrivals + 0.01)
+    assert {("start_time", (0,)), ("start_time", (1,)), ("start_time", (2,))} <= _kinds(report)
 
 
 def test_arrival_faults_are_found(good):
@@ -240,14 +240,14 @@ def test_sequence_in_its_order_passes(good):
     paths, case, _, _ = good
     # Cut one second and two off two paths: knots lie on whole seconds.
     times, air, drift = paths.times.copy(), paths.air_n.copy(), paths.drift_n.copy()
-    for who, cut in ((0, 2), (2, 1)):
+    for aircraft, cut in ((0, 2), (2, 1)):
         for part in (times, air, drift):
-            part[who, -cut:] = part[who, -cut - 1]
+            part[aircraft, -cut:] = part[aircraft, -cut - 1]
     arrivals = times[:, -1]
-    last = (air + drift)[:, -1, 0]
+    end_positions = (air + drift)[:, -1, 0]
     goals = replace(
         case.goals,
-        positions_n=(last - case.goals.velocity_after_n * arrivals[:, None] - case.goals.stand_off_n)[:, None],
+        positions_n=(end_positions - case.goals.velocity_after_n * arrivals[:, None] - case.goals.stand_off_n)[:, None],
         course=NAN3,
     )
     task = replace(case, goals=goals, rule=_rule("sequence", spacing=1.0, order=(0, 2, 1)))
@@ -278,7 +278,7 @@ def test_separation_is_that_of_two_straight_lines(good):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_pruned_separation_equals_that_of_all_samples(seed):
+def test_pruned_separation_equals_the_minimum_over_the_samples(seed):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.5, 6.0, 12))
     t = (t - t[0]) * rng.uniform(0.7, 1.0)
@@ -289,29 +289,29 @@ def test_pruned_separation_equals_that_of_all_samples(seed):
     knots[:, :, 2] = rng.normal(0.0, 8.0, (4, 12, 3))
     cells = [path_cells(t, k) for k in knots]
     grid = np.arange(int(t[-1] / 1e-3) + 1) * 1e-3
-    places = [c.at(grid)[:3] for c in cells]
+    positions = [c.at(grid)[:3] for c in cells]
     arrivals = t[-1] * np.array([1.0, 0.9, 0.37, 1.0])
     sizes = (rng.uniform(0.0, 600.0), rng.uniform(0.0, 300.0))
-    found = least_clearances(cells, [chord_blocks(p) for p in places], arrivals, sizes, 0.0, 1e-3)
-    for row, (i, j) in enumerate(zip(found.first, found.second, strict=True)):
+    closest = least_clearances(cells, [chord_blocks(p) for p in positions], arrivals, sizes, 0.0, 1e-3)
+    for pair, (i, j) in enumerate(zip(closest.first, closest.second, strict=True)):
         end = min(arrivals[i], arrivals[j])
-        rel = (places[i] - places[j])[:, grid <= end]
+        rel = (positions[i] - positions[j])[:, grid <= end]
         whole = np.maximum(np.hypot(rel[0], rel[1]) - sizes[0], np.abs(rel[2]) - sizes[1])
         # The end itself is one more sample: at most the least of all the others, less what 1 ms of 1 km/s changes.
-        assert whole.min() - 1.0 <= found.clearance[row] <= whole.min() + 1e-6
-        if found.time[row] < end:
-            assert found.clearance[row] == pytest.approx(whole.min(), abs=1e-6 + 1e-9)
+        assert whole.min() - 1.0 <= closest.clearance[pair] <= whole.min() + 1e-6
+        if closest.time[pair] < end:
+            assert closest.clearance[pair] == pytest.approx(whole.min(), abs=1e-6 + 1e-9)
 
 
 def test_lost_separation_is_found(good):
     paths, case, arrivals, report = good
     nearest = int(np.argmin(report.pairs.horizontal))
     wide = float(report.pairs.horizontal[nearest])
-    who = (int(report.pairs.first[nearest]), int(report.pairs.second[nearest]))
+    pair = (int(report.pairs.first[nearest]), int(report.pairs.second[nearest]))
     tall = replace(case, separation_vertical=4000.0)
     assert dense_check(paths, replace(tall, separation_horizontal=wide), arrivals).passes
     lost = dense_check(paths, replace(tall, separation_horizontal=wide + 0.01), arrivals)
-    assert _kinds(lost) == {("separation", who)}
+    assert _kinds(lost) == {("separation", pair)}
     assert lost.breaches[0].amount == pytest.approx(0.01, abs=1e-5)
     # One above the other is enough.
     assert dense_check(
@@ -319,13 +319,13 @@ def test_lost_separation_is_found(good):
     ).passes
 
 
-def test_keep_outs_that_stand_and_move_are_found(good):
+def test_entered_keep_outs_at_rest_and_in_motion_are_found(good):
     paths, case, arrivals, report = good
-    near = case.keep_outs
-    touched = replace(near, radius=near.radius + report.keep_out_clearance[:, 0].min() + 0.01)
-    found = dense_check(paths, replace(case, keep_outs=touched), arrivals)
-    assert {kind for kind, _ in _kinds(found)} == {"keep_out"}
-    assert len(found.breaches) == 1
+    keep_outs = case.keep_outs
+    touched = replace(keep_outs, radius=keep_outs.radius + report.keep_out_clearance[:, 0].min() + 0.01)
+    report_touched = dense_check(paths, replace(case, keep_outs=touched), arrivals)
+    assert {kind for kind, _ in _kinds(report_touched)} == {"keep_out"}
+    assert len(report_touched.breaches) == 1
     # Flies with aircraft 1 from 500 m behind at 10 m/s more: it is reached after 50 s less the radius.
     chaser = KeepOutCylinders(
         np.array([[-500.0, -20_000.0]]),
@@ -339,7 +339,7 @@ def test_keep_outs_that_stand_and_move_are_found(good):
     assert dense_check(paths, replace(case, keep_outs=low), arrivals).passes
 
 
-def test_nothing_that_is_not_a_number_passes(good):
+def test_a_plan_with_nan_does_not_pass(good):
     paths, case, arrivals, _ = good
 
     def hole(air):

@@ -1,4 +1,4 @@
-"""A sample of the trials that interrupt commands, and what counts as a fault in them."""
+"""A sample of the trials of interrupted commands, and the definition of their faults."""
 
 import random
 
@@ -16,7 +16,7 @@ def test_a_command_interrupted_at_random_moments_of_its_imports_stops_with_one_m
 
 
 @pytest.mark.parametrize(
-    ("command", "ended", "left", "fault"),
+    ("command", "ended", "files", "fault"),
     [
         ("run", STOPPED, set(), None),
         ("run", STOPPED, {"out", "out/flight.nc"}, None),
@@ -31,9 +31,9 @@ def test_a_command_interrupted_at_random_moments_of_its_imports_stops_with_one_m
         ("run", Ended(130, "Traceback\nstopped\n", 1.0, 0.1), set(), "messages"),
     ],
 )
-def test_what_an_interrupted_command_leaves_and_says_is_judged(command, ended, left, fault):
-    found = faults_of(command, ended, left, {"out", "out/flight.nc"})
-    assert found == [] if fault is None else fault in found[0]
+def test_files_and_messages_of_interrupted_commands_are_assessed(command, ended, files, fault):
+    faults = faults_of(command, ended, files, {"out", "out/flight.nc"})
+    assert faults == [] if fault is None else fault in faults[0]
 
 
 @pytest.mark.long

@@ -1,4 +1,4 @@
-"""The second search: finds plans where there are some, proves what cannot be, and never refutes what was flown."""
+"""The second search: it finds existing plans, proves infeasibility, and never refutes a flown task."""
 
 import math
 from dataclasses import replace
@@ -40,25 +40,27 @@ def _rule(name, times=math.nan, spacing=math.nan):
 
 
 def _pair(**changes):
-    """Two aircraft side by side, 3 km apart, 10 km south of two rendezvous points, 3 km apart too, to be met at 80 s."""
-    same, starts = np.ones(2), np.array([[0.0, 0.0, -1000.0], [0.0, 3000.0, -1000.0]])
+    """Two aircraft side by side, 3 km apart, 10 km south of two rendezvous points, also 3 km apart, at 80 s."""
+    ones, starts = np.ones(2), np.array([[0.0, 0.0, -1000.0], [0.0, 3000.0, -1000.0]])
     case = PlanCase(
         Starts(0.0, starts, np.array([[140.0, 0, 0], [140.0, 0, 0]]), np.zeros((2, 3))),
         Goals(np.zeros((2, 1)), (starts + np.array([10_000.0, 0, 300.0]))[:, None], np.zeros((2, 3)),
               np.tile([0.0, 0.0, -300.0], (2, 1)), np.full(2, np.nan), np.full(2, np.nan)),
-        FleetLimits(120 * same, 160 * same, 0.6 * same, 15 * same, 500 * same, 3000 * same, 1.8 * same, 2 * same, 2 * same),
+        FleetLimits(120 * ones, 160 * ones, 0.6 * ones, 15 * ones, 500 * ones, 3000 * ones, 1.8 * ones, 2 * ones, 2 * ones),
         WindProfile(np.zeros(1), np.zeros((1, 3))), NO_ZONES, 1000.0, 200.0, _rule("at", 80.0), 140.0, 9.80665,
     )  # fmt: skip
     return replace(case, **changes)
 
 
-def _goals(case, place=None, velocity=None, course=None):
-    there = case.goals.positions_n.copy()
-    if place is not None:
-        there[0, 0] = place
+def _goals(case, position=None, velocity=None, course=None):
+    positions = case.goals.positions_n.copy()
+    if position is not None:
+        positions[0, 0] = position
     motion = case.goals.velocity_after_n if velocity is None else np.tile(velocity, (2, 1))
     course = case.goals.course if course is None else np.array(course)
-    return replace(case, goals=replace(case.goals, positions_n=there, velocity_after_n=np.array(motion), course=course))
+    return replace(
+        case, goals=replace(case.goals, positions_n=positions, velocity_after_n=np.array(motion), course=course)
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,29 +79,29 @@ def _goals(case, place=None, velocity=None, course=None):
     ids=["straight", "turned", "crossing", "sequence"],
 )  # fmt: skip
 def test_easy_tasks_are_solved(case):
-    found = second_search(case, 1000)
-    assert found.status == "found"
-    assert dense_check(found.paths, case, found.arrival_times).passes
+    result = second_search(case, 1000)
+    assert result.status == "found"
+    assert dense_check(result.paths, case, result.arrival_times).passes
 
 
-def test_given_times_are_kept():
+def test_prescribed_times_are_met():
     case = _pair(rule=_rule("together"))
-    found = second_search(case, 1000, times=np.array([75.0, 75.0]))
-    assert found.status == "found"
-    assert np.array_equal(found.arrival_times, [75.0, 75.0])
+    result = second_search(case, 1000, times=np.array([75.0, 75.0]))
+    assert result.status == "found"
+    assert np.array_equal(result.arrival_times, [75.0, 75.0])
 
 
 @pytest.mark.parametrize(
-    ("case", "words"),
+    ("case", "text"),
     [
         # 10 km in 62.5 s at 160 m/s: 62 s are too few, and so are 63 from 140 m/s, for want of acceleration.
         (_pair(rule=_rule("at", 62.0)), "aircraft 0: the rendezvous is out of reach in the time"),
         (_goals(_pair(rule=_rule("earliest")), velocity=[170.0, 0.0, 0.0]), "out of reach"),
-        (_goals(_pair(), place=[10_000.0, 0.0, -2000.0]), "aircraft 0: the rendezvous is higher or lower than the climb rate"),
-        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 0.0, -2800.0]), "aircraft 0: the rendezvous is above the ceiling"),
-        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 0.0, -100.0]), "aircraft 0: the rendezvous is below the floor"),
-        (_goals(_pair(rule=_rule("earliest")), place=[10_000.0, 2100.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
-        (_goals(_pair(rule=_rule("sequence", spacing=0.5)), place=[10_000.0, 2900.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
+        (_goals(_pair(), position=[10_000.0, 0.0, -2000.0]), "aircraft 0: the rendezvous is higher or lower than the climb rate"),
+        (_goals(_pair(rule=_rule("earliest")), position=[10_000.0, 0.0, -2800.0]), "aircraft 0: the rendezvous is above the ceiling"),
+        (_goals(_pair(rule=_rule("earliest")), position=[10_000.0, 0.0, -100.0]), "aircraft 0: the rendezvous is below the floor"),
+        (_goals(_pair(rule=_rule("earliest")), position=[10_000.0, 2100.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
+        (_goals(_pair(rule=_rule("sequence", spacing=0.5)), position=[10_000.0, 2900.0, -700.0]), "aircraft 0 and 1: their rendezvous points are closer"),
         (_pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, 0.0, 500.0)), "aircraft 0: the rendezvous is inside keep-out 0"),
         (_pair(keep_outs=_zone(0.0, 3000.0, 500.0)), "aircraft 1: starts inside keep-out 0"),
         (_pair(separation_horizontal=3100.0), "aircraft 0 and 1: start closer than the separation"),
@@ -107,11 +109,11 @@ def test_given_times_are_kept():
         (_pair(wind=WindProfile(np.zeros(1), np.array([[30.0, 0.0, 0.0]]))), "aircraft 0: starts too slow"),
     ],
 )  # fmt: skip
-def test_impossible_tasks_are_proved(case, words):
-    found = second_search(case, 100)
-    assert found.status == "proved"
-    assert found.paths is None
-    assert any(words in reason for reason in found.reasons)
+def test_impossible_tasks_are_proved(case, text):
+    result = second_search(case, 100)
+    assert result.status == "proved"
+    assert result.paths is None
+    assert any(text in reason for reason in result.reasons)
 
 
 @pytest.mark.parametrize(
@@ -119,14 +121,14 @@ def test_impossible_tasks_are_proved(case, words):
     [
         # The mirror images of proofs: each is possible, if only just, and must not be proved impossible.
         _pair(rule=_rule("at", 63.6)),
-        _goals(_pair(rule=_rule("earliest")), place=[10_000.0, 1999.0, -700.0]),
-        _goals(_pair(rule=_rule("earliest")), place=[10_000.0, 2900.0, -901.0]),
+        _goals(_pair(rule=_rule("earliest")), position=[10_000.0, 1999.0, -700.0]),
+        _goals(_pair(rule=_rule("earliest")), position=[10_000.0, 2900.0, -901.0]),
         _pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, -501.0, 500.0)),
         _pair(rule=_rule("earliest"), keep_outs=_zone(10_000.0, 0.0, 500.0, top=999.0)),
-        _goals(_pair(rule=_rule("at", 80.0)), place=[10_000.0, 0.0, -1899.0]),
+        _goals(_pair(rule=_rule("at", 80.0)), position=[10_000.0, 0.0, -1899.0]),
     ],
 )
-def test_what_may_be_possible_is_not_proved_impossible(case):
+def test_possible_tasks_are_not_proved_impossible(case):
     assert possible_times(case, None, 600.0).reasons == ()
 
 
@@ -138,25 +140,25 @@ def test_a_goal_walled_in_is_not_found():
         np.zeros((12, 2)), np.full(12, 900.0), np.full(12, -100.0), np.full(12, 20_000.0),
     )  # fmt: skip
     starts = _pair().starts
-    away = replace(starts, position_n=starts.position_n + np.array([[0.0, 0, 0], [0.0, 6000.0, 0.0]]))
-    task = _goals(_pair(keep_outs=ring, rule=_rule("at", 100.0), starts=away))
-    there = task.goals.positions_n.copy()
-    there[1, 0, 1] += 6000.0
-    found = second_search(replace(task, goals=replace(task.goals, positions_n=there)), 300)
-    assert found.status == "not found"
-    assert any("aircraft 0: no path even alone" in reason for reason in found.reasons)
+    distant_starts = replace(starts, position_n=starts.position_n + np.array([[0.0, 0, 0], [0.0, 6000.0, 0.0]]))
+    task = _goals(_pair(keep_outs=ring, rule=_rule("at", 100.0), starts=distant_starts))
+    goal_positions = task.goals.positions_n.copy()
+    goal_positions[1, 0, 1] += 6000.0
+    result = second_search(replace(task, goals=replace(task.goals, positions_n=goal_positions)), 300)
+    assert result.status == "not found"
+    assert any("aircraft 0: no path even alone" in reason for reason in result.reasons)
 
 
 @pytest.mark.parametrize("seed", [1, 4, 8])
 def test_flown_tasks_are_solved(seed):
     case = flown_case(seed)
-    found = second_search(case, 1000)
-    assert found.status == "found"
-    assert dense_check(found.paths, case, found.arrival_times).passes
+    result = second_search(case, 1000)
+    assert result.status == "found"
+    assert dense_check(result.paths, case, result.arrival_times).passes
 
 
 @pytest.mark.parametrize("first", [0, 40])
-def test_what_was_flown_is_never_proved_impossible(first):
+def test_flown_tasks_are_never_proved_impossible(first):
     for seed in range(first, first + 40):
         assert possible_times(flown_case(seed), None, 400.0).reasons == (), seed
 
@@ -166,11 +168,11 @@ def test_random_tasks_keep_their_promises():
     for seed in range(60):
         case = random_case(seed)
         names.add(case.rule.name)
-        place, limits = case.starts.position_n, case.limits
+        positions, limits = case.starts.position_n, case.limits
         assert 2 <= case.size <= 8
-        assert np.all((place[:, :2] >= 0.0) & (place[:, :2] <= 30_000.0))
-        assert np.all((-place[:, 2] >= 500.0) & (-place[:, 2] <= 5000.0))
-        air = case.starts.velocity_n - case.wind.at(-place[:, 2]).T
+        assert np.all((positions[:, :2] >= 0.0) & (positions[:, :2] <= 30_000.0))
+        assert np.all((-positions[:, 2] >= 500.0) & (-positions[:, 2] <= 5000.0))
+        air = case.starts.velocity_n - case.wind.at(-positions[:, 2]).T
         speed = np.linalg.norm(air, axis=1)
         assert np.all((speed >= 110.0 - 1e-9) & (speed <= 200.0 + 1e-9))
         assert np.all((limits.speed_min < speed) & (speed < limits.speed_max))
@@ -185,31 +187,31 @@ def test_random_tasks_keep_their_promises():
 
 
 def test_a_seed_gives_one_task_and_one_search():
-    one, again, other = random_case(7), random_case(7), random_case(8)
-    assert np.array_equal(one.starts.position_n, again.starts.position_n)
-    assert np.array_equal(one.rule.windows, again.rule.windows, equal_nan=True)
-    assert one.starts.position_n.shape != other.starts.position_n.shape or not np.array_equal(
-        one.starts.position_n, other.starts.position_n
+    case, repeated, different = random_case(7), random_case(7), random_case(8)
+    assert np.array_equal(case.starts.position_n, repeated.starts.position_n)
+    assert np.array_equal(case.rule.windows, repeated.rule.windows, equal_nan=True)
+    assert case.starts.position_n.shape != different.starts.position_n.shape or not np.array_equal(
+        case.starts.position_n, different.starts.position_n
     )
-    first, second = second_search(_pair(), 1000), second_search(_pair(), 1000)
-    assert np.array_equal(first.paths.air_n, second.paths.air_n)
-    assert first.iterations == second.iterations > 0
+    result, repeated_result = second_search(_pair(), 1000), second_search(_pair(), 1000)
+    assert np.array_equal(result.paths.air_n, repeated_result.paths.air_n)
+    assert result.iterations == repeated_result.iterations > 0
 
 
 def test_the_search_ends_with_its_iterations():
     # No arrival is possible within the limits of speed, but no bound sees that: a keep-out in the way has to be flown around.
     case = _pair(rule=_rule("at", 64.5), keep_outs=_zone(5000.0, 0.0, 1500.0))
-    found = second_search(case, 200)
-    assert found.status == "not found"
+    result = second_search(case, 200)
+    assert result.status == "not found"
     # The last solution is made to its end: 80 iterations of one aircraft alone.
-    assert 200 <= found.iterations <= 280
+    assert 200 <= result.iterations <= 280
 
 
 def test_a_refusal_that_is_contradicted_stays_so():
     case = random_case(925)  # 918 and 1318 take longer
-    found = second_search(case, 3000, seed=925)
-    assert found.status == "found"
-    assert dense_check(found.paths, case, found.arrival_times).passes
+    result = second_search(case, 3000, seed=925)
+    assert result.status == "found"
+    assert dense_check(result.paths, case, result.arrival_times).passes
 
 
 def test_demands_of_a_coordinated_climbing_turn():
@@ -219,10 +221,10 @@ def test_demands_of_a_coordinated_climbing_turn():
     velocity = np.array([flat * math.cos(chi), flat * math.sin(chi), -speed * math.sin(gamma)])
     acceleration = flat * rate * np.array([-math.sin(chi), math.cos(chi), 0.0])
     wind = np.array([7.0, -3.0, 1.0])
-    asked = path_demands((velocity + wind)[:, None], acceleration[:, None], wind[:, None], g)
+    demands = path_demands((velocity + wind)[:, None], acceleration[:, None], wind[:, None], g)
     expected = (speed, speed * math.sin(gamma), flat * rate, g * math.cos(gamma), g * math.sin(gamma))
-    for found, wanted in zip(asked, expected, strict=True):
-        assert float(found[0]) == pytest.approx(wanted, rel=1e-12)
+    for demand, reference in zip(demands, expected, strict=True):
+        assert float(demand[0]) == pytest.approx(reference, rel=1e-12)
 
 
 def test_unknown_rule_is_refused():

@@ -1,7 +1,7 @@
-"""Random scenarios planned and judged: a few seeds, and planners that are known to be wrong.
+"""Random scenarios, planned and checked: a few seeds, and deliberately wrong planners.
 
-The 2,000 seeds of `make plan-trials` are no test: they take hours. The fifty here have plans that the planner finds
-among its first candidates, or are proved to have none, so that few programs are compiled.
+The 2,000 seeds of `make plan-trials` take hours and are no test. The fifty seeds here have plans among the planner's
+first candidates, or are proved infeasible, so that few programs are compiled.
 """
 
 import dataclasses
@@ -35,12 +35,12 @@ def _refuse(case):
 
 
 def _fly_straight(case):
-    """From each start to where its goal is after 100 s, from standstill to standstill."""
+    """Plan straight lines from each start to the goal's position after 100 s, at rest at both ends."""
     times = np.tile([0.0, 100.0], (case.size, 1))
     knots = np.zeros((case.size, 2, 3, 3))
     knots[:, 0, 0] = case.starts.position_n
-    for who in range(case.size):
-        knots[who, 1, 0] = case.goals.meeting_n(who, np.array([100.0]))[0]
+    for aircraft in range(case.size):
+        knots[aircraft, 1, 0] = case.goals.meeting_n(aircraft, np.array([100.0]))[0]
     return Answer(Paths(times, knots, np.zeros_like(knots)), times[:, 1], 1, {})
 
 
@@ -48,8 +48,8 @@ def _raise(case):
     raise FloatingPointError("no number")
 
 
-def _trial(seed, verdict, rule="at", **more):
-    return Trial(seed, 2, rule, verdict, 0.1, 0.2, **more)
+def _trial(seed, verdict, rule="at", **fields):
+    return Trial(seed, 2, rule, verdict, 0.1, 0.2, **fields)
 
 
 @pytest.mark.long
@@ -80,36 +80,36 @@ def test_all_cases_share_the_planner_programs():
     def shapes(seed):
         return jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), planner_task(random_case(seed))[:2])
 
-    first = shapes(0)
+    reference = shapes(0)
     sizes = {
         (random_case(k).size, random_case(k).wind.altitudes.size, random_case(k).keep_outs.radius.size)
         for k in range(30)
     }
     assert {len(set(kind)) for kind in zip(*sizes, strict=True)} == {7, 4, 5}  # 2 to 8, 1 to 4, 0 to 4: none left out
-    assert all(shapes(seed) == first for seed in range(1, 30))
+    assert all(shapes(seed) == reference for seed in range(1, 30))
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_task_says_what_the_case_says(seed):
+def test_a_task_states_its_case(seed):
     case = random_case(seed)
     task = planner_task(case)
     n = case.size
     assert np.array_equal(np.asarray(task.tasks.active), np.arange(8) < n)
     altitude = np.linspace(0.0, 9000.0, 50)
-    blowing = jax.vmap(lambda up: task.airspace.wind.at(jax.numpy.stack([0.0 * up, 0.0 * up, -up]), 0.0))(altitude)
-    assert np.allclose(np.asarray(blowing).T, case.wind.at(altitude), atol=1e-12)
+    wind_n = jax.vmap(lambda up: task.airspace.wind.at(jax.numpy.stack([0.0 * up, 0.0 * up, -up]), 0.0))(altitude)
+    assert np.allclose(np.asarray(wind_n).T, case.wind.at(altitude), atol=1e-12)
     air = np.asarray(task.tasks.air_velocity_n)[:n]
-    there = np.stack([case.wind.at(np.array(-p[2])) for p in case.starts.position_n])
-    assert np.allclose(air + there, case.starts.velocity_n, atol=1e-12)
+    winds = np.stack([case.wind.at(np.array(-p[2])) for p in case.starts.position_n])
+    assert np.allclose(air + winds, case.starts.velocity_n, atol=1e-12)
     meeting = np.asarray(task.tasks.goal_position_n + task.tasks.rendezvous.stand_off_n)[:n]
     later = meeting + 60.0 * np.asarray(task.tasks.goal_velocity_n)[:n]
-    wanted = np.stack([case.goals.meeting_n(who, np.array([60.0]))[0] for who in range(n)])
-    assert np.allclose(later, wanted, atol=1e-9)  # rounding at 30 km
+    meeting_points = np.stack([case.goals.meeting_n(aircraft, np.array([60.0]))[0] for aircraft in range(n)])
+    assert np.allclose(later, meeting_points, atol=1e-9)  # rounding at 30 km
     for name in ("speed_min", "bank_max", "load_factor_max", "deceleration_max"):
         assert np.array_equal(np.asarray(getattr(task.tasks.limits, name))[:n], getattr(case.limits, name))
 
 
-def test_task_refuses_what_the_planner_would_not_be_told():
+def test_a_case_beyond_the_planners_input_is_refused():
     case = random_case(0)
     moving = dataclasses.replace(case.starts, acceleration_n=np.ones((case.size, 3)))
     with pytest.raises(ValueError, match="accelerate"):
@@ -137,9 +137,9 @@ def test_wrong_refusal_is_contradicted_by_a_plan():
     assert trial.verdict == "found"
     assert len(trial.found) == trial.size
     case = random_case(POSSIBLE)
-    for row, low, high in zip(trial.found, case.limits.speed_min, case.limits.speed_max, strict=True):
-        assert low - 1e-3 <= row["speed_least_m_s"] <= row["speed_greatest_m_s"] <= high + 1e-3
-        assert row["length_of_straight"] >= 1.0 - 1e-9
+    for description, low, high in zip(trial.found, case.limits.speed_min, case.limits.speed_max, strict=True):
+        assert low - 1e-3 <= description["speed_least_m_s"] <= description["speed_greatest_m_s"] <= high + 1e-3
+        assert description["length_of_straight"] >= 1.0 - 1e-9
     assert not tally([trial]).passes
 
 
@@ -178,7 +178,9 @@ def test_file_keeps_trials_and_mends_a_cut_line(tmp_path):
         append_trial(path, trial)
     whole = path.read_text()
     path.write_text(whole + '{"seed": 3, "si')
-    assert [dataclasses.asdict(one) for one in read_trials(path, 500)] == [dataclasses.asdict(one) for one in trials]
+    assert [dataclasses.asdict(trial) for trial in read_trials(path, 500)] == [
+        dataclasses.asdict(trial) for trial in trials
+    ]
     assert path.read_text() == whole
     with pytest.raises(TrialFileError, match="expected 600 as asked now"):
         read_trials(path, 600)
@@ -191,11 +193,11 @@ def test_file_keeps_trials_and_mends_a_cut_line(tmp_path):
 
 @pytest.fixture
 def trials(monkeypatch, capsys):
-    """Run `python -m trials` in this process with a planner that refuses all: exit code, output, errors."""
+    """Run `python -m trials` in this process with a planner that always refuses; returns exit code, output, errors."""
     monkeypatch.setattr(runner.run_trial, "__defaults__", (_refuse,))
 
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["trials", *map(str, words)])
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["trials", *map(str, arguments)])
         with pytest.raises(SystemExit) as ended:
             main()
         printed = capsys.readouterr()
@@ -212,13 +214,13 @@ def test_command_resumes_and_fails_on_contradictions(trials, tmp_path):
     assert "1 of 1 seeds" in printed
     code, _, err = trials("--seeds", "6:92", "--search-iterations", 1000, "--out", path)
     assert (code, "--resume" in err) == (2, True)
-    before = path.read_text()
+    earlier_text = path.read_text()
     code, printed, err = trials("--seeds", "91:92", "--search-iterations", 1000, "--out", path, "--resume", "--json")
     assert code == 1
     document = json.loads(printed)
     assert (document["seeds"], document["done"], document["passes"]) == ([91, 92], 1, False)
     assert document["disagreements"] == err.splitlines()
-    assert path.read_text().startswith(before)
+    assert path.read_text().startswith(earlier_text)
     assert "seed 91" in err
     assert [json.loads(line)["seed"] for line in path.read_text().splitlines()[1:]] == [6, 91]
 
@@ -233,7 +235,7 @@ def test_command_resumes_and_fails_on_contradictions(trials, tmp_path):
         (("--resume",), "expected a file to resume"),
     ],
 )
-def test_command_says_what_it_expects(trials, tmp_path, words, said):
+def test_the_command_states_its_expectations(trials, tmp_path, words, said):
     code, printed, err = trials("--out", tmp_path / "none.jsonl", *words)
     assert (code, printed) == (2, "")
     assert said in err

@@ -1,4 +1,4 @@
-"""Arrivals in wind: the course, the path angle or the climb that are asked for are those of the delivered path."""
+"""Arrivals in wind: the delivered path has the prescribed course, path angle or climb."""
 
 import equinox as eqx
 import jax
@@ -22,7 +22,7 @@ NO_LIMITS = PathLimits(number(40.0), number(400.0), number(1.2), number(1e3), nu
 
 
 def made_tasks(seed, climbing, turning=0.0):
-    """Stacked: every third has a course, the next an angle, the next both; goals climb by up to `climbing` m/s."""
+    """Stacked tasks: with a course, a path angle, or both, in turn; goals climb by up to `climbing` m/s."""
     rng = np.random.default_rng(seed)
     heading = rng.uniform(-np.pi, np.pi, CASES)
     zero = np.zeros(CASES)
@@ -60,77 +60,79 @@ def in_wind(wind):
 
 @compiled_quickly
 def flown(tasks, wind):
-    """Of each: whether there is a path, and its first and last states through the air and of the drift."""
+    """For each task: whether the path is valid, and its first and last states through the air and of the drift."""
 
-    def one(task, way):
+    def fly_task(task, detour):
         airspace = in_wind(wind)
         duration = number(1.35 * 12_000.0 / SPEED)
         speeds = speeds_for_mean(task, duration, SPEED)
         timed = timed_profile(task, airspace, duration, INTERVALS, jnp.zeros(()), speeds)
-        solved = solve_detour(timed.endpoints, picked(timed.direct, 0), way, timed.table.length)
+        solved = solve_detour(timed.endpoints, picked(timed.direct, 0), detour, timed.table.length)
         path = deliver(0.0, timed.table, route(timed.endpoints, solved))
         return timed.within_limits & solved.exists, path.states_n(0.0), path.states_n(duration)
 
-    return jax.vmap(one)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))
+    return jax.vmap(fly_task)(tasks, detours_of(np.zeros(CASES, dtype=int), np.ones(CASES)))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("wind", [SteadyWind(jnp.array([-20.0, 30.0, 0.0])), LAYERED], ids=["steady", "layered"])
 def test_the_delivered_path_arrives_as_prescribed(wind):
     tasks = made_tasks(1, climbing=15.0)
-    good, _, last = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, wind))
-    assert good.sum() > CASES // 2
-    velocity = (last[0] + last[1])[:, 1]
+    valid, _, final_states = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, wind))
+    assert valid.sum() > CASES // 2
+    velocity = (final_states[0] + final_states[1])[:, 1]
     course = np.arctan2(velocity[:, 1], velocity[:, 0])
     angle = np.arctan2(-velocity[:, 2], np.hypot(velocity[:, 0], velocity[:, 1]))
-    asked = tasks.rendezvous
-    off = (course - np.asarray(asked.course) + np.pi) % (2 * np.pi) - np.pi
-    by_course, by_angle = (good & np.asarray(b) for b in (asked.course_prescribed, asked.path_angle_prescribed))
-    assert np.max(np.abs(off[by_course])) < 1e-6
-    assert np.max(np.abs(angle - np.asarray(asked.path_angle))[by_angle]) < 1e-6
+    rendezvous = tasks.rendezvous
+    course_error = (course - np.asarray(rendezvous.course) + np.pi) % (2 * np.pi) - np.pi
+    by_course, by_angle = (
+        valid & np.asarray(b) for b in (rendezvous.course_prescribed, rendezvous.path_angle_prescribed)
+    )
+    assert np.max(np.abs(course_error[by_course])) < 1e-6
+    assert np.max(np.abs(angle - np.asarray(rendezvous.path_angle))[by_angle]) < 1e-6
     climbs = velocity[:, 2] - np.asarray(tasks.goal_velocity_n)[:, 2]
-    assert np.max(np.abs(climbs[good & ~np.asarray(asked.path_angle_prescribed)])) < 1e-9
+    assert np.max(np.abs(climbs[valid & ~np.asarray(rendezvous.path_angle_prescribed)])) < 1e-9
 
 
 @pytest.mark.long
-def test_the_path_goes_on_with_the_acceleration_it_begins_with():
+def test_the_path_continues_the_initial_acceleration():
     # Up where the wind rises with the altitude: its rate is part of the acceleration over the ground.
     tasks = made_tasks(2, climbing=0.0, turning=2.0)
-    good, first, _ = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, LAYERED))
-    assert good.sum() > CASES // 2
-    begun = first[0][good]
+    valid, initial_states, _ = (jax.tree.map(np.asarray, leaf) for leaf in flown(tasks, LAYERED))
+    assert valid.sum() > CASES // 2
+    initial = initial_states[0][valid]
     # Altitude exactly; in the plane but for the speed's share of a part in a million of the length.
-    assert np.allclose(begun[:, 2, 2], np.asarray(tasks.air_acceleration_n)[good, 2], rtol=0, atol=1e-9)
-    assert np.allclose(begun[:, 1], np.asarray(tasks.air_velocity_n)[good], rtol=0, atol=1e-3)
+    assert np.allclose(initial[:, 2, 2], np.asarray(tasks.air_acceleration_n)[valid, 2], rtol=0, atol=1e-9)
+    assert np.allclose(initial[:, 1], np.asarray(tasks.air_velocity_n)[valid], rtol=0, atol=1e-3)
 
 
-def test_what_the_wind_does_not_allow_is_not_attainable():
-    one = picked(made_tasks(3, climbing=0.0), 0)
+def test_an_arrival_against_a_strong_wind_is_not_attainable():
+    task = picked(made_tasks(3, climbing=0.0), 0)
     strong = SteadyWind(jnp.array([0.0, 80.0, 0.0]))
-    north = eqx.tree_at(lambda t: t.rendezvous.course, one, number(0.0))
+    north = eqx.tree_at(lambda t: t.rendezvous.course, task, number(0.0))
     assert not arrival_motion(north, strong, 100.0, 71.0).attainable
     assert arrival_motion(north, strong, 100.0, 90.0).attainable
-    free = eqx.tree_at(lambda t: t.rendezvous.course_prescribed, north, jnp.asarray(False))
-    assert arrival_motion(free, strong, 100.0, 71.0).attainable
-    lifted = eqx.tree_at(lambda t: t.goal_velocity_n, free, jnp.array([0.0, 0.0, -72.0]))
+    free_course = eqx.tree_at(lambda t: t.rendezvous.course_prescribed, north, jnp.asarray(False))
+    assert arrival_motion(free_course, strong, 100.0, 71.0).attainable
+    lifted = eqx.tree_at(lambda t: t.goal_velocity_n, free_course, jnp.array([0.0, 0.0, -72.0]))
     assert not arrival_motion(lifted, strong, 100.0, 71.0).attainable
 
 
-def test_without_a_course_the_heading_is_free_but_where_an_angle_needs_it():
+def test_the_heading_is_free_without_a_course_unless_wind_and_path_angle_determine_it():
     angled = picked(made_tasks(4, climbing=0.0), 1)
     calm, windy = (SteadyWind(jnp.array([0.0, east, 0.0])) for east in (0.0, 10.0))
     assert arrival_motion(angled, calm, 100.0, SPEED).heading_free
     assert not arrival_motion(angled, windy, 100.0, SPEED).heading_free
-    free = eqx.tree_at(lambda t: t.rendezvous.path_angle_prescribed, angled, jnp.asarray(False))
-    assert arrival_motion(free, windy, 100.0, SPEED).heading_free
+    free_angle = eqx.tree_at(lambda t: t.rendezvous.path_angle_prescribed, angled, jnp.asarray(False))
+    assert arrival_motion(free_angle, windy, 100.0, SPEED).heading_free
 
 
 def test_gradients_are_finite():
-    one = eqx.tree_at(lambda t: t.goal_position_n, picked(made_tasks(5, climbing=5.0), 1), jnp.zeros(3))
-    at_rest = eqx.tree_at(lambda t: (t.position_n, t.goal_velocity_n), one, (jnp.zeros(3), jnp.zeros(3)))
+    task = eqx.tree_at(lambda t: t.goal_position_n, picked(made_tasks(5, climbing=5.0), 1), jnp.zeros(3))
+    at_rest = eqx.tree_at(lambda t: (t.position_n, t.goal_velocity_n), task, (jnp.zeros(3), jnp.zeros(3)))
 
     def climb(speed):
-        found = arrival_motion(at_rest, LAYERED, 100.0, speed)
-        return found.climb + found.heading
+        motion = arrival_motion(at_rest, LAYERED, 100.0, speed)
+        return motion.climb + motion.heading
 
     assert np.isfinite(jax.grad(climb)(SPEED))

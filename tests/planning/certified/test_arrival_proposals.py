@@ -1,4 +1,4 @@
-"""Arrival times that are proposed: when the farthest can be there, or as soon after it as there is a plan."""
+"""Proposed arrival times: the preferred times, or the earliest feasible times after them."""
 
 import contextlib
 
@@ -24,32 +24,32 @@ SIZE = 6  # aircraft of every fleet, some of them not active, so that all share 
 
 def fleet_of(*tasks, wind=CALM, rule="together", **rule_times):
     """A fleet of tasks, or of tasks towards goals at rest."""
-    active = [aircraft_task(one) if isinstance(one, tuple) else one for one in tasks]
+    active = [aircraft_task(task) if isinstance(task, tuple) else task for task in tasks]
     spare = eqx.tree_at(lambda t: t.active, active[-1], jnp.asarray(0.0))
-    filled = {key: np.concatenate([own, own[[-1] * (SIZE - len(own))]]) for key, own in rule_times.items()}
+    filled = {key: np.concatenate([values, values[[-1] * (SIZE - len(values))]]) for key, values in rule_times.items()}
     fleet = stack_tasks([*active, *[spare] * (SIZE - len(active))])
     return FleetTask(fleet, airspace(wind), ArrivalRequest(rule, LATEST_S, **filled))
 
 
-def planned(fleet, works):
-    """Arrival times of the plan that stands in the end, and everything tried: (times, candidates).
+def planned(fleet, is_feasible):
+    """Arrival times of the last plan, and the attempts as (times, candidates).
 
-    `works(times, candidate_set)` tells of each aircraft whether it has a path.
+    `is_feasible(times, candidate_set)` returns whether each aircraft has a path.
     """
-    stands, tried, rows = None, [], fleet.indices
+    planned_times, tried, indices = None, [], fleet.indices
     for stage in (first_stage(fleet, True), later_stage(fleet)):
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
-                times = proposal.times[rows]
+                times = proposal.times[indices]
                 tried.append((times, proposal.candidate_set))
                 failed = np.zeros(SIZE, dtype=bool)
-                failed[rows] = ~works(times, proposal.candidate_set)
-                stands = stands if failed.any() else times
+                failed[indices] = ~is_feasible(times, proposal.candidate_set)
+                planned_times = planned_times if failed.any() else times
                 proposal = stage.send(failed)
-        if stands is not None:
+        if planned_times is not None:
             break
-    return stands, tried
+    return planned_times, tried
 
 
 def test_a_millimetre_of_climb_delays_nobody():
@@ -62,24 +62,24 @@ def test_a_millimetre_of_climb_delays_nobody():
 
 def test_the_first_time_is_that_of_the_straight_way():
     fleet = fleet_of((9000.0, 0.0, -1700.001), (6000.0, 0.0, -1500.0))
-    first = next(first_stage(fleet, True))
-    np.testing.assert_allclose(first.times[fleet.indices], 60.0, rtol=5e-4)
-    assert first.candidate_set is MINIMAL
+    proposal = next(first_stage(fleet, True))
+    np.testing.assert_allclose(proposal.times[fleet.indices], 60.0, rtol=5e-4)
+    assert proposal.candidate_set is MINIMAL
 
 
-@pytest.mark.parametrize("after", [1.004, 1.02, 1.3, 1.9])
+@pytest.mark.parametrize("delay_factor", [1.004, 1.02, 1.3, 1.9])
 @pytest.mark.parametrize("every_kind_before", [1.0, 0.97, 0.8])
-def test_what_follows_is_the_first_time_with_a_plan(after, every_kind_before):
-    """The usual candidates serve from one time on, others from an earlier one on."""
+def test_the_search_ends_at_the_first_time_with_a_plan(delay_factor, every_kind_before):
+    """The standard candidates are feasible from one time on, the others from an earlier time on."""
     fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
-    usual_s = 60.0 * after
-    any_s = max(usual_s * every_kind_before, 60.0)
+    standard_s = 60.0 * delay_factor
+    first_s = max(standard_s * every_kind_before, 60.0)
 
-    def works(times, candidate_set):
-        return times >= (usual_s if candidate_set in (MINIMAL, STANDARD) else any_s)
+    def is_feasible(times, candidate_set):
+        return times >= (standard_s if candidate_set in (MINIMAL, STANDARD) else first_s)
 
-    times, tried = planned(fleet, works)
-    assert any_s <= times[0] <= NEAR_ENOUGH * any_s
+    times, tried = planned(fleet, is_feasible)
+    assert first_s <= times[0] <= NEAR_ENOUGH * first_s
     assert times[0] == times[1]
     assert len(tried) < 90
 
@@ -100,7 +100,7 @@ def test_a_sequence_is_put_off_as_a_whole():
     assert 63.0 < times[1] < NEAR_ENOUGH * 63.0
 
 
-def test_in_its_window_each_aircraft_is_put_off_by_itself():
+def test_aircraft_with_windows_are_delayed_individually():
     windows_s = np.array([[30.0, 100.0], [50.0, 90.0], [90.0, 120.0]])
     goals = (9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0), (7000.0, 0.0, -1600.0)
     fleet = fleet_of(*goals, rule="windows", windows_s=windows_s)
@@ -116,7 +116,7 @@ def test_in_its_window_each_aircraft_is_put_off_by_itself():
     assert planned(fleet, lambda times, kind: times >= np.array([60.0, 57.0, 130.0]))[0] is None
 
 
-def test_nothing_is_proposed_after_the_latest_arrival_or_the_window():
+def test_proposals_end_at_the_latest_arrival_or_the_window():
     late = fleet_of((9000.0, 0.0, -1700.0))
     assert max(times.max() for times, _ in planned(late, lambda times, kind: times > 1e9)[1]) <= LATEST_S
     window = fleet_of((9000.0, 0.0, -1700.0), rule="windows", windows_s=np.array([[55.0, 70.0]]))
@@ -130,7 +130,7 @@ def test_a_fleet_without_an_active_aircraft_is_put_off_by_nothing():
 
 
 def test_the_proposals_do_not_depend_on_the_heading():
-    """One task turned to 24 headings, its wind with it."""
+    """One task rotated to 24 headings, together with its wind."""
     last_s = 70.0
 
     def turned(vector, angle):

@@ -1,4 +1,4 @@
-"""Candidates at a fleet's instants: those that count as valid keep what the certificate asks."""
+"""Candidates on a fleet's time grid: valid candidates satisfy the certificate's limits."""
 
 import jax
 import jax.numpy as jnp
@@ -21,34 +21,34 @@ CANDIDATES = make_candidate_set((PREFERRED, SLOW_FAST, LATE_FAST), (0.0,), (0,),
 
 
 @compiled_quickly
-def _judged(tasks, airspace, durations):
-    """Validity as placed and as first found, and by how much the delivered path passes its limits."""
+def _compare(tasks, airspace, durations):
+    """Validity with and without the track's check, and the excess of the delivered path over its limits."""
     options = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, CANDIDATES)
 
-    def one(task, duration, shapes, profiles):
-        first, _ = routed_candidates(task, airspace, duration, INTERVALS, CANDIDATES)
+    def compare_task(task, duration, shapes, profiles):
+        initially_valid, _ = routed_candidates(task, airspace, duration, INTERVALS, CANDIDATES)
 
-        def passed(shape):
+        def excess_of(shape):
             profile = jax.tree.map(lambda leaf: leaf[shape.profile], profiles)
             path = deliver(0.0, profile, route(shape.endpoints, shape.turns_and_legs))
             return jnp.max(excess(path_bounds(path, airspace.wind, airspace.gravity), task.limits))
 
-        return first.valid, jax.lax.map(passed, shapes)
+        return initially_valid.valid, jax.lax.map(excess_of, shapes)
 
-    first, over = jax.vmap(one)(tasks, durations, options.routes, options.profiles)
-    return options.valid, first, over
+    initially_valid, over = jax.vmap(compare_task)(tasks, durations, options.routes, options.profiles)
+    return options.valid, initially_valid, over
 
 
 @pytest.fixture(scope="module")
 def judged():
-    rows = []
+    comparisons = []
     for seed, duration in ((2, 260.0), (9, 420.0), (12, 240.0), (63, 200.0)):
         tasks, airspace, _ = planner_task(random_case(seed))
-        rows.append([np.asarray(x) for x in _judged(tasks, airspace, jnp.full(8, duration))])
-    return [np.concatenate(column) for column in zip(*rows, strict=True)]
+        comparisons.append([np.asarray(x) for x in _compare(tasks, airspace, jnp.full(8, duration))])
+    return [np.concatenate(column) for column in zip(*comparisons, strict=True)]
 
 
-def test_what_is_valid_keeps_its_limits(judged):
+def test_valid_candidates_satisfy_their_limits(judged):
     valid, _, over = judged
     assert valid.sum() > 100
     # Between the instants, and by how much bounds are wider than what they bound, a little may be lost.
@@ -56,8 +56,8 @@ def test_what_is_valid_keeps_its_limits(judged):
     assert np.max(over[valid]) < 0.02
 
 
-def test_what_is_turned_down_here_would_not_have_kept_them(judged):
-    valid, first, over = judged
-    lost = first & ~valid
+def test_rejected_candidates_are_close_to_a_violation(judged):
+    valid, initially_valid, over = judged
+    lost = initially_valid & ~valid
     assert lost.any()
     assert np.all(over[lost] > -0.006)

@@ -1,4 +1,4 @@
-"""Renewing a certified plan: where an aircraft has stopped, and where a goal is known with an error only."""
+"""Replanning of a certified plan with stopped aircraft and with uncertain goals."""
 
 import functools
 
@@ -49,12 +49,12 @@ def straight(east, speed):
 
 
 def fleet(active=(1.0, 1.0, 1.0), nearer=0.0):
-    """As seen at `NOW`; the first's rendezvous is nearer by so much than its plan has it."""
-    made = []
+    """State at `NOW`; the first rendezvous is `nearer` metres closer than planned."""
+    tasks = []
     for k, (east, speed) in enumerate(zip(EAST, SPEEDS, strict=True)):
-        one = aircraft_task((ARRIVAL * speed - (nearer if k == 0 else 0.0), east, -1700.0))
-        made.append(eqx.tree_at(lambda t: t.limits.speed_min, one, jnp.asarray(140.0)))
-    return eqx.tree_at(lambda t: t.active, stack_tasks(made), jnp.array(active))
+        task = aircraft_task((ARRIVAL * speed - (nearer if k == 0 else 0.0), east, -1700.0))
+        tasks.append(eqx.tree_at(lambda t: t.limits.speed_min, task, jnp.asarray(140.0)))
+    return eqx.tree_at(lambda t: t.active, stack_tasks(tasks), jnp.array(active))
 
 
 @pytest.fixture(scope="module")
@@ -67,137 +67,139 @@ def plan():
     )
 
 
-def renewed(plan, tasks, arrival_is_free=YES, covariances=None, now=NOW):
+def replan(plan, tasks, arrival_is_free=YES, covariances=None, time=NOW):
     numbers = jnp.asarray(2.0), jnp.asarray(jnp.inf)
-    made = _renew(plan, jnp.asarray(now), tasks, SPACE, arrival_is_free, *numbers, covariances=covariances)
-    return made.plan, int(made.status)
+    result = _renew(plan, jnp.asarray(time), tasks, SPACE, arrival_is_free, *numbers, covariances=covariances)
+    return result.plan, int(result.status)
 
 
-def check_row(one, other, k, flown=0.0):
-    """One aircraft's part of two plans, their certificates aside; the other had `flown` metres more before it."""
-    parts = [(p.paths, p.arrival_times, p.total_turn, p.speeds) for p in (one, other)]
+def check_row(plan, reference, k, flown=0.0):
+    """Compare one aircraft's part of two plans, without certificates; the reference path is `flown` metres longer."""
+    parts = [(p.paths, p.arrival_times, p.total_turn, p.speeds) for p in (plan, reference)]
     for a, b in zip(*map(jax.tree.leaves, parts), strict=True):
         np.testing.assert_array_equal(a[k], b[k])
-    np.testing.assert_allclose(one.lengths[k], other.lengths[k] - flown, atol=1e-6)
+    np.testing.assert_allclose(plan.lengths[k], reference.lengths[k] - flown, atol=1e-6)
 
 
 STOPPED = (1.0, 1.0, 0.0)
 
 
-def test_one_that_flies_on_in_the_way_and_below_its_least_speed_is_no_good_plan(plan):
+def test_a_plan_with_an_obstructing_and_too_slow_aircraft_is_infeasible(plan):
     assert plan.certificate.clearance_ratio[0, 2] < 1.0
     assert not plan.certificate.satisfied_individually[2]
-    assert renewed(plan, fleet())[1] == UNCHANGED
+    assert replan(plan, fleet())[1] == UNCHANGED
 
 
-def test_once_it_has_stopped_the_plan_of_the_others_goes_on(plan):
-    again, how = renewed(plan, fleet(STOPPED))
-    assert how == CORRECTED
+def test_the_other_aircraft_keep_their_plan_after_an_aircraft_stops(plan):
+    new_plan, status = replan(plan, fleet(STOPPED))
+    assert status == CORRECTED
     for k, flown in enumerate((NOW * SPEEDS[0], NOW * SPEEDS[1], 0.0)):  # who has stopped has no way left to count
-        check_row(again, plan, k, flown)
-    assert np.all(again.feasible[:2])
+        check_row(new_plan, plan, k, flown)
+    assert np.all(new_plan.feasible[:2])
 
 
-def test_and_is_made_anew_without_it(plan):
-    again, how = renewed(plan, fleet(STOPPED, nearer=1500.0))
-    assert how == REPLANNED
-    assert np.all(again.feasible[:2])
-    end = again.paths.air_n[0, -1, 0] + again.paths.drift_n[0, -1, 0]
+def test_a_new_plan_ignores_a_stopped_aircraft(plan):
+    new_plan, status = replan(plan, fleet(STOPPED, nearer=1500.0))
+    assert status == REPLANNED
+    assert np.all(new_plan.feasible[:2])
+    end = new_plan.paths.air_n[0, -1, 0] + new_plan.paths.drift_n[0, -1, 0]
     np.testing.assert_allclose(end, [ARRIVAL * 150.0 - 1500.0, 0.0, -2000.0], atol=1e-3)
-    check_row(again, plan, 2)
+    check_row(new_plan, plan, 2)
     # Wherever it is and whatever its path: even one that is none.
-    gone = eqx.tree_at(lambda p: p.paths.air_n, plan, plan.paths.air_n.at[2].set(jnp.nan))
-    same, how = renewed(gone, fleet(STOPPED, nearer=1500.0))
-    assert how == REPLANNED
+    invalid = eqx.tree_at(lambda p: p.paths.air_n, plan, plan.paths.air_n.at[2].set(jnp.nan))
+    reference, status = replan(invalid, fleet(STOPPED, nearer=1500.0))
+    assert status == REPLANNED
     for k in (0, 1):
-        check_row(again, same, k)
+        check_row(new_plan, reference, k)
 
 
-def test_a_renewal_without_replanning_says_where_one_is_due(plan):
+def test_a_planner_without_replanning_reports_a_needed_replanning(plan):
     light = compiled_quickly(functools.partial(replan_certified, allow_replanning=False))
-    for tasks, due in ((fleet(STOPPED), False), (fleet(STOPPED, nearer=1500.0), True), (fleet(), True)):
-        more = (jnp.asarray(NOW), tasks, SPACE, YES, jnp.asarray(2.0), jnp.asarray(jnp.inf))
-        kept, full = light(plan, *more), _renew(plan, *more)
-        assert kept.replan_needed == due
+    for tasks, needed in ((fleet(STOPPED), False), (fleet(STOPPED, nearer=1500.0), True), (fleet(), True)):
+        arguments = (jnp.asarray(NOW), tasks, SPACE, YES, jnp.asarray(2.0), jnp.asarray(jnp.inf))
+        corrected, full = light(plan, *arguments), _renew(plan, *arguments)
+        assert corrected.replan_needed == needed
         assert not full.replan_needed
-        assert (int(full.status) == CORRECTED) != due
-        if not due:
-            for one, other in zip(jax.tree.leaves(kept.plan), jax.tree.leaves(full.plan), strict=True):
-                np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-6)
+        assert (int(full.status) == CORRECTED) != needed
+        if not needed:
+            for leaf, reference in zip(jax.tree.leaves(corrected.plan), jax.tree.leaves(full.plan), strict=True):
+                np.testing.assert_allclose(leaf, reference, rtol=1e-9, atol=1e-6)
 
 
-def test_where_all_have_stopped_the_plan_stands(plan):
+def test_a_plan_stays_unchanged_after_every_aircraft_has_stopped(plan):
     for nearer in (0.0, 1500.0):
-        again, how = renewed(plan, fleet((0.0, 0.0, 0.0), nearer))
-        assert how == CORRECTED
+        new_plan, status = replan(plan, fleet((0.0, 0.0, 0.0), nearer))
+        assert status == CORRECTED
         for k in range(3):
-            check_row(again, plan, k)
+            check_row(new_plan, plan, k)
 
 
-def test_one_that_has_stopped_neither_lengthens_nor_forbids_a_delay():
-    times, free = jnp.array([200.0, 200.0, -jnp.inf]), jnp.array([True, True, True])
-    delays, tries = arrival_delays(times, 100.0, free, YES, 210.0)
+def test_a_stopped_aircraft_has_no_effect_on_delays():
+    times, replannable = jnp.array([200.0, 200.0, -jnp.inf]), jnp.array([True, True, True])
+    delays, tries = arrival_delays(times, 100.0, replannable, YES, 210.0)
     np.testing.assert_allclose(delays, [0.0, 3.0, 8.0, 15.0], atol=1e-12)
     assert tries == 3
-    delays, tries = arrival_delays(jnp.full(3, -jnp.inf), 100.0, free, YES, 210.0)
+    delays, tries = arrival_delays(jnp.full(3, -jnp.inf), 100.0, replannable, YES, 210.0)
     np.testing.assert_array_equal(delays, 0.0)
     assert tries == 4
 
 
-def known_to(speed_sigma):
-    """Of each goal, where only its velocity is uncertain; m/s per axis."""
+def velocity_covariance(speed_sigma):
+    """Covariance of each goal with an uncertain velocity only; standard deviation in m/s per axis."""
     return jnp.broadcast_to(jnp.diag(jnp.array([0.0, 0.0, 0.0, *[speed_sigma**2] * 3])), (3, 6, 6))
 
 
-def test_no_plan_is_made_anew_for_what_may_be_noise(plan):
-    """1,500 m nearer, in 100 s: 15 m/s, which is 2.9 standard deviations of 5.2 m/s and 3.1 of 4.8 m/s."""
+def test_a_shift_within_the_noise_causes_no_new_plan(plan):
+    """A shift of 1,500 m in 100 s: 15 m/s, 2.9 standard deviations of 5.2 m/s and 3.1 of 4.8 m/s."""
     tasks = fleet(STOPPED, nearer=1500.0)
-    again, how = renewed(plan, tasks, covariances=known_to(5.2))
-    assert how == AWAITING_GOAL
+    new_plan, status = replan(plan, tasks, covariances=velocity_covariance(5.2))
+    assert status == AWAITING_GOAL
     for k in (0, 1):
-        check_row(again, plan, k, NOW * SPEEDS[k])
-    assert np.all(again.feasible[:2])
-    surely, exactly = (renewed(plan, tasks, covariances=known)[0] for known in (known_to(4.8), None))
-    assert renewed(plan, tasks, covariances=known_to(4.8))[1] == REPLANNED
+        check_row(new_plan, plan, k, NOW * SPEEDS[k])
+    assert np.all(new_plan.feasible[:2])
+    surely, exactly = (
+        replan(plan, tasks, covariances=covariances)[0] for covariances in (velocity_covariance(4.8), None)
+    )
+    assert replan(plan, tasks, covariances=velocity_covariance(4.8))[1] == REPLANNED
     for k in (0, 1):
         check_row(surely, exactly, k)
 
 
-def test_a_path_is_bent_by_any_amount_that_keeps_its_limits_while_another_waits(plan):
+def test_a_path_is_corrected_within_its_limits_while_another_waits(plan):
     tasks = fleet(STOPPED, nearer=1500.0)
     tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(10.0))
-    again, how = renewed(plan, tasks, covariances=known_to(5.2))
-    assert how == AWAITING_GOAL
-    check_row(again, plan, 0, NOW * SPEEDS[0])
-    end = again.paths.air_n[1, -1, 0] + again.paths.drift_n[1, -1, 0]
+    new_plan, status = replan(plan, tasks, covariances=velocity_covariance(5.2))
+    assert status == AWAITING_GOAL
+    check_row(new_plan, plan, 0, NOW * SPEEDS[0])
+    end = new_plan.paths.air_n[1, -1, 0] + new_plan.paths.drift_n[1, -1, 0]
     np.testing.assert_allclose(end, [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
 
 
-def test_where_none_is_found_each_path_is_bent_as_far_as_its_limits_allow(plan):
-    """With 12 s to go nobody is planned anew: the first can brake for a part of what it is too late, the second for all."""
+def test_paths_are_corrected_as_far_as_limits_allow_without_a_new_plan(plan):
+    """With 12 s to go no aircraft is replanned: the first path is partly corrected by braking, the second fully."""
     tasks = fleet(STOPPED, nearer=120.0)
     tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(10.0))
-    again, how = renewed(plan, tasks, now=ARRIVAL - 12.0)
-    assert how == PARTLY_CORRECTED
-    ends = again.paths.air_n[:, -1, 0] + again.paths.drift_n[:, -1, 0]
-    np.testing.assert_allclose(ends[1], [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
-    nearer = (ARRIVAL * 150.0 - ends[0, 0]) / 120.0
+    new_plan, status = replan(plan, tasks, now=ARRIVAL - 12.0)
+    assert status == PARTLY_CORRECTED
+    end_points = new_plan.paths.air_n[:, -1, 0] + new_plan.paths.drift_n[:, -1, 0]
+    np.testing.assert_allclose(end_points[1], [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
+    nearer = (ARRIVAL * 150.0 - end_points[0, 0]) / 120.0
     part = min(CORRECTION_FRACTIONS, key=lambda part: abs(part - nearer))
     assert part < 1.0
     np.testing.assert_allclose(nearer, part, atol=1e-6)
-    assert np.all(again.feasible[:2])
-    check_row(again, plan, 2)
+    assert np.all(new_plan.feasible[:2])
+    check_row(new_plan, plan, 2)
 
 
-def test_a_path_that_no_part_of_the_bend_suits_stands(plan):
-    again, how = renewed(plan, fleet(STOPPED, nearer=3000.0), now=ARRIVAL - 12.0)
-    assert how == UNCHANGED
+def test_a_path_without_a_feasible_correction_stays_unchanged(plan):
+    new_plan, status = replan(plan, fleet(STOPPED, nearer=3000.0), now=ARRIVAL - 12.0)
+    assert status == UNCHANGED
     for k in range(3):
-        check_row(again, plan, k)
+        check_row(new_plan, plan, k)
 
 
-def test_how_sure_it_is_counts_along_the_way_to_the_other_place(plan):
-    path, task = (jax.tree.map(lambda leaf: leaf[0], rows) for rows in (plan.paths, fleet(nearer=50.0)))
+def test_the_uncertainty_along_the_offset_decides(plan):
+    path, task = (jax.tree.map(lambda leaf: leaf[0], stacked) for stacked in (plan.paths, fleet(nearer=50.0)))
     across = jnp.diag(jnp.array([1.0, 1e6, 1e6, 0.0, 1e4, 1e4]))
     assert rendezvous_has_moved(path, task, across, 100.0)
     assert not rendezvous_has_moved(path, task, across.at[0, 0].set(17.0**2), 100.0)
@@ -207,8 +209,8 @@ def test_how_sure_it_is_counts_along_the_way_to_the_other_place(plan):
         path, task, across.at[0, 0].set(30.0**2).at[3, 3].set(0.09).at[0, 3].set(-9.0).at[3, 0].set(-9.0), 100.0
     )
     exact = fleet()
-    same = jax.tree.map(lambda leaf: leaf[0], exact)
-    assert not rendezvous_has_moved(path, same, jnp.zeros((6, 6)), 100.0)
+    unshifted = jax.tree.map(lambda leaf: leaf[0], exact)
+    assert not rendezvous_has_moved(path, unshifted, jnp.zeros((6, 6)), 100.0)
     for find in (
         jax.jit(rendezvous_has_moved),
         lambda *a: jax.vmap(rendezvous_has_moved, in_axes=(None, None, 0, None))(a[0], a[1], a[2][None], a[3])[0],

@@ -1,4 +1,4 @@
-"""Distances between moving aircraft and from keep-outs: never more than the true ones, and little less."""
+"""Distances between moving aircraft and from keep-outs: tight lower bounds of the true values."""
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +16,8 @@ STEP_S, INTERVALS, FINE = 1.0, 60, 200
 TIMES = STEP_S * np.arange(INTERVALS + 1)
 DENSE = np.linspace(0.0, TIMES[-1], INTERVALS * FINE + 1)
 APART = Separation(number(900.0), number(150.0))
-USE = compiled_quickly(jax.vmap(pair_clearance_ratio, in_axes=(0, 0, None)))
-ROOM = compiled_quickly(jax.vmap(clearance_from_keep_outs, in_axes=(0, None, None)))
+RATIO = compiled_quickly(jax.vmap(pair_clearance_ratio, in_axes=(0, 0, None)))
+KEEP_OUT_CLEARANCE = compiled_quickly(jax.vmap(clearance_from_keep_outs, in_axes=(0, None, None)))
 
 
 class Weaving:
@@ -56,52 +56,52 @@ ONES, OTHERS = ([Weaving(_RNG) for _ in range(CASES)] for _ in range(2))
 FIRST, SECOND = (stacked([track_of(w) for w in ws]) for ws in (ONES, OTHERS))
 
 
-def ratios(one, other, separation, times=DENSE):
-    apart = one.at(times) - other.at(times)
-    flat = np.hypot(apart[:, 0], apart[:, 1]) / float(separation.horizontal)
+def ratios(subject, neighbour, separation, times=DENSE):
+    offset = subject.at(times) - neighbour.at(times)
+    flat = np.hypot(offset[:, 0], offset[:, 1]) / float(separation.horizontal)
     if float(separation.vertical) == 0.0:
         return flat
-    return np.maximum(flat, np.abs(apart[:, 2]) / float(separation.vertical))
+    return np.maximum(flat, np.abs(offset[:, 2]) / float(separation.vertical))
 
 
 @pytest.mark.parametrize("vertical", [150.0, 0.0])
-def test_use_is_never_more_than_the_least_ratio_and_little_less(vertical):
+def test_ratios_are_tight_lower_bounds(vertical):
     separation = Separation(number(900.0), number(vertical))
-    found = np.asarray(USE(FIRST, SECOND, separation))
+    bounds = np.asarray(RATIO(FIRST, SECOND, separation))
     broken = 0
     for k in range(CASES):
-        least = np.min(ratios(ONES[k], OTHERS[k], separation))
+        exact = np.min(ratios(ONES[k], OTHERS[k], separation))
         # 3e-5 m keep a root's derivative finite.
-        assert found[k] <= least + 1e-6
+        assert bounds[k] <= exact + 1e-6
         # Straight lines are within the two slacks of the paths, either way; the fine grid within 5 ms x 400 m/s / 2.
         error_bound = (ONES[k].acceleration() + OTHERS[k].acceleration()) * STEP_S**2 / 8
         # Horizontally and vertically the least ratios of one interval are not at the same instant.
         change = STEP_S * (20.0 + 2 * 3.0 / 0.05) if vertical else 0.0
-        assert found[k] >= least - (2 * error_bound + 1.0 + change) / (vertical or 900.0)
-        broken += least < 1.0
+        assert bounds[k] >= exact - (2 * error_bound + 1.0 + change) / (vertical or 900.0)
+        broken += exact < 1.0
     assert 5 <= broken <= CASES - 5 or not vertical  # both kinds are there
 
 
 def test_straight_crossings_are_exact():
     # At right angles at 150 m/s, the second behind by a distance: sqrt(1/2) of it at the closest, between instants.
-    behind = np.array([100.0, 1000.0, 2345.6])
-    one = np.stack([150.0 * (TIMES - 30.3), 0 * TIMES, 0 * TIMES], axis=1)
+    distances = np.array([100.0, 1000.0, 2345.6])
+    positions = np.stack([150.0 * (TIMES - 30.3), 0 * TIMES, 0 * TIMES], axis=1)
     tracks = [
         Track(
             jnp.asarray(np.stack([0 * TIMES, 150.0 * (TIMES - 30.3) - b, 0 * TIMES], axis=1)),
             jnp.zeros(INTERVALS),
             jnp.ones(INTERVALS),
         )
-        for b in behind
+        for b in distances
     ]
-    base = stacked([Track(jnp.asarray(one), jnp.zeros(INTERVALS), jnp.ones(INTERVALS))] * 3)
-    np.testing.assert_allclose(USE(base, stacked(tracks), APART), np.sqrt(0.5) * behind / 900.0, rtol=1e-12)
+    base = stacked([Track(jnp.asarray(positions), jnp.zeros(INTERVALS), jnp.ones(INTERVALS))] * 3)
+    np.testing.assert_allclose(RATIO(base, stacked(tracks), APART), np.sqrt(0.5) * distances / 900.0, rtol=1e-12)
 
 
-def test_a_collision_between_two_instants_is_seen():
+def test_a_collision_between_two_samples_is_detected():
     # Head on, each instant 75 m away on either side.
     x = 150.0 * (TIMES - 30.5)
-    one, other = (
+    subject, neighbour = (
         Track(
             jnp.asarray(np.stack([sign * x, 0 * x, 0 * x], axis=1))[None],
             jnp.zeros((1, INTERVALS)),
@@ -109,27 +109,27 @@ def test_a_collision_between_two_instants_is_seen():
         )
         for sign in (1.0, -1.0)
     )
-    np.testing.assert_allclose(USE(one, other, APART), 0.0, atol=1e-7)
+    np.testing.assert_allclose(RATIO(subject, neighbour, APART), 0.0, atol=1e-7)
 
 
-def test_only_the_common_flight_counts_and_nothing_where_nothing_is_asked():
-    none = Separation(number(0.0), number(0.0))
-    assert np.all(np.isinf(USE(FIRST, SECOND, none)))
-    away = jax.tree.map(jnp.zeros_like, SECOND.included)
-    assert np.all(np.isinf(USE(FIRST, Track(SECOND.positions_n, SECOND.error_bound, away), APART)))
+def test_only_the_common_flight_counts_and_only_with_a_required_separation():
+    no_separation = Separation(number(0.0), number(0.0))
+    assert np.all(np.isinf(RATIO(FIRST, SECOND, no_separation)))
+    excluded = jax.tree.map(jnp.zeros_like, SECOND.included)
+    assert np.all(np.isinf(RATIO(FIRST, Track(SECOND.positions_n, SECOND.error_bound, excluded), APART)))
     # One arrives after 20 s: the crossing in the middle is no longer its.
     early = np.where(TIMES[:-1] < 20.0, 1.0, 0.0)
-    found = np.asarray(USE(stacked([track_of(w, early) for w in ONES]), SECOND, APART))
-    whole = np.asarray(USE(FIRST, SECOND, APART))
-    assert np.all(found >= whole)
-    assert np.sum(found > whole + 0.1) > CASES / 2
+    early_ratios = np.asarray(RATIO(stacked([track_of(w, early) for w in ONES]), SECOND, APART))
+    whole = np.asarray(RATIO(FIRST, SECOND, APART))
+    assert np.all(early_ratios >= whole)
+    assert np.sum(early_ratios > whole + 0.1) > CASES / 2
     for k in range(CASES):
-        assert found[k] <= np.min(ratios(ONES[k], OTHERS[k], APART, DENSE[DENSE <= 20.0])) + 1e-6
+        assert early_ratios[k] <= np.min(ratios(ONES[k], OTHERS[k], APART, DENSE[DENSE <= 20.0])) + 1e-6
 
 
 def test_the_order_of_a_pair_and_batches_make_no_difference():
-    together = USE(FIRST, SECOND, APART)
-    np.testing.assert_allclose(USE(SECOND, FIRST, APART), together, rtol=1e-12)
+    together = RATIO(FIRST, SECOND, APART)
+    np.testing.assert_allclose(RATIO(SECOND, FIRST, APART), together, rtol=1e-12)
     np.testing.assert_allclose(pair_clearance_ratio(FIRST, SECOND, APART), together, rtol=1e-12)  # its own batch axis
     alone = [pair_clearance_ratio(picked(FIRST, k), picked(SECOND, k), APART) for k in range(3)]
     np.testing.assert_allclose(alone, together[:3], rtol=1e-12)
@@ -147,24 +147,24 @@ def volumes():
     )
 
 
-def test_room_outside_standing_and_moving_volumes_is_never_more_than_the_true_one():
+def test_keep_out_clearances_are_tight_lower_bounds():
     closed = volumes()
-    found = np.asarray(ROOM(FIRST, jnp.asarray(TIMES), closed))
+    bounds = np.asarray(KEEP_OUT_CLEARANCE(FIRST, jnp.asarray(TIMES), closed))
     position, velocity, radius, bottom, top = (np.asarray(x) for x in jax.tree.leaves(closed))
     inside = 0
     for k, weave in enumerate(ONES):
         path = weave.at(DENSE)
         for n in range(radius.size):
-            apart = path[:, :2] - position[n] - DENSE[:, None] * velocity[n]
-            beside = np.hypot(apart[:, 0], apart[:, 1]) - radius[n]
-            room = np.min(np.maximum.reduce([beside, bottom[n] + path[:, 2], -path[:, 2] - top[n]]))
+            offset = path[:, :2] - position[n] - DENSE[:, None] * velocity[n]
+            radial = np.hypot(offset[:, 0], offset[:, 1]) - radius[n]
+            exact = np.min(np.maximum.reduce([radial, bottom[n] + path[:, 2], -path[:, 2] - top[n]]))
             error_bound = weave.acceleration() * STEP_S**2 / 8
-            assert found[k, n] <= room + 1e-4  # 3e-5 m keep a root's derivative finite
+            assert bounds[k, n] <= exact + 1e-4  # 3e-5 m keep a root's derivative finite
             # Two slacks; and beside and above are looked at over an interval each, not at the same instant: vertical
             # speeds of 10 + 3/0.05 m/s.
-            assert found[k, n] >= room - 2 * error_bound - 1.0 - 70.0 * STEP_S
-            inside += room < 0.0
-    assert 20 <= inside <= found.size - 20  # both kinds are there
+            assert bounds[k, n] >= exact - 2 * error_bound - 1.0 - 70.0 * STEP_S
+            inside += exact < 0.0
+    assert 20 <= inside <= bounds.size - 20  # both kinds are there
 
 
 def test_above_below_and_beside_are_exact_for_straight_flight():
@@ -177,20 +177,20 @@ def test_above_below_and_beside_are_exact_for_straight_flight():
         jnp.array([0.0, 1100.0, 0.0, 0.0, 0.0]),
         jnp.array([750.0, 2000.0, 2000.0, 1010.0, 2000.0]),
     )
-    found = compiled_quickly(clearance_from_keep_outs)(track, jnp.asarray(TIMES), closed)
+    clearances = compiled_quickly(clearance_from_keep_outs)(track, jnp.asarray(TIMES), closed)
     # Above, below, beside; inside, 10 m under the top; beside one that flies along, 100 m inside, but for 4560 m.
-    beside = np.hypot(600.0, 150.0 * 30.4) - 700.0
-    np.testing.assert_allclose(found, [250.0, 100.0, 300.0, -10.0, beside], rtol=1e-9)
+    lateral = np.hypot(600.0, 150.0 * 30.4) - 700.0
+    np.testing.assert_allclose(clearances, [250.0, 100.0, 300.0, -10.0, lateral], rtol=1e-9)
     # After the arrival nothing counts.
-    gone = Track(track.positions_n, track.error_bound, jnp.zeros(INTERVALS))
-    assert np.all(np.isinf(compiled_quickly(clearance_from_keep_outs)(gone, jnp.asarray(TIMES), closed)))
+    after_arrival = Track(track.positions_n, track.error_bound, jnp.zeros(INTERVALS))
+    assert np.all(np.isinf(compiled_quickly(clearance_from_keep_outs)(after_arrival, jnp.asarray(TIMES), closed)))
 
 
-def test_no_volumes_no_room_asked():
+def test_an_airspace_without_volumes_has_no_clearances():
     assert clearance_from_keep_outs(picked(FIRST, 0), jnp.asarray(TIMES), no_keep_outs()).shape == (0,)
 
 
-def test_slack_is_the_sagitta_of_the_acceleration():
+def test_the_chord_error_is_the_sagitta_of_the_acceleration():
     # A parabola's distance from its chord, a h^2 / 8, in the middle.
     np.testing.assert_allclose(chord_error_bound(jnp.array([8.0, 2.0]), number(0.5)), [0.25, 0.0625], rtol=1e-15)
 
@@ -199,12 +199,12 @@ def test_gradients_are_finite_in_a_collision_and_at_rest():
     positions = jnp.zeros((INTERVALS + 1, 3))
     track = Track(positions, jnp.zeros(INTERVALS), jnp.ones(INTERVALS))
 
-    def use(moved):
+    def ratio(moved):
         return pair_clearance_ratio(Track(moved, track.error_bound, track.included), track, APART)
 
-    def room(moved):
+    def clearance(moved):
         closed = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), jnp.ones(1), jnp.zeros(1), jnp.ones(1))
         return clearance_from_keep_outs(Track(moved, track.error_bound, track.included), jnp.asarray(TIMES), closed)[0]
 
-    assert np.all(np.isfinite(compiled_quickly(jax.grad(use))(positions)))
-    assert np.all(np.isfinite(compiled_quickly(jax.grad(room))(positions)))
+    assert np.all(np.isfinite(compiled_quickly(jax.grad(ratio))(positions)))
+    assert np.all(np.isfinite(compiled_quickly(jax.grad(clearance))(positions)))

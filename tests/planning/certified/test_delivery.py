@@ -1,4 +1,4 @@
-"""Paths as they are delivered: knots that agree with each other."""
+"""Delivered paths: knots that are consistent with each other."""
 
 import jax
 import jax.numpy as jnp
@@ -23,12 +23,12 @@ def test_close_knots_do_not_make_accelerations(wind):
     profile = make_profile(duration, (2000.0, 1500.0), (0.0, 0.0), 0.0, 0.0, (169.0, 169.1, 165.0), 0.0)
     assert 0.02 < 2 * duration / intervals - 3.0 < 0.05
     table = tabulate(profile, wind, intervals)
-    far = 0.9 * table.length
-    ends = PathEndpoints(
+    distance = 0.9 * table.length
+    endpoints = PathEndpoints(
         0j + number(0.0),
         number(0.0),
         number(0.0),
-        0j + far,
+        0j + distance,
         number(0.0),
         jnp.asarray(False),
         number(1 / 3000.0),
@@ -37,18 +37,18 @@ def test_close_knots_do_not_make_accelerations(wind):
     )
 
     @compiled_quickly
-    def made():
-        base = direct(ends, jnp.asarray(WORDS[0]))
-        way = jax.tree.map(lambda leaf: leaf[0], detours_of(range(1), np.ones(1)))
-        path = deliver(0.0, table, route(ends, solve_detour(ends, base, way, table.length)))
+    def make_path():
+        base = direct(endpoints, jnp.asarray(WORDS[0]))
+        detour = jax.tree.map(lambda leaf: leaf[0], detours_of(range(1), np.ones(1)))
+        path = deliver(0.0, table, route(endpoints, solve_detour(endpoints, base, detour, table.length)))
         return path, path_bounds(path, wind, GRAVITY)
 
-    path, found = made()
+    path, bounds = make_path()
     spans = np.diff(np.asarray(path.times))
     assert np.any((spans > 0.0) & (spans < 0.05))
     # Gains and losses of 1 m/s^2 at most: climb, push over, change of speed, wind that changes with height.
-    assert float(found.deceleration_max) < 1.0
-    assert float(found.acceleration_max) < 1.0
+    assert float(bounds.deceleration_max) < 1.0
+    assert float(bounds.acceleration_max) < 1.0
     # It ends where it was to end.
     end = np.asarray(path.position_n(number(duration)) - jnp.append(table.drift_n[:2], -1500.0))
-    np.testing.assert_allclose(end, [float(far), 0.0, 0.0], atol=1e-2)
+    np.testing.assert_allclose(end, [float(distance), 0.0, 0.0], atol=1e-2)

@@ -1,4 +1,4 @@
-"""Delivered paths are the ones designed, and their certificates bound what they ask: between the knots too."""
+"""Delivered paths equal the designed ones, and their certificates bound the flight quantities between the knots too."""
 
 import equinox as eqx
 import jax
@@ -35,54 +35,58 @@ COUNT = len(FLOWN["duration"])
 fly = compiled_quickly(delivered)
 bound = compiled_quickly(jax.vmap(path_bounds, in_axes=(0, None, None)))
 bound_one = compiled_quickly(path_bounds)
-passed = compiled_quickly(jax.vmap(excess, in_axes=(0, None)))
+excess_of = compiled_quickly(jax.vmap(excess, in_axes=(0, None)))
 
 
 @pytest.fixture(scope="module", params=[pytest.param("steady", marks=pytest.mark.long), "layered"])
 def flown(request):
     wind = WINDS[request.param]
-    ends, table, solved, shape, paths = fly(wind)
+    endpoints, table, solved, shape, paths = fly(wind)
     assert np.all(np.asarray(solved.exists))
     bounds = bound(paths, wind, GRAVITY)
-    return wind, ends, table, shape, paths, bounds, [Dense(picked(paths, k), wind) for k in range(COUNT)]
+    return wind, endpoints, table, shape, paths, bounds, [Dense(picked(paths, k), wind) for k in range(COUNT)]
 
 
-def meant(table, shape, path, times):
-    """As designed, and as delivered: position, air velocity, and the derivative of the delivered position."""
+def designed_and_delivered(table, shape, path, times):
+    """Designed and delivered state: position, air velocity, and the derivative of the delivered position."""
     scale = shape.length / table.length
 
-    def one(t):
+    def state_pair(t):
         length, drift = table.flown_at(t)
-        place, heading, _ = shape.at(scale * length)
-        now = table.profile.at(t)
-        (speed, wind), ahead = table.rates(t), cis(heading)
-        position = jnp.stack([jnp.real(place) + drift[0], jnp.imag(place) + drift[1], -now.altitude])
-        slope = jnp.stack([scale * speed * jnp.real(ahead), scale * speed * jnp.imag(ahead), -now.climb - wind[2]])
+        route_position, heading, _ = shape.at(scale * length)
+        state = table.profile.at(t)
+        (speed, wind), direction = table.rates(t), cis(heading)
+        position = jnp.stack(
+            [jnp.real(route_position) + drift[0], jnp.imag(route_position) + drift[1], -state.altitude]
+        )
+        slope = jnp.stack(
+            [scale * speed * jnp.real(direction), scale * speed * jnp.imag(direction), -state.climb - wind[2]]
+        )
         at = START_S + t
         derivative = jax.jacfwd(path.position_n)(at)
         return position, slope, path.position_n(at), path.air_velocity_n(at), derivative, path.velocity_n(at)
 
-    return jax.vmap(one)(times)
+    return jax.vmap(state_pair)(times)
 
 
-compare = compiled_quickly(jax.vmap(meant))
+compare = compiled_quickly(jax.vmap(designed_and_delivered))
 
 
-def test_ends_where_and_when_it_should(flown):
-    _, ends, table, _, paths, _, dense = flown
+def test_a_path_ends_at_the_prescribed_point_and_time(flown):
+    _, endpoints, table, _, paths, _, dense = flown
     np.testing.assert_array_equal(paths.times[:, 0], START_S)
     np.testing.assert_allclose(paths.times[:, -1], START_S + np.asarray(FLOWN["duration"]), rtol=1e-15)
     for k in range(COUNT):
-        drift, goal = np.asarray(table.drifts_n[k, -1]), complex(ends.end[k])
+        drift, goal = np.asarray(table.drifts_n[k, -1]), complex(endpoints.end[k])
         expected = [goal.real + drift[0], goal.imag + drift[1], -FLOWN["altitude_1"][k]]
         # Legs are solved for, not iterated: rounding of 2e4 m only.
         np.testing.assert_allclose(dense[k].path(paths.times[k, -1]), expected, atol=1e-6)
         course = np.arctan2(paths.air_n[k, -1, 1, 1], paths.air_n[k, -1, 1, 0])
         np.testing.assert_allclose(np.exp(1j * course), np.exp(1j * FLOWN["course"][k]), atol=1e-9)
-        first = np.asarray(paths.air_n[k, 0])
-        np.testing.assert_allclose(first[0], [0.0, 0.0, -FLOWN["altitude_0"][k]], atol=1e-9)
-        np.testing.assert_allclose(np.linalg.norm(first[1]), FLOWN["speed_0"][k], rtol=2e-6)  # the length's millionth
-        np.testing.assert_allclose(np.arctan2(first[1, 1], first[1, 0]), FLOWN["heading"][k], atol=1e-12)
+        initial = np.asarray(paths.air_n[k, 0])
+        np.testing.assert_allclose(initial[0], [0.0, 0.0, -FLOWN["altitude_0"][k]], atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(initial[1]), FLOWN["speed_0"][k], rtol=2e-6)  # the length's millionth
+        np.testing.assert_allclose(np.arctan2(initial[1, 1], initial[1, 0]), FLOWN["heading"][k], atol=1e-12)
         np.testing.assert_array_equal(paths.drift_n[k, 0, 0], 0.0)
 
 
@@ -95,15 +99,15 @@ def test_knots_are_in_order_with_none_too_close(flown):
 
 
 @pytest.mark.long
-def test_is_the_designed_path_between_the_knots_too(flown):
+def test_a_delivered_path_is_the_designed_one_between_the_knots_too(flown):
     wind, _, table, shape, paths, _, _ = flown
     times = np.asarray(FLOWN["duration"])[:, None] * np.linspace(0.0, 1.0, 1500)[1:-1]
-    position, slope, found, air, derivative, velocity = (
+    position, slope, delivered_position, air, derivative, velocity = (
         np.asarray(x) for x in compare(table, shape, paths, jnp.asarray(times))
     )
     # Where a kink was merged into a knot 0.02 s away, a jump of 6 m/s^3 in a cell of 1 s; where the wind has a corner
     # in a cell, one of up to 0.4 m/s^2 in the drift's slope: 0.4 x 1/27 m.
-    np.testing.assert_allclose(found, position, atol=1e-3 if wind is STEADY else 0.015)
+    np.testing.assert_allclose(delivered_position, position, atol=1e-3 if wind is STEADY else 0.015)
     np.testing.assert_allclose(air, slope, atol=5e-3 if wind is STEADY else 0.015)
     np.testing.assert_allclose(velocity, derivative, atol=1e-9)  # rounding
 
@@ -111,7 +115,7 @@ def test_is_the_designed_path_between_the_knots_too(flown):
 def test_bounds_contain_the_extremes_and_little_more(flown):
     wind, *_, bounds, dense = flown
     # How much further than a thousandth of a second shows: parts of the value, and what near-zero values may add.
-    room = {
+    tolerances = {
         "speed_min": (0.003, 0.0),
         "speed_max": (0.003, 0.0),
         "bank_max": (0.04, 0.0),
@@ -126,12 +130,12 @@ def test_bounds_contain_the_extremes_and_little_more(flown):
     }
     for k in range(COUNT):
         for name, exact in dense[k].extremes().items():
-            found = float(getattr(bounds, name)[k])
-            beyond = exact - found if name.endswith("_min") else found - exact
-            part, more = room[name]
-            where = f"{name} of flight {k}: bound {found}, seen {exact}"
-            assert beyond >= -1e-9 * (1.0 + abs(exact)), where  # rounding
-            assert beyond <= part * abs(exact) + more, where
+            bound = float(getattr(bounds, name)[k])
+            margin = exact - bound if name.endswith("_min") else bound - exact
+            relative, absolute = tolerances[name]
+            message = f"{name} of flight {k}: bound {bound}, seen {exact}"
+            assert margin >= -1e-9 * (1.0 + abs(exact)), message  # rounding
+            assert margin <= relative * abs(exact) + absolute, message
     assert np.all(np.asarray(bounds.wind_error_max) < (1e-9 if wind is STEADY else 0.3))
 
 
@@ -145,27 +149,34 @@ IDLE = IdleDeceleration(
 
 
 def drag(speed, load_factor):
-    """By numpy: linear in airspeed, drag due to lift by the square of the load factor; at 1.2 m/s^2 at the start."""
+    """Reference by NumPy: linear in airspeed, induced drag by the square of the load factor; 1.2 m/s^2 at the start."""
     unloaded = 1.0 - np.clip(load_factor, 0.0, 1.0) ** 2
-    level, by_lift = (np.interp(speed, IDLE.speeds, row) for row in (IDLE.level, IDLE.by_lift))
+    level, by_lift = (np.interp(speed, IDLE.speeds, values) for values in (IDLE.level, IDLE.by_lift))
     return level - unloaded * by_lift, 1.2 * by_lift * (np.maximum(load_factor, 1.0) ** 2 - 1.0)
 
 
-def test_accelerations_are_held_to_what_airspeed_and_load_factor_leave_of_them(flown):
+def test_accelerations_are_limited_by_airspeed_and_load_factor(flown):
     *_, bounds, dense = flown
     wide = [number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3)]
-    free = PathLimits(*wide, acceleration_max=number(50.0), deceleration_max=number(1.2), idle=IDLE)
-    found = jax.vmap(lambda own: jnp.stack(own.along_at_start(free)))(bounds)
-    plain = [one.extremes() for one in dense]
+    limits = PathLimits(*wide, acceleration_max=number(50.0), deceleration_max=number(1.2), idle=IDLE)
+    equivalent = jax.vmap(lambda path_bounds_: jnp.stack(path_bounds_.along_at_start(limits)))(bounds)
+    plain = [extremes.extremes() for extremes in dense]
     for k in range(COUNT):
         exact = dense[k].extremes(drag)
-        for way, key in enumerate(("acceleration_max", "deceleration_max")):
-            assert exact[key] <= float(found[k, way]) <= 1.08 * exact[key] + 0.15
-    slower, faster = (np.array([one[key] for one in plain]) for key in ("deceleration_max", "acceleration_max"))
-    assert np.any(np.asarray(found[:, 1]) > 1.05 * slower)
-    assert np.any(np.asarray(found[:, 0]) > 1.2 * faster)
-    kept = np.asarray(passed(bounds, free))[:, [one.field for one in CERTIFIED_LIMITS].index("deceleration_max")] <= 0.0
-    np.testing.assert_array_equal(kept, np.asarray(found[:, 1]) <= 1.2)
+        for column, key in enumerate(("acceleration_max", "deceleration_max")):
+            assert exact[key] <= float(equivalent[k, column]) <= 1.08 * exact[key] + 0.15
+    slower, faster = (
+        np.array([extremes[key] for extremes in plain]) for key in ("deceleration_max", "acceleration_max")
+    )
+    assert np.any(np.asarray(equivalent[:, 1]) > 1.05 * slower)
+    assert np.any(np.asarray(equivalent[:, 0]) > 1.2 * faster)
+    satisfied = (
+        np.asarray(excess_of(bounds, limits))[
+            :, [extremes.field for extremes in CERTIFIED_LIMITS].index("deceleration_max")
+        ]
+        <= 0.0
+    )
+    np.testing.assert_array_equal(satisfied, np.asarray(equivalent[:, 1]) <= 1.2)
 
 
 def test_acceleration_of_each_cell_is_bounded(flown):
@@ -195,42 +206,42 @@ _ORDER = (
 )
 
 
-def limits_beyond(extremes, part):
-    """Limits a part of themselves (or of 1) beyond what a path asks; negative: short of it."""
+def limits_beyond(extremes, fraction):
+    """Limits that exceed a path's extremes by a fraction of them (or of 1); negative: tighter limits."""
     return PathLimits(
-        **{name: number(extremes[name] + way * part * max(abs(extremes[name]), 1.0)) for name, way in _ORDER}
+        **{name: number(extremes[name] + sign * fraction * max(abs(extremes[name]), 1.0)) for name, sign in _ORDER}
     )
 
 
-def test_every_limit_broken_is_seen_and_no_other(flown):
+def test_exactly_the_violated_limits_are_reported(flown):
     *_, bounds, dense = flown
     for k in (0, 3):
         extremes = dense[k].extremes()
         wide = limits_beyond(extremes, 0.08)
-        assert np.all(np.asarray(passed(bounds, wide))[k] <= 0.0)
+        assert np.all(np.asarray(excess_of(bounds, wide))[k] <= 0.0)
         tight = limits_beyond(extremes, -0.002)
         for name, _ in _ORDER:
             limits = eqx.tree_at(lambda x, name=name: getattr(x, name), wide, getattr(tight, name))
-            broken = np.asarray(passed(bounds, limits))[k] > 0.0
+            broken = np.asarray(excess_of(bounds, limits))[k] > 0.0
             assert [CERTIFIED_LIMITS[j].field for j in np.flatnonzero(broken)] == [name]
 
 
-def test_limits_not_asked_are_kept(flown):
-    over = passed(flown[5], PathLimits(*(number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3))))
+def test_missing_limits_are_satisfied(flown):
+    over = excess_of(flown[5], PathLimits(*(number(x) for x in (50.0, 400.0, 1.4, 100.0, -1e3))))
     assert np.all(np.asarray(over) < 0.0)
 
 
-def knots(*rows):
+def knots(*entries):
     """A path through rows of (time, position, velocity), without drift."""
-    times = jnp.asarray([row[0] for row in rows], dtype=float)
-    air = jnp.asarray([[row[1], row[2], [0.0, 0.0, 0.0]] for row in rows], dtype=float)
+    times = jnp.asarray([entry[0] for entry in entries], dtype=float)
+    air = jnp.asarray([[entry[1], entry[2], [0.0, 0.0, 0.0]] for entry in entries], dtype=float)
     return TimedPath(times, air, jnp.zeros_like(air))
 
 
 CALM = type(STEADY)(jnp.zeros(3))
 
 
-def test_violations_planted_between_the_knots_are_seen():
+def test_violations_between_the_knots_are_detected():
     # Every knot is at 150 m/s, level, without an acceleration at 1000 m; what lies between is not.
     level = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0])), CALM, GRAVITY)
     np.testing.assert_allclose([level.speed_min, level.speed_max], 150.0, rtol=1e-12)
@@ -256,13 +267,13 @@ def test_violations_planted_between_the_knots_are_seen():
     assert over.altitude_min >= 1000.0 - 1e-9
 
 
-def test_a_drift_that_is_not_the_winds_is_seen():
+def test_a_drift_inconsistent_with_the_wind_is_detected():
     path = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
-    found = bound_one(path, type(STEADY)(jnp.array([3.0, 4.0, 0.0])), GRAVITY)
-    np.testing.assert_allclose(found.wind_error_max, 5.0, rtol=1e-12)
+    bounds = bound_one(path, type(STEADY)(jnp.array([3.0, 4.0, 0.0])), GRAVITY)
+    np.testing.assert_allclose(bounds.wind_error_max, 5.0, rtol=1e-12)
     # The aircraft's own speed may be less and more by as much.
-    assert found.speed_min <= np.hypot(147.0, 4.0)
-    assert found.speed_max >= np.hypot(147.0, 4.0)
+    assert bounds.speed_min <= np.hypot(147.0, 4.0)
+    assert bounds.speed_max >= np.hypot(147.0, 4.0)
 
 
 def test_a_wind_without_bounds_is_refused():
@@ -275,25 +286,25 @@ def test_a_wind_without_bounds_is_refused():
         path_bounds(path, Gusts(), GRAVITY)
 
 
-def test_one_by_one_as_a_batch(flown):
+def test_batches_equal_single_paths(flown):
     wind, *_, paths, bounds, _ = flown
-    alone = bound_one(picked(paths, 1), wind, GRAVITY)
-    for found, expected in zip(jax.tree.leaves(alone), jax.tree.leaves(picked(bounds, 1)), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)  # rounding, of accelerations too
+    single = bound_one(picked(paths, 1), wind, GRAVITY)
+    for value, expected in zip(jax.tree.leaves(single), jax.tree.leaves(picked(bounds, 1)), strict=True):
+        np.testing.assert_allclose(value, expected, rtol=1e-9, atol=1e-9)  # rounding, of accelerations too
 
 
 @pytest.mark.long
 def test_gradients_are_finite_with_empty_cells(flown):
     wind, *_, paths, _, _ = flown
 
-    def asked(path):
+    def total(path):
         bounds = path_bounds(path, wind, GRAVITY)
         return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(bounds))
 
     path = picked(paths, 0)
     assert np.any(np.diff(np.asarray(path.times)) == 0.0)
     # As users compile it: by LLVM's lowest optimisation, which the tests take elsewhere, XLA's code gives NaN here.
-    slopes = jax.jit(jax.grad(asked), compiler_options={"xla_backend_optimization_level": 3})(path)
+    slopes = jax.jit(jax.grad(total), compiler_options={"xla_backend_optimization_level": 3})(path)
     assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(slopes))
 
 
@@ -316,33 +327,33 @@ def _tasks(active):
 
 
 @pytest.mark.long
-def test_a_path_that_is_none_hides_no_other(flown):
+def test_an_invalid_path_leaves_the_others_unaffected(flown):
     wind, *_, paths, _, _ = flown
     volume = KeepOuts(jnp.zeros((1, 2)), jnp.zeros((1, 2)), number([500.0]), number([-100.0]), number([9000.0]))
     airspace = Airspace(wind, number(GRAVITY), Separation(number(900.0), number(200.0)), volume)
     active = np.ones(COUNT)
     active[3] = 0.0
-    none = jax.tree.map(lambda leaf: leaf.at[3].set(jnp.nan), paths)
+    with_invalid = jax.tree.map(lambda leaf: leaf.at[3].set(jnp.nan), paths)
     certified = compiled_quickly(lambda p: certify(p, _tasks(active), airspace, INTERVALS))
-    found, expected = certified(none), certified(paths)
-    others = np.arange(COUNT) != 3
-    np.testing.assert_allclose(found.keep_out_clearance[others], expected.keep_out_clearance[others], rtol=1e-12)
+    certificate, expected = certified(with_invalid), certified(paths)
+    valid = np.arange(COUNT) != 3
+    np.testing.assert_allclose(certificate.keep_out_clearance[valid], expected.keep_out_clearance[valid], rtol=1e-12)
     np.testing.assert_allclose(
-        found.clearance_ratio[np.ix_(others, others)], expected.clearance_ratio[np.ix_(others, others)], rtol=1e-12
+        certificate.clearance_ratio[np.ix_(valid, valid)], expected.clearance_ratio[np.ix_(valid, valid)], rtol=1e-12
     )
-    assert np.all(np.isfinite(found.keep_out_clearance[others]))
-    assert np.any(found.keep_out_clearance[others] < 0.0)
-    assert not bool(found.satisfied_individually[3])
+    assert np.all(np.isfinite(certificate.keep_out_clearance[valid]))
+    assert np.any(certificate.keep_out_clearance[valid] < 0.0)
+    assert not bool(certificate.satisfied_individually[3])
 
 
-def test_a_cell_that_ends_at_the_edge_of_a_layer_is_on_one_side_of_it():
+def test_a_cell_that_ends_at_the_edge_of_a_layer_belongs_to_one_side():
     wind = LayeredWind(jnp.array([1000.0, 2000.0]), jnp.array([[0.0, 0.0, 0.0], [20.0, 0.0, 0.0]]))
     # Level below the shear up to its very edge, to rounding; then at the edge itself; then well into it.
     for top, error in ((1000.0 + 1e-9, 0.0), (1000.0 + 1e-3, 2e-5), (1100.0, 2.0)):
         path = knots((0, [0, 0, -900], [150, 0, -15]), (10, [1500, 0, -top], [150, 0, 0]))
-        found = float(bound_one(path, wind, GRAVITY).wind_error_max)
-        assert found >= error * (1.0 - 1e-6)
-        assert found <= 2e-7 if error == 0.0 else found <= 2.0 + 1e-6
+        error_bound = float(bound_one(path, wind, GRAVITY).wind_error_max)
+        assert error_bound >= error * (1.0 - 1e-6)
+        assert error_bound <= 2e-7 if error == 0.0 else error_bound <= 2.0 + 1e-6
     along = knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1000], [150, 0, 0]))
     assert float(bound_one(along, wind, GRAVITY).wind_error_max) < 1e-9
     at_top = knots((0, [0, 0, -2000], [150, 0, 0]), (10, [1500, 0, -2000], [150, 0, 0]))
@@ -355,24 +366,24 @@ def test_a_fleets_certificate_is_never_better_than_its_paths(flown):
     separation = Separation(number(900.0), number(200.0))
     airspace = Airspace(wind, number(GRAVITY), separation, no_keep_outs())
     tasks = _tasks(np.ones(COUNT))
-    found = compiled_quickly(lambda p: certify(p, tasks, airspace, INTERVALS))(paths)
-    room = np.asarray(found.clearance_ratio)
-    np.testing.assert_allclose(room, room.T, rtol=1e-12)
+    certificate = compiled_quickly(lambda p: certify(p, tasks, airspace, INTERVALS))(paths)
+    ratios = np.asarray(certificate.clearance_ratio)
+    np.testing.assert_allclose(ratios, ratios.T, rtol=1e-12)
     for i in range(COUNT):
         for j in range(i):
             count = min(dense[i].time.size, dense[j].time.size)  # until the earlier arrives
-            apart = dense[i].position[:count] - dense[j].position[:count]
-            ratio = np.maximum(np.hypot(apart[:, 0], apart[:, 1]) / 900.0, np.abs(apart[:, 2]) / 200.0)
-            assert room[i, j] <= np.min(ratio) + 1e-6
+            offset = dense[i].position[:count] - dense[j].position[:count]
+            ratio = np.maximum(np.hypot(offset[:, 0], offset[:, 1]) / 900.0, np.abs(offset[:, 2]) / 200.0)
+            assert ratios[i, j] <= np.min(ratio) + 1e-6
             # At 12 m/s^2 in a quarter of a second the paths stray 0.1 m each from straight lines; 0.3 m/s^2... and the
             # last interval may reach past the arrival, by 0.3 s at 300 m/s.
-            assert room[i, j] >= np.min(ratio) - 0.1
+            assert ratios[i, j] >= np.min(ratio) - 0.1
 
 
-def test_a_limit_that_is_no_number_is_not_kept_and_none_below_is(flown):
-    one = picked(flown[5], 0)
+def test_a_limit_of_nan_is_violated_and_an_infinite_one_satisfied(flown):
+    bounds = picked(flown[5], 0)
     limits = PathLimits(*[number(x) for x in (-np.inf, np.inf, 1.5, np.inf, -np.inf)])
-    assert np.all(np.asarray(excess(one, limits))[[0, 1, 4, 5, 6, 7, 8]] == -1.0)
+    assert np.all(np.asarray(excess(bounds, limits))[[0, 1, 4, 5, 6, 7, 8]] == -1.0)
     for name in ("speed_min", "speed_max", "climb_rate_max", "altitude_min", "altitude_max", "acceleration_max"):
-        broken = eqx.tree_at(lambda held, name=name: getattr(held, name), limits, number(np.nan))
-        assert np.any(~(np.asarray(excess(one, broken)) <= 0.0)), name
+        broken = eqx.tree_at(lambda path_limits, name=name: getattr(path_limits, name), limits, number(np.nan))
+        assert np.any(~(np.asarray(excess(bounds, broken)) <= 0.0)), name

@@ -1,4 +1,4 @@
-"""Delivered paths at even instants: each interval has the bound of every cell that it touches."""
+"""Tracks of delivered paths: each interval has the acceleration bound of every overlapping cell."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,28 +15,28 @@ tracked = compiled_quickly(path_track)
 
 @settings(deadline=None)  # the first example compiles
 @given(seed=st.integers(0, 10**6), spread=st.sampled_from([0.01, 0.3, 1.0]))
-def test_each_interval_has_the_greatest_bound_of_the_cells_that_it_touches(seed, spread):
+def test_each_interval_has_the_greatest_bound_of_its_cells(seed, spread):
     # Knots in heaps and far apart: cells from none to many intervals long, some of them empty.
     rng = np.random.default_rng(seed)
     spans = rng.exponential(1.0, KNOTS - 1) ** (1.0 / spread) * rng.choice([0.0, 1.0, 1.0], KNOTS - 1)
     spans[rng.integers(KNOTS - 1)] += 1e-3
     knots = 10.0 + 50.0 * np.concatenate([[0.0], np.cumsum(spans)]) / np.sum(spans)
-    begin = rng.choice([10.0, 4.0])
-    times = np.linspace(begin, 60.0, INTERVALS + 1)
+    start = rng.choice([10.0, 4.0])
+    times = np.linspace(start, 60.0, INTERVALS + 1)
     bounds = np.where(np.diff(knots) > 0.0, rng.uniform(0.0, 30.0, KNOTS - 1), 0.0)
     path = TimedPath(jnp.asarray(knots), jnp.zeros((KNOTS, 3, 3)), jnp.zeros((KNOTS, 3, 3)))
-    found = tracked(path, jnp.asarray(bounds), 1.0, jnp.asarray(times))
+    track = tracked(path, jnp.asarray(bounds), 1.0, jnp.asarray(times))
 
     step = times[1] - times[0]
     touching = (knots[:-1] < times[1:, None]) & (knots[1:] > times[:-1, None])
-    least = np.max(np.where(touching, bounds, 0.0), axis=1)
+    lower = np.max(np.where(touching, bounds, 0.0), axis=1)
     # Not more than that of the cells that a hair's breadth would make it touch.
-    hair = 1e-6 * step
-    nearly = (knots[:-1] < times[1:, None] + hair) & (knots[1:] > times[:-1, None] - hair)
-    most = np.max(np.where(nearly, bounds, 0.0), axis=1)
-    error_bound = np.asarray(found.error_bound) * 8.0 / step**2
+    tolerance = 1e-6 * step
+    nearly = (knots[:-1] < times[1:, None] + tolerance) & (knots[1:] > times[:-1, None] - tolerance)
+    upper = np.max(np.where(nearly, bounds, 0.0), axis=1)
+    error_bound = np.asarray(track.error_bound) * 8.0 / step**2
     inside = times[1:] > knots[0]
-    assert np.all(error_bound[inside] >= least[inside] * (1.0 - 1e-12))
-    assert np.all(error_bound[inside] <= most[inside] * (1.0 + 1e-12))
+    assert np.all(error_bound[inside] >= lower[inside] * (1.0 - 1e-12))
+    assert np.all(error_bound[inside] <= upper[inside] * (1.0 + 1e-12))
     flown = (times[:-1] < knots[-1] - 1e-6) & (times[1:] > knots[0])
-    assert np.array_equal(found.included > 0.0, flown)
+    assert np.array_equal(track.included > 0.0, flown)

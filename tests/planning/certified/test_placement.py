@@ -1,4 +1,4 @@
-"""Candidates beyond the usual ones, for the aircraft that need them and for no other."""
+"""Additional candidates for the aircraft in need, and only for them."""
 
 import jax
 import jax.numpy as jnp
@@ -17,20 +17,20 @@ pytestmark = pytest.mark.long
 
 
 INTERVALS = 64
-USUAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1))
-FURTHER = make_candidate_set((MATCHED, SLOWEST), (0.0,), (0,), (0, 1))
-BOTH = USUAL._replace(extra=FURTHER)
+STANDARD_SET = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1))
+EXTRA_SET = make_candidate_set((MATCHED, SLOWEST), (0.0,), (0,), (0, 1))
+COMBINED_SET = STANDARD_SET._replace(extra=EXTRA_SET)
 NEEDY = np.array([True, False, True, True, False, False, True, False])
 
 
 @compiled_quickly
 def _all_options(tasks, airspace, durations):
-    further = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, FURTHER)
-    both = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, BOTH, jnp.asarray(NEEDY))
-    placed = place_candidates(both, airspace.separation, choice_order(both))
+    extra = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, EXTRA_SET)
+    combined = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, COMBINED_SET, jnp.asarray(NEEDY))
+    placement = place_candidates(combined, airspace.separation, choice_order(combined))
     fleet = jnp.arange(8)
-    chosen = both.routes.profile[fleet, placed.chosen], both.speed[fleet, placed.chosen]
-    return further, both, placed, chosen, both.paths(0.0, placed.chosen)
+    chosen = combined.routes.profile[fleet, placement.chosen], combined.speed[fleet, placement.chosen]
+    return extra, combined, placement, chosen, combined.paths(0.0, placement.chosen)
 
 
 @pytest.fixture(scope="module")
@@ -39,42 +39,42 @@ def options():
     return _all_options(tasks, airspace, jnp.full(8, 260.0))
 
 
-def test_who_needs_them_has_both_kinds_and_the_others_the_usual_ones(options):
-    further, both, _, _, _ = options
-    assert further.valid.shape == (8, 8)
-    assert both.valid.shape == (8, 12)
-    assert np.any(further.valid[NEEDY])
-    assert np.any(both.valid[~NEEDY, :4])
-    np.testing.assert_array_equal(both.valid[:, 4:], further.valid & NEEDY[:, None])
-    np.testing.assert_allclose(both.cost[NEEDY, 4:], further.cost[NEEDY], rtol=1e-9)
-    of_both, alone = both.tracks.positions_n[:, 4:], further.tracks.positions_n
-    np.testing.assert_allclose(of_both[NEEDY], alone[NEEDY], rtol=0.0, atol=1e-3)
+def test_only_needy_aircraft_have_the_additional_candidates(options):
+    extra, combined, _, _, _ = options
+    assert extra.valid.shape == (8, 8)
+    assert combined.valid.shape == (8, 12)
+    assert np.any(extra.valid[NEEDY])
+    assert np.any(combined.valid[~NEEDY, :4])
+    np.testing.assert_array_equal(combined.valid[:, 4:], extra.valid & NEEDY[:, None])
+    np.testing.assert_allclose(combined.cost[NEEDY, 4:], extra.cost[NEEDY], rtol=1e-9)
+    combined_positions, extra_positions = combined.tracks.positions_n[:, 4:], extra.tracks.positions_n
+    np.testing.assert_allclose(combined_positions[NEEDY], extra_positions[NEEDY], rtol=0.0, atol=1e-3)
 
 
-def test_what_was_not_looked_for_is_not_chosen_even_where_nothing_is_valid():
+def test_placeholders_are_not_chosen_even_without_a_valid_candidate():
     tasks, airspace, _ = planner_task(random_case(2))
 
     @compiled_quickly
     def placed(durations):
-        both = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, BOTH, jnp.asarray(NEEDY))
-        return both, place_candidates(both, airspace.separation, choice_order(both))
+        combined = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, COMBINED_SET, jnp.asarray(NEEDY))
+        return combined, place_candidates(combined, airspace.separation, choice_order(combined))
 
-    both, found = placed(jnp.full(8, 12.0))
-    assert not np.any(both.valid)
-    assert np.all(np.asarray(found.chosen)[~NEEDY] < 4)
-    assert np.any(np.asarray(both.cost)[~NEEDY, 4:] > 1e8)
+    combined, placement = placed(jnp.full(8, 12.0))
+    assert not np.any(combined.valid)
+    assert np.all(np.asarray(placement.chosen)[~NEEDY] < 4)
+    assert np.any(np.asarray(combined.cost)[~NEEDY, 4:] > 1e8)
 
 
-def test_the_profile_of_a_candidate_is_found_among_both_kinds(options):
-    _, both, placed, (profile, speed), paths = options
-    assert np.any(placed.chosen > 3)
-    lengths = np.asarray(both.profiles.length)
+def test_profile_indices_refer_to_both_sets_of_candidates(options):
+    _, combined, placement, (profile, speed), paths = options
+    assert np.any(placement.chosen > 3)
+    lengths = np.asarray(combined.profiles.length)
     assert lengths.shape == (8, 3)
-    assert set(np.asarray(both.routes.profile[0, 4:]).tolist()) == {1, 2}
+    assert set(np.asarray(combined.routes.profile[0, 4:]).tolist()) == {1, 2}
     # The airspeed of the profile it names is its own, and so is that of the path that is delivered.
     mean = np.asarray(speed) * 260.0
-    good = np.asarray(placed.valid)
-    assert good.any()
-    np.testing.assert_allclose(lengths[np.arange(8), profile][good], mean[good], rtol=0.02)
+    valid = np.asarray(placement.valid)
+    assert valid.any()
+    np.testing.assert_allclose(lengths[np.arange(8), profile][valid], mean[valid], rtol=0.02)
     flown = np.asarray(jax.vmap(TimedPath.air_length)(paths))
-    np.testing.assert_allclose(flown[good], mean[good], rtol=0.02)
+    np.testing.assert_allclose(flown[valid], mean[valid], rtol=0.02)

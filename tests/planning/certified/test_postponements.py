@@ -1,4 +1,4 @@
-"""Putting off the arrivals of a fleet on the way: all by the same, none beyond the end of the flight."""
+"""Delays of a fleet's arrivals in flight: equal for every aircraft, none beyond the end of the flight."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ YES, NO = jnp.asarray(True), jnp.asarray(False)
 IN_SEQUENCE = jnp.array([200.0, 210.0, 220.0])
 
 
-def test_those_who_arrive_together_are_put_off_by_a_part_of_their_time_to_go():
+def test_common_arrivals_are_delayed_by_a_fraction_of_the_time_to_go():
     delays, tries = arrival_delays(jnp.full(3, 200.0), 100.0, FREE, YES, jnp.inf)
     assert tries == 4
     assert np.allclose(delays, [0.0, 3.0, 8.0, 15.0], rtol=0, atol=1e-12)
@@ -27,22 +27,22 @@ def test_the_spacing_of_a_sequence_stays():
 
 
 @pytest.mark.parametrize(
-    ("free", "arrival_is_free"), [(FREE.at[0].set(False), YES), (FREE, NO)], ids=["committed", "fixed"]
+    ("replannable", "arrival_is_free"), [(FREE.at[0].set(False), YES), (FREE, NO)], ids=["committed", "fixed"]
 )
-def test_none_is_put_off_where_one_is_committed_or_the_time_is_given(free, arrival_is_free):
-    delays, tries = arrival_delays(IN_SEQUENCE, 190.0, free, arrival_is_free, jnp.inf)
+def test_a_fleet_with_a_committed_aircraft_or_fixed_times_is_not_delayed(replannable, arrival_is_free):
+    delays, tries = arrival_delays(IN_SEQUENCE, 190.0, replannable, arrival_is_free, jnp.inf)
     assert (tries, float(delays[0])) == (1, 0.0)
 
 
 @pytest.mark.parametrize(("latest", "tries"), [(219.0, 1), (220.0, 1), (224.0, 2), (230.0, 3), (238.0, 4)])
-def test_no_arrival_is_put_off_beyond_the_end(latest, tries):
+def test_arrivals_are_not_delayed_beyond_the_end(latest, tries):
     assert arrival_delays(IN_SEQUENCE, 100.0, FREE, YES, latest)[1] == tries
 
 
-def test_a_batch_is_its_members():
+def test_batches_equal_single_fleets():
     times = jnp.stack([IN_SEQUENCE, jnp.full(3, 180.0)])
-    both = jax.vmap(lambda t: arrival_delays(t, 100.0, FREE, YES, 215.0))(times)
+    batch = jax.vmap(lambda t: arrival_delays(t, 100.0, FREE, YES, 215.0))(times)
     for k in range(2):
         delays, tries = arrival_delays(times[k], 100.0, FREE, YES, 215.0)
-        assert np.array_equal(both[0][k], delays)
-        assert both[1][k] == tries
+        assert np.array_equal(batch[0][k], delays)
+        assert batch[1][k] == tries

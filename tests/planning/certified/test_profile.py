@@ -1,4 +1,4 @@
-"""Altitude and airspeed by time, and what a wind makes of them."""
+"""Profiles of altitude and airspeed over time, in wind."""
 
 import jax
 import jax.numpy as jnp
@@ -45,8 +45,8 @@ def make(duration, altitudes, climbs, climb_dot, detour, speed, speed_dot, mean,
 
 
 def motion(profile, t):
-    now = profile.at(t)
-    return jnp.stack([now.altitude, now.climb, now.climb_dot, now.speed, now.speed_dot])
+    state = profile.at(t)
+    return jnp.stack([state.altitude, state.climb, state.climb_dot, state.speed, state.speed_dot])
 
 
 def motions(profile, times):
@@ -72,20 +72,20 @@ tables_of = compiled_quickly(jax.vmap(tabulated, in_axes=(0, None)))
 read = compiled_quickly(jax.vmap(readings))
 
 
-def test_starts_and_ends_as_asked():
-    ends = jnp.stack([jnp.zeros(CASES), PROFILES.duration], axis=1)
-    first, last = np.moveaxis(np.asarray(along(PROFILES, ends)[0]), 1, 0)
-    begin = np.stack([ALTITUDES[0], CLIMBS[0], CLIMB_DOT, SPEED, SPEED_DOT], axis=1)
-    np.testing.assert_allclose(first, begin, rtol=1e-12, atol=1e-12)  # rounding
-    np.testing.assert_allclose(last[:, 0], ALTITUDES[1], atol=1e-9)  # rounding of 1e3 m
-    np.testing.assert_allclose(last[:, 1], CLIMBS[1], atol=1e-11)
-    np.testing.assert_allclose(last[:, 3], PROFILES.speed_2, rtol=1e-13)
+def test_profiles_start_and_end_as_prescribed():
+    end_times = jnp.stack([jnp.zeros(CASES), PROFILES.duration], axis=1)
+    initial, final = np.moveaxis(np.asarray(along(PROFILES, end_times)[0]), 1, 0)
+    expected = np.stack([ALTITUDES[0], CLIMBS[0], CLIMB_DOT, SPEED, SPEED_DOT], axis=1)
+    np.testing.assert_allclose(initial, expected, rtol=1e-12, atol=1e-12)  # rounding
+    np.testing.assert_allclose(final[:, 0], ALTITUDES[1], atol=1e-9)  # rounding of 1e3 m
+    np.testing.assert_allclose(final[:, 1], CLIMBS[1], atol=1e-11)
+    np.testing.assert_allclose(final[:, 3], PROFILES.speed_2, rtol=1e-13)
     np.testing.assert_allclose(PROFILES.speed_2 - PROFILES.speed_1, CHANGE, atol=1e-12)
     # It arrives without an acceleration.
-    np.testing.assert_allclose(last[:, [2, 4]], 0.0, atol=1e-11)
+    np.testing.assert_allclose(final[:, [2, 4]], 0.0, atol=1e-11)
 
 
-def test_mean_airspeed_is_what_was_asked_and_what_the_first_acceleration_and_a_second_change_add():
+def test_mean_airspeed_is_the_prescribed_one_plus_known_corrections():
     t = np.linspace(0.0, 1.0, 40001)
     speed = np.asarray(along(PROFILES, DURATION[:, None] * t)[0])[..., 3]
     mean = np.sum(0.5 * (speed[:, 1:] + speed[:, :-1]), axis=1) / (t.size - 1)
@@ -98,11 +98,11 @@ def test_mean_airspeed_is_what_was_asked_and_what_the_first_acceleration_and_a_s
     later = 0.5 * np.asarray(PROFILES.speed_ramp_2) * CHANGE / DURATION
     np.testing.assert_allclose(mean, expected + later, rtol=1e-8)
     # Not beyond the steady speed asked, but for making up the change: the mean lies between both ends.
-    last = np.asarray(PROFILES.speed_1)
-    assert np.all((MEAN - SPEED) * (last - MEAN) >= 0.0)
+    final_speeds = np.asarray(PROFILES.speed_1)
+    assert np.all((MEAN - SPEED) * (final_speeds - MEAN) >= 0.0)
 
 
-def test_rates_are_derivatives_and_nothing_jumps():
+def test_rates_are_continuous_derivatives():
     grid = DURATION[:, None] * np.linspace(0.0, 1.0, 500)[1:-1]
     value, slope = (np.asarray(x) for x in along(PROFILES, jnp.asarray(grid)))
     np.testing.assert_allclose(slope[..., 0], value[..., 1], atol=1e-10)  # rounding
@@ -110,8 +110,10 @@ def test_rates_are_derivatives_and_nothing_jumps():
     np.testing.assert_allclose(slope[..., 3], value[..., 4], atol=1e-10)
     # At the kinks themselves accelerations are continuous: a step of 1e-14 s, slopes of 1 m/s^3.
     kinks = np.asarray(jax.vmap(lambda p: p.kinks)(PROFILES))
-    after, before = (np.asarray(along(PROFILES, jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0)))
-    np.testing.assert_allclose(after, before, rtol=1e-12, atol=1e-11)
+    right_limit, left_limit = (
+        np.asarray(along(PROFILES, jnp.asarray(t))[0]) for t in (kinks, np.nextafter(kinks, 0.0))
+    )
+    np.testing.assert_allclose(right_limit, left_limit, rtol=1e-12, atol=1e-11)
 
 
 def test_third_derivatives_jump_at_kinks_only():
@@ -122,8 +124,8 @@ def test_third_derivatives_jump_at_kinks_only():
     jumps = np.max(np.abs(np.diff(slope, axis=1)), axis=2) > 0.05  # fourth derivatives are below 10 m/s^4 in 1 ms
     for k in range(CASES):
         kinks = np.asarray(picked(PROFILES, k).kinks)
-        where = times[1:][jumps[k]]
-        assert all(np.min(np.abs(kinks - t)) <= 2 * step for t in where)
+        jump_times = times[1:][jumps[k]]
+        assert all(np.min(np.abs(kinks - t)) <= 2 * step for t in jump_times)
 
 
 @pytest.mark.parametrize("wind", [STEADY, LAYERED], ids=["steady", "layered"])
@@ -171,21 +173,21 @@ def test_readings_between_ticks_agree_with_the_ticks_and_time_is_the_inverse(lay
         np.testing.assert_allclose(speeds[k] ** 2 + (value[k, :, 1] + air[:, 2]) ** 2, value[k, :, 3] ** 2, rtol=1e-12)
 
 
-def test_speed_needed_and_mean_speed_are_each_others_inverse():
-    last, speed, duration = (jnp.asarray(x) for x in (MEAN, SPEED, DURATION + 200.0))
-    mean = jax.vmap(last_to_mean_speed)(last, speed, duration)
-    again = jax.vmap(mean_to_last_speed)(mean, speed, duration)
-    ramp = jax.vmap(speed_ramp)(speed, again, duration)
-    np.testing.assert_allclose(again, last, rtol=1e-12)  # rounding
+def test_final_and_mean_airspeed_are_inverse_functions():
+    final_speed, speed, duration = (jnp.asarray(x) for x in (MEAN, SPEED, DURATION + 200.0))
+    mean = jax.vmap(last_to_mean_speed)(final_speed, speed, duration)
+    recovered = jax.vmap(mean_to_last_speed)(mean, speed, duration)
+    ramp = jax.vmap(speed_ramp)(speed, recovered, duration)
+    np.testing.assert_allclose(recovered, final_speed, rtol=1e-12)  # rounding
     # A smoothstep's peak is 1.5 times its mean: never harder than meant where there is time for it.
-    assert np.all(1.5 * np.abs(again - speed) / ramp <= _SPEED_RATES[0] * (1 + 1e-12))
+    assert np.all(1.5 * np.abs(recovered - speed) / ramp <= _SPEED_RATES[0] * (1 + 1e-12))
 
 
 def limits_of(value):
-    return PathLimits(**{field: number(of) for field, of in (value | {"bank_max": 1.5}).items()})
+    return PathLimits(**{field: number(limit) for field, limit in (value | {"bank_max": 1.5}).items()})
 
 
-def test_excess_is_what_a_profile_passes_each_limit_by(layered):
+def test_excess_is_measured_against_each_limit(layered):
     intervals = DURATION[:, None] * np.linspace(0.0, 1.0, INTERVALS + 1)
     value = np.asarray(along(PROFILES, jnp.asarray(intervals))[0])
     wide = {
@@ -197,7 +199,7 @@ def test_excess_is_what_a_profile_passes_each_limit_by(layered):
         "acceleration_max": 50.0,
         "deceleration_max": 50.0,
     }
-    found = compiled_quickly(jax.vmap(profile_excess, in_axes=(0, None, None)))(layered, limits_of(wide), GRAVITY)
+    excesses = compiled_quickly(jax.vmap(profile_excess, in_axes=(0, None, None)))(layered, limits_of(wide), GRAVITY)
     for k in range(CASES):
         altitude, climb, _, speed, speed_dot = value[k].T
         climb = climb + blowing(LAYERED, altitude)[:, 2]
@@ -210,18 +212,20 @@ def test_excess_is_what_a_profile_passes_each_limit_by(layered):
             np.max(altitude) - 2e4,
             np.max(np.abs(along_path)) - 50.0,
         ]
-        np.testing.assert_allclose(found[k], expected, atol=1e-9)  # rounding of 1e4 m
-    assert within_profile_limits(found[0])
+        np.testing.assert_allclose(excesses[k], expected, atol=1e-9)  # rounding of 1e4 m
+    assert within_profile_limits(excesses[0])
     # One limit broken is enough.
     for k in range(6):
-        assert not within_profile_limits(found[0].at[k].set(1e-6))
-    assert within_profile_limits(found[0].at[2].set(0.0))
+        assert not within_profile_limits(excesses[0].at[k].set(1e-6))
+    assert within_profile_limits(excesses[0].at[2].set(0.0))
 
 
 def test_gradients_are_finite_for_level_flight_at_steady_speed():
     def outcome(altitude, speed, duration):
-        last = mean_to_last_speed(speed, 150.0, duration)
-        profile = make_profile(duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, (150.0, last, last), 0.0)
+        final_speed = mean_to_last_speed(speed, 150.0, duration)
+        profile = make_profile(
+            duration, (altitude, 1000.0), (0.0, 0.0), 0.0, 0.0, (150.0, final_speed, final_speed), 0.0
+        )
         table = tabulate(profile, LAYERED, 30)  # intervals of 2 s: the shortest change of speed is one of them
         return table.length + jnp.sum(table.drift_n)
 

@@ -1,4 +1,4 @@
-"""Trajectories as splines in time: they begin and end as told, do not jump, and are delivered through any wind exactly."""
+"""Spline trajectories: prescribed end states, smoothness, and exact delivery through any wind."""
 
 import jax
 import jax.numpy as jnp
@@ -40,38 +40,38 @@ def random_spline(seed, climbing=900.0):
 deliver = compiled_quickly(lambda spline, wind: spline_path(3.0, spline, wind, INTERVALS, INTERVALS + MORE))
 
 
-def test_is_the_b_spline_of_its_coefficients():
+def test_a_spline_is_the_b_spline_of_its_coefficients():
     spline = random_spline(1)
     cell = DURATION / CELLS
     oracle = BSpline(cell * np.arange(-3, CELLS + 4), np.asarray(spline.coefficients), 3)
     times = np.linspace(0.0, DURATION, 200)[:-1]
-    found = states_at(spline, jnp.asarray(times))
+    states = states_at(spline, jnp.asarray(times))
     for order in range(3):
-        np.testing.assert_allclose(found[:, order], oracle.derivative(order)(times), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(states[:, order], oracle.derivative(order)(times), rtol=1e-9, atol=1e-8)
 
 
-def test_the_same_places_by_interval_and_by_time():
-    spline, places = random_spline(2), np.array([0.0, 0.3, 1.0])
-    times = DURATION / CELLS * (np.arange(CELLS)[:, None] + places[None, :])
+def test_states_by_interval_equal_states_by_time():
+    spline, fractions = random_spline(2), np.array([0.0, 0.3, 1.0])
+    times = DURATION / CELLS * (np.arange(CELLS)[:, None] + fractions[None, :])
     by_time = states_at(spline, jnp.asarray(times.ravel())).reshape(CELLS, 3, 3, 3)
-    np.testing.assert_allclose(spline_states(spline, places), by_time, rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(spline_states(spline, fractions), by_time, rtol=1e-9, atol=1e-8)
 
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 10_000), st.floats(0.5, 30.0))
-def test_begins_and_ends_as_told(seed, cell):
+def test_a_spline_has_the_prescribed_end_states(seed, cell):
     rng = np.random.default_rng(seed)
-    ends = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
-    first, last = (knot_coefficients(cell) @ jnp.asarray(end) for end in ends)
-    spline = Spline(number(8 * cell), jnp.concatenate([first, jnp.zeros((5, 3)), last]))
+    end_states = rng.normal(0.0, 1.0, (2, 3, 3)) * np.array([1e4, 150.0, 5.0])[None, :, None]
+    first_coefficients, last_coefficients = (knot_coefficients(cell) @ jnp.asarray(end) for end in end_states)
+    spline = Spline(number(8 * cell), jnp.concatenate([first_coefficients, jnp.zeros((5, 3)), last_coefficients]))
     scale = np.array([1e4, 1e4 / cell, 1e4 / cell**2])[:, None]
-    for time, end in zip((0.0, 8 * cell), ends, strict=True):
-        found = states_at(spline, number(time)[None])[0]
-        np.testing.assert_allclose(found / scale, end / scale, atol=1e-12)
+    for time, end in zip((0.0, 8 * cell), end_states, strict=True):
+        state = states_at(spline, number(time)[None])[0]
+        np.testing.assert_allclose(state / scale, end / scale, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", WINDS)
-def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
+def test_a_delivered_path_is_the_spline_in_its_wind(name):
     wind, spline = WINDS[name], random_spline(5)
     path = deliver(spline, wind)
     times = np.asarray(path.times)
@@ -79,26 +79,26 @@ def test_is_delivered_as_it_is_with_the_wind_it_meets(name):
     assert times.size == INTERVALS + MORE
     assert np.all(np.diff(times) >= 0.0)
     np.testing.assert_allclose(times[-1], 3.0 + DURATION, rtol=1e-15)
-    at = np.linspace(0.0, DURATION, 777)
-    found = states_at(spline, jnp.asarray(at))
-    np.testing.assert_allclose(jax.vmap(path.position_n)(3.0 + at), found[:, 0], atol=1e-7)
-    np.testing.assert_allclose(jax.vmap(path.velocity_n)(3.0 + at), found[:, 1], atol=1e-7)
-    through = np.asarray(found[:, 1]) - blowing(wind, -np.asarray(found[:, 0, 2]))
-    np.testing.assert_allclose(jax.vmap(path.air_velocity_n)(3.0 + at), through, atol=1e-6)
+    elapsed = np.linspace(0.0, DURATION, 777)
+    states = states_at(spline, jnp.asarray(elapsed))
+    np.testing.assert_allclose(jax.vmap(path.position_n)(3.0 + elapsed), states[:, 0], atol=1e-7)
+    np.testing.assert_allclose(jax.vmap(path.velocity_n)(3.0 + elapsed), states[:, 1], atol=1e-7)
+    through = np.asarray(states[:, 1]) - blowing(wind, -np.asarray(states[:, 0, 2]))
+    np.testing.assert_allclose(jax.vmap(path.air_velocity_n)(3.0 + elapsed), through, atol=1e-6)
 
 
-def test_its_drift_is_that_of_integration():
+def test_the_drift_is_the_integral_of_the_wind():
     spline = random_spline(6)
     path = deliver(spline, LAYERED)
 
     def rates(t, _):
         return blowing(LAYERED, -np.asarray(states_at(spline, number(t)[None]))[0, :1, 2])[0]
 
-    found = solve_ivp(rates, (0.0, DURATION), np.zeros(3), rtol=1e-9, atol=1e-7, max_step=0.5)
-    np.testing.assert_allclose(path.drift_n[-1, 0], found.y[:, -1], atol=1e-3)
+    integral = solve_ivp(rates, (0.0, DURATION), np.zeros(3), rtol=1e-9, atol=1e-7, max_step=0.5)
+    np.testing.assert_allclose(path.drift_n[-1, 0], integral.y[:, -1], atol=1e-3)
 
 
-def test_where_the_winds_rate_jumps_there_are_two_knots_and_no_error():
+def test_jumps_of_the_winds_rate_have_two_knots_and_no_error():
     spline = random_spline(7)
     path = deliver(spline, LAYERED)
     edges = np.asarray(LAYERED.altitudes)
@@ -116,30 +116,32 @@ def test_where_the_winds_rate_jumps_there_are_two_knots_and_no_error():
     assert float(path_bounds(path, LAYERED, GRAVITY).wind_error_max) < 1e-6
 
 
-def test_more_edges_than_knots_are_no_error_but_a_bound():
+def test_more_edges_than_knots_give_a_larger_bound():
     spline = random_spline(7)
-    few = compiled_quickly(lambda m: spline_path(0.0, m, LAYERED, INTERVALS, INTERVALS + 2))(spline)
-    assert float(path_bounds(few, LAYERED, GRAVITY).wind_error_max) > 0.01
-    assert np.all(np.isfinite(few.drift_n))
+    path = compiled_quickly(lambda m: spline_path(0.0, m, LAYERED, INTERVALS, INTERVALS + 2))(spline)
+    assert float(path_bounds(path, LAYERED, GRAVITY).wind_error_max) > 0.01
+    assert np.all(np.isfinite(path.drift_n))
 
 
-def test_how_far_a_change_moves_an_aircraft():
+def test_mean_squares_are_those_of_the_motion():
     spline = random_spline(8)
     squares = np.asarray(mean_squares())
     # In the mean over an interval, of place, velocity and acceleration.
     fine = np.asarray(spline_states(spline, (np.arange(2000) + 0.5) / 2000))[4]
-    held = np.asarray(spline.coefficients)[4:8]
+    coefficients = np.asarray(spline.coefficients)[4:8]
     for order in range(3):
-        found = np.einsum("kl,ka,la->", squares[order], held, held) / (DURATION / CELLS) ** (2 * order)
-        np.testing.assert_allclose(found, np.mean(np.sum(fine[:, order] ** 2, axis=1)), rtol=1e-5)
+        mean_square = np.einsum("kl,ka,la->", squares[order], coefficients, coefficients) / (DURATION / CELLS) ** (
+            2 * order
+        )
+        np.testing.assert_allclose(mean_square, np.mean(np.sum(fine[:, order] ** 2, axis=1)), rtol=1e-5)
 
 
-def test_one_by_one_as_a_batch_and_derivatives_are_finite():
+def test_batches_equal_single_splines_with_finite_derivatives():
     splines = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(random_spline(k) for k in range(3)))
-    many = compiled_quickly(jax.vmap(lambda m: spline_path(3.0, m, LAYERED, INTERVALS, INTERVALS + MORE)))(splines)
+    batch = compiled_quickly(jax.vmap(lambda m: spline_path(3.0, m, LAYERED, INTERVALS, INTERVALS + MORE)))(splines)
     for k in range(3):
-        one = deliver(jax.tree.map(lambda leaf, k=k: leaf[k], splines), LAYERED)
-        np.testing.assert_allclose(many.air_n[k], one.air_n, rtol=1e-9, atol=1e-9)
+        single = deliver(jax.tree.map(lambda leaf, k=k: leaf[k], splines), LAYERED)
+        np.testing.assert_allclose(batch.air_n[k], single.air_n, rtol=1e-9, atol=1e-9)
 
     def end(spline):
         path = spline_path(0.0, spline, LAYERED, INTERVALS, INTERVALS + MORE)

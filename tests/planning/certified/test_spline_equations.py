@@ -1,4 +1,4 @@
-"""What splines pass: the equations against automatic derivatives, what is passed against the judge's own formulas."""
+"""Violations of splines: normal equations against automatic derivatives, violations against the independent checker."""
 
 import functools
 
@@ -34,12 +34,12 @@ CELLS = 16
 GROUPS = CELLS // 4
 
 
-def problem_of(seed, who, duration=230.0):
+def problem_of(seed, index, duration=230.0):
     tasks, airspace, _ = planner_task(random_case(seed))
-    return SplineProblem(picked(tasks, who), airspace, number(duration))
+    return SplineProblem(picked(tasks, index), airspace, number(duration))
 
 
-def begun(problem, k=0):
+def start_of(problem, k=0):
     return spline_start(problem, CELLS, picked(make_guesses(6), k))
 
 
@@ -61,77 +61,77 @@ TASKS = ((34, 1), (90, 3), (104, 0))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "who"), TASKS)
-def test_normal_equations_are_those_of_automatic_derivatives(seed, who):
-    problem = problem_of(seed, who)
-    begin = begun(problem, 2)
+@pytest.mark.parametrize(("seed", "index"), TASKS)
+def test_normal_equations_are_those_of_automatic_derivatives(seed, index):
+    problem = problem_of(seed, index)
+    start = start_of(problem, 2)
 
     def rows(x):
-        spline = Spline(problem.duration, update_coefficients(begin, problem.duration / CELLS, x))
+        spline = Spline(problem.duration, update_coefficients(start, problem.duration / CELLS, x))
         times = spline.cell * (jnp.arange(CELLS)[:, None] + jnp.asarray(_SAMPLE_POINTS)[None, :])
-        one = functools.partial(_violations, problem, begin.allowed)
-        return jax.vmap(jax.vmap(one))(times, spline_states(spline, _SAMPLE_POINTS)).ravel()
+        violations_at = functools.partial(_violations, problem, start.allowed)
+        return jax.vmap(jax.vmap(violations_at))(times, spline_states(spline, _SAMPLE_POINTS)).ravel()
 
     x = changes(seed)
-    found = jax.jit(functools.partial(normal_equations, problem))(begin, x)
+    equations = jax.jit(functools.partial(normal_equations, problem))(start, x)
     violations = rows(x)
     jacobian = jax.jit(jax.jacfwd(rows))(x).reshape(violations.size, -1)
     assert np.sum(np.asarray(violations) > 0.0) > 20
-    np.testing.assert_allclose(found.cost, 0.5 * np.sum(np.asarray(violations) ** 2), rtol=1e-12)
+    np.testing.assert_allclose(equations.cost, 0.5 * np.sum(np.asarray(violations) ** 2), rtol=1e-12)
     expected = np.asarray(jacobian.T @ jacobian)
-    np.testing.assert_allclose(dense(found.form), expected, atol=1e-12 * np.max(expected))
+    np.testing.assert_allclose(dense(equations.form), expected, atol=1e-12 * np.max(expected))
     gradient = np.asarray(jacobian.T @ violations)
-    np.testing.assert_allclose(found.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
+    np.testing.assert_allclose(equations.gradient.ravel(), gradient, atol=1e-11 * np.max(np.abs(gradient)))
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("seed", "who"), TASKS)
-def test_the_size_of_a_step_is_what_it_moves(seed, who):
-    problem = problem_of(seed, who)
-    begin = begun(problem)
+@pytest.mark.parametrize(("seed", "index"), TASKS)
+def test_the_size_of_a_step_is_its_mean_motion(seed, index):
+    problem = problem_of(seed, index)
+    start = start_of(problem)
     cell = problem.duration / CELLS
     x = changes(seed + 1)
     # Of the last group, what changes nothing counts by itself.
-    form = dense(step_metric(problem, begin))
-    idle = np.flatnonzero(
-        np.all(np.asarray(jax.jacfwd(lambda y: update_coefficients(begin, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
+    form = dense(step_metric(problem, start))
+    inactive = np.flatnonzero(
+        np.all(np.asarray(jax.jacfwd(lambda y: update_coefficients(start, cell, y))(x)) == 0.0, axis=(0, 1)).ravel()
     )
-    assert idle.size in (3, 4, 5)
+    assert inactive.size in (3, 4, 5)
     flat = np.array(x).ravel()
-    flat[idle] = 0.0
-    step = update_coefficients(begin, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - begin.coefficients
+    flat[inactive] = 0.0
+    step = update_coefficients(start, cell, jnp.asarray(flat).reshape(GROUPS, 12)) - start.coefficients
     fine = np.asarray(spline_states(Spline(problem.duration, step), (np.arange(400) + 0.5) / 400))
     sizes = np.mean(np.sum(fine**2, axis=3), axis=(0, 1)) / np.array([3000.0, 30.0, 3.0]) ** 2
     np.testing.assert_allclose(flat @ form @ flat, np.sum(sizes), rtol=1e-4)
     assert np.min(np.linalg.eigvalsh(form)) > 0.0
 
 
-@pytest.mark.parametrize(("seed", "who"), TASKS)
-def test_begins_and_arrives_as_asked_whatever_the_change(seed, who):
-    problem = problem_of(seed, who)
+@pytest.mark.parametrize(("seed", "index"), TASKS)
+def test_changed_splines_keep_their_end_conditions(seed, index):
+    problem = problem_of(seed, index)
     rendezvous = problem.task.rendezvous
     for k in range(6):
-        begin = begun(problem, k)
-        coefficients = update_coefficients(begin, problem.duration / CELLS, changes(k, 50.0))
-        first, last = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
-        np.testing.assert_allclose(first, initial_state_n(problem), rtol=1e-9, atol=1e-8)
-        np.testing.assert_allclose(last[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
-        north, east, down = np.asarray(last[1])
+        start = start_of(problem, k)
+        coefficients = update_coefficients(start, problem.duration / CELLS, changes(k, 50.0))
+        initial, final = states_at(Spline(problem.duration, coefficients), jnp.stack([number(0.0), problem.duration]))
+        np.testing.assert_allclose(initial, initial_state_n(problem), rtol=1e-9, atol=1e-8)
+        np.testing.assert_allclose(final[0], problem.task.meeting_n(problem.duration), rtol=1e-9)
+        north, east, down = np.asarray(final[1])
         if rendezvous.course_prescribed:
             assert np.cos(np.arctan2(east, north) - float(rendezvous.course)) == pytest.approx(1.0, abs=1e-12)
         if rendezvous.path_angle_prescribed:
             assert np.arctan2(-down, np.hypot(north, east)) == pytest.approx(float(rendezvous.path_angle), abs=1e-9)
 
 
-def test_an_arrival_backwards_is_none():
-    bound, free = begun(problem_of(34, 1)), begun(problem_of(104, 0))
-    onward = bound.frame[:, 0]
-    assert bool(arrives_forward(bound, 150.0 * onward))
-    assert not bool(arrives_forward(bound, -150.0 * onward))
-    assert bool(arrives_forward(free, -150.0 * onward))
+def test_a_backward_arrival_is_rejected():
+    bound_start, free_start = start_of(problem_of(34, 1)), start_of(problem_of(104, 0))
+    onward = bound_start.frame[:, 0]
+    assert bool(arrives_forward(bound_start, 150.0 * onward))
+    assert not bool(arrives_forward(bound_start, -150.0 * onward))
+    assert bool(arrives_forward(free_start, -150.0 * onward))
 
 
-def test_what_is_passed_is_what_the_judge_would_say():
+def test_violations_agree_with_the_independent_checker():
     case = random_case(104)
     problem = problem_of(104, 0)
     allowed = initial_limits(problem, number(1.0))
@@ -142,40 +142,40 @@ def test_what_is_passed_is_what_the_judge_would_say():
         if np.hypot(*velocity[:2]) < 40.0:
             continue
         acceleration = rng.normal(0.0, 5.0, 3)
-        found = np.asarray(
+        violations = np.asarray(
             _limit_violations(problem, allowed, number(altitude), jnp.asarray(velocity), jnp.asarray(acceleration))
         )
         wind = case.wind.at(np.array([altitude]))[:, 0]
-        asked = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(problem.airspace.gravity))
-        side, normal, along = float(asked.side[0]), float(asked.normal[0]), float(asked.along[0])
+        demands = path_demands(velocity[:, None], acceleration[:, None], wind[:, None], float(problem.airspace.gravity))
+        side, normal, along = float(demands.side[0]), float(demands.normal[0]), float(demands.along[0])
         gravity = float(problem.airspace.gravity)
         expected = [
-            (float(allowed.speed_min) - asked.speed[0]) / 5.0,
-            (asked.speed[0] - float(allowed.speed_max)) / 5.0,
+            (float(allowed.speed_min) - demands.speed[0]) / 5.0,
+            (demands.speed[0] - float(allowed.speed_max)) / 5.0,
             abs(side) - float(allowed.bank) * normal,
             np.hypot(side, normal) - float(allowed.load_factor) * gravity,
             max(along - float(allowed.acceleration), -along - float(allowed.deceleration)) / 0.3,
-            (abs(asked.climb_rate[0]) - float(allowed.climb_rate)) / 2.0,
+            (abs(demands.climb_rate[0]) - float(allowed.climb_rate)) / 2.0,
         ]
         # One in the root of the speed keeps derivatives finite.
-        np.testing.assert_allclose(found[:6], np.maximum(expected, 0.0), atol=0.02)
+        np.testing.assert_allclose(violations[:6], np.maximum(expected, 0.0), atol=0.02)
 
 
-def test_narrower_by_what_is_passed_and_never_empty():
+def test_limits_are_tightened_by_violations_and_never_empty():
     problem = problem_of(90, 3)
     limits = problem.task.limits
     allowed = initial_limits(problem, number(0.99))
-    same = tighten_limits(problem, allowed, jnp.full(9, -0.1))
-    for kept, before in zip(same, allowed, strict=True):
-        np.testing.assert_allclose(kept, before, rtol=1e-15)
+    unchanged = tighten_limits(problem, allowed, jnp.full(9, -0.1))
+    for value, reference in zip(unchanged, allowed, strict=True):
+        np.testing.assert_allclose(value, reference, rtol=1e-15)
     over = np.zeros(9)
     fields = [limit.field for limit in CERTIFIED_LIMITS]
     over[fields.index("bank_max")] = 0.02
     over[fields.index("speed_min")] = 0.001
-    less = tighten_limits(problem, allowed, jnp.asarray(over))
-    assert float(less.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
-    assert float(less.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
-    assert float(less.load_factor) == float(allowed.load_factor)
-    none = tighten_limits(problem, allowed, jnp.full(9, 50.0))
-    assert float(none.speed_min) <= float(none.speed_max)
-    assert float(none.bank) > 0.0
+    tightened = tighten_limits(problem, allowed, jnp.asarray(over))
+    assert float(tightened.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
+    assert float(tightened.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
+    assert float(tightened.load_factor) == float(allowed.load_factor)
+    tightest = tighten_limits(problem, allowed, jnp.full(9, 50.0))
+    assert float(tightest.speed_min) <= float(tightest.speed_max)
+    assert float(tightest.bank) > 0.0
