@@ -72,7 +72,7 @@ def test_an_invalid_key_is_reported(change, expected):
     values = copy.deepcopy(THREE)
     change(values)
     (error,) = schema_errors(Scenario, values)
-    assert words in error
+    assert expected in error
 
 
 @pytest.mark.parametrize(

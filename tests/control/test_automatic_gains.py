@@ -10,9 +10,11 @@ from anser.aircraft import flight_condition
 from anser.aircraft_files import load_airframe
 from anser.analysis import margins_at
 from anser.control import automatic_gains, published_gains
-from anser.control.gains import LOOP_SEPARATION_MIN, derived_bandwidths, loop_separations
+from anser.control.gains import derived_bandwidths
+from anser.control.loop_separations import LOOP_SEPARATION_MIN
 from anser.environment import standard_environment
 from support.light_aircraft import light_aircraft
+from support.loops import separations_of
 from support.trims import target_deg, trim
 
 ENVIRONMENT = standard_environment()
@@ -80,7 +82,7 @@ def test_the_small_uav_keeps_six_decibels_and_forty_degrees(speed_m_s):
 
 def test_loop_bandwidths_stay_separated(light):
     airframe, point = light
-    for pair in loop_separations(automatic_gains(bandwidths_of(airframe, point, 0.01))):
+    for pair in separations_of(automatic_gains(bandwidths_of(airframe, point, 0.01))):
         assert pair.ratio >= LOOP_SEPARATION_MIN - 1e-9, pair
 
 

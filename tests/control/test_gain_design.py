@@ -8,7 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.control import published_gains
-from anser.control.gains import LOOP_SEPARATION_MIN, design_gains, loop_bandwidth, loop_separations
+from anser.control.gains import design_gains, loop_bandwidth
+from anser.control.loop_separations import LOOP_SEPARATION_MIN
+from support.loops import separations_of
 
 three = jnp.ones(3)
 
@@ -35,7 +37,7 @@ def test_poles_have_the_required_sum_and_damping(bandwidth, damping, derivative)
 
 
 def test_published_loops_are_separated():
-    ratios = {(pair.outer, pair.inner): float(pair.ratio) for pair in loop_separations(published_gains())}
+    ratios = {(pair.outer, pair.inner): float(pair.ratio) for pair in separations_of(published_gains())}
     expected = {
         ("V", "engine"): 5.0,
         ("gamma", "alpha"): 2.0,
@@ -47,4 +49,4 @@ def test_published_loops_are_separated():
         assert ratios[pair] == pytest.approx(ratio), pair
     assert min(ratios.values()) == LOOP_SEPARATION_MIN
     open_loop = eqx.tree_at(lambda g: g.velocity.proportional, published_gains(), jnp.zeros(3))
-    assert float(loop_separations(open_loop)[1].ratio) == np.inf
+    assert float(separations_of(open_loop)[1].ratio) == np.inf

@@ -7,7 +7,7 @@ import pytest
 from anser.config import ScenarioError
 from anser.control import published_gains
 from anser.scenario import build_flight, loads
-from anser.scenario.build_aircraft import build_airframe_of, derive_defaults, resolve_gains, resolve_limits
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.cautions import find_cautions
 
 AIRCRAFT = """
@@ -60,13 +60,11 @@ def uav_scenario():
 
 @pytest.fixture(scope="module")
 def capability(uav_scenario):
-    return derive_defaults(
-        uav_scenario, uav_scenario.aircraft[0], build_airframe_of(uav_scenario.aircraft[0])
-    ).capability
+    return resolve_fleet(uav_scenario)[0].capability
 
 
 def test_limits_left_out_follow_from_the_trim_map(uav_scenario, capability):
-    limits = resolve_limits(uav_scenario, uav_scenario.aircraft[0])
+    limits = resolve_fleet(uav_scenario)[0].limits
     # its data hold from 13 to 40 m/s; with a tenth of power and elevator left it flies level from 17 to 29
     assert 15.0 < capability.speed_min < 18.0
     assert 28.0 < capability.speed_max < 32.0
@@ -81,7 +79,7 @@ def test_limits_left_out_follow_from_the_trim_map(uav_scenario, capability):
 
 def test_limits_of_the_scenario_take_precedence_with_a_caution(capability):
     limited = scenario(uav(), limits="limits = { bank_max_deg = 80.0, climb_rate_max_m_s = 2.0 }")
-    limits = resolve_limits(limited, limited.aircraft[0])
+    limits = resolve_fleet(limited)[0].limits
     assert (limits.bank_max_deg, limits.climb_rate_max_m_s) == (80.0, 2.0)
     cautions = [text for text in find_cautions(limited) if text.startswith("limits.")]
     assert len(cautions) == 1
@@ -89,13 +87,13 @@ def test_limits_of_the_scenario_take_precedence_with_a_caution(capability):
 
 
 def test_gains_derive_from_the_aircraft_unless_the_scenario_has_them(uav_scenario):
-    derived = resolve_gains(uav_scenario, uav_scenario.aircraft[0])
+    derived = resolve_fleet(uav_scenario)[0].gains
     # actuators of 0.05 s bear the published bandwidths, its sampling does not bear more; its stiffness asks for pitch
     published = published_gains().rates.proportional
     np.testing.assert_allclose(derived.rates.proportional[np.array([0, 2])], published[np.array([0, 2])])
     assert published[1] < derived.rates.proportional[1] < 1.5 * published[1]
     scenario_with_gains = scenario(uav(more="[aircraft.gains.velocity]\nproportional = [0.5, 0.4, 0.3]"))
-    gains = resolve_gains(scenario_with_gains, scenario_with_gains.aircraft[0])
+    gains = resolve_fleet(scenario_with_gains)[0].gains
     np.testing.assert_array_equal(gains.velocity.proportional, [0.5, 0.4, 0.3])
     np.testing.assert_array_equal(gains.rates.proportional, derived.rates.proportional)
 
@@ -103,12 +101,12 @@ def test_gains_derive_from_the_aircraft_unless_the_scenario_has_them(uav_scenari
 def test_the_library_f16_keeps_its_gains_and_limits():
     jet_scenario = scenario(jet(), speed=150.0)
     for gain, published in zip(
-        jax.tree.leaves(resolve_gains(jet_scenario, jet_scenario.aircraft[0])),
+        jax.tree.leaves(resolve_fleet(jet_scenario)[0].gains),
         jax.tree.leaves(published_gains()),
         strict=True,
     ):
         np.testing.assert_array_equal(gain, published)
-    assert resolve_limits(jet_scenario, jet_scenario.aircraft[0]) == jet_scenario.limits
+    assert resolve_fleet(jet_scenario)[0].limits == jet_scenario.limits
 
 
 def test_a_mixed_fleet_has_limits_and_airspeeds_by_aircraft():

@@ -55,6 +55,14 @@ class Table(BaseModel):
         """Raise TypeError: pydantic's older copy method would skip validation."""
         raise _unchecked(f"{type(self).__name__}.copy()")
 
+    def with_defaults(self, **defaults: Any) -> Self:
+        """Return the table with these values for keys left out of the file, which stay marked as left out."""
+        return self._with_values(**{key: value for key, value in defaults.items() if key not in self.model_fields_set})
+
+    def _with_values(self, **values: Any) -> Self:
+        """Return the table with other values, which nothing validates."""
+        return super().model_construct(self.model_fields_set, **{**self.__dict__, **values})
+
     @classmethod
     def model_construct(cls, _fields_set: set[str] | None = None, **values: Any) -> Never:
         """Raise TypeError: the table would skip validation."""

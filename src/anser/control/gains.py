@@ -1,7 +1,5 @@
 """Gains of the three loops: published ([TH], theory section 5), by bandwidths, or derived from the aircraft."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +8,7 @@ import numpy as np
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import FlightCondition
 from anser.control.allocation import deflection_for_moment, surface_moments
+from anser.control.loop_separations import PUBLISHED_ACTUATOR_BANDWIDTH, PUBLISHED_ENGINE_BANDWIDTH
 from anser.numerics.arrays import as_array
 from anser.numerics.linear import product3, times3
 from anser.shapes import Scalar, ScalarLike, Vector, Vector3
@@ -80,32 +79,11 @@ def published_gains() -> AutopilotGains:
         attitude_command_bandwidth=as_array(4.0),
         rates_command_bandwidth=as_array(3.0),
         surfaces_command_bandwidth=as_array(20.0),
-        actuator_bandwidth=as_array(40.0),
+        actuator_bandwidth=as_array(PUBLISHED_ACTUATOR_BANDWIDTH),
         surface_bandwidth=as_array(0.5),
-        engine_bandwidth=as_array(5.0),
+        engine_bandwidth=as_array(PUBLISHED_ENGINE_BANDWIDTH),
         sensor_bandwidth=as_array(0.0),
     )
-
-
-LOOP_SEPARATION_MIN = 2.0
-"""Least ratio of the bandwidths of an inner and an outer loop: the least among the published gains.
-
-Two nested first-order loops form a pair with damping sqrt(ratio)/2, 0.71 at a ratio of 2; below, they oscillate."""
-
-
-class LoopSeparation(NamedTuple):
-    """A loop inside another loop: names of the channels, bandwidths (1/s) and the ratio of the bandwidths."""
-
-    outer: str
-    inner: str
-    outer_bandwidth: Scalar
-    inner_bandwidth: Scalar
-
-    @property
-    def ratio(self) -> Scalar:
-        """Inner bandwidth over outer bandwidth; infinite if the outer loop is open."""
-        is_closed = self.outer_bandwidth > 0.0
-        return jnp.where(is_closed, self.inner_bandwidth / jnp.where(is_closed, self.outer_bandwidth, 1.0), jnp.inf)
 
 
 def design_gains(
@@ -139,20 +117,6 @@ def design_gains(
 def loop_bandwidth(gains: LoopGains) -> Vector3:
     """Bandwidth K_P/(1 + K_D) per channel, 1/s."""
     return gains.proportional / (1.0 + gains.derivative)
-
-
-def loop_separations(gains: AutopilotGains) -> tuple[LoopSeparation, ...]:
-    """Pairs of an outer loop and the inner loop below: path angle on alpha, course on bank, speed on the engine, ..."""
-    rates, attitude, velocity = (loop_bandwidth(loop) for loop in (gains.rates, gains.attitude, gains.velocity))
-    return (
-        LoopSeparation("V", "engine", velocity[0], gains.engine_bandwidth),
-        LoopSeparation("gamma", "alpha", velocity[1], attitude[1]),
-        LoopSeparation("chi", "mu", velocity[2], attitude[0]),
-        LoopSeparation("mu", "P", attitude[0], rates[0]),
-        LoopSeparation("alpha", "Q", attitude[1], rates[1]),
-        LoopSeparation("beta", "R", attitude[2], rates[2]),
-        *(LoopSeparation(name, "surfaces", rates[k], gains.actuator_bandwidth) for k, name in enumerate("PQR")),
-    )
 
 
 _ACTUATOR_SPEEDUP = 2.0

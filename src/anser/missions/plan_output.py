@@ -22,7 +22,7 @@ from anser.report.plan_figures import draw_plan
 from anser.results.plan_outputs import plan_summary, write_trajectories
 from anser.results.plan_record import PlanDetails, plan_dataset
 from anser.results.summary import write_summary
-from anser.scenario.build_aircraft import resolve_limits
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Goal
 
@@ -187,7 +187,7 @@ def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dic
 
     The published planner derives no limits, and only for this planner is the level-off after the arrival checked.
     """
-    values_by_key, resolved = {}, [resolve_limits(scenario, aircraft) for aircraft in scenario.aircraft]
+    values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:
         scenario_values = [getattr(limits, limit.scenario_key) for limits in resolved]
         if None not in scenario_values:

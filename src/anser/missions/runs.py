@@ -24,7 +24,7 @@ from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.plans import plan
 from anser.missions.saved_flights import FLIGHT, SUMMARY, SavedFlight
 from anser.numerics.arrays import as_array, cast_to_precision
-from anser.scenario.build_aircraft import resolve_limits
+from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
 from anser.scenario.schema import Scenario
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
@@ -91,8 +91,8 @@ def limits_text(scenario: Scenario, flight: Flight) -> str:
                 name: [round(float(a), 6), round(float(b), 6)] for name, a, b in surface_stops if np.isfinite(a + b)
             }
     limits_by_aircraft = [
-        resolve_limits(scenario, aircraft).model_dump() | {"surfaces_deg": stops[index]}
-        for index, aircraft in enumerate(scenario.aircraft)
+        aircraft.limits.model_dump() | {"surfaces_deg": stops[index]}
+        for index, aircraft in enumerate(resolve_fleet(scenario))
     ]
     return json.dumps(limits_by_aircraft)
 

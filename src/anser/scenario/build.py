@@ -19,12 +19,11 @@ from anser.parts.planners import Rendezvous, make_rendezvous
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.scenario.build_aircraft import (
-    build_airframe_of,
+    ResolvedAircraft,
     build_flight_limits,
     build_guidance,
     disperse_airframe,
-    resolve_gains,
-    resolve_limits,
+    resolve_fleet,
 )
 from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_planner import build_planner
@@ -101,28 +100,27 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
         Number of the flight; together with the scenario's seed it determines all random numbers.
     """
     timing = scenario.timing
-    fleet = [*scenario.aircraft, *[scenario.aircraft[-1]] * (-len(scenario.aircraft) % _FLEET if pad_fleet else 0)]
-    goals = _goals([scenario.goal_of(a) for a in fleet], scenario.event)
-    guidance = build_guidance(scenario)
+    resolved = resolve_fleet(scenario)
+    fleet = [*resolved, *resolved[-1:] * (-len(resolved) % _FLEET if pad_fleet else 0)]
+    goals = _goals([scenario.goal_of(aircraft.table) for aircraft in fleet], scenario.event)
     return assemble(
         build_environment(scenario),
         [
-            (_vehicle(scenario, a, goal), _start(a), ned(a.start.position_m))
-            for a, goal in zip(fleet, goals, strict=True)
+            (_vehicle(scenario, aircraft, goal), _start(aircraft.table), ned(aircraft.table.start.position_m))
+            for aircraft, goal in zip(fleet, goals, strict=True)
         ],
-        build_planner(scenario, fleet, guidance),
+        build_planner(scenario, fleet, build_guidance(scenario, resolved)),
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,
         flight_randomness(scenario.seed, flight),
-        len(scenario.aircraft),
+        len(resolved),
     )
 
 
-def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicle:
-    nominal_airframe, speed_m_s = build_airframe_of(aircraft), scenario.speed_for(aircraft)
-    guidance, limits = build_guidance(scenario, aircraft), build_flight_limits(resolve_limits(scenario, aircraft))
-    gains = resolve_gains(scenario, aircraft)
+def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -> Vehicle:
+    aircraft, nominal_airframe, gains = resolved.table, resolved.airframe, resolved.gains
+    guidance, limits = build_guidance(scenario, [resolved]), build_flight_limits(resolved.limits)
     is_dispersed = aircraft.deviation != Deviation()
     airframe = disperse_airframe(nominal_airframe, aircraft.deviation) if is_dispersed else nominal_airframe
     return Vehicle(
@@ -136,7 +134,7 @@ def _vehicle(scenario: Scenario, aircraft: Aircraft, goal: GoalMotion) -> Vehicl
             goal=goal,
             airborne=as_array(scenario.goal_of(aircraft).kind == "airborne", bool),
             rendezvous=_rendezvous(aircraft),
-            hold=HoldAroundGoal(guidance, limits, gains.velocity, as_array(speed_m_s)),
+            hold=HoldAroundGoal(guidance, limits, gains.velocity, as_array(scenario.speed_for(aircraft))),
         ),
         faults=build_faults(aircraft, scenario.event),
     )

@@ -3,10 +3,10 @@
 Defaults left out of the scenario are derived from the aircraft's trim map.
 """
 
-import copy
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import equinox as eqx
@@ -25,6 +25,7 @@ from anser.aircraft_files.build import disperse_file_airframe
 from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.library import airframe_of_table
 from anser.compiling.options import compiled, enable_compilation_cache
+from anser.config.tables import content_hash
 from anser.control.gains import (
     AutopilotGains,
     Bandwidths,
@@ -80,7 +81,6 @@ _SPEED_SEARCH_RANGE = (0.3, 3.0)
 """Airspeeds searched for level flight, as factors of the preferred airspeed, if the data range is unknown."""
 _BANK_MAX_DEG = 45.0
 """Default limit of the planned bank angle, deg."""
-_CACHE_SIZE = 64
 
 
 class DerivedDefaults(NamedTuple):
@@ -90,22 +90,86 @@ class DerivedDefaults(NamedTuple):
     bandwidths: Bandwidths
 
 
-_defaults_cache: dict[
-    tuple[int, float, float, float, tuple[float, float]], tuple[AbstractAirframe, DerivedDefaults]
-] = {}
+@dataclass(frozen=True)
+class ResolvedAircraft:
+    """An aircraft of a scenario with the values that the scenario leaves open: derived from the aircraft, or defaults.
+
+    Attributes
+    ----------
+    table
+        The aircraft's table.
+    airframe
+        Nominal airframe, as assumed by autopilot and planner.
+    limits, gains
+        Limits and autopilot gains.
+    correction_max_m_s
+        Greatest velocity correction by position feedback, m/s.
+    plan_roll_rate
+        Mean roll rate of plans, rad/s.
+    capability
+        Performance limits by the trim map; None for the library's F-16.
+    """
+
+    table: Aircraft
+    airframe: AbstractAirframe
+    limits: Limits
+    gains: AutopilotGains
+    correction_max_m_s: float
+    plan_roll_rate: float
+    capability: Capability | None
 
 
-def has_derived_defaults(aircraft: Aircraft) -> bool:
-    """Whether gains and limits are derived from the aircraft: true for every aircraft except the library's F-16."""
-    return aircraft.airframe is not None or aircraft.type != "f16"
+def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
+    """Resolve the limits, gains and path-following values of every aircraft of a scenario."""
+    return tuple(_resolve_aircraft(scenario, aircraft) for aircraft in scenario.aircraft)
 
 
-def derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
+def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:
+    """Resolve the limits, gains and path-following values of one aircraft."""
+    airframe, limits, gains = build_airframe_of(aircraft), scenario.limits_for(aircraft), build_gains(aircraft)
+    roll_rate = _ROLL_RATE_DEG_S * DEG_RAD
+    if aircraft.is_library_f16:
+        return ResolvedAircraft(aircraft, airframe, limits, gains, _CORRECTION_MAX_M_S, roll_rate, None)
+    defaults = _derive_defaults(scenario, aircraft, airframe)
+    if scenario.limits.roll_rate_max_deg_s is None:
+        # the bank loop must be able to follow the plan
+        roll_rate = min(roll_rate, float(defaults.bandwidths.attitude[0]) * _BANK_LAG_MAX)
+    return ResolvedAircraft(
+        aircraft,
+        airframe,
+        _derived_limits(limits, defaults.capability),
+        _with_derived_gains(gains, aircraft, defaults),
+        min(_CORRECTION_MAX_M_S, _CORRECTION_SHARE * scenario.speed_for(aircraft)),
+        roll_rate,
+        defaults.capability,
+    )
+
+
+@dataclass(frozen=True)
+class _FlightCase:
+    """Arguments of `compute_defaults`; equal if the aircraft have the same content."""
+
+    aircraft_content: tuple[str, str, float | None, str]
+    airframe: AbstractAirframe = field(compare=False)
+    altitude_m: float
+    speed_m_s: float
+    speeds_m_s: tuple[float, float]
+    step_s: float
+
+
+def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
     """Derived defaults at the rounded start altitude and the preferred airspeed, in the standard atmosphere."""
     speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
     speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if data_range is None else data_range
-    return compute_defaults(airframe, altitude, speed, speeds, scenario.timing.step_s)
+    file = "" if aircraft.airframe is None else content_hash(aircraft.airframe)
+    content = (aircraft.type, aircraft.variant, aircraft.x_cg_over_c, file)
+    return _defaults_of(_FlightCase(content, airframe, altitude, speed, speeds, scenario.timing.step_s))
+
+
+@functools.lru_cache(maxsize=64)
+def _defaults_of(case: _FlightCase) -> DerivedDefaults:
+    return compute_defaults(case.airframe, case.altitude_m, case.speed_m_s, case.speeds_m_s, case.step_s)
 
 
 def compute_defaults(
@@ -122,19 +186,12 @@ def compute_defaults(
     step_s
         Sample time of the autopilot.
     """
-    key = (id(airframe), speed_m_s, altitude_m, step_s, speeds_m_s)
-    if key not in _defaults_cache:
-        if len(_defaults_cache) >= _CACHE_SIZE:
-            _defaults_cache.clear()
-        environment = standard_environment()
-        speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
-        points, bandwidths = _capability_and_bandwidths(
-            airframe, environment, as_array(altitude_m), as_array(speed_m_s), as_array(step_s), speed_bounds
-        )
-        capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
-        # the airframe stands beside it, so that its identity is that of no other
-        _defaults_cache[key] = airframe, DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
-    return _defaults_cache[key][1]
+    speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
+    points, bandwidths = _capability_and_bandwidths(
+        airframe, standard_environment(), as_array(altitude_m), as_array(speed_m_s), as_array(step_s), speed_bounds
+    )
+    capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
+    return DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
 
 
 @compiled
@@ -155,7 +212,9 @@ def _capability_and_bandwidths(
     )
 
 
-def with_derived_gains(scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults) -> AutopilotGains:
+def _with_derived_gains(
+    scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
+) -> AutopilotGains:
     """Automatic gains, except in the loops for which the scenario gives gains."""
     gains = automatic_gains(defaults.bandwidths)
     for loop in ("rates", "attitude", "velocity"):
@@ -164,37 +223,32 @@ def with_derived_gains(scenario_gains: AutopilotGains, aircraft: Aircraft, defau
     return eqx.tree_at(lambda g: g.sensor_bandwidth, gains, scenario_gains.sensor_bandwidth)
 
 
-def derived_limits(limits: Limits, capability: Capability) -> Limits:
+def _derived_limits(limits: Limits, capability: Capability) -> Limits:
     """Limits of the scenario; keys left out follow from the aircraft's trim map.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
     so that the aircraft can still turn with that bank.
     """
-    scenario_keys = limits.model_fields_set
     if math.isnan(capability.speed_min):
-        return limits  # it does not fly level anywhere: what stands in its way is told by its trim
-    resolved = copy.copy(limits)
-
-    def instead(key: str, derived_value: float) -> None:
-        if key not in scenario_keys:
-            object.__setattr__(resolved, key, derived_value)
-
+        return limits  # level flight is impossible: the refusal of the trim gives the reason
     bank_deg = min(limits.bank_max_deg, math.degrees(capability.bank_max), _BANK_MAX_DEG)
     if bank_deg > 0.0:
-        instead("bank_max_deg", bank_deg)
-    bank_deg = min(resolved.bank_max_deg, math.degrees(capability.bank_max))
+        limits = limits.with_defaults(bank_max_deg=bank_deg)
+    bank_deg = min(limits.bank_max_deg, math.degrees(capability.bank_max))
     slowest = capability.speed_min / math.sqrt(math.cos(math.radians(bank_deg)))
     fastest = min(capability.speed_max, limits.speed_max_m_s)
     if slowest < fastest:
-        instead("speed_min_m_s", max(slowest, limits.speed_min_m_s))
-        instead("speed_max_m_s", fastest)
+        limits = limits.with_defaults(
+            speed_min_m_s=max(slowest, limits.speed_min_m_s),
+            speed_max_m_s=fastest,
+        )
     climb = min(capability.climb_rate_max, capability.sink_rate_max)
     if climb > 0.0:
-        instead("climb_rate_max_m_s", min(limits.climb_rate_max_m_s, climb))
-    return resolved
+        limits = limits.with_defaults(climb_rate_max_m_s=min(limits.climb_rate_max_m_s, climb))
+    return limits
 
 
-def exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
+def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
     """Limits of the scenario beyond the aircraft's capability, one sentence each."""
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
@@ -220,16 +274,6 @@ def exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabilit
             f"{capability.speed_min:.1f} m/s on"
         )
     return tuple(messages)
-
-
-def resolve_gains(scenario: Scenario, aircraft: Aircraft) -> AutopilotGains:
-    """Gains of one aircraft's autopilot: from the scenario, published (F-16), or derived from the aircraft."""
-    scenario_gains = build_gains(aircraft)
-    if not has_derived_defaults(aircraft):
-        return scenario_gains
-    return with_derived_gains(
-        scenario_gains, aircraft, derive_defaults(scenario, aircraft, build_airframe_of(aircraft))
-    )
 
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
@@ -266,39 +310,26 @@ _ROLL_RATE_DEG_S = 20.0  # of plans, on the mean, where no limit is given
 _BANK_LAG_MAX = math.radians(10.0)  # how far the bank may lag behind a plan that rolls
 
 
-def resolve_limits(scenario: Scenario, aircraft: Aircraft) -> Limits:
-    """Limits of one aircraft; keys left out of the scenario follow from the aircraft file and the trim map."""
-    limits = scenario.limits_for(aircraft)
-    if not has_derived_defaults(aircraft):
-        return limits
-    return derived_limits(limits, derive_defaults(scenario, aircraft, build_airframe_of(aircraft)).capability)
-
-
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
     """Limits of the scenario beyond the capability of its aircraft by their trim maps, one sentence each."""
     enable_compilation_cache()
-    messages = []
-    for index, aircraft in enumerate(scenario.aircraft):
-        if has_derived_defaults(aircraft):
-            capability = derive_defaults(scenario, aircraft, build_airframe_of(aircraft)).capability
-            messages += exceeds_capability(scenario, scenario.limits_for(aircraft), index, capability)
-    return tuple(messages)
+    return tuple(
+        message
+        for index, aircraft in enumerate(resolve_fleet(scenario))
+        if aircraft.capability is not None
+        for message in _exceeds_capability(scenario, scenario.limits_for(aircraft.table), index, aircraft.capability)
+    )
 
 
-def build_guidance(scenario: Scenario, aircraft: Aircraft | None = None) -> GuidanceSettings:
-    """Path-following settings of one aircraft, or of the whole fleet (the smallest limits) if `aircraft` is None."""
+def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
+    """Path-following settings for one aircraft, or common settings for several (the smallest limits)."""
     guidance, hold = scenario.guidance, scenario.hold
-    followers = scenario.aircraft if aircraft is None else (aircraft,)
-    climb_rates = [resolve_limits(scenario, follower).climb_rate_max_m_s for follower in followers]
-    corrections = [
-        _CORRECTION_SHARE * scenario.speed_for(follower) for follower in followers if has_derived_defaults(follower)
-    ]
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
-        correction_max=as_array(min([_CORRECTION_MAX_M_S, *corrections])),
+        correction_max=as_array(min(member.correction_max_m_s for member in aircraft)),
         hold_radius=as_array(hold.radius_m),
         hold_turn=as_array(1.0 if hold.direction == "right" else -1.0),
-        climb_rate_max=as_array(min([_HOLD_CLIMB_MAX_M_S, *climb_rates])),
+        climb_rate_max=as_array(min([_HOLD_CLIMB_MAX_M_S, *(member.limits.climb_rate_max_m_s for member in aircraft)])),
     )
 
 
@@ -320,7 +351,7 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
     """Path limits that hold for every aircraft of the scenario."""
-    fleet_limits = [resolve_limits(scenario, aircraft) for aircraft in scenario.aircraft]
+    fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
     fastest = min(limits.speed_max_m_s for limits in fleet_limits)
     path_limits = [_path_limits(limits, slowest, fastest, 1.0) for limits in fleet_limits]
@@ -352,12 +383,12 @@ def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:
     return None if limit_deg_s is None else as_array(fraction * limit_deg_s * DEG_RAD)
 
 
-def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
+def planned_limits(scenario: Scenario, aircraft: ResolvedAircraft) -> PathLimits:
     """Path limits less the planning reserve; the airspeed window is widened to contain the start airspeed."""
-    limits, speed, reserve = resolve_limits(scenario, aircraft), scenario.speed_for(aircraft), scenario.fleet.reserve
+    limits, speed, reserve = aircraft.limits, scenario.speed_for(aircraft.table), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
-    start_speed = aircraft.start.speed_m_s
+    start_speed = aircraft.table.start.speed_m_s
     slowest = max(min(slowest, start_speed - 1.0), limits.speed_min_m_s)
     fastest = min(max(fastest, start_speed + 1.0), limits.speed_max_m_s)
     return eqx.tree_at(
@@ -368,12 +399,3 @@ def planned_limits(scenario: Scenario, aircraft: Aircraft) -> PathLimits:
             for value in (limits.acceleration_max_m_s2, limits.deceleration_max_m_s2)
         ),
     )
-
-
-def planned_roll_rate(scenario: Scenario, aircraft: Aircraft) -> float:
-    """Mean roll rate of one aircraft's plan, rad/s: the default, or less if the bank loop is too slow for it."""
-    default_rate = _ROLL_RATE_DEG_S * DEG_RAD
-    if not has_derived_defaults(aircraft) or scenario.limits.roll_rate_max_deg_s is not None:
-        return default_rate
-    bandwidth = float(derive_defaults(scenario, aircraft, build_airframe_of(aircraft)).bandwidths.attitude[0])
-    return min(default_rate, bandwidth * _BANK_LAG_MAX)

@@ -16,10 +16,9 @@ from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.decentralised.time_coordination import CoordinationGains
 from anser.planning.published.planner import PublishedPlanner
 from anser.planning.separation import Separation
-from anser.scenario.build_aircraft import planned_limits, planned_roll_rate
+from anser.scenario.build_aircraft import ResolvedAircraft, planned_limits
 from anser.scenario.build_environment import build_environment, build_wind, ned
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_network import Network as NetworkTable
 from anser.sensing.vehicle_sensors import Dropouts
 
@@ -29,33 +28,33 @@ _NO_KEEP_OUT = (0.0, 0.0, 0.0, 0.0, 0.0, _BEYOND_M, _BEYOND_M)
 _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
-def build_planner(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> AbstractPlanner:
+def build_planner(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> AbstractPlanner:
     """Planner of a fleet; the fleet may be longer than the scenario's list by its padding."""
     return _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance)
 
 
-def _published(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> PublishedPlanner:
+def _published(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> PublishedPlanner:
     return PublishedPlanner(
-        start_positions_n=stack_rows([ned(aircraft.start.position_m) for aircraft in fleet]),
+        start_positions_n=stack_rows([ned(aircraft.table.start.position_m) for aircraft in fleet]),
         sides=_sides(fleet),
         speed=as_array(scenario.fleet.speed_m_s),
         even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
     )
 
 
-def _sides(fleet: Sequence[Aircraft]) -> Array:
-    return as_array([_SIDES[aircraft.bend] for aircraft in fleet], np.int32)
+def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
+    return as_array([_SIDES[aircraft.table.bend] for aircraft in fleet], np.int32)
 
 
-def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
+def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
     """The certified planner; acceleration limits left out of the scenario are infinite."""
     separation = scenario.separation
     is_separated = separation.horizontal_m > 0.0
     return CertifiedPlanner(
         sides=_sides(fleet),
-        speed=as_array([scenario.speed_for(aircraft) for aircraft in fleet]),
+        speed=as_array([scenario.speed_for(aircraft.table) for aircraft in fleet]),
         limits=stack_rows([planned_limits(scenario, aircraft) for aircraft in fleet]),
-        roll_rates_max=as_array([planned_roll_rate(scenario, aircraft) for aircraft in fleet]),
+        roll_rates_max=as_array([aircraft.plan_roll_rate for aircraft in fleet]),
         airspace=Airspace(
             wind=build_wind(scenario),
             gravity=build_environment(scenario).gravity,
@@ -77,7 +76,9 @@ def _certified(scenario: Scenario, fleet: Sequence[Aircraft], guidance: Guidance
     )
 
 
-def _decentralised(scenario: Scenario, fleet: Sequence[Aircraft], guidance: GuidanceSettings) -> DecentralisedPlanner:
+def _decentralised(
+    scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings
+) -> DecentralisedPlanner:
     """Decentralised planner; the separation is widened by path deviations and clock differences between messages."""
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()

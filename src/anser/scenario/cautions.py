@@ -2,8 +2,9 @@
 
 import math
 
+from anser.control.loop_separations import LOOP_SEPARATION_MIN, loop_separations
 from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
-from anser.scenario.schema_aircraft import Aircraft, Gains
+from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
 from anser.scenario.schema_reach import reach_problems
 from anser.scenario.unused_keys import unused_key_cautions
 
@@ -78,10 +79,10 @@ _TRIM_MAP_KEYS = {"speed_min_m_s", "speed_max_m_s", "bank_max_deg", "climb_rate_
 
 def _limit_cautions(scenario: Scenario) -> list[str]:
     """Cautions for limits beyond an aircraft's capability; limits left out follow from the trim map."""
-    has_derived_limits = any(aircraft.airframe is not None or aircraft.type != "f16" for aircraft in scenario.aircraft)
-    if not has_derived_limits or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
+    is_derived = not all(aircraft.is_library_f16 for aircraft in scenario.aircraft)
+    if not is_derived or not _TRIM_MAP_KEYS & scenario.limits.model_fields_set:
         return []
-    from anser.scenario.build_aircraft import capability_cautions  # here: it loads JAX, which most scenarios do without
+    from anser.scenario.build_aircraft import capability_cautions  # here, because it imports JAX
 
     return list(capability_cautions(scenario))
 
@@ -90,20 +91,21 @@ def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
     """Cautions for cascaded loops with too little bandwidth ratio; the published gains have enough."""
     if aircraft.gains == Gains():
         return []
-    from anser.control.gains import (  # here: it loads JAX, which most scenarios do without
-        LOOP_SEPARATION_MIN,
-        loop_separations,
-    )
-    from anser.scenario.build_aircraft import build_gains
-
-    cautions = []
-    for pair in loop_separations(build_gains(aircraft)):
-        ratio = float(pair.ratio)
+    gains, cautions = aircraft.gains, []
+    for pair in loop_separations(_bandwidths(gains.rates), _bandwidths(gains.attitude), _bandwidths(gains.velocity)):
+        ratio = pair.ratio
         if ratio < LOOP_SEPARATION_MIN:
             cautions.append(
                 f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth '
-                f"of {float(pair.outer_bandwidth):.3g} 1/s and rests on {pair.inner} with "
-                f"{float(pair.inner_bandwidth):.3g} 1/s, a ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two "
+                f"of {pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with "
+                f"{pair.inner_bandwidth:.3g} 1/s, a ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two "
                 f"swing against each other (damping {0.5 * math.sqrt(ratio):.2f})"
             )
     return cautions
+
+
+def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:
+    """Bandwidth of each channel, 1/s: as given, or K_P/(1 + K_D)."""
+    if loop.bandwidth_rad_s is not None:
+        return loop.bandwidth_rad_s
+    return tuple(gain / (1.0 + derivative) for gain, derivative in zip(loop.proportional, loop.derivative, strict=True))

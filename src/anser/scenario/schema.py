@@ -3,7 +3,6 @@
 Values are validated, have the units of the scenario file, and include the contents of the aircraft files named there.
 """
 
-import copy
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -153,17 +152,17 @@ class Scenario(Table):
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
-        if "planner" not in self.fleet.model_fields_set:
-            # Not by validating the name: the file does not hold it, and what is written again must not either.
-            meant = copy.copy(self.fleet)
-            object.__setattr__(meant, "planner", DEFAULT_PLANNERS[self.format])
-            object.__setattr__(self, "fleet", meant)
-        if len({aircraft.range for aircraft in self.aircraft}) == 1:
-            object.__setattr__(self, "limits", limits_for(self.limits, self.aircraft[0].range))
-        problems = self.consistency_problems()
+        fleet = self.fleet.with_defaults(planner=DEFAULT_PLANNERS[self.format])
+        scenario = self._with_values(fleet=fleet, limits=self._common_limits())
+        problems = scenario.consistency_problems()
         if problems:
             raise ScenarioError("", problems)
-        return self
+        return scenario
+
+    def _common_limits(self) -> Limits:
+        """Limits completed by the aircraft's data range if the fleet has one common range."""
+        ranges = {aircraft.range for aircraft in self.aircraft}
+        return limits_for(self.limits, self.aircraft[0].range) if len(ranges) == 1 else self.limits
 
     def consistency_problems(self) -> list[Problem]:
         """List the contradictions between tables; checks that depend on failed checks are skipped."""

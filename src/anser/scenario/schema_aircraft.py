@@ -284,6 +284,11 @@ class Aircraft(Table):
         return airframe_range(self.type, self.airframe)
 
     @property
+    def is_library_f16(self) -> bool:
+        """Whether the airframe is the library's F-16, whose gains and limits do not derive from the aircraft."""
+        return self.airframe is None and self.type == "f16"
+
+    @property
     def file(self) -> AirframeFile | DaveMlFile | None:
         """Aircraft file, from the library or the `airframe` path; None for the F-16 and entry points."""
         if self.airframe is not None:
@@ -296,12 +301,11 @@ class Aircraft(Table):
             return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
         problems = []
         expected_reason = "the library's F-16 alone has this key"
-        is_f16 = self.airframe is None and self.type == "f16"
         if self.airframe is not None and self.type != "f16":
             problems.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
-        if not is_f16 and self.variant != "textbook":
+        if not self.is_library_f16 and self.variant != "textbook":
             problems.append(Problem("variant", describe_value(self.variant), f"nothing: {expected_reason}"))
-        if not is_f16 and self.x_cg_over_c is not None:
+        if not self.is_library_f16 and self.x_cg_over_c is not None:
             problems.append(Problem("x_cg_over_c", format_number(self.x_cg_over_c), f"nothing: {expected_reason}"))
         return [*problems, *self._start_problems(), *self._deviation_problems()]
 

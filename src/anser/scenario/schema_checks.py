@@ -4,7 +4,6 @@ Names, positions, envelope, data ranges, and the minimum stand-off of the produc
 returns a list of problems, empty if the tables are consistent.
 """
 
-import copy
 import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -35,19 +34,15 @@ def limits_for(limits: Limits, data_range: AirframeRange) -> Limits:
     """
     if not data_range.is_from_file:
         return limits
-    resolved = copy.copy(limits)
+    values = {}
     for low_key, high_key, name, _ in _KEYS:
         bounds = getattr(data_range, name)
         if bounds is None or name == "altitude_m":
             continue
-        # as the planner that is meant: the file does not hold them, and what is written again must not either
-        if low_key not in limits.model_fields_set:
-            value = bounds[0] if name == "airspeed_m_s" else max(bounds[0], getattr(limits, low_key))
-            object.__setattr__(resolved, low_key, value)
-        if high_key not in limits.model_fields_set:
-            value = bounds[1] if name == "airspeed_m_s" else min(bounds[1], getattr(limits, high_key))
-            object.__setattr__(resolved, high_key, value)
-    return resolved
+        is_airspeed = name == "airspeed_m_s"
+        values[low_key] = bounds[0] if is_airspeed else max(bounds[0], getattr(limits, low_key))
+        values[high_key] = bounds[1] if is_airspeed else min(bounds[1], getattr(limits, high_key))
+    return limits.with_defaults(**values)
 
 
 def order_problems(limits: Limits) -> list[Problem]:

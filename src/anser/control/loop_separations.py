@@ -1,0 +1,55 @@
+"""Separation of cascaded loops in bandwidth: a check of gains by plain numbers, without JAX."""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+PUBLISHED_ACTUATOR_BANDWIDTH = 40.0
+"""Bandwidth of the actuators with inverted lag in the published gains, 1/s."""
+PUBLISHED_ENGINE_BANDWIDTH = 5.0
+"""Bandwidth of the engine with inverted lag in the published gains, 1/s."""
+LOOP_SEPARATION_MIN = 2.0
+"""Least ratio of the bandwidths of an inner and an outer loop: the least among the published gains.
+
+Two nested first-order loops form a pair with damping sqrt(ratio)/2, 0.71 at a ratio of 2; below, they oscillate."""
+
+
+class LoopSeparation(NamedTuple):
+    """A loop inside another loop: names of the channels and bandwidths, 1/s."""
+
+    outer: str
+    inner: str
+    outer_bandwidth: float
+    inner_bandwidth: float
+
+    @property
+    def ratio(self) -> float:
+        """Inner bandwidth over outer bandwidth; infinite if the outer loop is open."""
+        return self.inner_bandwidth / self.outer_bandwidth if self.outer_bandwidth > 0.0 else math.inf
+
+
+def loop_separations(
+    rates: Sequence[float],
+    attitude: Sequence[float],
+    velocity: Sequence[float],
+    actuators: float = PUBLISHED_ACTUATOR_BANDWIDTH,
+    engine: float = PUBLISHED_ENGINE_BANDWIDTH,
+) -> tuple[LoopSeparation, ...]:
+    """Pairs of an outer loop and the inner loop below: path angle on alpha, course on bank, speed on the engine, ...
+
+    Parameters
+    ----------
+    rates, attitude, velocity
+        Bandwidths of (P, Q, R), (mu, alpha, beta) and (V, gamma, chi), 1/s.
+    actuators, engine
+        Bandwidths of the actuators and of the engine, 1/s.
+    """
+    return (
+        LoopSeparation("V", "engine", velocity[0], engine),
+        LoopSeparation("gamma", "alpha", velocity[1], attitude[1]),
+        LoopSeparation("chi", "mu", velocity[2], attitude[0]),
+        LoopSeparation("mu", "P", attitude[0], rates[0]),
+        LoopSeparation("alpha", "Q", attitude[1], rates[1]),
+        LoopSeparation("beta", "R", attitude[2], rates[2]),
+        *(LoopSeparation(name, "surfaces", rates[axis], actuators) for axis, name in enumerate("PQR")),
+    )
