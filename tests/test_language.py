@@ -1,0 +1,82 @@
+"""Language of the sources: names are nouns of the field, sentences have nouns as subjects (docs/reference/glossary.md)."""
+
+import ast
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+VAGUE = frozenset(
+    "found one own made kept asked wanted some more rest words told given held came least most how who what whom of after"
+    " before since until now here there other others those all_ both each first second last again behind beyond ahead near"
+    " far apart left seen known named taken free due way ways many few such same ends place places about like anew rows row"
+    " begun beside which where why every drawn met turned counted done needed off away".split()
+)
+PRONOUNS = re.compile(
+    r"\b(what|who|whose|whom|which|where|it|its|they|their|them|that|those|one|ones|all|others?|nobody|nothing|none|some"
+    r"|each|so|such|there)\b",
+    re.IGNORECASE,
+)
+
+
+def parse(folder: str) -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text(encoding="utf-8")) for path in sorted((ROOT / folder).rglob("*.py"))}
+
+
+def bindings(tree: ast.Module) -> Counter[str]:
+    stored = (node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store))
+    arguments = (node.arg for node in ast.walk(tree) if isinstance(node, ast.arg))
+    return Counter([*stored, *arguments])
+
+
+def declared_names(path: Path, tree: ast.Module) -> list[str]:
+    """Names of a module, its functions, its classes and their annotated attributes."""
+    names = [path.stem]
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names.append(node.name)
+        if isinstance(node, ast.ClassDef):
+            names += [n.target.id for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)]
+    return names
+
+
+def docstrings(tree: ast.Module) -> list[str]:
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)]
+    return [text for node in nodes if (text := ast.get_docstring(node))]
+
+
+@pytest.mark.parametrize(
+    ("folder", "vague_max", "pronouns_max"),
+    [("src/anser", 0.015, 0.05), ("tests", 0.04, 0.06), ("trials", 0.04, 0.06), ("benchmarks", 0.04, 0.06)],
+)
+def test_names_are_nouns_and_docstrings_do_without_pronouns(folder, vague_max, pronouns_max):
+    trees = parse(folder)
+    names = sum((bindings(tree) for tree in trees.values()), Counter())
+    vague = {name: count for name, count in names.items() if name in VAGUE}
+    texts = [text for tree in trees.values() for text in docstrings(tree)]
+    words = sum(len(re.findall(r"[A-Za-z']+", text)) for text in texts)
+    pronouns = sum(len(PRONOUNS.findall(text)) for text in texts)
+    assert names.total() > 500 and words > 1000  # the measure sees the sources
+    assert sum(vague.values()) <= vague_max * names.total(), vague
+    assert pronouns <= pronouns_max * words
+
+
+def test_modules_functions_classes_and_attributes_have_names_of_the_field():
+    names = [name for path, tree in parse("src/anser").items() for name in declared_names(path, tree)]
+    vague = Counter(name for name in names if name in VAGUE)
+    assert vague.total() <= 0.02 * len(names), vague
+
+
+def test_files_have_a_size_that_a_reader_can_hold():
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in (ROOT / "src/anser").rglob("*.py")}
+    assert len(lines) <= 330
+    assert not {path: count for path, count in lines.items() if count > 600}
+
+
+def test_the_faces_of_the_rooms_are_small():
+    stubs = list((ROOT / "src/anser").rglob("__init__.pyi"))
+    names = [name for stub in stubs for name in re.findall(r'^    "(\w+)",$', stub.read_text(encoding="utf-8"), re.M)]
+    assert len(stubs) > 20
+    assert len(names) <= 250
