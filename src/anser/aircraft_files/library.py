@@ -39,7 +39,7 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
     Parameters
     ----------
     variant
-        Element of `anser.scenario.VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
+        Element of `anser.aircraft_files.sources.VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
     x_cg_over_c
         Centre of gravity as a fraction of the mean chord; default: the variant's.
 
@@ -63,7 +63,7 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     Parameters
     ----------
     name
-        Element of `anser.scenario.AIRFRAMES`, name of an entry point, or path of an aircraft file.
+        Element of `anser.aircraft_files.sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
     variant, x_cg_over_c
         For the F-16 only: see `load_f16`.
 
@@ -129,7 +129,7 @@ def load_body(name: str) -> SimpleBody:
     Parameters
     ----------
     name
-        Element of `anser.scenario.BODIES`.
+        Element of `anser.aircraft_files.sources.BODIES`.
 
     Raises
     ------

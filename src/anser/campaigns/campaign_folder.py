@@ -68,7 +68,7 @@ class Campaign:
     def report(
         self, worst: int = WORST_FLIGHTS, background: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        """Write `report.html` and the tables into the folder; see `anser.campaigns.write_campaign`."""
+        """Write `report.html` and the tables into the folder; see `anser.campaigns.campaign_report.write_campaign`."""
         return write_campaign(self.store, worst, background, progress)
 
     def flight(self, number: int) -> Scenario:

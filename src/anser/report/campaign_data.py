@@ -99,7 +99,7 @@ class CampaignReport:
     Attributes
     ----------
     dataset
-        Result of `anser.campaigns.CampaignStore.dataset`.
+        Result of `anser.campaigns.store.CampaignStore.dataset`.
     estimates, influences
         Results of their methods `as_dict`.
     study

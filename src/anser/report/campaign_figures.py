@@ -40,7 +40,7 @@ def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        Result of `anser.campaigns.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
+        Result of `anser.campaigns.store.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
     folder
         Output folder.
 

@@ -74,7 +74,7 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        Result of `anser.results.margin_map_dataset`.
+        Result of `anser.analysis.margins.margin_map_dataset`.
     folder
         Output folder.
 

@@ -48,7 +48,7 @@ class PlanExtremes:
     length, speed_mean
         Length of the path through the air, m, and mean airspeed, m/s.
     values
-        Extremes by key of `anser.planning.LIMITS`: "airspeed_min", "bank_max", ...
+        Extremes by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
     """
 
     length: np.ndarray
@@ -103,7 +103,7 @@ class PlanDetails:
     messages
         Problem of each path; None without a problem.
     limits
-        Limits of the scenario by key of `anser.planning.LIMITS`, SI units and radians; common or by aircraft.
+        Limits of the scenario by key of `anser.planning.limits.LIMITS`, SI units and radians; common or by aircraft.
     bounds
         Proven bounds of the paths, by the keys of `limits`; None without a proof.
     separation_bound

@@ -45,7 +45,7 @@ class FleetSummary(eqx.Module):
     ----------
     pass_time, pass_distance
         Time (s) and distance (m) of the closest pass of the moving rendezvous, until 10 s after the planned arrival and
-        while the plan is flown; the offset is linear between samples. `anser.results.arrival_outcome` decides whether
+        while the plan is flown; the offset is linear between samples. `arrival_outcome` of the results decides whether
         the pass is an arrival.
     speeds_until_pass
         Airspeed statistics up to the pass, without gusts; the integral over the pass time is the mean airspeed.

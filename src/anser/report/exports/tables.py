@@ -125,7 +125,7 @@ def write_campaign_tables(
     Parameters
     ----------
     dataset
-        Result of `anser.campaigns.CampaignStore.dataset`.
+        Result of `anser.campaigns.store.CampaignStore.dataset`.
     estimates, influences
         Results of their methods `as_dict`.
     folder
