@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 from anser.config import ScenarioError
 from anser.scenario import Scenario
-from anser.scenario.flight_checks import _direct_values, _flight_arrays, _is_same
+from anser.scenario.flight_checks import _are_equal, _direct_values, _flight_arrays
 from anser.scenario.unused_keys import unused_key_cautions, unused_key_problems
 
 REFUSED, NO_EFFECT_REFUSED, NO_EFFECT_CAUTION, BESIDE, BUILT, NONE, FIXED = (
@@ -56,7 +56,7 @@ def _answer(scenario, built, path, alternatives):
             return NO_EFFECT_CAUTION
         if _direct_values(scenario) != _direct_values(alternative_scenario):
             return BESIDE
-        if not _is_same(built, _flight_arrays(alternative_scenario)):
+        if not _are_equal(built, _flight_arrays(alternative_scenario)):
             return BUILT
         answer = NONE
     return answer

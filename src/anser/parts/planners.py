@@ -142,53 +142,53 @@ class IdleDeceleration(eqx.Module):
     def share(self, speed: Any, load_factor: Any) -> Any:
         """Guaranteed relative deceleration; the increase by a load factor above 1 does not count."""
         array_module = namespace(self, speed, load_factor)
-        return self._between(array_module, self._unloaded(array_module, load_factor), speed)
+        return self._interpolate(array_module, self._unloaded_entries(array_module, load_factor), speed)
 
     def least_share(self, slow: Any, fast: Any, load_factor: Any) -> Any:
         """Minimum of `share` between two airspeeds, for this load factor or any greater one."""
         array_module = namespace(self, slow, fast, load_factor)
-        return -self._most(array_module, -self._unloaded(array_module, load_factor), slow, fast)
+        return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
         """Increase of the relative deceleration by a load factor above 1."""
         array_module = namespace(self, speed, load_factor)
-        return self._between(array_module, self._loaded(array_module, load_factor), speed)
+        return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 
     def greatest_rise(self, slow: Any, fast: Any, load_factor: Any) -> Any:
         """Maximum of `rise` between two airspeeds, for this load factor or any smaller one."""
         array_module = namespace(self, slow, fast, load_factor)
-        return self._most(array_module, self._loaded(array_module, load_factor), slow, fast)
+        return self._maximum(array_module, self._load_increases(array_module, load_factor), slow, fast)
 
-    def _unloaded(self, array_module: ModuleType, load_factor: Any) -> Any:
+    def _unloaded_entries(self, array_module: ModuleType, load_factor: Any) -> Any:
         """Relative decelerations of the entries at a load factor, at most 1, along a new last axis."""
-        level, by_lift = (_beside(load_factor, entries) for entries in (self.level, self.by_lift))
+        level, by_lift = (_expand_entries(load_factor, entries) for entries in (self.level, self.by_lift))
         unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
         return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)
 
-    def _loaded(self, array_module: ModuleType, load_factor: Any) -> Any:
+    def _load_increases(self, array_module: ModuleType, load_factor: Any) -> Any:
         """Increases of the entries by load factors above 1, along a new last axis."""
         loaded = array_module.maximum(load_factor, 1.0) ** 2 - 1.0
-        return array_module.expand_dims(loaded, -1) * _beside(load_factor, self.by_lift)
+        return array_module.expand_dims(loaded, -1) * _expand_entries(load_factor, self.by_lift)
 
-    def _between(self, array_module: ModuleType, entries: Any, speed: Any) -> Any:
-        speeds = _beside(speed, self.speeds)
+    def _interpolate(self, array_module: ModuleType, entries: Any, speed: Any) -> Any:
+        speeds = _expand_entries(speed, self.speeds)
         low, high = speeds[..., :-1], speeds[..., 1:]
         parts = array_module.clip((array_module.expand_dims(speed, -1) - low) / (high - low), 0.0, 1.0)
         return entries[..., 0] + array_module.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
 
-    def _most(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
+    def _maximum(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
         """Maximum between two airspeeds: at an endpoint, or at an entry in between."""
-        speeds = _beside(slow, self.speeds)
+        speeds = _expand_entries(slow, self.speeds)
         inside = (speeds > array_module.expand_dims(slow, -1)) & (speeds < array_module.expand_dims(fast, -1))
         endpoint_maximum = array_module.maximum(
-            self._between(array_module, entries, slow), self._between(array_module, entries, fast)
+            self._interpolate(array_module, entries, slow), self._interpolate(array_module, entries, fast)
         )
         return array_module.maximum(
             endpoint_maximum, array_module.max(array_module.where(inside, entries, -array_module.inf), axis=-1)
         )
 
 
-def _beside(values: Any, entries: Any) -> Any:
+def _expand_entries(values: Any, entries: Any) -> Any:
     """Entries along a new last axis, next to the axes of the values."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 

@@ -68,10 +68,10 @@ def _motion_after_event(motion: GoalMotion, event: Event) -> GoalMotion:
     positions_n = np.concatenate([np.asarray(motion.positions_n)[is_earlier], position_n[None]])
     if times.size == 1 or times[0] > 0.0:
         raise ValueError(f"a goal's motion begins at {times[0]:g} s, not at 0")
-    return waypoint_goal(times, as_array(positions_n), as_array(_velocity(event, velocity)))
+    return waypoint_goal(times, as_array(positions_n), as_array(_velocity_after_event(event, velocity)))
 
 
-def _velocity(event: Event, velocity_n: np.ndarray) -> Vector:
+def _velocity_after_event(event: Event, velocity_n: np.ndarray) -> Vector:
     if event.kind == "goal-stops":
         return 0.0, 0.0, 0.0
     speed_m_s = float(np.hypot(*velocity_n[:2])) if event.speed_m_s is None else event.speed_m_s

@@ -278,7 +278,7 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
     """Gains of one aircraft's autopilot as the scenario gives them, completed by the published gains."""
-    return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen, so it has a hash
+    return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
 
 
 @functools.lru_cache(maxsize=256)
@@ -287,11 +287,11 @@ def _built_gains(gains: Gains) -> AutopilotGains:
     return eqx.tree_at(
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
         published_gains(),
-        (_loop(gains.rates), _loop(gains.attitude), _loop(gains.velocity), as_array(bandwidth)),
+        (_loop_gains(gains.rates), _loop_gains(gains.attitude), _loop_gains(gains.velocity), as_array(bandwidth)),
     )
 
 
-def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
+def _loop_gains(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     def channels(values: Sequence[float]) -> Array:
         return as_array(values)
 
@@ -302,12 +302,12 @@ def _loop(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
     return LoopGains(channels(gains.proportional), channels(gains.integral), *remaining_gains)
 
 
-_CORRECTION_MAX_M_S = 20.0  # what position feedback may add to the planned velocity
-_CORRECTION_SHARE = 0.13  # the same, part of the airspeed that an aircraft prefers, where it is not the library's F-16
-_HOLD_CLIMB_MAX_M_S = 20.0  # vertical speed in the hold, within the scenario's own limit
-_RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # body rates that the autopilot may ask for
-_ROLL_RATE_DEG_S = 20.0  # of plans, on the mean, where no limit is given
-_BANK_LAG_MAX = math.radians(10.0)  # how far the bank may lag behind a plan that rolls
+_CORRECTION_MAX_M_S = 20.0  # greatest velocity correction by position feedback
+_CORRECTION_SHARE = 0.13  # the same, relative to the preferred airspeed, if not the library's F-16
+_HOLD_CLIMB_MAX_M_S = 20.0  # greatest vertical speed in the hold, in addition to the scenario's limit
+_RATES_MAX_DEG_S = (120.0, 60.0, 60.0)  # greatest commanded body rates
+_ROLL_RATE_DEG_S = 20.0  # default mean roll rate of plans
+_BANK_LAG_MAX = math.radians(10.0)  # greatest lag of the bank angle behind a plan that rolls
 
 
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:

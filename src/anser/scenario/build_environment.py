@@ -41,7 +41,7 @@ def build_wind(scenario: Scenario) -> AbstractWind:
     padding_count = bucket_size(len(altitudes), _LAYERS) - len(altitudes)
     padding_altitudes = [
         altitudes[-1] + k * _PADDING_SPACING_M for k in range(1, padding_count + 1)
-    ]  # where the wind is that of the last layer
+    ]  # with the wind of the highest layer
     return LayeredWind(
         as_array([*altitudes, *padding_altitudes]),
         stack_rows([ned(velocity) for velocity in [*velocities, *[velocities[-1]] * padding_count]]),

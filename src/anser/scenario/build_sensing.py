@@ -60,12 +60,12 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     if sensor.preset == "exact":
         return TrackingEstimator(navigation_filter, air, model=model)
     tracking = GoalFilter(
-        models=_motions(estimator),
+        models=_motion_models(estimator),
         sojourn=as_array(estimator.sojourn_s),
         kind=estimator.filter,
         nis_max=as_array(_NIS_MAX),
         sigma_max=as_array(_SIGMA_MAX_M),
-        slots=_history(sensor, scenario.timing.step_s),
+        slots=_motion_history_slots(sensor, scenario.timing.step_s),
     )
     briefing = Briefing(
         position_n=as_array(np.asarray(goal.position_n(0.0))),
@@ -76,7 +76,7 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     return TrackingEstimator(navigation_filter, air, tracking, briefing, model)
 
 
-def _motions(table: Estimator) -> tuple[AbstractMotionModel, ...]:
+def _motion_models(table: Estimator) -> tuple[AbstractMotionModel, ...]:
     density = as_array(table.acceleration_m_s2**2)
     density_up = as_array((_VERTICAL_SHARE * table.acceleration_m_s2) ** 2)
     turn_density = as_array((DEG_RAD * table.turn_rate_deg_s) ** 2)
@@ -94,10 +94,10 @@ def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
         return None
     return VehicleSensors(
         satellite=SatelliteNavigation(
-            position_sigma=_axes(table.position_m),
+            position_sigma=_three_axes(table.position_m),
             correlation_time=as_array(table.correlation_s),
-            noise_sigma=_axes(table.noise_m),
-            velocity_sigma=_axes(table.velocity_m_s),
+            noise_sigma=_three_axes(table.noise_m),
+            velocity_sigma=_three_axes(table.velocity_m_s),
             period=as_array(table.period_s),
         ),
         inertial=InertialSensors(
@@ -121,10 +121,10 @@ def _navigation_filter(table: Navigation) -> NavigationFilter:
     tilt = (DEG_RAD * max(table.attitude_deg, table.heading_deg) * _GRAVITY_M_S2) ** 2
     density = (tilt + table.force_bias_m_s2**2) * table.correlation_s * _ACCELERATION_DENSITY
     return NavigationFilter(
-        slow_sigma=_axes(table.position_m),
+        slow_sigma=_three_axes(table.position_m),
         slow_time=as_array(table.correlation_s),
-        noise_sigma=_axes(table.noise_m),
-        velocity_sigma=_axes(table.velocity_m_s),
+        noise_sigma=_three_axes(table.noise_m),
+        velocity_sigma=_three_axes(table.velocity_m_s),
         acceleration_density=as_array(max(density, 1e-12)),
         period=as_array(table.period_s),
     )
@@ -178,11 +178,11 @@ def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
     )
 
 
-def _history(table: GoalSensorTable, step_s: float) -> int:
+def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
     """Number of past samples of the vehicle's motion stored for delayed measurements; a power of two."""
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
 
 
-def _axes(value: float) -> Vector3:
+def _three_axes(value: float) -> Vector3:
     return as_array([value] * 3)

@@ -69,7 +69,7 @@ def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str,
     case_list = list(cases)
     problems = []
     for path in dict.fromkeys(path for _, values in case_list for path in values):
-        values = [_plain(values[path]) for _, values in case_list]
+        values = [_builtin_value(values[path]) for _, values in case_list]
         alternatives = [next((alternative for alternative in values if alternative != value), None) for value in values]
         pairs = [
             (scenario, value, alternative)
@@ -98,7 +98,7 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
         unused_keys.contains(numbered_path) for unused_keys in find_unused_keys(changed_scenario)
     ):
         return False
-    return _direct_values(scenario) != _direct_values(changed_scenario) or not _is_same(
+    return _direct_values(scenario) != _direct_values(changed_scenario) or not _are_equal(
         _flight_arrays(scenario), _flight_arrays(changed_scenario)
     )
 
@@ -115,7 +115,7 @@ def _flight_arrays(scenario: Scenario) -> tuple[Any, list[np.ndarray]]:
     return structure, [np.asarray(leaf) for leaf in leaves]
 
 
-def _is_same(flight_a: tuple[Any, list[np.ndarray]], flight_b: tuple[Any, list[np.ndarray]]) -> bool:
+def _are_equal(flight_a: tuple[Any, list[np.ndarray]], flight_b: tuple[Any, list[np.ndarray]]) -> bool:
     return flight_a[0] == flight_b[0] and all(
         a.shape == b.shape and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
         for a, b in zip(flight_a[1], flight_b[1], strict=True)
@@ -129,13 +129,15 @@ def _problem(path: str, scenario: Scenario, value: object, alternative: object) 
     )
     expected = "a path that changes something in the flight as built" if unused_keys is None else unused_keys.remedy
     cause = "" if unused_keys is None else f" {unused_keys.cause}"
-    arrived = f"values such as {_shown(value)} and {_shown(alternative)}, which change nothing in the flight{cause}"
+    arrived = (
+        f"values such as {_value_text(value)} and {_value_text(alternative)}, which change nothing in the flight{cause}"
+    )
     return Problem(path, arrived, expected)
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     return format_number(value) if isinstance(value, float) else describe_value(value)
 
 
-def _plain(value: Any) -> Any:
+def _builtin_value(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic | np.ndarray) else value

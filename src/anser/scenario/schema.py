@@ -62,12 +62,12 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
         If an aircraft file is missing or invalid, or if a table also has a key of the library's airframes.
     """
     fleet = values.get("aircraft")
-    if not isinstance(fleet, list | tuple) or not any(_path_of(aircraft) for aircraft in fleet):
+    if not isinstance(fleet, list | tuple) or not any(_aircraft_file_path(aircraft) for aircraft in fleet):
         return values
     files: dict[Path, AirframeFile | DaveMlFile] = {}
     tables_with_files, problems = [], []
     for k, aircraft in enumerate(fleet):
-        path = _path_of(aircraft)
+        path = _aircraft_file_path(aircraft)
         if path is None:
             tables_with_files.append(aircraft)
             continue
@@ -88,7 +88,7 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
     return {**values, "aircraft": tables_with_files}
 
 
-def _path_of(aircraft: object) -> str | None:
+def _aircraft_file_path(aircraft: object) -> str | None:
     path = aircraft.get("airframe") if isinstance(aircraft, dict) else None
     return path if isinstance(path, str) else None
 
@@ -169,7 +169,7 @@ class Scenario(Table):
         aircraft, goals, fleet, limits = self.aircraft, self.goal, self.fleet, self.limits
         planner_keys = planner_problems(self)
         if planner_keys:
-            return planner_keys  # what the planner does not know is not judged
+            return planner_keys  # unsupported keys need no further checks
         order = order_problems(limits)
         if order:
             return order
@@ -293,7 +293,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     check_file_kind("scenario", values, source)
     version = values.get("format")
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
-        # in another format all keys may differ, so nothing else is told
+        # in another format all keys may differ, so this is the only problem reported
         raise ScenarioError(source, [Problem("format", describe_value(version), _FORMATS)])
     values = insert_aircraft_files(values, source)
     try:

@@ -85,7 +85,7 @@ class Goal(Table):
             problems.extend(
                 Problem(key, f"{format_number(getattr(self, key))} beside waypoints", _WAYS) for key in conflicting_keys
             )
-            problems.extend(_disordered(self.waypoints))
+            problems.extend(_waypoint_order_problems(self.waypoints))
         return problems
 
     def velocity_m_s(self) -> Vector:
@@ -107,7 +107,7 @@ class Goal(Table):
         )
 
 
-def _disordered(points: tuple[Waypoint, ...]) -> list[Problem]:
+def _waypoint_order_problems(points: tuple[Waypoint, ...]) -> list[Problem]:
     """List waypoints whose times do not start at 0 or do not increase."""
     problems = []
     if points[0].time_s != 0:
@@ -230,7 +230,7 @@ class Gains(Table):
     velocity: VelocityGains = table("slow loop", "a table [aircraft.gains.velocity]", VelocityGains())
 
 
-def _validated(value: object) -> object:
+def _validated_file(value: object) -> object:
     """Aircraft file as a validated table; a dictionary is validated as the file type that its tables indicate."""
     if value is None or is_aircraft_file(value):
         return value
@@ -241,7 +241,7 @@ def _validated(value: object) -> object:
 
 _AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"'
 _Airframe = Annotated[
-    AirframeFile | DaveMlFile | None, BeforeValidator(_validated), WithJsonSchema({"type": ["string", "object"]})
+    AirframeFile | DaveMlFile | None, BeforeValidator(_validated_file), WithJsonSchema({"type": ["string", "object"]})
 ]
 
 
@@ -332,7 +332,7 @@ class Aircraft(Table):
                 return []
             expected = f"none: of {self.type}, an airframe in code, anser knows no coefficients to vary"
             return [Problem("deviation", "a table", expected)]
-        names = F16_FACTORS if file is None else _factors_of(file)
+        names = F16_FACTORS if file is None else _factor_names(file)
         expected = f"a coefficient of {self.range.name}: {', '.join(names)}"
         unknown = [name for name in type(factors).model_fields if name not in names and getattr(factors, name) != 1.0]
         problems = [
@@ -345,7 +345,7 @@ class Aircraft(Table):
         return problems
 
 
-def _factors_of(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
+def _factor_names(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
     """Names of the derivatives or coefficients of a file for which a deviation can set a factor."""
     if isinstance(file, DaveMlFile):
         return BODY_COEFFICIENTS

@@ -74,7 +74,7 @@ def arrival_problems(arrival: Arrival, aircraft_tables: tuple[Aircraft, ...], ti
 
     The names of the aircraft are unique.
     """
-    problems = [] if arrival.time_s is None else _late_problems("arrival.time_s", arrival.time_s, timing)
+    problems = [] if arrival.time_s is None else _end_of_flight_problems("arrival.time_s", arrival.time_s, timing)
     for index, aircraft in enumerate(aircraft_tables):
         problems.extend(_aircraft_time_problems(f"aircraft[{index}]", aircraft, arrival, timing))
     if arrival.order is not None:
@@ -110,7 +110,7 @@ def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, tim
                 Problem(key_path, f'{format_number(time_s)} with arrival.rule "{arrival.rule}"', expected, subject)
             )
         else:
-            problems.extend(_late_problems(key_path, time_s, timing, subject))
+            problems.extend(_end_of_flight_problems(key_path, time_s, timing, subject))
     if problems or aircraft.arrive_from_s is None or aircraft.arrive_to_s is None:
         return problems
     if aircraft.arrive_from_s >= aircraft.arrive_to_s:
@@ -119,7 +119,7 @@ def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, tim
     return problems
 
 
-def _late_problems(path: str, time_s: float, timing: Timing, subject: str = "") -> list[Problem]:
+def _end_of_flight_problems(path: str, time_s: float, timing: Timing, subject: str = "") -> list[Problem]:
     """List an arrival time at or after the end of the flight."""
     if time_s < timing.duration_s:
         return []
@@ -221,10 +221,10 @@ def separation_problems(aircraft_tables: tuple[Aircraft, ...], separation: Separ
         pairs = [(i, j) for i in group for j in group if j < i and too_close(i, j)]
         index, neighbour = min(pairs, key=lambda pair: math.dist(positions_m[pair[0]], positions_m[pair[1]]))
         position_m, neighbour_m = positions_m[index], positions_m[neighbour]
-        # rounded down, so that a distance that is too small by little does not read as the one asked for
+        # rounded down, so a distance just below the requirement is not shown as equal to it
         horizontal_m, vertical_m = (
-            _tenths(math.dist(position_m[:2], neighbour_m[:2])),
-            _tenths(abs(position_m[2] - neighbour_m[2])),
+            _floor_to_tenths(math.dist(position_m[:2], neighbour_m[:2])),
+            _floor_to_tenths(abs(position_m[2] - neighbour_m[2])),
         )
         arrived = (
             f"a start {horizontal_m} m in the plane and {vertical_m} m in altitude from "
@@ -264,7 +264,7 @@ def keep_out_problems(
                 problems.append(Problem(f"{path}.start", f"a start {inside}", f"a start {outside}", subject))
             north_m, east_m, up_m = goal.position_m(0.0)
             off_north_m, off_east_m, off_up_m = aircraft.rendezvous.stand_off_m
-            if keep_out.contains((north_m + off_north_m, east_m + off_east_m, up_m + off_up_m)) and _move_alike(
+            if keep_out.contains((north_m + off_north_m, east_m + off_east_m, up_m + off_up_m)) and _have_equal_motion(
                 goal, keep_out
             ):
                 arrived = f'a rendezvous point {inside}, which moves as goal "{goal.name}" does and so never leaves it'
@@ -301,11 +301,11 @@ def same_point_problems(aircraft_tables: tuple[Aircraft, ...], arrival: Arrival)
     return problems
 
 
-def _tenths(length_m: float) -> str:
+def _floor_to_tenths(length_m: float) -> str:
     return f"{math.floor(10.0 * length_m) / 10.0:.1f}"
 
 
-def _move_alike(goal: Goal, keep_out: KeepOut) -> bool:
+def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
     """Whether the goal and the cylinder have no relative motion."""
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()

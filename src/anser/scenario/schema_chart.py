@@ -21,7 +21,7 @@ TURN_MAX_DEG_S = 0.02
 Measured with the three-aircraft mission: up to 0.019 deg/s the arrivals differ by 0.001 s, as at 20 deg of latitude; at
 0.026 deg/s the aircraft with the longest path corrects late, and the arrivals differ by 0.065 s."""
 
-# Of the meridian at the equator, the smallest radius of curvature of the ellipsoid: every angle errs upwards, by 1 %.
+# The ellipsoid's smallest radius of curvature (meridian at the equator), so angles are overestimated, by up to 1 %.
 _RADIUS_M = WGS84_A_M * (1.0 - WGS84_F) ** 2
 
 
@@ -76,7 +76,7 @@ def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg:
                 f"where north turns by {turn_deg_s:.3f} deg/s under a flight east at {format_number(speed_m_s)} m/s"
             )
             return arrived, f"a slower fleet (fleet.speed_m_s): plans bear {TURN_MAX_DEG_S:g} deg/s"
-    # who flies out of the places and arrives has to come back
+    # an aircraft that leaves the area must return to arrive
     reach_m = 0.5 * (scenario.limits.speed_max_m_s + scenario.wind.speed_max_m_s) * duration_s
     if _is_inside_map(latitude_deg, positions, reach_m):
         return None
@@ -131,7 +131,7 @@ def _is_inside_map(latitude_deg: float, positions: list[_Position], reach_m: flo
     across_m = _RADIUS_M * math.cos(origin)
     north = max(math.atan(position.north_m / _RADIUS_M) for position in positions) + reach_m / _RADIUS_M
     south = min(math.atan(position.north_m / _RADIUS_M) for position in positions) - reach_m / _RADIUS_M
-    # beyond an eighth of a turn the chart stretches no further: half its lengths are the angle
+    # beyond an eighth of a turn the angle is half the chart's length, an upper bound
     east = max(abs(position.east_m) for position in positions) / across_m + reach_m / across_m
     longitude_change = math.atan(east) if east < 1.0 else 0.25 * math.pi + 0.5 * (east - 1.0)
     return origin + north < 0.5 * math.pi and origin + south > -0.5 * math.pi and longitude_change < math.pi

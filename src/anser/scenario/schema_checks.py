@@ -137,12 +137,12 @@ def speed_problems(scenario: "Scenario") -> list[Problem]:
     """List preferred airspeeds outside the limits or below the wind speed, and a hold radius that is too small."""
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):
-        for problem in _speed_problems_of(scenario, index, aircraft):
+        for problem in _aircraft_speed_problems(scenario, index, aircraft):
             problems.setdefault(problem.path, problem)
     return list(problems.values())
 
 
-def _speed_problems_of(scenario: "Scenario", index: int, aircraft: Aircraft) -> list[Problem]:
+def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraft) -> list[Problem]:
     problems, limits, wind = [], scenario.limits_for(aircraft), scenario.wind
     speed_m_s = scenario.speed_for(aircraft)
     key = "fleet.speed_m_s" if aircraft.speed_m_s is None else f"aircraft[{index}].speed_m_s"
@@ -204,7 +204,9 @@ def start_problems(scenario: "Scenario") -> list[Problem]:
         if start.altitude_m > limits.altitude_max_m:
             expected = f"at most limits.altitude_max_m, which is {format_number(limits.altitude_max_m)} m"
             problems.append(Problem(f"{path}.altitude_m", format_number(start.altitude_m), expected, subject))
-        problems.extend(_too_steep(f"{path}.path_angle_deg", subject, start.path_angle_deg, start.speed_m_s, limits))
+        problems.extend(
+            _climb_rate_problems(f"{path}.path_angle_deg", subject, start.path_angle_deg, start.speed_m_s, limits)
+        )
     positions_m = [aircraft.start.position_m for aircraft in aircraft_tables]
     for first_index, *later_indices in connected_groups(
         len(aircraft_tables), lambda i, j: math.dist(positions_m[i], positions_m[j]) < SAME_POSITION_M
@@ -244,7 +246,9 @@ def rendezvous_problems(scenario: "Scenario") -> list[Problem]:
             arrived = f"a stand-off of {rendezvous.stand_off_distance_m:.1f} m"
             problems.append(Problem(path, arrived, expected, subject))
         if rendezvous.path_angle_deg is not None:
-            problems.extend(_too_steep(f"{path}.path_angle_deg", subject, rendezvous.path_angle_deg, speed_m_s, limits))
+            problems.extend(
+                _climb_rate_problems(f"{path}.path_angle_deg", subject, rendezvous.path_angle_deg, speed_m_s, limits)
+            )
     return problems
 
 
@@ -273,7 +277,7 @@ def goal_problems(goals: tuple[Goal, ...], timing: Timing) -> list[Problem]:
     return problems
 
 
-def _too_steep(path: str, subject: str, angle_deg: float, speed_m_s: float, limits: Limits) -> list[Problem]:
+def _climb_rate_problems(path: str, subject: str, angle_deg: float, speed_m_s: float, limits: Limits) -> list[Problem]:
     """List a path angle whose climb or descent exceeds the climb rate limit."""
     rate_m_s = speed_m_s * math.sin(math.radians(angle_deg))
     if abs(rate_m_s) <= limits.climb_rate_max_m_s:

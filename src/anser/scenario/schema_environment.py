@@ -36,7 +36,7 @@ class Earth(Table):
     longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
 
 
-def _from_word(value: Any) -> Any:
+def _earth_from_name(value: Any) -> Any:
     """Read ``earth = "wgs84"`` as a table with the model of this name."""
     if not isinstance(value, str):
         return value
@@ -46,14 +46,14 @@ def _from_word(value: Any) -> Any:
     return {"model": value}
 
 
-class _OrWord:
+class _EarthNameSchema:
     """JSON Schema annotation: the table, or the name of the Earth model alone."""
 
     def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         return {"anyOf": [handler(core), {"enum": list(_EARTHS)}]}
 
 
-EarthField = Annotated[Earth, BeforeValidator(_from_word), _OrWord()]
+EarthField = Annotated[Earth, BeforeValidator(_earth_from_name), _EarthNameSchema()]
 
 
 class WindLayer(Table):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 FLIGHT_MIN_S = 1.0
-_HALVINGS = 40  # of the longest flight: to less than a microsecond
+_HALVINGS = 40  # bisection of the longest flight to less than a microsecond
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
     """
     problems = []
     for index, goal in enumerate(scenario.goal):
-        # the first plan reckons with the wind where the aircraft starts
+        # the first plan uses the wind at the aircraft's start
         visitors = [aircraft for aircraft in scenario.aircraft if aircraft.goal == goal.name]
         if not visitors:
             continue
@@ -116,13 +116,13 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
             (reference_speed(scenario, aircraft) for aircraft in visitors), key=lambda speed: speed.speed_m_s
         )
         winds_m_s = dict.fromkeys(scenario.wind.velocity_m_s(altitude_m) for altitude_m in starts_m)
-        problems.extend(_fast_legs(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
+        problems.extend(_leg_speed_problems(f"goal[{index}]", goal, reference, tuple(winds_m_s)))
     if problems:
-        return problems  # without a speed that suffices the times below mean nothing
+        return problems  # the times below need an airspeed that suffices
     for index, aircraft in enumerate(scenario.aircraft):
         reference = reference_speed(scenario, aircraft)
-        fastest_m_s = None if unaided else _quickest_m_s(scenario, reference)
-        problems.extend(_reach_problems_of(f"aircraft[{index}]", aircraft, scenario, reference, fastest_m_s))
+        fastest_m_s = None if unaided else _fastest_mean_airspeed_m_s(scenario, reference)
+        problems.extend(_aircraft_reach_problems(f"aircraft[{index}]", aircraft, scenario, reference, fastest_m_s))
     return problems
 
 
@@ -143,7 +143,7 @@ def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
             required_s, path = aircraft.arrive_to_s, f"{aircraft_path}.arrive_to_s"
         if required_s is None:
             continue
-        earliest_s = _earliest_s(scenario, aircraft)
+        earliest_s = _earliest_arrival_s(scenario, aircraft)
         if required_s < earliest_s and (path not in worst or worst[path][0] < earliest_s):
             fastest = f"limits.speed_max_m_s, which is {format_number(scenario.limits_for(aircraft).speed_max_m_s)} m/s"
             expected = (
@@ -155,14 +155,14 @@ def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
     return [problem for _, problem in worst.values()]
 
 
-def _earliest_s(scenario: "Scenario", aircraft: Aircraft) -> float:
+def _earliest_arrival_s(scenario: "Scenario", aircraft: Aircraft) -> float:
     """Lower bound of an aircraft's arrival time, s, for any flight within the limits."""
     goal, wind = scenario.goal_of(aircraft), scenario.wind
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
     fastest_m_s = scenario.limits_for(aircraft).speed_max_m_s + tail_wind_m_s
 
-    def short_of_m(time_s: float) -> float:
+    def remaining_distance_m(time_s: float) -> float:
         rendezvous_m = _plus(goal.position_m(time_s), aircraft.rendezvous.stand_off_m)
         return math.dist(rendezvous_m, _plus(aircraft.start.position_m, wind_m_s, time_s)) - fastest_m_s * time_s
 
@@ -170,15 +170,15 @@ def _earliest_s(scenario: "Scenario", aircraft: Aircraft) -> float:
         rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
         relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
         return time_to_go_s(relative_m, _plus(goal.velocity_m_s(), wind_m_s, -1.0), fastest_m_s) or 0.0
-    # the goal is slower than the aircraft, so that what is short of it only falls
+    # the goal is slower than the aircraft, so the remaining distance decreases
     low_s, high_s = 0.0, scenario.timing.duration_s
     for _ in range(_HALVINGS):
         middle_s = 0.5 * (low_s + high_s)
-        low_s, high_s = (middle_s, high_s) if short_of_m(middle_s) > 0.0 else (low_s, middle_s)
+        low_s, high_s = (middle_s, high_s) if remaining_distance_m(middle_s) > 0.0 else (low_s, middle_s)
     return low_s
 
 
-def _quickest_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
+def _fastest_mean_airspeed_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
     """Upper bound of the mean airspeed to which the planner may raise the fleet's airspeed, m/s.
 
     In a descent without drag, kinetic plus potential energy is constant, which bounds the airspeed. The bound is the
@@ -204,7 +204,9 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tuple[Vector, ...]) -> list[Problem]:
+def _leg_speed_problems(
+    path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tuple[Vector, ...]
+) -> list[Problem]:
     """List legs of a goal whose speed through the air exceeds the fleet's airspeed, in any of the winds."""
     problems = []
     points = goal.waypoints or ()
@@ -228,7 +230,7 @@ def _fast_legs(path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tupl
     return problems
 
 
-def _reach_problems_of(
+def _aircraft_reach_problems(
     path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
     """List the problems of one aircraft on the way to the goal."""
@@ -243,7 +245,7 @@ def _reach_problems_of(
     relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
     heights_m = [rendezvous_m[2]]
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
-    # the mean wind of the way may differ from that at the start by so much, and carry the aircraft on
+    # greatest difference between the mean wind along the path and the wind at the start, taken as tail wind
     tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
     greatest_m_s = reference.speed_m_s if fastest_m_s is None else fastest_m_s + tail_wind_m_s
     if goal.waypoints is None:
@@ -255,7 +257,7 @@ def _reach_problems_of(
             arrived = f'"{goal.name}", which moves at {math.hypot(*velocity_m_s):.1f} m/s through the air and gets away'
             expected = f"a goal that an aircraft at {reference} can reach"
             return [Problem(f"{path}.goal", arrived, expected, subject)]
-        # when the plan arrives is known only at a mean speed
+        # the arrival time is known for a mean airspeed only
         heights_m = (
             [rendezvous_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
         )
@@ -269,7 +271,7 @@ def _reach_problems_of(
         is_at_goal = time_s < FLIGHT_MIN_S
     else:
         heights_m = [point.altitude_m + aircraft.rendezvous.stand_off_up_m for point in goal.waypoints]
-        # the goal is slower than the aircraft, so once within reach it stays within reach
+        # the goal is slower than the aircraft, so it stays within reach
         last_m = _plus(goal.position_m(timing.duration_s), aircraft.rendezvous.stand_off_m)
         drifted_m = _plus(aircraft.start.position_m, wind_m_s, timing.duration_s)
         distance_m = math.dist(last_m, drifted_m)

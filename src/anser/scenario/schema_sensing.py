@@ -112,7 +112,9 @@ class GoalSensor(Table):
                 expected = f'no {key}, which the sensor "{self.preset}" does not have'
                 if kind is None:
                     expected = 'preset other than "exact", whose numbers it can replace: ' + ", ".join(PRESETS)
-                problems.append(Problem(key, f'{_shown(getattr(self, key))} with preset "{self.preset}"', expected))
+                problems.append(
+                    Problem(key, f'{_value_text(getattr(self, key))} with preset "{self.preset}"', expected)
+                )
         if self.latency_s is not None and self.latency_s[0] > self.latency_s[1]:
             expected = "a list of two numbers (s), the first not above the second"
             problems.append(
@@ -128,7 +130,7 @@ class GoalSensor(Table):
         return goal_sensor_presets()[self.preset].get(key, default) if value is None else value
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return format_number(value) if isinstance(value, int | float) else str(list(value))
 
 
@@ -184,7 +186,7 @@ def sensing_problems(navigation: Navigation, sensor: GoalSensor, timing: Timing)
     return problems
 
 
-_MEASUREMENTS = 2000  # after which the filter is taken to be settled, at most
+_MEASUREMENTS = 2000  # upper limit of the recursion; the filter has settled by then
 
 
 def goal_sigma_m(
@@ -217,7 +219,7 @@ def goal_sigma_m(
     )
     count = min(_MEASUREMENTS, int(timing.duration_s / period_s))
     for _ in range(count):
-        position_variance, covariance, speed_variance = _predicted(
+        position_variance, covariance, speed_variance = _predict_variances(
             position_variance, covariance, speed_variance, density, period_s
         )
         innovation_variance = position_variance + measurement_m**2
@@ -226,11 +228,13 @@ def goal_sigma_m(
             covariance - position_variance * covariance / innovation_variance,
             speed_variance - covariance**2 / innovation_variance,
         )
-    position_variance, _, _ = _predicted(position_variance, covariance, speed_variance, density, timing.freeze_s)
+    position_variance, _, _ = _predict_variances(
+        position_variance, covariance, speed_variance, density, timing.freeze_s
+    )
     return math.hypot(math.sqrt(max(position_variance, 0.0)), floor_m)
 
 
-def _predicted(
+def _predict_variances(
     position_variance: float, covariance: float, speed_variance: float, density: float, span_s: float
 ) -> tuple[float, float, float]:
     """Variances of position and speed, and their covariance, after `span_s` with white-noise acceleration."""
@@ -260,7 +264,7 @@ def margin_problems(
         distance_m = aircraft.rendezvous.stand_off_distance_m
         sigma_m = goal_sigma_m(sensor, estimator, navigation, timing, fleet, distance_m)
         required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
-        # nearer than the scope allows is told by itself
+        # a stand-off below the scope's minimum is reported elsewhere
         if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:
             expected = (
                 f"a stand-off of {math.ceil(required_m)} m or more: the {format_number(stand_off_min_m)} m of the "

@@ -178,13 +178,14 @@ class GoalFilter(AbstractGoalFilter):
     def predict(self, track: GoalTrack, elapsed: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
         """Mean and covariance of position and velocity a time (s) after the latest measurement."""
         pairs = [
-            self._moved(model, track.means[k], track.covariances[k], elapsed) for k, model in enumerate(self.models)
+            self._predict_model(model, track.means[k], track.covariances[k], elapsed)
+            for k, model in enumerate(self.models)
         ]
         means, covariances = (
             jnp.stack([mean for mean, _ in pairs]),
             jnp.stack([model_covariance for _, model_covariance in pairs]),
         )
-        mean, covariance = _combined(track.shares, means, covariances)
+        mean, covariance = _mixture_moments(track.shares, means, covariances)
         return mean[:6], covariance[:6, :6]
 
     def update(
@@ -193,10 +194,10 @@ class GoalFilter(AbstractGoalFilter):
         """Track after a measurement: mixing, prediction, update, and new model probabilities."""
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
-        means, covariances, shares = self._mixed(track, forward)
+        means, covariances, shares = self._mix_models(track, forward)
         updates = []
         for k, model in enumerate(self.models):
-            mean, covariance = self._moved(model, means[k], covariances[k], forward)
+            mean, covariance = self._predict_model(model, means[k], covariances[k], forward)
 
             def off(goal_state: Float[Array, " n"], model: AbstractMotionModel = model) -> Float[Array, "6"]:
                 return innovation(
@@ -226,7 +227,7 @@ class GoalFilter(AbstractGoalFilter):
             vehicle_motion=track.vehicle_motion,
         )
 
-    def _moved(
+    def _predict_model(
         self, model: AbstractMotionModel, mean: Array, covariance: Array, span: ScalarLike
     ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
         if self.kind == "ekf":
@@ -235,7 +236,7 @@ class GoalFilter(AbstractGoalFilter):
             lambda s: model.predict_state(s, span), mean, covariance, model.process_noise(span), self.points
         )
 
-    def _mixed(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
+    def _mix_models(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
         """State of each model mixed with the models before a change, and the predicted model probabilities."""
         count = len(self.models)
         if count == 1:
@@ -258,7 +259,7 @@ class GoalFilter(AbstractGoalFilter):
         return jnp.where((track.count > 0) & diverged, GOAL_DIVERGED, measured_status).astype(jnp.int32)
 
 
-def _combined(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """Mean and covariance of a mixture."""
     if means.shape[0] == 1:
         return means[0], covariances[0]

@@ -123,7 +123,7 @@ class GoalSensor(eqx.Module):
         outage = self.dropouts.initial_outage(uniforms[_NORMALS])
         queue = None
         if self.slots:
-            empty = self._nothing(instant)
+            empty = self._empty_reading(instant)
             empty_readings = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (self.slots, *leaf.shape)), empty)
             queue = MeasurementQueue(
                 empty_readings, jnp.zeros(self.slots, dtype=jnp.int32), jnp.zeros(self.slots, dtype=bool)
@@ -137,31 +137,33 @@ class GoalSensor(eqx.Module):
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
             is_sampled,
-            lambda: self._tried(sensor_state, truth, instant),
-            (sensor_state.outage, self._nothing(instant), self.latency[0]),
+            lambda: self._sample(sensor_state, truth, instant),
+            (sensor_state.outage, self._empty_reading(instant), self.latency[0]),
         )
         if sensor_state.queue is None:
             return measurement, GoalSensorState(sensor_state.biases, outage, None)
-        reading, queue = self._passed(sensor_state.queue, measurement, instant, delay)
+        reading, queue = self._exchange(sensor_state.queue, measurement, instant, delay)
         return reading, GoalSensorState(sensor_state.biases, outage, queue)
 
-    def _tried(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant) -> tuple[Flag, GoalReading, Scalar]:
+    def _sample(
+        self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
+    ) -> tuple[Flag, GoalReading, Scalar]:
         """Outage flag at a measurement time, the measurement, and its latency, s."""
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[
             _NORMALS:
         ]  # the generator's lanes after those of the normals
         next_outage = self.dropouts.next_outage(sensor_state.outage, self.period, uniforms[0])
         outage = jnp.where(instant.number > 0, next_outage, sensor_state.outage)
-        measurement = self._measured(sensor_state, truth, instant, ~self.dropouts.is_lost(outage, uniforms[1]))
+        measurement = self._measure(sensor_state, truth, instant, ~self.dropouts.is_lost(outage, uniforms[1]))
         return outage, measurement, self.latency[0] + uniforms[2] * (self.latency[1] - self.latency[0])
 
-    def _measured(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
+    def _measure(self, sensor_state: GoalSensorState, truth: Truth, instant: Instant, works: Flag) -> GoalReading:
         goal = truth.goal
         if goal is None:
             raise ValueError("a sensor of a goal on an aircraft without one")
         sight = true_line_of_sight(truth, instant.environment.earth)
         assert sight is not None
-        line_n = _line(truth, instant.environment.earth)
+        line_n = _line_to_goal(truth, instant.environment.earth)
         is_seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
         if self.kind == "sight":
             values, sigmas = line_of_sight_values(sight), self._sight_sigmas(sight)
@@ -182,11 +184,11 @@ class GoalSensor(eqx.Module):
         of_range = jnp.sqrt(self.sigmas[0] ** 2 + (self.range_share * sight.range) ** 2)
         return jnp.where(_RANGE, of_range, sigmas)
 
-    def _nothing(self, instant: Instant) -> GoalReading:
+    def _empty_reading(self, instant: Instant) -> GoalReading:
         none = jnp.zeros_like(self.sigmas)
         return GoalReading(none, jnp.ones_like(self.sigmas), jnp.zeros(6, dtype=bool), instant.number, self.kind)
 
-    def _passed(
+    def _exchange(
         self, queue: MeasurementQueue, measurement: GoalReading, instant: Instant, delay: Scalar
     ) -> tuple[GoalReading, MeasurementQueue]:
         """Put a measurement into the queue and take out the next one, if it has arrived."""
@@ -218,7 +220,7 @@ def queue_slots(latency_max_s: float, period_s: float) -> int:
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
 
 
-def _line(truth: Truth, earth: AbstractEarth) -> Vector3:
+def _line_to_goal(truth: Truth, earth: AbstractEarth) -> Vector3:
     assert truth.goal is not None
     return earth.sight(truth.state.position_n, truth.goal.position_n, truth.goal.velocity_n)[0]
 

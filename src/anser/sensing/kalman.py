@@ -134,8 +134,8 @@ def unscented_update(
     )
     root = cholesky(innovation_covariance)
     whitened, whitened_cross_covariance = (
-        _forward(root, mean_innovation[:, None])[:, 0],
-        _forward(root, cross_covariance.T),
+        _solve_lower(root, mean_innovation[:, None])[:, 0],
+        _solve_lower(root, cross_covariance.T),
     )
     # K S K^T of the gain K = (cross covariance) S^-1
     covariance = covariance - jnp.sum(
@@ -163,7 +163,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jax.lax.fori_loop(0, count, column, jnp.zeros_like(matrix))
 
 
-def _forward(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
+def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
     """Solution X of L X = B for a lower triangular L."""
     indices = jnp.arange(right_hand_side.shape[0])
 

@@ -89,9 +89,9 @@ class NavigationFilter(eqx.Module):
             position_n, velocity_n, filter_state.error_n, acceleration_n, filter_state.covariance
         )
 
-        return select_if_any(fix.is_new, lambda: self._corrected(predicted, fix), predicted)
+        return select_if_any(fix.is_new, lambda: self._correct(predicted, fix), predicted)
 
-    def _corrected(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
+    def _correct(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], sigmas: Vector3) -> Any:
             """Correction in one axis, from the fix's position and velocity and the three standard deviations."""
             decay, span = jnp.exp(-self.period / self.slow_time), self.period
@@ -104,12 +104,12 @@ class NavigationFilter(eqx.Module):
             )
             process_noise = process_noise.reshape(3, 3)
             mean = jnp.stack([state[0], state[1], decay * state[2]])
-            covariance = _moved(_moved(covariance, span, decay).T, span, decay) + process_noise
+            covariance = _apply_transition(_apply_transition(covariance, span, decay).T, span, decay) + process_noise
             # position with the slow error, then velocity
-            mean, covariance = _measured(
+            mean, covariance = _update_scalar(
                 mean, covariance, jnp.array([1.0, 0.0, 1.0], mean.dtype), fixed[0], position_variance
             )
-            return _measured(mean, covariance, jnp.array([0.0, 1.0, 0.0], mean.dtype), fixed[1], velocity_variance)
+            return _update_scalar(mean, covariance, jnp.array([0.0, 1.0, 0.0], mean.dtype), fixed[1], velocity_variance)
 
         fixed = jnp.stack([fix.position_n, fix.velocity_n], axis=1)
         sigmas = jnp.stack([self.slow_sigma, self.noise_sigma, self.velocity_sigma], axis=1)
@@ -118,7 +118,7 @@ class NavigationFilter(eqx.Module):
         return NavigationState(mean[:, 0], mean[:, 1], mean[:, 2], filter_state.acceleration_n, covariance)
 
 
-def _measured(
+def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
     """Update by a scalar measurement, `value` = `observation` . state + error, in Joseph form, multiplied out."""
@@ -135,7 +135,7 @@ def _measured(
     return mean + gain * (value - jnp.sum(mean * observation)), covariance
 
 
-def _moved(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
+def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
     """Transition of a matrix's rows: position and velocity over a time (s), and the decay of the slow error."""
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 

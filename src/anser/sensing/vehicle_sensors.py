@@ -198,7 +198,7 @@ class VehicleSensors(eqx.Module):
         has_new_fix, previous_fix = is_due(instant, self.satellite.period), sensor_state.fix
         position_n, fix_position_n, fix_velocity_n = select_if_any(
             has_new_fix,
-            lambda: self._fixed(sensor_state.position_n, truth, instant),
+            lambda: self._new_fix(sensor_state.position_n, truth, instant),
             (sensor_state.position_n, previous_fix.position_n, previous_fix.velocity_n),
         )
         fix = Fix(fix_position_n, fix_velocity_n, has_new_fix)
@@ -210,7 +210,7 @@ class VehicleSensors(eqx.Module):
             quaternion=tilt_attitude(state.quaternion, attitude_b),
             rates_b=state.rates_b + sensor_state.rates_b + inertial.rates_noise * normals[3:6],
             specific_force_b=force_b + sensor_state.force_b + inertial.force_noise * normals[6:9],
-            velocity_air_b=_through_air_b(*measured),
+            velocity_air_b=_air_velocity_b(*measured),
             fix=fix,
         )
         errors = VehicleSensorErrors(
@@ -218,7 +218,7 @@ class VehicleSensors(eqx.Module):
         )
         return reading, errors
 
-    def _fixed(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
+    def _new_fix(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
         """Slow error, position and velocity of a fix, from the slow error one period earlier."""
         satellite, normals = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
         next_slow_n = gauss_markov(
@@ -245,7 +245,7 @@ def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
     return quaternion_multiply(quaternion, normalize(jnp.concatenate([jnp.ones_like(half_b[:1]), half_b])))
 
 
-def _through_air_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
+def _air_velocity_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
     """Velocity through the air in body axes from airspeed, angle of attack and sideslip."""
     level = V * jnp.cos(beta)
     return jnp.stack([level * jnp.cos(alpha), V * jnp.sin(beta), level * jnp.sin(alpha)])

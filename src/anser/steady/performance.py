@@ -158,10 +158,10 @@ def capability_from_points(
 
     If level flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
     """
-    usable = np.asarray(points.trimmable) & _with_reserve(airframe, points)
+    usable = np.asarray(points.trimmable) & _has_reserve(airframe, points)
     level, banked, sloped = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size]))
     grid = np.asarray(_speed_grid(*speeds))
-    bounds = _range(level, int(np.argmin(np.abs(np.log(grid / speed)))))
+    bounds = _true_run(level, int(np.argmin(np.abs(np.log(grid / speed)))))
     turning = int(np.argmin([*banked, False]))
     climbs = np.where(sloped, speed * np.sin(_SLOPES), 0.0)
     factors = np.asarray(points.load_factor)[_SPEEDS : _SPEEDS + turning]
@@ -179,7 +179,7 @@ def _speed_grid(low: ScalarLike, high: ScalarLike) -> jax.Array:
     return jnp.exp(jnp.linspace(jnp.log(low), jnp.log(high), _SPEEDS))
 
 
-def _with_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:
+def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:
     """Whether power, surfaces and angle of attack have the required reserve."""
     commanded = np.flatnonzero(airframe.actuators.is_commanded)
     surface_margin = np.asarray(points.surface_margin)[:, commanded].min(axis=1)
@@ -187,7 +187,7 @@ def _with_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarra
     return (np.asarray(points.power_margin) >= RESERVE) & (surface_margin >= RESERVE) & (alpha_margin >= ALPHA_RESERVE)
 
 
-def _range(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
+def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
     """First and last index of a run of true flags: the run around `preferred`, or the longest; None without a run."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -145,7 +145,7 @@ def trim_target(
     ValueError
         If a pitch rate is combined with a turn or path rate. (For traced rates the trim reports it: see `TrimPoint`.)
     """
-    if _known_other_than_0(pitch_rate) and (_known_other_than_0(turn_rate) or _known_other_than_0(path_rate)):
+    if _is_known_nonzero(pitch_rate) and (_is_known_nonzero(turn_rate) or _is_known_nonzero(path_rate)):
         raise ValueError(
             f"pitch_rate: arrived {pitch_rate} rad/s with turn_rate {turn_rate} and path_rate {path_rate} rad/s; "
             "expected a pitch rate alone (a pull-up with P = R = 0), or turn and path rates, which set all body rates"
@@ -154,12 +154,12 @@ def trim_target(
     return TrimTarget(*map(as_array, numbers))
 
 
-def _known_other_than_0(rate: ScalarLike) -> bool:
+def _is_known_nonzero(rate: ScalarLike) -> bool:
     return not isinstance(rate, Tracer) and float(rate) != 0.0
 
 
-class _Case(NamedTuple):
-    """Parameters of the trim equations; `shares` as returned by `_shares`."""
+class _TrimCase(NamedTuple):
+    """Parameters of the trim equations; `shares` as returned by `_surface_shares`."""
 
     airframe: AbstractAirframe
     shares: Float[Array, "surface unknown"]
@@ -186,7 +186,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
     return target.speed * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
 
 
-def _residual(x: Unknowns, case: _Case) -> Unknowns:
+def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
     """Residual accelerations, in g and rad/s^2, and the side force over the weight."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
@@ -205,12 +205,12 @@ def _residual(x: Unknowns, case: _Case) -> Unknowns:
     return jnp.concatenate([linear / local.gravity, angular, coordinated / local.gravity])
 
 
-def _surfaces(x: Unknowns, case: _Case, data: AirData) -> Vector:
+def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
     """Deflections for an iterate, rad: commanded surfaces, and scheduled surfaces at their schedules."""
     return case.airframe.actuators.scheduled_position(jnp.sum(case.shares * x[None, 3:-1], axis=1), data)
 
 
-def _shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
+def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
     """Deflection of each surface per unknown, shape (surface, unknown); surfaces without command stay at schedules.
 
     Up to three commanded surfaces are unknowns themselves. Beyond three, the unknowns are roll, pitch and yaw, and the
@@ -254,8 +254,8 @@ def solve_trim(
     air = environment.atmosphere.at(target.altitude)
     low = jnp.asarray(_ALPHA_STARTS_DEG[0] * DEG_RAD)
     slow_flight = air_data(target.speed * jnp.stack([jnp.cos(low), 0.0 * low, jnp.sin(low)]), target.altitude, air)
-    shares = _shares(airframe, slow_flight)
-    case = _Case(airframe, shares, environment.earth, air, wind_n, position_n, target)
+    shares = _surface_shares(airframe, slow_flight)
+    case = _TrimCase(airframe, shares, environment.earth, air, wind_n, position_n, target)
     upward = environment.gravity + jnp.maximum(target.speed * target.path_rate, 0.0)
     bank = jnp.arctan2(target.speed * target.turn_rate * jnp.cos(target.path_angle), upward)
 
@@ -295,7 +295,7 @@ def solve_trim(
     )
 
 
-def _excess(case: _Case, x: Unknowns) -> Scalar:
+def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
     """Sum of the violations of all limits (rad and fractions of power); 0 inside the limits."""
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))

@@ -95,7 +95,7 @@ class TrimDiagnosis:
         if self.nearest:
             lines += ["All else unchanged:", *(f"- {trim.message()}" for trim in self.nearest)]
         else:
-            rate = _rate_changed(t).replace("_", " ")
+            rate = _changed_rate(t).replace("_", " ")
             lines += [f"No change of speed, path angle or {rate} alone makes it possible."]
         return "\n".join(lines)
 
@@ -131,7 +131,7 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
         if not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
             low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
             messages.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
-    is_outside, data = _elsewhere_outside(airframe, environment, point)
+    is_outside, data = _outside_data(airframe, environment, point)
     if bool(is_outside):
         range_messages = _beyond_validity(airframe, data)
         message = f"altitude {float(data.altitude):.0f} m, Mach {float(data.mach):.2f}: outside the aircraft's data"
@@ -171,7 +171,7 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
     target
         The required steady flight condition of one aircraft.
     """
-    rate = _rate_changed(target)
+    rate = _changed_rate(target)
     target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
     gravity = float(environment.gravity)
     scale = {"speed": 1 / target_values["speed"], "path_angle": 1.0, rate: target_values["speed"] / gravity}
@@ -181,13 +181,13 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
         "path_angle": np.linspace(-_PATH_ANGLE_LIMIT, _PATH_ANGLE_LIMIT, _CANDIDATES),
         rate: np.linspace(-rate_limit, rate_limit, _CANDIDATES),
     }
-    points, usable = _solve(airframe, environment, target, grids)
+    points, usable = _solve_grids(airframe, environment, target, grids)
     target_trim = jax.tree.map(lambda leaf: leaf[-1], points)
     violations = trim_violations(airframe, environment, target_trim)
     if not violations:
         return TrimDiagnosis(target, target_trim, (), ())
-    finer = {name: _beside_nearest(grids[name], usable[name], target_values[name]) for name in grids}
-    points, usable = _solve(airframe, environment, target, finer)
+    finer = {name: _refined_grid(grids[name], usable[name], target_values[name]) for name in grids}
+    points, usable = _solve_grids(airframe, environment, target, finer)
     nearest = []
     for quantity_index, name in enumerate(grids):
         if not usable[name].any():
@@ -208,13 +208,13 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
     return TrimDiagnosis(target, target_trim, violations, tuple(nearest))
 
 
-def _rate_changed(target: TrimTarget) -> str:
+def _changed_rate(target: TrimTarget) -> str:
     """The rate changed by the diagnosis: turn rate, or pitch rate in a pull-up."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @compiled
-def _elsewhere_outside(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
+def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
     """Whether a quantity besides the flow angles is outside the data, and the air data."""
     data = flight_condition(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
@@ -232,7 +232,7 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
     return jax.vmap(trim_and_check)(targets)
 
 
-def _solve(
+def _solve_grids(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
     """Trim the target for every value of every grid, in order of the grids, and finally the target unchanged."""
@@ -244,7 +244,7 @@ def _solve(
     return points, dict(zip(grids, np.split(np.asarray(usable)[:count], len(grids)), strict=True))
 
 
-def _beside_nearest(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
+def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
     """Values from the nearest usable value to the next one towards the target; the grid if no value is usable."""
     if not usable.any():
         return grid
