@@ -4,7 +4,7 @@ One self-contained HTML page: success rate, failure causes, bounds, influences, 
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,11 @@ import numpy as np
 
 from anser.report.campaign_data import CampaignReport, campaign_data
 from anser.report.campaign_map import campaign_map
-from anser.report.flight_overview import cards_html, escape_html, format_number, scroll_table
+from anser.report.flight_overview import cards_html
 from anser.report.labels import printed_unit
-from anser.report.page_frame import assemble_page, write_page
-from anser.report.style import COLORS, page_color_of
+from anser.report.page_frame import render_page, write_page
+from anser.report.page_templates import MISSING, format_number
+from anser.report.style import COLORS
 from anser.report.svg_charts import influence_strip
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.separation import NO_SEPARATION, proximity_warning
@@ -24,270 +25,8 @@ _CAUSES_MAX = 12
 """Greatest number of failure causes shown."""
 _NUMBERS_MAX = 12
 """Greatest number of flight numbers listed for one reason."""
-_HEADLINES = ("miss_m", "arrival_spread_s")
-_HEADINGS = {"miss_m": "Miss<small>m</small>", "arrival_spread_s": "Spread<small>s</small>"}
-_SENTENCE_PARTS = {"miss_m": "miss by at most", "arrival_spread_s": "arrive within"}
-
-
-def headline_html(report: CampaignReport) -> str:
-    """Success rate with confidence interval, and the main bounds; first a note if the campaign is incomplete."""
-    estimates = report.estimates
-    flown, succeeded, confidence = estimates["flown"], estimates["met"], f"{100 * estimates['confidence']:g} %"
-    completeness = _completeness_note(report)
-    if not flown:
-        return f'{completeness}<div class="answer mixed"><p class="head">No flight so far</p></div>'
-    share = f"{100 * estimates['probability']:.2f} %"
-    interval = f"{100 * estimates['low']:.2f} to {100 * estimates['high']:.2f} %"
-    sentences = [f"{share} of the flights; {interval} at {confidence} confidence{_independence_note(estimates)}."]
-    sentences += [
-        f"{100 * estimate['share']:g} % of the flights {_SENTENCE_PARTS[estimate['name']]} "
-        f"{_value(estimate['value'])}&nbsp;{escape_html(printed_unit(estimate['unit']))} ({_interval_text(estimate)})."
-        for estimate in (_main_quantile(estimates, name) for name in _HEADLINES)
-        if estimate is not None
-    ]
-    warning = proximity_warning(_least_separation(report), report.dataset.attrs)
-    if report.dataset.attrs.get("separation_required") == 0:
-        sentences.append(f"{NO_SEPARATION.capitalize()}.")
-    if warning:
-        sentences.append(f"<b>Warning:</b> {escape_html(warning)}.")
-    css_class, mark = ("good", "✓") if succeeded == flown and not warning else ("mixed", "")
-    head = f"{succeeded:,} of {flown:,} flights met every requirement"
-    return (
-        f'{completeness}<div class="answer {css_class}"><p class="head"><span aria-hidden="true">'
-        f"{mark}</span> {head}</p><p>{' '.join(sentences)}</p></div>"
-    )
-
-
-def _least_separation(report: CampaignReport) -> np.ndarray:
-    """Least distance between two aircraft in each flight, m; empty for a single aircraft."""
-    name = "separation_min_m"
-    return report.dataset[name].values if name in report.dataset else np.empty(0)
-
-
-def _completeness_note(report: CampaignReport) -> str:
-    flown, flights = report.estimates["flown"], report.estimates["flights"]
-    if flown == flights:
-        return ""
-    if report.is_converged:
-        note = f"After {flown:,} of {flights:,} flights the interval was as narrow as the study asks."
-        return f'<p class="caption">{note}</p>'
-    return (
-        f'<p class="lacking"><b>Partial: {flown:,} of {flights:,} flights.</b> '
-        "All that stands below comes from these alone.</p>"
-    )
-
-
-def _independence_note(estimates: Mapping[str, Any]) -> str:
-    if estimates["independent"] == estimates["flown"]:
-        return ""
-    return f", from the {estimates['independent']:,} flights that are independent of each other"
-
-
-def _main_quantile(estimates: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """Quantile of a quantity nearest to 95 % with a finite bound; None without such a quantile."""
-    bounded = [
-        estimate for estimate in estimates["quantiles"] if estimate["name"] == name and estimate["value"] is not None
-    ]
-    return min(bounded, key=lambda estimate: abs(estimate["share"] - 0.95)) if bounded else None
-
-
-def _interval_text(estimate: Mapping[str, Any]) -> str:
-    """Confidence interval as text; a bound that the number of flights cannot give is left open."""
-    low, high = estimate["low"], estimate["high"]
-    if low is None and high is None:
-        return "interval open"
-    if low is None or high is None:
-        return f"{_value(low)} or more" if high is None else f"{_value(high)} or less"
-    return f"{_value(low)} to {_value(high)}"
-
-
-def _value(value: float | None) -> str:
-    """Format with four significant digits."""
-    if value is None or not np.isfinite(value):
-        return format_number(None, 0)
-    if not value:
-        return "0"
-    digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
-    return format_number(value, max(0, min(9, digits)))
-
-
-def number_cards(report: CampaignReport) -> str:
-    """Cards with the main figures of the campaign."""
-    estimates = report.estimates
-    confidence = f"{100 * estimates['confidence']:g} %"
-    started = int((report.dataset["reason"].values == "").sum())
-    cards = [("Flights", f"{estimates['flown']:,}", "", f"of {estimates['flights']:,}")]
-    if estimates["probability"] is not None:
-        interval = f"{100 * estimates['low']:.2f} to {100 * estimates['high']:.2f} % at {confidence}"
-        cards.append(("Met everything", f"{100 * estimates['probability']:.2f}", "%", interval))
-    for name in _HEADLINES:
-        estimate = _main_quantile(estimates, name)
-        if estimate is not None:
-            share = f"{100 * estimate['share']:g} % of flights: {estimate['words']}"
-            cards.append(
-                (
-                    escape_html(share),
-                    _value(estimate["value"]),
-                    escape_html(printed_unit(estimate["unit"])),
-                    _interval_text(estimate),
-                )
-            )
-    cards.append(
-        (
-            "Failed",
-            f"{estimates['flown'] - estimates['met']:,}",
-            "",
-            f"{estimates['flown'] - started:,} could not begin",
-        )
-    )
-    return cards_html(cards)
-
-
-def failure_causes(report: CampaignReport) -> str:
-    """Causes of failure, the most frequent first, with a bar for the share of the failed flights."""
-    causes, failed = report.estimates["causes"], report.estimates["flown"] - report.estimates["met"]
-    if not causes:
-        return '<p class="caption">No flight failed.</p>'
-    items = "".join(
-        f'<li class="over"><span class="what">{escape_html(cause)}</span>'
-        f'<span class="bar"><i style="width:{100 * count / failed:.1f}%"></i></span>'
-        f'<span class="share">{100 * count / failed:.0f} %</span>'
-        f'<span class="is"><b>{count:,}</b> of {failed:,}</span></li>'
-        for cause, count in list(causes.items())[:_CAUSES_MAX]
-    )
-    hidden_count = len(causes) - _CAUSES_MAX
-    hidden_note = (
-        f'<p class="caption">{hidden_count} rarer causes are not shown; all are in flights.parquet.</p>'
-        if hidden_count > 0
-        else ""
-    )
-    cause = "Part of the flights that failed; a flight may fail of several things."
-    return f'<p class="caption">{cause}</p><ol class="margins">{items}</ol>{hidden_note}'
-
-
-def bounds_table(report: CampaignReport) -> str:
-    """Table of the quantiles with confidence intervals: rows are quantities, columns are shares of the flights."""
-    quantiles = report.estimates["quantiles"]
-    shares = sorted({estimate["share"] for estimate in quantiles})
-    headings = '<th class="text">Quantity</th><th class="text">Bound</th>'
-    headings += "".join(f"<th>{100 * share:g} % of flights<small>interval</small></th>" for share in shares)
-    body = ""
-    for name in dict.fromkeys(estimate["name"] for estimate in quantiles):
-        by_share = {estimate["share"]: estimate for estimate in quantiles if estimate["name"] == name}
-        sample = next(iter(by_share.values()))
-        body += f'<tr><td class="text name">{escape_html(sample["words"])}</td>'
-        body += f'<td class="text">{"at most" if sample["upper"] else "at least"}</td>'
-        body += "".join(_cell(by_share[share]) for share in shares) + "</tr>"
-    return scroll_table(headings, body)
-
-
-def _cell(estimate: Mapping[str, Any]) -> str:
-    if estimate["value"] is None:
-        return "<td>none<small>too many flights have no number</small></td>"
-    unit = escape_html(printed_unit(estimate["unit"]))
-    return f"<td>{_value(estimate['value'])} {unit}<small>{_interval_text(estimate)}</small></td>"
-
-
-def worst_table(report: CampaignReport) -> str:
-    """The worst flights: result, values of the varied inputs, and the command that repeats the flight."""
-    if not len(report.worst):
-        return '<p class="caption">No flight has begun.</p>'
-    flights = report.dataset.sel(flight=list(report.worst))
-    mapped = [replay.number for replay in report.replays if replay.worst]
-    succeeded = flights["met"].values
-    columns = {name: worst_of_fleet(flights, name) for name in applicable_quantities(_HEADLINES, flights)}
-    headings = (
-        "<th>Flight</th>" + "".join(f"<th>{_HEADINGS[name]}</th>" for name in columns) + '<th class="text">Outcome</th>'
-    )
-    headings += (
-        "".join(f"<th>{escape_html(path)}</th>" for path in report.varied_paths) + '<th class="text">Fly it again</th>'
-    )
-    body = ""
-    for k, flight in enumerate(report.worst):
-        swatch = (
-            f'<span class="swatch" style="background:{page_color_of(mapped.index(flight))}"></span>'
-            if flight in mapped
-            else ""
-        )
-        cells = "".join(f"<td>{_input_text(flights[path].values[k])}</td>" for path in report.varied_paths)
-        outcome = "met every requirement" if succeeded[k] else _failure_text(flights, k)
-        command = f"anser run --campaign {report.folder} --flight {flight}"
-        body += (
-            f'<tr data-flight="{flight}"><td class="name">{swatch}{flight}</td>'
-            + "".join(f"<td>{_value(values[k])}</td>" for values in columns.values())
-            + f'<td class="text free">{escape_html(outcome)}</td>{cells}'
-            f'<td class="text command"><code>{escape_html(command)}</code></td></tr>'
-        )
-    return scroll_table(headings, body)
-
-
-def _failure_text(flights: Any, k: int) -> str:
-    statuses = sorted({str(entry) for entry in flights["status"].values[k]} - {"arrived"})
-    return "; ".join(
-        [*statuses, *(f"not met: {entry}" for entry in str(flights["unmet"].values[k]).split(", ") if entry)]
-    )
-
-
-def _input_text(value: Any) -> str:
-    return escape_html(f"{value:.5g}".replace("-", "−")) if isinstance(value, float) else escape_html(value)
-
-
-def unstarted_flights(report: CampaignReport) -> str:
-    """Flights that could not start, grouped by reason; empty if every flight started."""
-    reasons = report.dataset["reason"].values
-    by_reason: dict[str, list[int]] = {}
-    for flight, reason in zip(report.dataset["flight"].values.tolist(), reasons.tolist(), strict=True):
-        if reason:
-            by_reason.setdefault(reason, []).append(flight)
-    if not by_reason:
-        return ""
-    body = "".join(
-        f'<tr><td>{len(flights):,}</td><td class="text free">{escape_html(reason)}</td><td class="text free">'
-        f"{', '.join(map(str, flights[:_NUMBERS_MAX]))}{', …' if len(flights) > _NUMBERS_MAX else ''}</td></tr>"
-        for reason, flights in sorted(by_reason.items(), key=lambda item: -len(item[1]))
-    )
-    headings = '<th>Flights</th><th class="text">Reason</th><th class="text">Their numbers</th>'
-    return (
-        '<section id="not-begun"><h2>Could not begin</h2><p class="caption">They count as failures, with an infinite '
-        f"miss, in all that stands above.</p>{scroll_table(headings, body)}</section>"
-    )
-
-
-def provenance_html(report: CampaignReport) -> str:
-    """Study, scenario, seed and software versions."""
-    attributes, study = report.dataset.attrs, report.study
-    versions = [
-        f"{escape_html(key.removeprefix('version_'))} {escape_html(value)}"
-        for key, value in attributes.items()
-        if key.startswith("version_")
-    ]
-    sampling = ", ".join(
-        f"{escape_html(key)} {escape_html(value)}" for key, value in study["sampling"].items() if value is not None
-    )
-    documents = (("study", study), ("scenario, as far as its file says", json.loads(attributes["scenario"])))
-    details = "".join(
-        f'<details class="more"><summary>the {name}</summary>'
-        f"<pre>{escape_html(json.dumps(values, indent=2, ensure_ascii=False))}</pre></details>"
-        for name, values in documents
-    )
-    return (
-        f'<div class="facts"><div>Study <b>{escape_html(study["name"])}</b></div>'
-        f"<div>Study hash <code>{escape_html(attributes['study_hash'])}</code></div>"
-        f"<div>Scenario hash <code>{escape_html(attributes['scenario_hash'])}</code></div>"
-        f"<div>Seed {escape_html(study.get('seed', 0))}</div><div>Sampling: {sampling}</div>"
-        f"<div>{', '.join(versions)}</div></div>{details}"
-    )
-
-
-def missing_index_notes(influences: Mapping[str, Any]) -> Sequence[str]:
-    """Sentences that give the reason for each output or input without an index."""
-    outputs = influences["outputs"]
-    return [
-        f"{escape_html(outputs.get(name, name))}: none, {escape_html(reason)}."
-        for name, reason in influences["not_computed"].items()
-    ]
-
-
+_HEADLINES = {"miss_m": ("Miss", "m", "miss by at most"), "arrival_spread_s": ("Spread", "s", "arrive within")}
+"""Main quantities: heading and unit of the column in the table of the worst flights, and part of a sentence."""
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
@@ -297,132 +36,219 @@ def write_campaign_report(report: CampaignReport, path: Path) -> None:
 
     Parameters
     ----------
-    shown
+    report
         Content of the page.
     path
         HTML file to write.
     """
-    write_page(_page(report), path, overwrite=True)
-
-
-def _page(report: CampaignReport) -> str:
-    title = escape_html(report.dataset.attrs["title"])
-    confidence = f"{100 * report.estimates['confidence']:g} %"
-    independence_note = (
-        "" if report.independent.all() else " Only flights that are independent of each other count here."
-    )
-    contents = f"""<main>
-<header>
-<h1>{title}</h1>
-<p class="lead">{escape_html(report.study.get("description", ""))}</p>
-<p id="fault" class="fault" hidden></p>
-</header>
-<section class="opening"><div>{headline_html(report)}{number_cards(report)}</div>
-<div><h2 class="tight">Why flights failed</h2>{failure_causes(report)}</div></section>
-<section id="bounds"><h2>Bounds</h2><p class="caption">What part of the flights keeps, with an interval by order
-statistics at {confidence} confidence. A flight that has no such number counts as infinitely bad.{independence_note}</p>
-{bounds_table(report)}</section>
-<section id="converging"><h2>Convergence</h2><p class="caption">Each estimate and its interval at {confidence} against
-the number of flights.{independence_note}</p><div class="plots" data-plots="converging"></div></section>
-<section id="distributions"><h2>Distributions</h2><p class="caption">Part of the flights that keeps a bound; bars: the
-intervals of the bounds above at {confidence}. What is missing to 100 % has no such number.{independence_note}</p>
-<div class="plots" data-plots="distributions"></div></section>
-{_series(report)}
-{_influences(report)}
-{_scatter(report)}
-<section id="worst"><h2>The worst flights</h2>{_map(report)}{worst_table(report)}</section>
-{unstarted_flights(report)}
-<section id="provenance"><h2>Study, scenario, versions, seed</h2>{provenance_html(report)}</section>
-</main>"""
-    return assemble_page(
-        f"{title} · anser campaign report",
+    page = render_page(
+        "campaign.html",
         body_class="single campaign",
         styles=_STYLES,
         scripts=_SCRIPTS,
-        contents=contents,
         data=("campaign", {"colors": len(COLORS), **campaign_data(report)}),
+        title=report.dataset.attrs["title"],
+        fleet_size=report.dataset.sizes["aircraft"],
+        input_paths=report.varied_paths,
+        folder=report.folder,
+        study=report.study,
+        series_aircraft=report.bands[0].aircraft if report.bands else (),
+        **_success(report),
+        **_failures(report),
+        **_bounds(report),
+        **_influences(report),
+        **_worst_flights(report),
+        **_provenance(report),
     )
+    write_page(page, path, overwrite=True)
 
 
-def _series(report: CampaignReport) -> str:
-    """Section with the quantiles over time; empty if no variable with numeric values was recorded."""
-    if not report.bands:
-        return ""
-    band = report.bands[0]
-    fleet = report.dataset.sizes["aircraft"]
-    legend = " ".join(
-        f'<span class="swatch" style="background:{page_color_of(k)}"></span>{escape_html(name)}'
-        for k, name in enumerate(band.aircraft)
-    )
-    selection_note = f" The first {len(band.aircraft)} of {fleet} aircraft." if len(band.aircraft) < fleet else ""
-    return (
-        '<section id="series"><h2>Over time</h2><p class="caption">Of each aircraft the median over the flights (line) '
-        "and the band from 5 to 95 % of them, at each time by itself; flights that could not begin are not among "
-        f'them.{selection_note}</p><p class="caption">{legend}</p>'
-        '<div class="plots" data-plots="series"></div></section>'
-    )
+def _success(report: CampaignReport) -> dict[str, Any]:
+    """Success rate, main bounds and warnings."""
+    estimates, dataset = report.estimates, report.dataset
+    warning = proximity_warning(_least_separation(report), dataset.attrs)
+    return {
+        "flights": estimates["flights"],
+        "flown": estimates["flown"],
+        "succeeded": estimates["met"],
+        "is_converged": report.is_converged,
+        "is_success": estimates["met"] == estimates["flown"] and not warning,
+        "success": _success_rate(estimates),
+        "confidence": _percent(estimates["confidence"]),
+        "independent_count": estimates["independent"],
+        "independence_note": (
+            "" if report.independent.all() else " Only flights that are independent of each other count here."
+        ),
+        "main_bounds": [
+            _bound(estimate) | {"sentence_part": _HEADLINES[estimate["name"]][2]}
+            for estimate in _main_quantiles(estimates)
+        ],
+        "without_separation": dataset.attrs.get("separation_required") == 0,
+        "no_separation": NO_SEPARATION.capitalize(),
+        "warning": warning,
+        "cards": _cards(report),
+    }
 
 
-def _influences(report: CampaignReport) -> str:
-    """Section with the Sobol indices or rank correlations; empty without varied inputs."""
-    if not report.varied_paths:
-        return ""
-    influences = report.influences
-    sobol = influences["kind"] == "Sobol indices"
-    strips = "".join(
-        f'<div><p class="run-name"><b>{escape_html(label)}</b></p>{influence_strip(influences["entries"], name)}</div>'
-        for name, label in influences["outputs"].items()
-        if any(entry["output"] == name for entry in influences["entries"])
-    )
-    explanation = (
-        "Sobol indices: the part of the variance that an input makes by itself (first) and in whatever combination "
-        "(total). What the first ones leave of 1 is combinations, and what is random in each flight."
-        if sobol
-        else "Spearman rank correlations, −1 to 1: how monotonically an output goes with an input; no parts of a "
-        "variance, and blind to what rises and falls. Texts rank in the order of the study."
-    )
-    body = "".join(
-        f'<tr><td class="text">{escape_html(influences["outputs"][entry["output"]])}</td>'
-        f'<td class="text name">{escape_html(entry["path"])}</td>'
-        f'<td class="text">{escape_html(entry["measure"])}</td>'
-        + "".join(f"<td>{format_number(entry[key], 3)}</td>" for key in ("value", "low", "high"))
-        + "</tr>"
-        for entry in influences["entries"]
-    )
-    headings = '<th class="text">Output</th><th class="text">Input</th><th class="text">Measure</th>'
-    headings += "<th>Value</th><th>From</th><th>To</th>"
-    without = "".join(f'<p class="caption">{label}</p>' for label in missing_index_notes(influences))
-    return (
-        f'<section id="influences"><h2>What it depends on</h2><p class="caption">{explanation} Lines: intervals at '
-        f"{100 * influences['confidence']:g} %; from {influences['flights']:,} flights.</p>"
-        f'<div class="strips">{strips}</div>{without}'
-        f'<details class="more"><summary>the numbers</summary>{scroll_table(headings, body)}</details></section>'
-    )
+def _success_rate(estimates: Mapping[str, Any]) -> dict[str, str] | None:
+    """Success rate with its interval as texts; None before the first flight."""
+    if estimates["probability"] is None:
+        return None
+    low, high = (f"{100 * estimates[end]:.2f}" for end in ("low", "high"))
+    return {"share": f"{100 * estimates['probability']:.2f} %", "interval": f"{low} to {high} %"}
 
 
-def _scatter(report: CampaignReport) -> str:
-    """Section with scatter plots of the outputs over each input; empty without varied inputs."""
-    if not report.varied_paths:
-        return ""
-    return (
-        '<section id="against"><h2>Every flight against each input</h2><div class="toolbar"><label class="group">'
-        'Quantity <select id="quantity"></select></label><span class="caption">A dot met every requirement, a '
-        'cross did not; crosses at the edge have no number. <span id="drawn"></span></span></div>'
-        '<div class="plots" data-plots="against"></div></section>'
-    )
+def _least_separation(report: CampaignReport) -> np.ndarray:
+    """Least distance between two aircraft in each flight, m; empty for a single aircraft."""
+    name = "separation_min_m"
+    return report.dataset[name].values if name in report.dataset else np.empty(0)
 
 
-def _map(report: CampaignReport) -> str:
-    svg = campaign_map(report)
-    if not svg:
-        caption = "Flights that began, the worst first. None was flown again for this report: there is no map."
-        return f'<p class="caption">{caption}</p>'
-    background_count = sum(not replay.worst for replay in report.replays)
-    caption = (
-        f"Flights that began, the worst first, in colour over {background_count} others, evenly spaced; from above, "
-        "each aircraft until it has arrived. A dot is where one began, a square where it was at the end."
-    )
-    if report.replay_differences:
-        numbers = ", ".join(map(str, report.replay_differences))
-        caption += f" Flown again, these did not come out as in the campaign: {numbers}."
-    return f'<p class="caption">{caption}</p>{svg}'
+def _cards(report: CampaignReport) -> str:
+    """Cards with the main figures of the campaign."""
+    estimates, success = report.estimates, _success_rate(report.estimates)
+    started = int((report.dataset["reason"].values == "").sum())
+    cards = [("Flights", f"{estimates['flown']:,}", "", f"of {estimates['flights']:,}")]
+    if success is not None:
+        share, unit = success["share"].split(" ")
+        cards.append(("Met everything", share, unit, f"{success['interval']} at {_percent(estimates['confidence'])}"))
+    for estimate in _main_quantiles(estimates):
+        bound = _bound(estimate)
+        heading = f"{bound['share']} of flights: {estimate['words']}"
+        cards.append((heading, bound["value"], bound["unit"], bound["interval"]))
+    failed_count = estimates["flown"] - estimates["met"]
+    cards.append(("Failed", f"{failed_count:,}", "", f"{estimates['flown'] - started:,} could not begin"))
+    return cards_html(cards)
+
+
+def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Of each main quantity the quantile nearest to 95 % with a finite bound, if any."""
+    quantiles = []
+    for name in _HEADLINES:
+        bounded = [row for row in estimates["quantiles"] if row["name"] == name and row["value"] is not None]
+        quantiles += sorted(bounded, key=lambda row: abs(row["share"] - 0.95))[:1]
+    return quantiles
+
+
+def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
+    """Texts of a quantile and its confidence interval."""
+    return {
+        "share": _percent(estimate["share"]),
+        "is_missing": estimate["value"] is None,
+        "value": _value(estimate["value"]),
+        "unit": printed_unit(estimate["unit"]),
+        "interval": _interval_text(estimate["low"], estimate["high"]),
+    }
+
+
+def _interval_text(low: float | None, high: float | None) -> str:
+    """Confidence interval as text; a bound that the number of flights cannot give is left open."""
+    if low is None and high is None:
+        return "interval open"
+    if low is None or high is None:
+        return f"{_value(low)} or more" if high is None else f"{_value(high)} or less"
+    return f"{_value(low)} to {_value(high)}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:g} %"
+
+
+def _value(value: float | None) -> str:
+    """Format with four significant digits."""
+    if value is None or not np.isfinite(value):
+        return MISSING
+    if not value:
+        return "0"
+    digits = 3 - int(np.floor(np.log10(max(abs(value), 1e-6))))
+    return format_number(value, max(0, min(9, digits)))
+
+
+def _failures(report: CampaignReport) -> dict[str, Any]:
+    """Causes of failure, the most frequent first, and flights that could not start, by reason."""
+    causes = list(report.estimates["causes"].items())
+    reasons = report.dataset["reason"].values.tolist()
+    by_reason: dict[str, list[int]] = {}
+    for flight, reason in zip(report.dataset["flight"].values.tolist(), reasons, strict=True):
+        if reason:
+            by_reason.setdefault(reason, []).append(flight)
+    return {
+        "causes": causes[:_CAUSES_MAX],
+        "hidden_cause_count": len(causes) - _CAUSES_MAX,
+        "failed_count": report.estimates["flown"] - report.estimates["met"],
+        "unstarted_flights": sorted(by_reason.items(), key=lambda item: -len(item[1])),
+        "numbers_max": _NUMBERS_MAX,
+    }
+
+
+def _bounds(report: CampaignReport) -> dict[str, Any]:
+    """Table of the quantiles: rows are quantities, columns are shares of the flights."""
+    quantiles = report.estimates["quantiles"]
+    shares = sorted({estimate["share"] for estimate in quantiles})
+    by_name: dict[str, dict[float, Mapping[str, Any]]] = {}
+    for estimate in quantiles:
+        by_name.setdefault(estimate["name"], {})[estimate["share"]] = estimate
+    rows = [([by_share[share] for share in shares]) for by_share in by_name.values()]
+    return {
+        "bound_shares": [_percent(share) for share in shares],
+        "bounds": [
+            {"name": row[0]["words"], "is_upper": row[0]["upper"], "bounds": [_bound(estimate) for estimate in row]}
+            for row in rows
+        ],
+    }
+
+
+def _influences(report: CampaignReport) -> dict[str, Any]:
+    """Sobol indices or rank correlations, with a chart of each output."""
+    influences: Mapping[str, Any] = report.influences if report.varied_paths else {"outputs": {}}
+    charts = [
+        (label, influence_strip(influences["entries"], output)) for output, label in influences["outputs"].items()
+    ]
+    return {"influences": influences, "influence_charts": [(label, chart) for label, chart in charts if chart]}
+
+
+def _worst_flights(report: CampaignReport) -> dict[str, Any]:
+    """The worst flights with their results, varied inputs and map."""
+    flights = report.dataset.sel(flight=list(report.worst))
+    mapped = [replay.number for replay in report.replays if replay.worst]
+    names = applicable_quantities(tuple(_HEADLINES), flights)
+    columns = [worst_of_fleet(flights, name) for name in names] if len(report.worst) else []
+    return {
+        "map": campaign_map(report),
+        "background_count": sum(not replay.worst for replay in report.replays),
+        "replay_differences": report.replay_differences,
+        "worst_columns": [_HEADLINES[name][:2] for name in names],
+        "worst_flights": [
+            {
+                "number": number,
+                "map_index": mapped.index(number) if number in mapped else None,
+                "numbers": [_value(values[k]) for values in columns],
+                "outcome": "met every requirement" if flights["met"].values[k] else _failure_text(flights, k),
+                "inputs": [_input_text(flights[path].values[k]) for path in report.varied_paths],
+            }
+            for k, number in enumerate(report.worst)
+        ],
+    }
+
+
+def _failure_text(flights: Any, k: int) -> str:
+    statuses = sorted({str(status) for status in flights["status"].values[k]} - {"arrived"})
+    unmet = [name for name in str(flights["unmet"].values[k]).split(", ") if name]
+    return "; ".join([*statuses, *(f"not met: {name}" for name in unmet)])
+
+
+def _input_text(value: Any) -> str:
+    return f"{value:.5g}".replace("-", "−") if isinstance(value, float) else str(value)
+
+
+def _provenance(report: CampaignReport) -> dict[str, Any]:
+    """Study, scenario and software versions."""
+    attributes, prefix = report.dataset.attrs, "version_"
+    documents = {"study": report.study, "scenario, as far as its file says": json.loads(attributes["scenario"])}
+    return {
+        "study_hash": attributes["study_hash"],
+        "scenario_hash": attributes["scenario_hash"],
+        "sampling": [(key, value) for key, value in report.study["sampling"].items() if value is not None],
+        "versions": [(key.removeprefix(prefix), value) for key, value in attributes.items() if key.startswith(prefix)],
+        "documents": [(name, json.dumps(values, indent=2, ensure_ascii=False)) for name, values in documents.items()],
+    }

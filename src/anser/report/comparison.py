@@ -1,10 +1,13 @@
 """Differences between two runs as an HTML section: figures of the flights, and values in the scenarios."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from anser.report.flight_overview import escape_html, format_number, scroll_table
+from anser.report.page_templates import MISSING, render
 from anser.results.arrival import arrival_accuracy
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _FIGURES = (
     ("separation_min_m", "Least distance of two aircraft", "m", 1),
@@ -22,39 +25,36 @@ _WORST = (
     ("speed_max_m_s", "Highest airspeed", "m/s", 1, max),
     ("clearance_min_m", "Nearest to a goal", "m", 1, min),
 )
-_MISSING = "–"
-_DIFFERENCES_MAX = 200
+_DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 
 
-def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> str:
+def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> "Markup":
     """Tabulate the figures of two runs (label, summary) with their difference, and the differing scenario keys."""
-    first_summary, second_summary = (summary for _, summary in runs)
-    accuracies = [arrival_accuracy(summary) for summary in (first_summary, second_summary)]
-    table_rows = [
+    summaries = [summary for _, summary in runs]
+    accuracies = [arrival_accuracy(summary) for summary in summaries]
+    figures = [
         _figure_row(
-            figure_name, "s", 4, *(accuracy.value_s if accuracy.kind == kind else None for accuracy in accuracies)
+            figure_name, "s", 4, [accuracy.value_s if accuracy.kind == kind else None for accuracy in accuracies]
         )
         for kind, figure_name in _ARRIVALS.items()
         if any(accuracy.kind == kind for accuracy in accuracies)
     ]
-    table_rows += [
-        _figure_row(figure_name, unit, digits, first_summary["fleet"].get(key), second_summary["fleet"].get(key))
+    figures += [
+        _figure_row(figure_name, unit, digits, [summary["fleet"].get(key) for summary in summaries])
         for key, figure_name, unit, digits in _FIGURES
-        if any(summary["fleet"].get(key) is not None for summary in (first_summary, second_summary))
+        if any(summary["fleet"].get(key) is not None for summary in summaries)
     ]
-    for key, figure_name, unit, digits, worst in _WORST:
-        table_rows.append(
-            _figure_row(
-                figure_name,
-                unit,
-                digits,
-                *(_worst_value(summary, key, worst) for summary in (first_summary, second_summary)),
-            )
-        )
-    headings = "".join(f"<th>{escape_html(label)}</th>" for label, _ in runs)
-    table = scroll_table(f'<th class="text">Figure</th>{headings}<th>second less first</th>', "".join(table_rows))
-    return (
-        f'<section id="differences"><h2>What differs</h2>{table}{_scenario_difference_table(runs, scenarios)}</section>'
+    figures += [
+        _figure_row(figure_name, unit, digits, [_worst_value(summary, key, worst) for summary in summaries])
+        for key, figure_name, unit, digits, worst in _WORST
+    ]
+    differences = scenario_differences(scenarios[0], scenarios[1])
+    return render(
+        "differences.html",
+        labels=[label for label, _ in runs],
+        figures=figures,
+        differences=[(path, list(map(_value_text, values))) for path, *values in differences[:_DIFFERENCES_MAX]],
+        hidden_count=max(0, len(differences) - _DIFFERENCES_MAX),
     )
 
 
@@ -95,36 +95,12 @@ def _entries_by_name(value: Any) -> Any:
     return value
 
 
-def _scenario_difference_table(
-    runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]
-) -> str:
-    differences = scenario_differences(scenarios[0], scenarios[1])
-    if not differences:
-        return '<p class="caption">The scenarios are the same.</p>'
-    headings = "".join(f'<th class="text">{escape_html(label)}</th>' for label, _ in runs)
-    body = "".join(
-        f'<tr><td class="text"><code>{escape_html(path)}</code></td>{_value(first_value)}{_value(second_value)}</tr>'
-        for path, first_value, second_value in differences[:_DIFFERENCES_MAX]
-    )
-    hidden_note = (
-        f'<p class="caption">and {len(differences) - _DIFFERENCES_MAX} more</p>'
-        if len(differences) > _DIFFERENCES_MAX
-        else ""
-    )
-    return scroll_table(f'<th class="text">Key of the scenario</th>{headings}', body) + hidden_note
+def _value_text(value: Any) -> str:
+    text = MISSING if value is None else str(value)
+    return text if len(text) <= _VALUE_LENGTH_MAX else text[: _VALUE_LENGTH_MAX - 1] + "…"
 
 
-def _value(value: Any) -> str:
-    text = _MISSING if value is None else str(value)
-    return f'<td class="text free">{escape_html(text if len(text) <= 160 else text[:159] + "…")}</td>'
-
-
-def _figure_row(name: str, unit: str, digits: int, first_value: float | None, second_value: float | None) -> str:
-    change = (
-        _MISSING if first_value is None or second_value is None else format_number(second_value - first_value, digits)
-    )
-    label = f"{name} ({unit})" if unit else name
-    cells = "".join(
-        f"<td>{cell}</td>" for cell in (format_number(first_value, digits), format_number(second_value, digits), change)
-    )
-    return f'<tr><td class="text">{label}</td>{cells}</tr>'
+def _figure_row(name: str, unit: str, digits: int, values: Sequence[float | None]) -> dict[str, Any]:
+    first_value, second_value = values
+    change = None if first_value is None or second_value is None else second_value - first_value
+    return {"name": f"{name} ({unit})" if unit else name, "digits": digits, "numbers": [*values, change]}

@@ -3,11 +3,9 @@
 Panels and sections of time plots, icons of goals, packed variables, events and facts of each aircraft, as plain data.
 """
 
-import html
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -21,8 +19,12 @@ from anser.report.derived_variables import (
 )
 from anser.report.labels import html_label
 from anser.report.packing import pack, quantization_step
+from anser.report.page_templates import render
 from anser.results.dataset import surface_names
 from anser.variables import CATALOGUE
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _ADRIFT_SPEED_MAX_M_S = 1.0  # below a ship's steerage way; a buoy drifts with the current
 _WIND_SPEED_MAX_M_S = 30.0  # a gale; below an aircraft's stalling speed
@@ -62,14 +64,10 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def goal_form_legend(forms: Collection[str]) -> str:
+def goal_form_legend(forms: Collection[str]) -> "Markup":
     """Legend entries for the forms of goals in the scene, HTML."""
-    return "".join(
-        f'<span><svg class="mark" viewBox="0 0 16 16" aria-hidden="true"><path d="{_ICON_PATHS[form]}"/></svg>'
-        f"{html.escape(description)}</span>"
-        for form, description in GOAL_FORM_TEXTS.items()
-        if form in forms
-    )
+    entries = [(_ICON_PATHS[form], text) for form, text in GOAL_FORM_TEXTS.items() if form in forms]
+    return render("goal_forms.html", forms=entries)
 
 
 def _form(kind: str, speed_m_s: float) -> str:
@@ -422,9 +420,3 @@ def _earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> l
         [assigned_goal[name], takeover_s[name]] if name in assigned_goal and name in takeover_s else None
         for name in names
     ]
-
-
-def script_json(data: Any) -> str:
-    """JSON that is safe inside a script element: the text cannot end the element or start another."""
-    text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
