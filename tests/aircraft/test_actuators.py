@@ -51,7 +51,7 @@ def test_surfaces_never_pass_their_limits(position, command):
 
 
 @settings(deadline=None, max_examples=50)
-@given(position=ANGLES, wanted=ANGLES)
+@given(position=ANGLES, required_rate=ANGLES)
 def test_the_command_for_a_rate_gives_that_rate_where_possible(position, required_rate):
     position = 0.5 * ACTUATORS.limit_command(position)  # room for the command: 0.15 rad to the nearest limit
     given_rate = rate(position, command_for_rate(position, 2 * required_rate))

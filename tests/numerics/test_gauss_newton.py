@@ -92,7 +92,7 @@ def test_costs_never_increase_and_the_best_searches_are_returned(costs):
 
 def test_the_batch_stops_at_the_required_count_of_sufficient_costs(costs):
     enough = float(np.sort(costs[3])[2])
-    final_costs = np.asarray(fitted(40, wanted=3, enough=enough).at.cost)
+    final_costs = np.asarray(fitted(40, required_count=3, enough=enough).at.cost)
     assert np.sum(final_costs <= enough) >= 3
     np.testing.assert_array_equal(final_costs, costs[3])
 

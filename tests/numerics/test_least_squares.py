@@ -21,7 +21,7 @@ solve_curved = jax.jit(lambda p, start: levenberg_marquardt(_curved, p, start))
 @settings(deadline=None, max_examples=30)
 @given(
     p=st.tuples(st.floats(0.5, 3.0), st.floats(-2.0, 2.0)),
-    off=st.tuples(st.floats(0.7, 1.5), st.floats(-0.5, 0.5)),
+    offset=st.tuples(st.floats(0.7, 1.5), st.floats(-0.5, 0.5)),
 )
 def test_the_search_finds_a_known_root(p, offset):
     root = [p[0], p[1] / p[0]]
