@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from anser.campaigns import flights
+from anser.campaigns import flights, processes
 from anser.campaigns.flights import create_store
 from anser.missions.series import SeriesSelection
 from campaigns.study_cases import THREE, made_up, study_of, text_of
@@ -17,26 +17,26 @@ def has(monkeypatch):
     """A machine with the given free memory and number of cores."""
 
     def made(free_bytes, cores=8):
-        monkeypatch.setattr(flights, "available_memory", lambda: free_bytes)
-        monkeypatch.setattr(flights, "usable_cores", lambda: cores)
+        monkeypatch.setattr(processes, "available_memory", lambda: free_bytes)
+        monkeypatch.setattr(processes, "usable_cores", lambda: cores)
 
     return made
 
 
 def test_enough_memory_gives_one_process_per_core_silently(has):
     has(64 * GB)
-    assert flights.process_limit(THREE, 128) == flights.ProcessLimit(8, "")
+    assert processes.process_limit(THREE, 128) == processes.ProcessLimit(8, "")
 
 
 def test_cores_are_the_limit_if_the_memory_is_unknown(has):
     has(None)
-    assert flights.process_limit(THREE, 128) == flights.ProcessLimit(8, "")
-    assert flights.batch_size_for(128, THREE) == 128
+    assert processes.process_limit(THREE, 128) == processes.ProcessLimit(8, "")
+    assert processes.batch_size_for(128, THREE) == 128
 
 
 def test_scarce_memory_reduces_the_number_of_processes(has):
     has(4 * GB)
-    room = flights.process_limit(THREE, 128)
+    room = processes.process_limit(THREE, 128)
     assert room.processes == 2
     assert room.message.startswith(
         "memory: 4,000 MB are free, and a process that flies 128 flights at a time takes 1,5"
@@ -46,21 +46,21 @@ def test_scarce_memory_reduces_the_number_of_processes(has):
 
 def test_one_process_flies_even_without_enough_memory(has):
     has(GB)
-    room = flights.process_limit(THREE, 128)
+    room = processes.process_limit(THREE, 128)
     assert room.processes == 1
     assert "may be killed for want of memory" in room.message
-    assert flights.batch_size_for(128, THREE) == 1
+    assert processes.batch_size_for(128, THREE) == 1
 
 
 def test_a_batch_fits_the_memory_of_one_process(has):
     twenty = SeriesSelection(tuple("abcdefgh"), 1)  # every step of 150 s
     has(int(2.5 * GB))
-    small = flights.batch_size_for(128, THREE, twenty)
+    small = processes.batch_size_for(128, THREE, twenty)
     assert 1 < small < 128
-    assert flights.batch_size_for(128, THREE) == 128
-    assert flights.process_limit(THREE, small, twenty).processes == 1
-    assert "may be killed" not in flights.process_limit(THREE, small, twenty).message
-    assert "may be killed" in flights.process_limit(THREE, small + 1, twenty).message
+    assert processes.batch_size_for(128, THREE) == 128
+    assert processes.process_limit(THREE, small, twenty).processes == 1
+    assert "may be killed" not in processes.process_limit(THREE, small, twenty).message
+    assert "may be killed" in processes.process_limit(THREE, small + 1, twenty).message
 
 
 def test_the_chunk_size_is_set_by_memory_and_remains(has, tmp_path, monkeypatch):

@@ -15,9 +15,11 @@ from anser.campaigns.flights import (
     flight_scenario,
     fly_campaign,
 )
+from anser.campaigns.processes import choose_processes
 from anser.campaigns.replay import archive_worst
 from anser.campaigns.sensitivity import Influences, influences
 from anser.campaigns.store import CampaignStore, repair_base
+from anser.campaigns.store_integrity import refuse_existing
 from anser.campaigns.study import load_study, validate_study
 from anser.files import new_folder
 from anser.missions.batches import Progress
@@ -123,11 +125,8 @@ def campaign(
         The folder exists and `resume` is False.
     """
     store = open_campaign_store(study, Path(out), resume=resume, precision=precision)
-    if processes is None and cluster is None:
-        limit = campaign_process_limit(store)
-        processes = limit.processes
-        if limit.message and progress is not None:
-            progress(limit.message, None)
+    if cluster is None:
+        processes = choose_processes(processes, lambda: campaign_process_limit(store), progress)
     with store.locked():
         if progress is not None:
             for message in store.damages:
@@ -152,8 +151,7 @@ def open_campaign_store(
         store = CampaignStore.open(folder, verify_chunks=False)
         store.refuse_unless_same(requested, scenario, applied)
         return store
-    if folder.exists():
-        raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
+    refuse_existing(folder)
     with new_folder(folder) as staging:
         create_store(staging, requested, scenario, table_columns)
     return CampaignStore.open(folder)

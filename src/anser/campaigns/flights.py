@@ -1,111 +1,36 @@
 """Flights of a campaign.
 
-Values applied to the scenario of each flight, checks before the first flight, worker processes and the batch size
-allowed by the memory, and flying of missing chunks.
+Values applied to the scenario of each flight, checks before the first flight, and flying of missing chunks.
 """
 
-import concurrent.futures
 import contextlib
+import functools
 import itertools
-import multiprocessing
-import os
-import signal
-from collections.abc import Generator, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from multiprocessing import resource_tracker
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from anser.campaigns.cluster import fly_on_cluster
-from anser.campaigns.machine import available_memory, usable_cores
+from anser.campaigns.processes import (
+    ProcessLimit,
+    batch_size_for,
+    fly_concurrently,
+    process_limit,
+    worker_processes,
+)
 from anser.campaigns.sampling import flight_seeds, sample_study
 from anser.campaigns.store import CampaignStore
-from anser.campaigns.store_integrity import StoreError
 from anser.campaigns.study import Study, refuse_series, select_series
-from anser.compiling.options import enable_compilation_cache
 from anser.config.errors import Problem, ScenarioError, describe_value
 from anser.config.key_paths import value_at
 from anser.missions.batches import BATCH, Progress, no_progress
 from anser.missions.flight_batches import FlightCase, fly_many
 from anser.missions.runs import check_precision, needs_single_flight
-from anser.missions.series import SeriesSelection
 from anser.results.flight_rows import FlightRow
 from anser.scenario.flight_checks import refuse_unused_keys
 from anser.scenario.schema import Scenario
-from anser.simulation.flight import SEGMENT_STEPS
-
-_PROCESS_BYTES = 1_350_000_000
-"""Memory of a flying process, bytes: libraries, and the peak of compilation. Measured: docs/how-to/many-flights.md."""
-_AIRCRAFT_BYTES = 500_000
-"""Memory per aircraft in a batch, bytes: tables, state, plans, and recordings of one segment."""
-_COPIES = 3
-"""Copies of a batch's series in memory: as recorded, as arrays per flight, and as written."""
-_MB = 1e6
-
-
-@dataclass(frozen=True)
-class ProcessLimit:
-    """Number of processes for flying.
-
-    Attributes
-    ----------
-    processes
-        Number of processes.
-    message
-        Explanation if memory limits the number; otherwise empty.
-    """
-
-    processes: int
-    message: str
-
-
-def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None = None) -> ProcessLimit:
-    """Limit the number of processes to the cores and to the free memory; at least one.
-
-    Parameters
-    ----------
-    scenario
-        Base scenario.
-    batch
-        Flights per compiled call.
-    series
-        Variables stored over time; None: none.
-    """
-    cores, free_bytes = usable_cores(), available_memory()
-    if free_bytes is None:
-        return ProcessLimit(cores, "")
-    process_bytes = _PROCESS_BYTES + batch * _flight_bytes(scenario, series)
-    processes = max(1, min(cores, free_bytes // process_bytes))
-    has = f"memory: {free_bytes / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
-    has += f" {process_bytes / _MB:,.0f} MB"
-    if free_bytes < process_bytes:
-        return ProcessLimit(1, f"{has}: one flies, and may be killed for want of memory")
-    if processes < cores:
-        return ProcessLimit(processes, f"{has}: {processes} fly, not one for each of {cores} cores")
-    return ProcessLimit(processes, "")
-
-
-def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
-    """Limit the flights per compiled call to `batch_max` and to the memory of one process; at least one."""
-    free_bytes = available_memory()
-    if free_bytes is None:
-        return batch_max
-    return int(max(1, min(batch_max, (free_bytes - _PROCESS_BYTES) // _flight_bytes(scenario, series))))
-
-
-def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
-    """Memory per flight of a batch, bytes."""
-    aircraft = len(scenario.aircraft)
-    numbers = 0
-    if series is not None:
-        time_steps = _COPIES * series.rows(scenario) + 2 * SEGMENT_STEPS // series.recording_stride
-        numbers = len(series.keys) * aircraft * time_steps
-    return aircraft * _AIRCRAFT_BYTES + 8 * numbers
-
 
 _CHUNK_WITHOUT_BATCH = 4
 """Flights per chunk if each is flown individually."""
@@ -209,8 +134,10 @@ def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: 
         if cluster is not None:
             completed_chunks = fly_on_cluster(cluster, fly_chunk, folder, missing)
         else:
-            executor, at_a_time = stack.enter_context(worker_processes(min(processes, len(missing))))
-            completed_chunks = _complete_chunks(executor, folder, missing, at_a_time)
+            processes = min(processes, len(missing))
+            executor = stack.enter_context(worker_processes(processes))
+            fly, tasks = functools.partial(fly_chunk, folder), [(chunk,) for chunk in missing]
+            completed_chunks = (chunk for _, chunk in fly_concurrently(executor, fly, tasks, processes, folder))
         for chunk in stack.enter_context(contextlib.closing(completed_chunks)):
             flights = store.chunk_slice(chunk)
             flown_count += flights.stop - flights.start
@@ -317,71 +244,3 @@ def _not_a_number_problem(path: str, base: object, operation: str) -> Problem:
     return Problem(
         path, f'{describe_value(base)} in the scenario, with how = "{operation}"', 'a number there, or how = "set"'
     )
-
-
-@contextlib.contextmanager
-def worker_processes(processes: int) -> Iterator[tuple[Executor | None, int]]:
-    """Yield an executor with worker processes, or None for this process, and the number of processes."""
-    if processes <= 1:
-        enable_compilation_cache()
-        yield None, 1
-        return
-    former_children, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_initialize_worker)
-    try:
-        with _block_interrupts():
-            pool.submit(os.getpid)  # starts every worker
-        yield pool, processes
-    except BaseException:
-        # unfinished chunks are not marked as complete: only computing time is lost
-        pool.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - former_children:
-            child.terminate()
-        raise
-    pool.shutdown()
-
-
-@contextlib.contextmanager
-def _block_interrupts() -> Iterator[None]:
-    """Start worker processes that ignore Ctrl-C from the beginning; the main process terminates them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # which would unblock signals
-    former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
-
-
-def _initialize_worker() -> None:
-    """Initialize a worker process; the main process handles Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # XLA's threads: one process per core suffices, and further threads would compete for the cores
-    os.environ.setdefault("NPROC", "1")
-    enable_compilation_cache()
-
-
-def _complete_chunks(
-    workers: Executor | None, folder: Path, chunks: list[int], at_a_time: int
-) -> Generator[int, None, None]:
-    """Fly chunks in submission order, `at_a_time` concurrently, and yield each completed chunk."""
-    if workers is None:
-        for chunk in chunks:
-            yield fly_chunk(folder, chunk)
-        return
-    submitted, waiting = 0, set[Future[int]]()
-    try:
-        while submitted < len(chunks) or waiting:
-            next_chunks = chunks[submitted : submitted + at_a_time - len(waiting)]
-            waiting |= {workers.submit(fly_chunk, folder, chunk) for chunk in next_chunks}
-            submitted += len(next_chunks)
-            ended, waiting = concurrent.futures.wait(waiting, return_when=concurrent.futures.FIRST_COMPLETED)
-            for future in ended:
-                yield future.result()
-    except BrokenProcessPool:
-        detail = "a process that flew and was killed, perhaps for want of memory"
-        raise StoreError(
-            f"{folder}: arrived {detail}; expected all to end by themselves; resume flies the rest"
-        ) from None

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from anser.campaigns.flights import process_limit, worker_processes
+from anser.campaigns.processes import choose_processes, process_limit, worker_processes
 from anser.campaigns.rare_flights import RareFlights, fly_points
 from anser.campaigns.rare_store import RareStore, provenance
-from anser.campaigns.store_integrity import folder_lock
+from anser.campaigns.store_integrity import refuse_existing
 from anser.campaigns.study import load_study
 from anser.campaigns.subset import Repetition, SubsetEstimate, estimate, subset_simulation
 from anser.missions.batches import Progress, no_progress
@@ -243,16 +243,17 @@ def rare(
     from anser.report.campaign_figures import draw_rare
 
     store = open_rare_store(study, Path(out), resume=resume)
-    if processes is None:
-        limit = process_limit(store.scenario, RareFlights(store.study, store.scenario).batch)
-        processes = limit.processes
-        if limit.message and progress is not None:
-            progress(limit.message, None)
-    with folder_lock(store.folder):
-        for message in store.remove_damaged():
-            (progress or no_progress)(message, None)
-        with worker_processes(processes) as (executor, _):
-            event = RareEvent(store, _repetitions(store, executor, progress or no_progress))
+    report = progress or no_progress
+    processes = choose_processes(
+        processes,
+        lambda: process_limit(store.scenario, RareFlights(store.study, store.scenario).batch),
+        progress,
+    )
+    with store.locked():
+        for message in store.damages:
+            report(message, None)
+        with worker_processes(processes) as executor:
+            event = RareEvent(store, _repetitions(store, executor, report))
         write_json(event.document, store.folder / _DOCUMENT, overwrite=True)
         draw_rare(event.dataset, store.folder)
     return event
@@ -267,8 +268,7 @@ def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool
         store = RareStore.open(folder)
         store.refuse_unless_same(requested, scenario)
         return store
-    if folder.exists():
-        raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
+    refuse_existing(folder)
     flights.refuse_early()
     return RareStore.create(folder, requested, scenario)
 
@@ -299,11 +299,11 @@ def _limit_state(
         level_count = plan.points * plan.repetitions if start == 0 else points.size * (plan.length - 1)
         if start == 0 or flown_count >= level_count:
             flown_count, level = 0, level + 1
-        parts = [np.empty(0)]
-        for part in fly_points(store, executor, points, start, fly=fly):
-            parts.append(part)
+        results = np.full(points.size, np.nan)
+        for index, part in fly_points(store, executor, points, start, fly=fly):
+            results[index : index + part.size] = part
             flown_count += part.size
             report(f"level {level}: {flown_count} of {level_count} flights", flown_count / level_count)
-        return np.concatenate(parts)
+        return results
 
     return values

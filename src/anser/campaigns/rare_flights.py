@@ -4,11 +4,10 @@ The space of the standard normal numbers behind the flights of a seed, with poin
 of numbered flights, and the limit-state value of the flight at a point.
 """
 
+import functools
 import itertools
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from concurrent.futures.process import BrokenProcessPool
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from anser.campaigns.flights import (
     refuse_invalid_flights,
     refuse_paths_without_effect,
 )
+from anser.campaigns.processes import fly_concurrently
 from anser.campaigns.rare_store import RareStore
 from anser.campaigns.sampling import apply_distributions
 from anser.campaigns.store_integrity import StoreError
@@ -116,7 +116,7 @@ class RareFlights:
     def __init__(self, study: Study, scenario: Scenario) -> None:
         self.study, self.scenario = study, scenario
 
-    @cached_property
+    @functools.cached_property
     def config(self) -> RareEventConfig:
         """The table [rare]; raises ScenarioError if missing or incompatible with the scenario."""
         config, problems = self.study.rare, []
@@ -132,13 +132,13 @@ class RareFlights:
             raise ScenarioError(self.study.name, problems)
         return config
 
-    @cached_property
+    @functools.cached_property
     def plan(self) -> SubsetPlan:
         """Numbers of points, levels and repetitions."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 
-    @cached_property
+    @functools.cached_property
     def space(self) -> GaussianSpace:
         """Space of the flights' normals."""
         return GaussianSpace(self.study.seed, 1 + (self.config.levels_max - 1) * (self.config.chain_length - 1))
@@ -217,8 +217,8 @@ class RareFlights:
 
 def fly_points(
     store: RareStore, executor: Executor | None, points: np.ndarray, start: int, *, fly: bool = True
-) -> Iterator[np.ndarray]:
-    """Yield values of points, batch by batch in order, from the store or newly flown and stored.
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield values of points by batch, with the index of the batch's first point: stored ones, then new ones.
 
     Parameters
     ----------
@@ -241,28 +241,19 @@ def fly_points(
     flights = RareFlights(store.study, store.scenario)
     parts = {offset: points[offset : offset + flights.batch] for offset in range(0, points.size, flights.batch)}
     stored = {offset: store.values(start + offset, part.size) for offset, part in parts.items()}
-    missing = [offset for offset in parts if stored[offset] is None]
+    missing = [offset for offset, values in stored.items() if values is None]
     if missing and not fly:
         detail = f"arrived no batch from flight {start + missing[0]} on; expected all: resume flies the rest"
         raise StoreError(f"{store.folder}: {detail}")
-    folder, futures = store.folder.resolve(), {}
-    if executor is not None:
-        futures = {offset: executor.submit(_fly_in_worker, folder, parts[offset], start + offset) for offset in missing}
-    try:
-        for offset, part in parts.items():
-            values = stored[offset]
-            if values is None:
-                values = (
-                    _fly_and_store(store, flights, part, start + offset)
-                    if executor is None
-                    else futures[offset].result()
-                )
-            yield values
-    except BrokenProcessPool:
-        detail = "a process that flew and was killed, perhaps for want of memory"
-        raise StoreError(
-            f"{store.folder}: arrived {detail}; expected all to end by themselves; resume flies the rest"
-        ) from None
+    yield from ((offset, values) for offset, values in stored.items() if values is not None)
+    fly_batch = (
+        functools.partial(_fly_and_store, store, flights)
+        if executor is None
+        else functools.partial(_fly_in_worker, store.folder.resolve())
+    )
+    tasks = [(parts[offset], start + offset) for offset in missing]
+    for index, values in fly_concurrently(executor, fly_batch, tasks, len(tasks), store.folder):
+        yield missing[index], values
 
 
 def _fly_in_worker(folder: Path, points: np.ndarray, start: int) -> np.ndarray:

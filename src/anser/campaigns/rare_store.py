@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from anser.campaigns.store_integrity import StoreError
+from anser.campaigns.store_integrity import FORMAT, UNCHECKED_FORMAT, AbstractFlightStore, StoreError
 from anser.campaigns.study import Study, validate_study
 from anser.config.errors import ScenarioError
 from anser.files import new_file, new_folder
@@ -15,28 +15,14 @@ from anser.results.checksums import DamagedFileError, add_checksum, append_check
 from anser.results.documents import version_attributes, write_json
 from anser.scenario.schema import Scenario, validate
 
-FORMAT = 2
-_UNCHECKED = 1
-"""Format without checksums, readable but not resumable."""
 _CONFIG_FILE = "rare-asked.json"
 _FLOWN = "flown"
 
 
-class RareStore:
-    """The folder of a rare-event analysis; see `create` and `open`.
+class RareStore(AbstractFlightStore):
+    """The folder of a rare-event analysis; see `create` and `open`, and `AbstractFlightStore` for the attributes."""
 
-    Attributes
-    ----------
-    folder
-        Folder of the analysis.
-    study, scenario
-        Study and base scenario.
-    format
-        Version of the folder's format.
-    """
-
-    def __init__(self, folder: Path, study: Study, scenario: Scenario, version: int = FORMAT) -> None:
-        self.folder, self.study, self.scenario, self.format = folder, study, scenario, version
+    description = "a rare event"
 
     @classmethod
     def create(cls, folder: Path, study: Study, scenario: Scenario) -> "RareStore":
@@ -49,14 +35,14 @@ class RareStore:
         with new_folder(folder) as staging:
             (staging / _FLOWN).mkdir()
             write_json(add_checksum(configuration), staging / _CONFIG_FILE)
-        return cls(folder, study, scenario)
+        return cls(folder, study, scenario, FORMAT)
 
     @classmethod
     def open(cls, folder: Path) -> "RareStore":
         """Open an existing folder; raises StoreError if missing, damaged or of another format."""
         configuration, has_checksum = _read_config(folder)
         version = configuration.get("format_version")
-        if version not in (FORMAT, _UNCHECKED) or (version == FORMAT and not has_checksum):
+        if version not in (FORMAT, UNCHECKED_FORMAT) or (version == FORMAT and not has_checksum):
             detail = f"arrived format {version}{'' if has_checksum else ' without its checksum'}; expected {FORMAT}"
             raise StoreError(f"{folder / _CONFIG_FILE}: {detail}")
         try:
@@ -70,11 +56,7 @@ class RareStore:
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
         """Raise StoreError if study, scenario or relevant versions differ from the store's."""
-        configuration, _ = _read_config(self.folder)
-        for key, current in provenance(study, scenario).items():
-            if configuration.get(key) != current:
-                difference = f"arrived a rare event with the {key.replace('_', ' ')} {configuration.get(key)}"
-                raise StoreError(f"{self.folder}: {difference}; expected {current}, to go on with it")
+        self._refuse_differences(_read_config(self.folder)[0], provenance(study, scenario))
 
     def values(self, start: int, count: int) -> np.ndarray | None:
         """Return the values of the batch that starts at a flight number; None if not yet flown.
@@ -100,8 +82,7 @@ class RareStore:
             partial.write_bytes(content.getvalue())
             append_checksum(partial)
 
-    def remove_damaged(self) -> list[str]:
-        """Delete damaged batches, to be flown again; return a message for each."""
+    def _remove_damaged(self) -> list[str]:
         messages: list[str] = []
         for path in self._batches():
             try:

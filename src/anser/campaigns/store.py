@@ -19,7 +19,6 @@ import zarr
 
 from anser.campaigns.store_arrays import (
     FLOWN,
-    FORMAT,
     SERIES,
     create_arrays,
     create_series,
@@ -30,7 +29,14 @@ from anser.campaigns.store_arrays import (
     write_every_chunk,
     write_series,
 )
-from anser.campaigns.store_integrity import StoreChecksums, StoreError, chunk_files, folder_lock
+from anser.campaigns.store_integrity import (
+    FORMAT,
+    UNCHECKED_FORMAT,
+    AbstractFlightStore,
+    StoreChecksums,
+    StoreError,
+    chunk_files,
+)
 from anser.campaigns.study import Study, select_series, validate_study
 from anser.config.errors import ScenarioError
 from anser.results.checksums import DamagedFileError, file_digest
@@ -90,8 +96,6 @@ def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
     return (low, high) if np.isfinite(low) else (-np.inf, np.inf)
 
 
-_UNCHECKED = 1
-"""Format without checksums, readable but not resumable."""
 STORE_FOLDER = "flights.zarr"
 _DONE = "chunk_done"
 """Completion marks of chunks in the format without checksums."""
@@ -101,7 +105,7 @@ _SPARE = 2.0
 """Required free disk space over the uncompressed size of the store."""
 
 
-class CampaignStore:
+class CampaignStore(AbstractFlightStore):
     """Applied values and results of every flight, in a folder; see `create` and `open`.
 
     The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every flight and the flag `flown`;
@@ -109,30 +113,27 @@ class CampaignStore:
 
     Attributes
     ----------
-    folder
-        Folder of the campaign.
-    study, scenario
-        Study and base scenario.
     chunk
         Flights per chunk.
     series_selection
         Variables stored over time; None: none.
-    damages
-        Messages about damaged chunks, to be flown again.
+    folder, study, scenario, format, damages
+        See `AbstractFlightStore`.
     """
 
+    description = "a campaign"
+
     def __init__(self, folder: Path, group: zarr.Group) -> None:
-        self.folder, self._group = folder, group
+        attributes: dict[str, Any] = dict(group.attrs)
+        study = validate_study(json.loads(attributes["study"]), f"{folder}, study")
+        scenario = validate(json.loads(attributes["scenario"]), f"{folder}, scenario")
+        super().__init__(folder, study, scenario, int(attributes["format_version"]))
+        self._group = group
         self._checksums = StoreChecksums(folder, STORE_FOLDER)
         self._verified: dict[bool, set[int]] = {
             False: set(),
             True: set(),
         }  # chunks, by whether their series are verified
-        self._has_lock = False
-        self.damages: list[str] = []
-        attributes: dict[str, Any] = dict(group.attrs)
-        self.study = validate_study(json.loads(attributes["study"]), f"{folder}, study")
-        self.scenario = validate(json.loads(attributes["scenario"]), f"{folder}, scenario")
         self.chunk = int(attributes["chunk"])
         self._unconverged_chunks = 0  # evaluated chunks: each evaluation sorts every flight so far
         self.series_selection = select_series(self.study.keep, self.scenario)
@@ -215,7 +216,7 @@ class CampaignStore:
         try:
             group = zarr.open_group(folder / STORE_FOLDER, mode="r+")
             version = group.attrs.get("format_version")
-            if version != (FORMAT if checksums.has_records else _UNCHECKED) or not (
+            if version != (FORMAT if checksums.has_records else UNCHECKED_FORMAT) or not (
                 checksums.has_records or _DONE in group
             ):
                 found_format = f"a store of format {version}{'' if checksums.has_records else ' without checksums'}"
@@ -231,29 +232,6 @@ class CampaignStore:
             store.refuse_damaged()
         return store
 
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Lock the campaign against other processes, and mark damaged chunks as incomplete.
-
-        Raises
-        ------
-        StoreError
-            Another process flies the campaign, or the format has no checksums.
-        """
-        if self._has_lock:
-            yield
-            return
-        if not self._checksums.has_records:
-            detail = f"a campaign of format {_UNCHECKED}, which can only be read; expected one of format {FORMAT}"
-            raise StoreError(f"{self.folder}: arrived {detail}, to go on with it")
-        with folder_lock(self.folder):
-            self._forget_damaged()
-            self._has_lock = True
-            try:
-                yield
-            finally:
-                self._has_lock = False
-
     def refuse_damaged(self, *, series: bool = False) -> None:
         """Raise StoreError if a chunk is damaged, optionally including its series."""
         problems = self._chunk_problems(series=series)
@@ -265,11 +243,15 @@ class CampaignStore:
                 f"{self.folder}: arrived {self._chunk_label(chunk)} of which {problem}{further}; {expected}"
             )
 
-    def _forget_damaged(self) -> None:
-        for chunk, problem in self._chunk_problems(series=True).items():
+    def _remove_damaged(self) -> list[str]:
+        problems = self._chunk_problems(series=True)
+        for chunk in problems:
             self._checksums.forget_chunk(chunk)
             (self.folder / STORE_FOLDER / FLOWN / str(chunk)).unlink(missing_ok=True)
-            self.damages.append(f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}")
+        return [
+            f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}"
+            for chunk, problem in problems.items()
+        ]
 
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
         """Describe damaged chunks by number; chunks verified before are not read again."""
@@ -362,10 +344,10 @@ class CampaignStore:
 
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
         """Raise StoreError if study, scenario, values, precision or relevant versions differ from the store's."""
-        attributes = self._group.attrs
-        self._refuse_differences(precision=(attributes.get("precision", "float64"), study.precision))
-        self._refuse_differences(study=(attributes["study_hash"], study.hash))
-        self._refuse_differences(scenario=(attributes["scenario_hash"], scenario.hash))
+        self._refuse_differences(
+            {"precision": "float64", **dict(self._group.attrs)},
+            {"precision": study.precision, "study_hash": study.hash, "scenario_hash": scenario.hash},
+        )
         self.refuse_other_versions()
         stored = self.applied(slice(None))[1]
         unchanged = [
@@ -378,17 +360,7 @@ class CampaignStore:
 
     def refuse_other_versions(self) -> None:
         """Raise StoreError if a version that affects the results differs from the store's, here or on a worker."""
-        self._refuse_differences(
-            **{key: (self.versions.get(key), value) for key, value in version_attributes().items()}
-        )
-
-    def _refuse_differences(self, **pairs: tuple[Any, Any]) -> None:
-        for label, (stored, current) in pairs.items():
-            if stored != current:
-                difference = f"{label.replace('_', ' ')} {stored}"
-                raise StoreError(
-                    f"{self.folder}: arrived a campaign with the {difference}; expected {current}, to go on with it"
-                )
+        self._refuse_differences(self.versions, version_attributes())
 
     def dataset(self) -> xr.Dataset:
         """Completed flights as a labelled dataset: dimensions flight and aircraft."""

@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 import zarr
 
+from anser.campaigns.store_integrity import FORMAT
 from anser.campaigns.study import Study
 from anser.missions.series import SeriesSelection
 from anser.results.documents import version_attributes
@@ -26,7 +27,6 @@ from anser.results.variable_labels import (
 )
 from anser.scenario.schema import Scenario
 
-FORMAT = 2
 FLOWN = "flown"
 _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 """Maximum characters of text columns; longer texts are truncated with dots."""

@@ -1,15 +1,23 @@
 """Integrity of a campaign folder: StoreError, the lock of the flying process, and SHA-256 records of files."""
 
+import abc
 import contextlib
 import fcntl
 import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+from anser.campaigns.study import Study
 from anser.files import write_file
 from anser.results.checksums import DamagedFileError, add_checksum, damaged_file_error, file_digest, read_document
+from anser.scenario.schema import Scenario
+
+FORMAT = 2
+"""Format of the stores of campaigns and of rare events, with checksums."""
+UNCHECKED_FORMAT = 1
+"""Former format without checksums, readable but not resumable."""
 
 
 class StoreError(ValueError):
@@ -37,6 +45,73 @@ def folder_lock(folder: Path) -> Iterator[None]:
             detail = f"arrived {path}, which cannot be locked ({error.strerror}); expected a file system with locks"
             raise StoreError(f"{folder}: {detail}") from None
         yield
+
+
+class AbstractFlightStore(abc.ABC):
+    """Folder with the results of a study's flights; one process at a time flies into the folder and can resume.
+
+    Attributes
+    ----------
+    description
+        Name of the content in messages: "a campaign" or "a rare event".
+    folder
+        Folder of the results.
+    study, scenario
+        Study and base scenario.
+    format
+        Version of the folder's format.
+    damages
+        Messages about damaged results, to be flown again.
+    """
+
+    description: ClassVar[str]
+
+    def __init__(self, folder: Path, study: Study, scenario: Scenario, version: int) -> None:
+        self.folder, self.study, self.scenario, self.format = folder, study, scenario, version
+        self.damages: list[str] = []
+        self._has_lock = False
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Lock the folder against other processes, and remove damaged results; see `damages`.
+
+        Raises
+        ------
+        StoreError
+            Another process flies into the folder, or the format has no checksums.
+        """
+        if self._has_lock:
+            yield
+            return
+        if self.format != FORMAT:
+            found_format = f"{self.description} of format {self.format}, which can only be read"
+            raise StoreError(
+                f"{self.folder}: arrived {found_format}; expected one of format {FORMAT}, to go on with it"
+            )
+        with folder_lock(self.folder):
+            self.damages += self._remove_damaged()
+            self._has_lock = True
+            try:
+                yield
+            finally:
+                self._has_lock = False
+
+    @abc.abstractmethod
+    def _remove_damaged(self) -> list[str]:
+        """Remove damaged results, to be flown again; return a message for each."""
+
+    def _refuse_differences(self, stored: Mapping[str, Any], current: Mapping[str, object]) -> None:
+        """Raise StoreError if a stored quantity that determines the results differs from the current value."""
+        for key, value in current.items():
+            if stored.get(key) != value:
+                difference = f"{self.description} with the {key.replace('_', ' ')} {stored.get(key)}"
+                raise StoreError(f"{self.folder}: arrived {difference}; expected {value}, to go on with it")
+
+
+def refuse_existing(folder: Path) -> None:
+    """Raise FileExistsError if the folder of a new store exists."""
+    if folder.exists():
+        raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
 
 
 _BASE = "store"

@@ -1,0 +1,194 @@
+"""Worker processes for flights: their number by cores and memory, their start, and the parallel evaluation of tasks."""
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any, TypeVar
+
+from anser.campaigns.machine import available_memory, usable_cores
+from anser.campaigns.store_integrity import StoreError
+from anser.compiling.options import enable_compilation_cache
+from anser.missions.batches import Progress
+from anser.missions.series import SeriesSelection
+from anser.scenario.schema import Scenario
+from anser.simulation.flight import SEGMENT_STEPS
+
+Result = TypeVar("Result")
+
+_PROCESS_BYTES = 1_350_000_000
+"""Memory of a flying process, bytes: libraries, and the peak of compilation. Measured: docs/how-to/many-flights.md."""
+_AIRCRAFT_BYTES = 500_000
+"""Memory per aircraft in a batch, bytes: tables, state, plans, and recordings of one segment."""
+_COPIES = 3
+"""Copies of a batch's series in memory: as recorded, as arrays per flight, and as written."""
+_MB = 1e6
+
+
+@dataclass(frozen=True)
+class ProcessLimit:
+    """Number of processes for flying.
+
+    Attributes
+    ----------
+    processes
+        Number of processes.
+    message
+        Explanation if memory limits the number; otherwise empty.
+    """
+
+    processes: int
+    message: str
+
+
+def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None = None) -> ProcessLimit:
+    """Limit the number of processes to the cores and to the free memory; at least one.
+
+    Parameters
+    ----------
+    scenario
+        Base scenario.
+    batch
+        Flights per compiled call.
+    series
+        Variables stored over time; None: none.
+    """
+    cores, free_bytes = usable_cores(), available_memory()
+    if free_bytes is None:
+        return ProcessLimit(cores, "")
+    process_bytes = _PROCESS_BYTES + batch * _flight_bytes(scenario, series)
+    processes = max(1, min(cores, free_bytes // process_bytes))
+    has = f"memory: {free_bytes / _MB:,.0f} MB are free, and a process that flies {batch} flights at a time takes"
+    has += f" {process_bytes / _MB:,.0f} MB"
+    if free_bytes < process_bytes:
+        return ProcessLimit(1, f"{has}: one flies, and may be killed for want of memory")
+    if processes < cores:
+        return ProcessLimit(processes, f"{has}: {processes} fly, not one for each of {cores} cores")
+    return ProcessLimit(processes, "")
+
+
+def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
+    """Limit the flights per compiled call to `batch_max` and to the memory of one process; at least one."""
+    free_bytes = available_memory()
+    if free_bytes is None:
+        return batch_max
+    return int(max(1, min(batch_max, (free_bytes - _PROCESS_BYTES) // _flight_bytes(scenario, series))))
+
+
+def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
+    """Memory per flight of a batch, bytes."""
+    aircraft = len(scenario.aircraft)
+    numbers = 0
+    if series is not None:
+        time_steps = _COPIES * series.rows(scenario) + 2 * SEGMENT_STEPS // series.recording_stride
+        numbers = len(series.keys) * aircraft * time_steps
+    return aircraft * _AIRCRAFT_BYTES + 8 * numbers
+
+
+def choose_processes(processes: int | None, limit: Callable[[], ProcessLimit], progress: Progress | None) -> int:
+    """Return the requested number of processes, or the limit of the machine, with a message if memory is scarce."""
+    if processes is not None:
+        return processes
+    chosen = limit()
+    if chosen.message and progress is not None:
+        progress(chosen.message, None)
+    return chosen.processes
+
+
+@contextlib.contextmanager
+def worker_processes(processes: int) -> Iterator[Executor | None]:
+    """Yield an executor with worker processes, or None for this process."""
+    if processes <= 1:
+        enable_compilation_cache()
+        yield None
+        return
+    former_children, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_initialize_worker)
+    try:
+        with _block_interrupts():
+            pool.submit(os.getpid)  # starts every worker
+        yield pool
+    except BaseException:
+        # unfinished chunks are not marked as complete: only computing time is lost
+        pool.shutdown(wait=False, cancel_futures=True)
+        for child in set(multiprocessing.active_children()) - former_children:
+            child.terminate()
+        raise
+    pool.shutdown()
+
+
+@contextlib.contextmanager
+def _block_interrupts() -> Iterator[None]:
+    """Start worker processes that ignore Ctrl-C from the beginning; the main process terminates them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # which would unblock signals
+    former_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
+
+
+def _initialize_worker() -> None:
+    """Initialize a worker process; the main process handles Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # XLA's threads: one process per core suffices, and further threads would compete for the cores
+    os.environ.setdefault("NPROC", "1")
+    enable_compilation_cache()
+
+
+def fly_concurrently(
+    executor: Executor | None,
+    fly: Callable[..., Result],
+    tasks: Sequence[tuple[Any, ...]],
+    concurrency: int,
+    folder: Path,
+) -> Generator[tuple[int, Result], None, None]:
+    """Evaluate `fly(*task)` for each task; yield the task's index and the result in order of completion.
+
+    Parameters
+    ----------
+    executor
+        Worker processes; None: this process.
+    fly
+        Function of a task, importable by the workers.
+    tasks
+        Arguments, submitted in this order.
+    concurrency
+        Number of tasks submitted at a time.
+    folder
+        Folder of the store, for messages.
+
+    Raises
+    ------
+    StoreError
+        A worker was killed.
+    """
+    if executor is None:
+        for index, task in enumerate(tasks):
+            yield index, fly(*task)
+        return
+    futures: dict[Future[Result], int] = {}
+    submitted = 0
+    try:
+        while submitted < len(tasks) or futures:
+            while submitted < len(tasks) and len(futures) < concurrency:
+                futures[executor.submit(fly, *tasks[submitted])] = submitted
+                submitted += 1
+            completed, _ = concurrent.futures.wait(futures, return_when=concurrent.futures.FIRST_COMPLETED)
+            for future in completed:
+                yield futures.pop(future), future.result()
+    except BrokenProcessPool:
+        detail = "a process that flew and was killed, perhaps for want of memory"
+        raise StoreError(
+            f"{folder}: arrived {detail}; expected all to end by themselves; resume flies the rest"
+        ) from None
