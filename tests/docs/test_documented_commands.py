@@ -58,11 +58,11 @@ COVERED = {
     ),
     "anser step --loop velocity --channel chi --size 20 --at 150,1000 --out course.png": (
         "tests/test_cli_step.py",
-        "test_step_prints_its_figures_and_draws",
+        "test_step_prints_its_metrics_and_draws",
     ),
     "anser step --loop velocity --channel chi --size 20 --at 150,1000": (
         "tests/test_cli_step.py",
-        "test_step_prints_its_figures_and_draws",
+        "test_step_prints_its_metrics_and_draws",
     ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
     # tested with the F-16, its steps and climb-and-turn in tests/analysis/test_step_cases.py
@@ -70,7 +70,10 @@ COVERED = {
         "tests/test_cli_step.py",
         'anser("gallery", "--out", out)',
     ),
-    "anser robustness --out robustness": ("tests/analysis/test_robustness_study.py", "def test_the_command("),
+    "anser robustness --out robustness": (
+        "tests/analysis/test_robustness_study.py",
+        "def test_the_command_writes_the_study(",
+    ),
     "anser envelope --out envelope": (
         "tests/analysis/test_envelope_survey.py",
         "def test_the_command_writes_the_files",
@@ -93,7 +96,7 @@ COVERED = {
     ),
     "anser campaign compare runs/how-surely runs/windier --out compared": (
         "tests/test_cli_campaign.py",
-        'anser("campaign", "compare", out, other, "--out", tmp_path / "compared")',
+        'anser("campaign", "compare", out, second, "--out", tmp_path / "compared")',
     ),
     "anser rare studies/how-rarely.toml --out runs/how-rarely": (
         "tests/test_cli_rare.py",

@@ -8,7 +8,7 @@ from scipy.interpolate import BPoly
 from anser.environment import LayeredWind, SteadyWind
 from anser.numerics.integration import gauss_legendre
 from anser.planning.certified.candidates import deliver
-from anser.planning.certified.detours import WORDS, detour, direct, solve_detour
+from anser.planning.certified.detours import WORDS, detour, direct_path, solve_detour
 from anser.planning.certified.profile import make_profile, mean_to_last_speed, tabulate
 from anser.planning.certified.routes import PathEndpoints, cis, route
 
@@ -231,7 +231,7 @@ def delivered(wind):
             sharpness=curvature / (2.0 * fastest),
             scale_max=jnp.ones(()),
         )
-        directs = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
+        directs = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
         base = jax.tree.map(lambda leaf: leaf[jnp.argmin(directs.length)], directs)
         solved = solve_detour(endpoints, base, shape_of_detour, table.length)
         shape = route(endpoints, solved)

@@ -179,7 +179,7 @@ def test_paths_are_corrected_as_far_as_limits_allow_without_a_new_plan(plan):
     """With 12 s to go no aircraft is replanned: the first path is partly corrected by braking, the second fully."""
     tasks = fleet(STOPPED, nearer=120.0)
     tasks = eqx.tree_at(lambda t: t.goal_position_n, tasks, tasks.goal_position_n.at[1, 1].add(10.0))
-    new_plan, status = replan(plan, tasks, now=ARRIVAL - 12.0)
+    new_plan, status = replan(plan, tasks, time=ARRIVAL - 12.0)
     assert status == PARTLY_CORRECTED
     end_points = new_plan.paths.air_n[:, -1, 0] + new_plan.paths.drift_n[:, -1, 0]
     np.testing.assert_allclose(end_points[1], [ARRIVAL * 150.0, EAST[1] + 10.0, -2000.0], atol=1e-3)
@@ -192,7 +192,7 @@ def test_paths_are_corrected_as_far_as_limits_allow_without_a_new_plan(plan):
 
 
 def test_a_path_without_a_feasible_correction_stays_unchanged(plan):
-    new_plan, status = replan(plan, fleet(STOPPED, nearer=3000.0), now=ARRIVAL - 12.0)
+    new_plan, status = replan(plan, fleet(STOPPED, nearer=3000.0), time=ARRIVAL - 12.0)
     assert status == UNCHANGED
     for k in range(3):
         check_row(new_plan, plan, k)

@@ -74,9 +74,9 @@ def test_the_best_plan_is_returned_if_the_last_is_worse():
 
 
 def test_the_first_rejection_removes_the_withdrawn_candidates():
-    given_up = np.zeros((3, 4), dtype=bool)
-    given_up[0, :3] = given_up[1, :3] = True
-    plan = choose(GOOD, 2, given_up=given_up)
+    mask = np.zeros((3, 4), dtype=bool)
+    mask[0, :3] = mask[1, :3] = True
+    plan = choose(GOOD, 2, withdrawn=mask)
     np.testing.assert_array_equal(plan.chosen, [3, 0, 1])
     assert np.all(plan.feasible)
 
@@ -88,6 +88,6 @@ def test_padding_aircraft_do_not_matter():
 
 @pytest.mark.parametrize("rounds", [1, 8])
 def test_conflicts_reject_no_candidate(rounds):
-    plan = choose(np.ones((3, 4), dtype=bool), rounds, apart=False)
+    plan = choose(np.ones((3, 4), dtype=bool), rounds, separated=False)
     np.testing.assert_array_equal(plan.chosen, [0, 0, 0])
     assert not np.any(plan.feasible)

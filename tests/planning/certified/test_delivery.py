@@ -7,7 +7,7 @@ import pytest
 
 from anser.compiling.options import compiled_quickly
 from anser.planning.certified.candidates import deliver
-from anser.planning.certified.detours import WORDS, direct, solve_detour
+from anser.planning.certified.detours import WORDS, direct_path, solve_detour
 from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.routes import PathEndpoints, route
@@ -38,7 +38,7 @@ def test_close_knots_do_not_make_accelerations(wind):
 
     @compiled_quickly
     def make_path():
-        base = direct(endpoints, jnp.asarray(WORDS[0]))
+        base = direct_path(endpoints, jnp.asarray(WORDS[0]))
         detour = jax.tree.map(lambda leaf: leaf[0], detours_of(range(1), np.ones(1)))
         path = deliver(0.0, table, route(endpoints, solve_detour(endpoints, base, detour, table.length)))
         return path, path_bounds(path, wind, GRAVITY)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from anser.compiling.options import compiled_quickly
-from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour, solve_racetrack
+from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct_path, solve_detour, solve_racetrack
 from anser.planning.certified.routes import TurnsAndLegs, route
 from support.certified_cases import detours_of, dubins_of, number, picked, random_ends
 
@@ -21,7 +21,7 @@ def all_words(endpoints):
     """The four direct paths and their routes."""
 
     def solve_word(word):
-        solution = direct(endpoints, word)
+        solution = direct_path(endpoints, word)
         zero = jnp.zeros(())
         angles = jnp.stack([solution.angles[0], zero, zero, solution.angles[1]])
         return solution, route(
@@ -257,7 +257,7 @@ def test_direct_length_has_finite_derivatives_that_are_its_rates(distant):
     endpoints = picked(distant[0], 3)
 
     def length(heading):
-        return direct(eqx.tree_at(lambda e: e.heading, endpoints, heading), jnp.asarray(WORDS[0])).length
+        return direct_path(eqx.tree_at(lambda e: e.heading, endpoints, heading), jnp.asarray(WORDS[0])).length
 
     values = compiled_quickly(length)
     slope = jax.jit(jax.grad(length))(endpoints.heading)

@@ -11,7 +11,7 @@ import pytest
 from anser.compiling.options import compiled_quickly
 from anser.planning import PathLimits
 from anser.planning.certified import turn_leg_paths
-from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct, solve_detour
+from anser.planning.certified.detours import DETOUR_KINDS, WORDS, direct_path, solve_detour
 from anser.planning.certified.profile import make_profile, tabulate
 from anser.planning.certified.routes import route
 from anser.planning.certified.task import KeepOuts
@@ -131,7 +131,7 @@ def test_three_consecutive_turns_solve_a_case_without_a_detour():
     assert not np.any(tight.exists)
 
     def has_detour(word, detour):
-        return solve_detour(back, direct(back, word), detour, target_length).exists
+        return solve_detour(back, direct_path(back, word), detour, target_length).exists
 
     right_detours = detours_of(range(DETOUR_KINDS), np.ones(DETOUR_KINDS))
     all_detours = jax.tree.map(

@@ -13,7 +13,7 @@ from anser.planning.certified.detours import (
     DETOUR_KINDS,
     WIDTHS,
     WORDS,
-    direct,
+    direct_path,
     greatest_bank_rate,
     greatest_curvature,
     solve_detour,
@@ -41,7 +41,7 @@ DETOURS = detours_of(np.arange(DETOUR_KINDS), np.ones(DETOUR_KINDS))
 @jax.vmap
 def _solve_wide(endpoints):
     """Tight and wide direct paths, detours and a racetrack: solutions, routes and curvatures."""
-    directs = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
+    directs = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
     base = jax.tree.map(lambda leaf: leaf[jnp.argmin(directs.length)], directs)
     wide = widen_directs(endpoints, base)
 

@@ -142,15 +142,17 @@ def may_arrive(
         tasks.goal_velocity_n
     )[aircraft]
     wind, vertical_wind = _strongest_wind(tasks, airspace)
-    fast = np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[aircraft] + wind) * durations
-    gentle = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[aircraft] + vertical_wind) * durations
+    reachable_in_time = (
+        np.linalg.norm(line[:, :2], axis=1) <= (np.asarray(limits.speed_max)[aircraft] + wind) * durations
+    )
+    climbable_in_time = np.abs(line[:, 2]) <= (np.asarray(limits.climb_rate_max)[aircraft] + vertical_wind) * durations
     arrival_positions, volumes = np.asarray(tasks.position_n)[aircraft] + line, airspace.keep_outs
     moved = np.asarray(volumes.position_n)[None] + t[:, :, None] * np.asarray(volumes.velocity_n)[None]
     outside = np.linalg.norm(arrival_positions[:, None, :2] - moved, axis=2) >= np.asarray(volumes.radius) - _EDGE_M
     height = -arrival_positions[:, 2:]
-    over = height >= np.asarray(volumes.top) - _EDGE_M
-    under = height <= np.asarray(volumes.bottom) + _EDGE_M
-    return fast & gentle & np.all(outside | over | under, axis=1)
+    above = height >= np.asarray(volumes.top) - _EDGE_M
+    below = height <= np.asarray(volumes.bottom) + _EDGE_M
+    return reachable_in_time & climbable_in_time & np.all(outside | above | below, axis=1)
 
 
 def arrival_distances_max(
@@ -169,18 +171,18 @@ def arrival_distances_max(
     rendezvous = np.asarray(tasks.rendezvous_n)
     arrival_positions = rendezvous + durations[:, :, None] * np.asarray(tasks.goal_velocity_n)
     separations = arrival_positions[:, :, None] - arrival_positions[:, None, :]
-    between = durations[:, :, None] - durations[:, None, :]
+    time_between = durations[:, :, None] - durations[:, None, :]
 
     def covered(rate: Float[np.ndarray, " aircraft"], wind: float) -> Float[np.ndarray, "n aircraft aircraft"]:
         # A product with no time in between is nothing, even where a limit does not exist.
-        fast = np.minimum(rate, 1e9) + wind
-        return np.where(between > 0.0, fast[:, None], fast[None, :]) * np.abs(between)
+        rate_with_wind = np.minimum(rate, 1e9) + wind
+        return np.where(time_between > 0.0, rate_with_wind[:, None], rate_with_wind[None, :]) * np.abs(time_between)
 
     active = np.asarray(tasks.active) > 0.0
-    nothing = np.eye(active.size, dtype=bool) | ~active[:, None] | ~active[None, :]
-    level = np.linalg.norm(separations[..., :2], axis=-1) + covered(np.asarray(limits.speed_max), wind)
-    height = np.abs(separations[..., 2]) + covered(np.asarray(limits.climb_rate_max), vertical_wind)
-    return np.where(nothing, np.inf, level), np.where(nothing, np.inf, height)
+    ignored = np.eye(active.size, dtype=bool) | ~active[:, None] | ~active[None, :]
+    horizontal = np.linalg.norm(separations[..., :2], axis=-1) + covered(np.asarray(limits.speed_max), wind)
+    vertical = np.abs(separations[..., 2]) + covered(np.asarray(limits.climb_rate_max), vertical_wind)
+    return np.where(ignored, np.inf, horizontal), np.where(ignored, np.inf, vertical)
 
 
 def arrival_conflicts(

@@ -67,22 +67,25 @@ def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) 
     lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(flown)])
     drifts = jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(drifted, axis=0)])
     # The correction makes the path end exactly at the rendezvous, which was computed with the table's drift.
-    astray = (table.drift_n - drifts[-1]) / duration
+    drift_correction = (table.drift_n - drifts[-1]) / duration
     scale = horizontal.length / jnp.maximum(lengths[-1], 1.0)
 
-    def knot(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    def knot_state(t: Scalar, length: Scalar, drift: Vector3) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
         (speed, wind), (speed_dot, wind_dot) = jax.jvp(table.rates, (t,), (jnp.ones_like(t),))
         position, heading, curvature = horizontal.at(scale * length)
-        drift, wind = drift + t * astray, wind + astray
+        drift, wind = drift + t * drift_correction, wind + drift_correction
         state = table.profile.at(t)
         direction = cis(heading)
-        rate, bend = scale * speed * direction, (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * direction
-        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (position, rate, bend)]
+        velocity, acceleration = (
+            scale * speed * direction,
+            (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * direction,
+        )
+        level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (position, velocity, acceleration)]
         down = (-state.altitude - drift[2], -state.climb - wind[2], -state.climb_dot - wind_dot[2])
         air = jnp.stack([jnp.append(x, z) for x, z in zip(level, down, strict=True)])
         return air, jnp.stack([drift, wind, wind_dot])
 
-    air_n, drift_n = jax.vmap(knot)(times, lengths, drifts)
+    air_n, drift_n = jax.vmap(knot_state)(times, lengths, drifts)
     return TimedPath(start_time + times, air_n, drift_n)
 
 
@@ -174,15 +177,15 @@ def _routed_candidate(
     generator: int,
     timed: TimedProfile,
     gravity: ScalarLike,
-    solved: TurnsAndLegs,
+    solution: TurnsAndLegs,
     fits: Flag,
     cost: Scalar,
     profile: Count,
 ) -> _Routed:
-    valid = timed.within_limits & solved.exists & fits & jnp.isfinite(timed.table.length)
-    total_turn = jnp.sum(jnp.abs(solved.angles))
-    cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.endpoints, solved) * timed.speed**2 / gravity)
-    routes = Routes(timed.endpoints, solved, profile)
+    valid = timed.within_limits & solution.exists & fits & jnp.isfinite(timed.table.length)
+    total_turn = jnp.sum(jnp.abs(solution.angles))
+    cost = cost + _BANK_COST * jnp.arctan(greatest_curvature(timed.endpoints, solution) * timed.speed**2 / gravity)
+    routes = Routes(timed.endpoints, solution, profile)
     return _Routed(jnp.asarray(generator), valid, total_turn + cost, total_turn, timed.speed, routes)
 
 
@@ -228,18 +231,18 @@ def _detours(
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
     shape, sense = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
-    solved = [solve_detour(endpoints, base, shape, target_length)]
+    solutions = [solve_detour(endpoints, base, shape, target_length)]
     if candidate_set.with_wide_turns:
-        solved.append(widen_detour(endpoints, wide, shape, target_length, solved[0]))
+        solutions.append(widen_detour(endpoints, wide, shape, target_length, solutions[0]))
     if RACETRACK in candidate_set.detour_kinds:
         racetracks = [solve_racetrack(endpoints, base, sense, target_length)]
         if candidate_set.with_wide_turns:
             racetracks.append(widen_racetrack(endpoints, wide, sense, target_length, racetracks[0]))
-        solved = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), racetracks, solved)
+        solutions = jax.tree.map(lambda a, b: jnp.where(kind == RACETRACK, a, b), racetracks, solutions)
     fits = (task.side == 0) | (task.side * side > 0)
     cost, profile = cost_and_profile
     cost = cost + jnp.where(kind == RACETRACK, _RACETRACK_COST, 0.0) + 0.01 * kind
-    candidates = [_routed_candidate(DETOUR, timed, gravity, solution, fits, cost, profile) for solution in solved]
+    candidates = [_routed_candidate(DETOUR, timed, gravity, solution, fits, cost, profile) for solution in solutions]
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *candidates)
 
 
@@ -250,12 +253,12 @@ def _turn_leg_paths(
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
-    solved = solve_turn_leg_paths(problem, make_starts(starts), int(_REFINED_FRACTION * starts))
+    solutions = solve_turn_leg_paths(problem, make_starts(starts), int(_REFINED_FRACTION * starts))
     cost, profile = cost_and_profile
     cost, fits = cost + _TURN_LEG_COST, task.side == 0
     return jax.vmap(
         lambda solution: _routed_candidate(TURN_LEG_PATH, timed, airspace.gravity, solution, fits, cost, profile)
-    )(solved)
+    )(solutions)
 
 
 def _aircraft_candidates(

@@ -346,7 +346,7 @@ def plan_fleet_at(
         tasks = eqx.tree_at(lambda t: t.active, tasks, jnp.where(fixed_paths.selected, 1.0, tasks.active))
         distances_from = start_time
 
-    def placed_of(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
+    def place_and_certify(valid: Bool[Array, "aircraft candidates"]) -> tuple[CertifiedPlan, Placement]:
         remaining = eqx.tree_at(lambda c: c.valid, candidates, valid)
         placement = place_candidates(remaining, airspace.separation, choice_order(remaining))
         paths, arrivals = candidates.paths(start_time, placement.chosen), start_time + durations
@@ -365,11 +365,13 @@ def plan_fleet_at(
         return plan, placement
 
     if candidate_set.rounds == 1:
-        return placed_of(candidates.valid)[0]
+        return place_and_certify(candidates.valid)[0]
     # Splines are certified already: after a rejection, an aircraft with splines loses its other candidates.
     uncertified = candidates.generator != SPLINE
-    given_up = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
-    return _choose_best_placement(placed_of, candidates.valid, given_up, tasks.active > 0.0, candidate_set.rounds)
+    withdrawn = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
+    return _choose_best_placement(
+        place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, candidate_set.rounds
+    )
 
 
 def _with_fixed_paths(
@@ -404,7 +406,7 @@ def _with_fixed_paths(
 
 
 def _choose_best_placement(
-    placed_of: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placement]],
+    place_and_certify: Callable[[Bool[Array, "aircraft candidates"]], tuple[CertifiedPlan, Placement]],
     valid: Bool[Array, "aircraft candidates"],
     withdrawn: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
@@ -421,15 +423,15 @@ def _choose_best_placement(
         carry: tuple[Count, Array, Array, CertifiedPlan, Flag],
     ) -> tuple[Count, Array, Array, CertifiedPlan, Flag]:
         round_index, remaining, fewest, best, _ = carry
-        plan, placement = placed_of(remaining)
+        plan, placement = place_and_certify(remaining)
         failed = jnp.sum(active & ~plan.feasible)
         rejected = active & plan.valid & ~plan.certificate.satisfied_individually
         best = jax.tree.map(lambda a, b: jnp.where(failed < fewest, a, b), plan, best)
         remaining = remaining.at[fleet, placement.chosen].min(~rejected) & ~(withdrawn & rejected[:, None])
         return round_index + 1, remaining, jnp.minimum(failed, fewest), best, (failed > 0) & jnp.any(rejected)
 
-    placed_of = jax.jit(placed_of)  # traced once, for its shapes and for the loop
-    empty, _ = zeros_like_result(placed_of, valid)
+    place_and_certify = jax.jit(place_and_certify)  # traced once, for its shapes and for the loop
+    empty, _ = zeros_like_result(place_and_certify, valid)
     begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], retry, begin)[3]
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.planning.certified.profile import TabulatedProfile
-from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route, tightness
+from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route, turn_limits
 from anser.planning.certified.task import KeepOuts
 from anser.planning.demand import coordinated_demand, normal_force_max
 from anser.planning.limits import PathLimits
@@ -278,8 +278,8 @@ def _instant(
     required = coordinated_demand(sample.speed, up_rate, side, forward, gravity + sample.climb_dot)
     accelerations = limits.along(required.speed, required.normal / gravity)
     bounds = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
-    banked, loaded, along = required.excess(*(_LIMIT_FRACTION * limit for limit in bounds))
-    within = (banked <= 0.0) & (loaded <= 0.0) & (along <= 0.0)
+    bank_excess, load_excess, along_excess = required.excess(*(_LIMIT_FRACTION * limit for limit in bounds))
+    within = (bank_excess <= 0.0) & (load_excess <= 0.0) & (along_excess <= 0.0)
     position = jnp.stack([jnp.real(level) + air_drift[0], jnp.imag(level) + air_drift[1], down])
     return _Instant(position, jnp.sqrt(side**2 + forward**2 + sample.climb_dot**2), within | (sample.since_end > 0.0))
 
@@ -316,7 +316,7 @@ def route_track(
     motions = jax.vmap(lambda sample: _instant(sample, horizontal, scale, limits, gravity))(samples)
     # A curvature ramp may raise the acceleration between the sample times.
     tightest = jnp.min(turns_and_legs.scales)
-    ramp_allowance = 0.25 * step * tightness(endpoints, tightest)[1] * speed**3
+    ramp_allowance = 0.25 * step * turn_limits(endpoints, tightest)[1] * speed**3
     acceleration_max = endpoints.curvature_max * table.profile.speed_max**2 + 2.0
     bound = jnp.minimum(
         jnp.maximum(motions.acceleration[1:], motions.acceleration[:-1]) + ramp_allowance, acceleration_max / tightest

@@ -20,7 +20,7 @@ from anser.planning.certified.routes import (
     cis,
     roll_out,
     smooth_turn,
-    tightness,
+    turn_limits,
 )
 from anser.planning.demand import demand
 from anser.planning.timed_path import TimedPath
@@ -56,7 +56,7 @@ _END_TOLERANCE = 1e-8  # greatest miss distance of a direct path, relative to it
 _PARALLEL = 1e-9
 
 
-class Direct(eqx.Module):
+class DirectPath(eqx.Module):
     """The direct path of one word.
 
     Attributes
@@ -70,7 +70,7 @@ class Direct(eqx.Module):
     exists
         Whether the path reaches its end.
     scales
-        Scales of the two turns, see `tightness`.
+        Scales of the two turns, see `turn_limits`.
     """
 
     heading: Scalar
@@ -113,7 +113,7 @@ def _aim_error(angle: Scalar, data: tuple[PathEndpoints, Float[Array, "2"], Floa
     return _aim(endpoints, base + angle * angle_rates, jnp.ones(2))[1]
 
 
-def direct(endpoints: PathEndpoints, word: Float[Array, "2"]) -> Direct:
+def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath:
     """The shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
     start_heading = roll_out(endpoints).heading
     width = FULL_TURN / _HEADING_COUNT
@@ -139,15 +139,15 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 
 def _make_direct(
     endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
-) -> Direct:
+) -> DirectPath:
     """The direct path with the given turns; invalid if it misses its end."""
     straight_length, miss, length = _aim(endpoints, angles, scales)
     exists = may_exist & (jnp.abs(miss) <= _END_TOLERANCE * jnp.abs(length) + 1e-6) & (straight_length >= 0.0)
     heading, straight = roll_out(endpoints).heading + angles[0], jnp.maximum(straight_length, 0.0)
-    return Direct(heading, angles, straight, jnp.where(exists, length, _LENGTH_MAX), exists, scales)
+    return DirectPath(heading, angles, straight, jnp.where(exists, length, _LENGTH_MAX), exists, scales)
 
 
-def reaim(endpoints: PathEndpoints, base: Direct, scales: Float[Array, "2"]) -> Direct:
+def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
     """Correct a direct path for other endpoints or turn scales, by the secant method."""
     angle_rates = _angle_rates(endpoints)
 
@@ -196,14 +196,14 @@ def detour(kind: Count | int, side: ScalarLike) -> Detour:
     return Detour(side * headings, *parts_and_limit)
 
 
-def _turn_angles(base: Direct, detour: Detour, angle: ScalarLike, end_free: Flag) -> Float[Array, "4"]:
+def _turn_angles(base: DirectPath, detour: Detour, angle: ScalarLike, end_free: Flag) -> Float[Array, "4"]:
     legs = detour.headings * angle
     last_turn = jnp.where(end_free, 0.0, base.angles[1] - legs[2])
     return jnp.stack([base.angles[0] + legs[0], legs[1] - legs[0], legs[2] - legs[1], last_turn])
 
 
 def _legs(
-    endpoints: PathEndpoints, base: Direct, detour: Detour, scales: Float[Array, "4"], angle: ScalarLike
+    endpoints: PathEndpoints, base: DirectPath, detour: Detour, scales: Float[Array, "4"], angle: ScalarLike
 ) -> tuple[Float[Array, "3"], Scalar]:
     """Lengths of the three legs and of the whole path, m; a negative length is invalid."""
     initial = roll_out(endpoints)
@@ -221,21 +221,21 @@ def _legs(
     return legs, initial.length + turn_length + jnp.sum(legs)
 
 
-def _excess(angle: Scalar, data: tuple[PathEndpoints, Direct, Detour, Array, Scalar]) -> Scalar:
+def _excess(angle: Scalar, data: tuple[PathEndpoints, DirectPath, Detour, Array, Scalar]) -> Scalar:
     endpoints, base, detour, scales, target_length = data
     return _legs(endpoints, base, detour, scales, angle)[1] - target_length
 
 
 def solve_detour(
     endpoints: PathEndpoints,
-    base: Direct,
+    base: DirectPath,
     detour: Detour,
     target_length: ScalarLike,
     scales: Float[Array, "4"] | None = None,
 ) -> TurnsAndLegs:
     """Detour from a direct path with a target length (m), of the least angle, within a part in a million.
 
-    `scales` are the scales of the turns, see `tightness`; None: the tightest turns.
+    `scales` are the scales of the turns, see `turn_limits`; None: the tightest turns.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     scales = jnp.ones(4) if scales is None else scales
@@ -269,14 +269,14 @@ _LEG_M = 4000.0  # greatest leg of a racetrack: a longer target length adds laps
 
 
 def solve_racetrack(
-    endpoints: PathEndpoints, base: Direct, side: Scalar, target_length: ScalarLike, scale: ScalarLike = 1.0
+    endpoints: PathEndpoints, base: DirectPath, side: Scalar, target_length: ScalarLike, scale: ScalarLike = 1.0
 ) -> TurnsAndLegs:
     """A racetrack to a side (+1 right), then a direct path: reaches any target length (m) of at least one lap more.
 
-    `scale` widens the turns, see `tightness`. Laps after the first are full turns, so that the legs stay short.
+    `scale` widens the turns, see `turn_limits`. Laps after the first are full turns, so that the legs stay short.
     """
     target_length = jnp.asarray(target_length, dtype=float)
-    curvature, sharpness = tightness(endpoints, scale)
+    curvature, sharpness = turn_limits(endpoints, scale)
     half = smooth_turn(jnp.pi, curvature, sharpness).length
     leg_length = 0.5 * (target_length - base.length) - half
     turn = FULL_TURN / curvature
@@ -312,7 +312,7 @@ def _widest_scales(
     return jnp.clip(scales, 1.0, endpoints.scale_max)
 
 
-def widen_direct(endpoints: PathEndpoints, base: Direct, width: ScalarLike) -> Direct:
+def widen_direct(endpoints: PathEndpoints, base: DirectPath, width: ScalarLike) -> DirectPath:
     """Direct path of the same word, with turns as wide as the length of the straight part allows.
 
     `width` is the power of the widest scales: 0 leaves the turns at their tightest.
@@ -321,7 +321,7 @@ def widen_direct(endpoints: PathEndpoints, base: Direct, width: ScalarLike) -> D
     return reaim(endpoints, base, widest**width)
 
 
-def widen_directs(endpoints: PathEndpoints, base: Direct) -> Direct:
+def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
     """Direct paths of all `WIDTHS`, stacked."""
     return jax.vmap(lambda width: widen_direct(endpoints, base, width))(jnp.array(WIDTHS))
 
@@ -333,7 +333,7 @@ def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLe
 
 
 def widen_detour(
-    endpoints: PathEndpoints, wide: Direct, detour: Detour, target_length: ScalarLike, tight: TurnsAndLegs
+    endpoints: PathEndpoints, wide: DirectPath, detour: Detour, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
     """A detour of a target length (m) with turns as wide as the legs allow; `tight` if wider turns do not fit.
 
@@ -349,7 +349,7 @@ def widen_detour(
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))
 
-    def solve_width(base: Direct, width: Scalar) -> TurnsAndLegs:
+    def solve_width(base: DirectPath, width: Scalar) -> TurnsAndLegs:
         outer = jnp.array([0, 3])
         scales = widest**width
         scales = scales.at[outer].set(jnp.minimum(scales[outer], base.scales))
@@ -360,12 +360,12 @@ def widen_detour(
 
 
 def widen_racetrack(
-    endpoints: PathEndpoints, wide: Direct, side: Scalar, target_length: ScalarLike, tight: TurnsAndLegs
+    endpoints: PathEndpoints, wide: DirectPath, side: Scalar, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
     """A racetrack of a target length (m) with turns as wide as one lap allows; arguments as for `widen_detour`."""
 
-    def solve_width(base: Direct) -> TurnsAndLegs:
-        ramps = 2.0 * smooth_turn(jnp.pi, *tightness(endpoints, 1.0)).ramp
+    def solve_width(base: DirectPath) -> TurnsAndLegs:
+        ramps = 2.0 * smooth_turn(jnp.pi, *turn_limits(endpoints, 1.0)).ramp
         half = 0.5 * (target_length - base.length) - ramps
         scale = jnp.clip(half * endpoints.curvature_max / jnp.pi, 1.0, endpoints.scale_max)
         return solve_racetrack(endpoints, base, side, target_length, scale)
@@ -375,7 +375,7 @@ def widen_racetrack(
 
 def greatest_curvature(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Scalar:
     """Greatest curvature of the turns of a path, 1/m."""
-    tight = jax.vmap(tightness, in_axes=(None, 0))(endpoints, solved.scales)
+    tight = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns: Array = jax.vmap(lambda angle, *turn_tightness: jnp.abs(smooth_turn(angle, *turn_tightness).peak))(
         solved.angles, *tight
     )

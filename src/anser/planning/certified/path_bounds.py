@@ -75,8 +75,8 @@ class PathBounds(eqx.Module):
             return self.acceleration_max, self.deceleration_max
         slow, fast = self.cell_speeds[:, 0], self.cell_speeds[:, 1]
         load_min, load_max = self.cell_load_factors[:, 0], self.cell_load_factors[:, 1]
-        gained = self.cell_along[:, 0] + limits.deceleration_max * idle.greatest_rise(slow, fast, load_max)
-        return xp.max(gained), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, load_min))
+        equivalents = self.cell_along[:, 0] + limits.deceleration_max * idle.greatest_rise(slow, fast, load_max)
+        return xp.max(equivalents), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, load_min))
 
 
 def _bernstein_coefficients(
@@ -130,13 +130,13 @@ def _wind_error(
     upper_winds = jnp.concatenate([wind.velocities_n, wind.velocities_n[-1:]])
 
     def layer(bottom: Scalar, top: Scalar, begin: Array, end: Array) -> Float[Array, " cells"]:
-        rate = (end - begin) / jnp.maximum(top - bottom, _TINY)
-        blowing = begin[None, :, None] + rate[None, :, None] * (-down - bottom)[:, None, :]
-        difference = jnp.max(jnp.abs(slopes - blowing), axis=2)
+        shear = (end - begin) / jnp.maximum(top - bottom, _TINY)
+        wind_n = begin[None, :, None] + shear[None, :, None] * (-down - bottom)[:, None, :]
+        difference = jnp.max(jnp.abs(slopes - wind_n), axis=2)
         # A cell that ends at the layer's edge, to rounding, counts for the next layer; the omitted change is added.
         under = (high < bottom + _EDGE_M) & (low < bottom - _EDGE_M)
         over = (low > top - _EDGE_M) & (high > top + _EDGE_M)
-        left_out = _EDGE_M * safe_sqrt(jnp.sum(rate**2))
+        left_out = _EDGE_M * safe_sqrt(jnp.sum(shear**2))
         return jnp.where(
             under | over, left_out * ((low <= top) & (high >= bottom)), safe_sqrt(jnp.sum(difference**2, axis=1))
         )

@@ -140,7 +140,7 @@ class TurnsAndLegs(eqx.Module):
     angles
         Turn angles, rad, right positive.
     scales
-        Scales of the turns, see `tightness`.
+        Scales of the turns, see `turn_limits`.
     legs
         Lengths, m.
     exists
@@ -225,7 +225,7 @@ class Route(eqx.Module):
         )
 
 
-def tightness(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
+def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
     """Greatest curvature (1/m) and sharpness (1/m^2) of a turn of `scale` times the least radius at full speed.
 
     The ramps keep their length, so that a wider turn needs the same time for them, and a slower aircraft more.
@@ -236,7 +236,7 @@ def tightness(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scal
 def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
     """Route of four turns with legs between them."""
     initial, angles = roll_out(endpoints), solved.angles
-    curvatures, sharpest = jax.vmap(tightness, in_axes=(None, 0))(endpoints, solved.scales)
+    curvatures, sharpest = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
     zero = jnp.zeros(())
     sign = jnp.where(angles < 0.0, -1.0, 1.0)
@@ -274,8 +274,8 @@ def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
 def chain_turns(
     endpoints: PathEndpoints, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Displacement (m) and length of four consecutive turns (rad; `tightness`), and the heading after each turn."""
-    curvatures, sharpness = jax.vmap(tightness, in_axes=(None, 0))(endpoints, scales)
+    """Displacement (m) and length of four consecutive turns (rad; `turn_limits`), and the heading after each turn."""
+    curvatures, sharpness = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)
     headings = heading + jnp.cumsum(angles)
     moves = jax.vmap(displacement)(turns, sharpness)

@@ -21,8 +21,8 @@ from anser.planning.certified.detours import (
     GENTLE_BANK,
     WIDTHS,
     WORDS,
-    Direct,
-    direct,
+    DirectPath,
+    direct_path,
     reaim,
     widen_direct,
     widen_directs,
@@ -305,9 +305,9 @@ def _path_endpoints(
     )
 
 
-def direct_paths(endpoints: PathEndpoints) -> Direct:
+def direct_paths(endpoints: PathEndpoints) -> DirectPath:
     """The four direct paths, the shortest first."""
-    paths = jax.vmap(lambda word: direct(endpoints, word))(jnp.asarray(WORDS))
+    paths = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
     order = jnp.argsort(paths.length)
     return jax.tree.map(lambda leaf: leaf[order], paths)
 
@@ -317,9 +317,9 @@ class TimedProfile(eqx.Module):
 
     table: TabulatedProfile
     endpoints: PathEndpoints
-    direct: Direct
+    direct: DirectPath
     """Four, the shortest first."""
-    wide_directs: Direct
+    wide_directs: DirectPath
     """The same with wider turns: (word, width)."""
     speed: Scalar
     within_limits: Flag
@@ -433,4 +433,6 @@ def timed_profiles(
     altitude_detours = jnp.asarray(candidate_set.altitude_detours)
     middle_speeds, final_speeds = (jnp.stack([speeds[kind][k] for kind in candidate_set.speeds]) for k in range(2))
     profile_for = functools.partial(timed_profile, task, airspace, duration, intervals)
-    return jax.vmap(lambda detour, *two: profile_for(detour, two))(altitude_detours, middle_speeds, final_speeds)
+    return jax.vmap(lambda detour, *speed_pair: profile_for(detour, speed_pair))(
+        altitude_detours, middle_speeds, final_speeds
+    )

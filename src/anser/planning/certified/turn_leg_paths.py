@@ -25,7 +25,7 @@ from anser.planning.certified.routes import (
     displacement,
     roll_out,
     smooth_turn,
-    tightness,
+    turn_limits,
 )
 from anser.planning.certified.task import KeepOuts
 from anser.planning.demand import side_force_max
@@ -62,7 +62,7 @@ class RadiusSchedule(eqx.Module):
     step
         Path length between two values, m.
     scales
-        Least radius, in units of the radius allowed everywhere on the path; see `tightness`.
+        Least radius, in units of the radius allowed everywhere on the path; see `turn_limits`.
     """
 
     step: Scalar
@@ -234,19 +234,19 @@ def _path_and_residuals(
     angles = senses * squares[:TURNS] + full_turns
     legs = jnp.append(target_length * squares[TURNS : TURNS + LEGS], 0.0)
     legs_by = jnp.concatenate([target_length * squares_by[TURNS : TURNS + LEGS], jnp.zeros((1, _UNKNOWNS))])
-    wider, wider_by = squares[TURNS + LEGS :], squares_by[TURNS + LEGS :]
-    turn_data = (angles, full_turns, wider, legs, senses[:, None] * squares_by[:TURNS], wider_by, legs_by)
+    excess_radii, excess_radii_by = squares[TURNS + LEGS :], squares_by[TURNS + LEGS :]
+    turn_data = (angles, full_turns, excess_radii, legs, senses[:, None] * squares_by[:TURNS], excess_radii_by, legs_by)
 
     def turn(parameters: Float[Array, "3"], circled: Scalar) -> tuple[Array, tuple[Array, Scalar]]:
         """Displacement to the end and the middle of a turn, length and scale, for angle, excess radius and start."""
-        angle, wider, length = parameters
+        angle, excess_radii, length = parameters
         # The length of a turn depends on its radius, and the radius on the schedule over that length: iterate.
         scale = problem.schedule.least_radius(length, 0.0)
         for _ in range(_RADIUS_ROUNDS):
-            estimate = smooth_turn(angle, *tightness(endpoints, scale))
+            estimate = smooth_turn(angle, *turn_limits(endpoints, scale))
             scale = problem.schedule.least_radius(length, estimate.length)
-        scale = scale * (1.0 + wider)
-        curvature, sharpness = tightness(endpoints, scale)
+        scale = scale * (1.0 + excess_radii)
+        curvature, sharpness = turn_limits(endpoints, scale)
         shape = smooth_turn(angle, curvature, sharpness)
         move = displacement(shape, sharpness)
         # The middle of a turn lies off its chord, by chord / 2 x tan(angle / 4).
@@ -256,10 +256,12 @@ def _path_and_residuals(
         return quantities, (quantities, scale)
 
     def fly(flown: _Flown, turn_parameters: tuple[Array, ...]) -> tuple[_Flown, Scalar]:
-        angle, circled, wider, leg, angle_by, wider_by, leg_by = turn_parameters
-        local, (quantities, scale) = jax.jacfwd(turn, has_aux=True)(jnp.stack([angle, wider, flown.length]), circled)
+        angle, circled, excess_radii, leg, angle_by, excess_radii_by, leg_by = turn_parameters
+        local, (quantities, scale) = jax.jacfwd(turn, has_aux=True)(
+            jnp.stack([angle, excess_radii, flown.length]), circled
+        )
         local, quantities = jax.lax.optimization_barrier((local, quantities))
-        quantities_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], wider_by)
+        quantities_by = jnp.outer(local[:, 0], angle_by) + jnp.outer(local[:, 1], excess_radii_by)
         quantities_by = quantities_by + jnp.outer(local[:, 2], flown.length_by)
         move, middle = _rotate(flown.heading, quantities[:2]), _rotate(flown.heading, quantities[2:4])
         move_by = _rotate(flown.heading, quantities_by[:2]) + jnp.outer(_perpendicular(move), flown.heading_by)
@@ -283,11 +285,14 @@ def _path_and_residuals(
             spots = jnp.concatenate([halfway[None], leg_start[None] + jnp.outer(fractions, along)])
             depths, slope = jax.lax.optimization_barrier(jax.vmap(problem.keep_outs.penetration)(spots))
             penetration = penetration + jnp.sum(depths, axis=0)
-            leg_slope, on_leg = jnp.sum(slope[1:], axis=0), jnp.sum(slope[1:] * fractions[:, None, None], axis=0)
+            leg_slope, fraction_slope = (
+                jnp.sum(slope[1:], axis=0),
+                jnp.sum(slope[1:] * fractions[:, None, None], axis=0),
+            )
             for k in range(3):
                 penetration_by = penetration_by + jnp.outer(slope[0, :, k], halfway_by[k])
                 penetration_by = penetration_by + jnp.outer(leg_slope[:, k], leg_start_by[k])
-                penetration_by = penetration_by + jnp.outer(on_leg[:, k], along_by[k])
+                penetration_by = penetration_by + jnp.outer(fraction_slope[:, k], along_by[k])
         position, position_by = leg_start[:2] + leg_vector, leg_start_by[:2] + leg_vector_by
         length, length_by = leg_start[2] + leg, leg_start_by[2] + leg_by
         return _Flown(position, heading, length, penetration, position_by, heading_by, length_by, penetration_by), scale
