@@ -76,6 +76,11 @@ def os_error_reason(error: Exception) -> str:
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
+def format_value(value: object) -> str:
+    """Describe a value of a file like `describe_value`, with floating-point numbers as `format_number` writes them."""
+    return format_number(value) if isinstance(value, float) else describe_value(value)
+
+
 def describe_value(value: object) -> str:
     """Describe a value of a TOML file (or None) in TOML notation, on one line."""
     if isinstance(value, bool):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from anser.config.errors import describe_value, format_number, os_error_reason, problem_error
+from anser.config.errors import describe_value, format_value, os_error_reason, problem_error
 from anser.config.tables import Table
 from anser.files import write_file
 
@@ -137,7 +137,7 @@ def _default(node: Mapping[str, Any], required: bool) -> str:
         value = value[0]  # equal for all axes
     if isinstance(value, list):
         return f"`[{', '.join(describe_value(item) for item in value)}]`"
-    return f"`{format_number(value) if isinstance(value, float) else describe_value(value)}`"
+    return f"`{format_value(value)}`"
 
 
 def write_schema(path: Path, name: str, model: type[Table], title: str) -> None:

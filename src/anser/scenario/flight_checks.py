@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from anser.config.errors import Problem, ScenarioError, describe_value, format_number
+from anser.config.errors import Problem, ScenarioError, format_value
 from anser.config.key_paths import indexed_path
 from anser.scenario.build import build_flight
 from anser.scenario.schema import Scenario
@@ -129,14 +129,9 @@ def _problem(path: str, scenario: Scenario, value: object, alternative: object) 
     )
     expected = "a path that changes something in the flight as built" if unused_keys is None else unused_keys.remedy
     cause = "" if unused_keys is None else f" {unused_keys.cause}"
-    arrived = (
-        f"values such as {_value_text(value)} and {_value_text(alternative)}, which change nothing in the flight{cause}"
-    )
+    examples = f"{format_value(value)} and {format_value(alternative)}"
+    arrived = f"values such as {examples}, which change nothing in the flight{cause}"
     return Problem(path, arrived, expected)
-
-
-def _value_text(value: object) -> str:
-    return format_number(value) if isinstance(value, float) else describe_value(value)
 
 
 def _builtin_value(value: Any) -> Any:

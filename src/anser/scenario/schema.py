@@ -101,6 +101,28 @@ _FORMATS = f"{FORMAT} or 1, the formats that this anser reads"
 SEED_MAX = 2**32 - 1
 
 
+_CHECKS = (
+    range_problems,
+    speed_problems,
+    start_problems,
+    goal_problems,
+    separation_problems,
+    chart_problems,
+    gust_problems,
+    sensing_problems,
+    event_problems,
+    network_problems,
+)
+_CHECKS_WITH_GOALS = (
+    rendezvous_problems,
+    same_point_problems,
+    margin_problems,
+    arrival_problems,
+    keep_out_problems,
+)
+"""Checks that need unique names and an existing goal of every aircraft."""
+
+
 class Scenario(Table):
     """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences."""
 
@@ -166,44 +188,13 @@ class Scenario(Table):
 
     def consistency_problems(self) -> list[Problem]:
         """List the contradictions between tables; checks that depend on failed checks are skipped."""
-        aircraft, goals, fleet, limits = self.aircraft, self.goal, self.fleet, self.limits
-        planner_keys = planner_problems(self)
-        if planner_keys:
-            return planner_keys  # unsupported keys need no further checks
-        order = order_problems(limits)
-        if order:
-            return order
-        names = name_problems(aircraft, goals)
-        problems = [
-            *names,
-            *range_problems(aircraft, limits),
-            *speed_problems(self),
-            *start_problems(self),
-            *goal_problems(goals, self.timing),
-            *separation_problems(aircraft, self.separation),
-            *chart_problems(self),
-            *gust_problems(self.gust, aircraft),
-            *sensing_problems(self.navigation, self.goal_sensor, self.timing),
-            *event_problems(self.event, aircraft, goals, self.timing, fleet.planner),
-            *network_problems(
-                self.network,
-                fleet,
-                limits,
-                self.timing,
-                self.arrival,
-                aircraft,
-                self.event,
-                self.wind.speed_max_m_s,
-            ),
-        ]
-        if not names:
-            problems.extend(rendezvous_problems(self))
-            problems.extend(same_point_problems(aircraft, self.arrival))
-            problems.extend(
-                margin_problems(aircraft, goals, self.goal_sensor, self.estimator, self.navigation, self.timing, fleet)
-            )
-            problems.extend(arrival_problems(self.arrival, aircraft, self.timing))
-            problems.extend(keep_out_problems(self.keep_out, aircraft, goals))
+        # unsupported keys and crossed limits make further checks meaningless
+        for check in (planner_problems, order_problems):
+            if problems := check(self):
+                return problems
+        naming_problems = name_problems(self)
+        checks = _CHECKS if naming_problems else (*_CHECKS, *_CHECKS_WITH_GOALS)
+        problems = [*naming_problems, *(problem for check in checks for problem in check(self))]
         return problems or reach_problems(self) or arrival_time_problems(self)
 
     @property

@@ -1,7 +1,7 @@
 """Scenario tables for arrival times, separation and keep-out volumes, with their checks."""
 
 import math
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
@@ -21,6 +21,9 @@ from anser.config.tables import (
 from anser.scenario.schema_aircraft import POSITION_MAX_M, Aircraft, Goal
 from anser.scenario.schema_checks import SAME_POSITION_M, connected_groups, format_list, label
 from anser.scenario.schema_settings import DURATION_MAX_S, Timing
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 
@@ -69,11 +72,12 @@ class Arrival(Table):
         return self.is_common or (self.rule == "times" and aircraft.arrive_s == second_aircraft.arrive_s)
 
 
-def arrival_problems(arrival: Arrival, aircraft_tables: tuple[Aircraft, ...], timing: Timing) -> list[Problem]:
+def arrival_problems(scenario: "Scenario") -> list[Problem]:
     """List missing or unused times, an invalid order, and arrivals after the end of the flight.
 
     The names of the aircraft are unique.
     """
+    aircraft_tables, arrival, timing = scenario.aircraft, scenario.arrival, scenario.timing
     problems = [] if arrival.time_s is None else _end_of_flight_problems("arrival.time_s", arrival.time_s, timing)
     for index, aircraft in enumerate(aircraft_tables):
         problems.extend(_aircraft_time_problems(f"aircraft[{index}]", aircraft, arrival, timing))
@@ -203,8 +207,9 @@ class KeepOut(Table):
         return distance_m < self.radius_m and self.bottom_m < position_m[2] < self.top_m
 
 
-def separation_problems(aircraft_tables: tuple[Aircraft, ...], separation: Separation) -> list[Problem]:
+def separation_problems(scenario: "Scenario") -> list[Problem]:
     """List aircraft whose starts violate the separation."""
+    aircraft_tables, separation = scenario.aircraft, scenario.separation
     problems = []
     vertical = f" or {format_number(separation.vertical_m)} m in altitude" if separation.vertical_m else ""
     expected = f"a start {format_number(separation.horizontal_m)} m away in the plane{vertical}, as [separation] asks"
@@ -240,13 +245,12 @@ def separation_problems(aircraft_tables: tuple[Aircraft, ...], separation: Separ
     return problems
 
 
-def keep_out_problems(
-    keep_outs: tuple[KeepOut, ...], aircraft_tables: tuple[Aircraft, ...], goals: tuple[Goal, ...]
-) -> list[Problem]:
+def keep_out_problems(scenario: "Scenario") -> list[Problem]:
     """List keep-outs with the same name, starts inside a keep-out, and rendezvous points that stay inside a keep-out.
 
     The goal of every aircraft exists.
     """
+    keep_outs, aircraft_tables, goals = scenario.keep_out, scenario.aircraft, scenario.goal
     problems = []
     names = [aircraft.name for aircraft in keep_outs]
     by_name = {goal.name: goal for goal in goals}
@@ -272,8 +276,9 @@ def keep_out_problems(
     return problems
 
 
-def same_point_problems(aircraft_tables: tuple[Aircraft, ...], arrival: Arrival) -> list[Problem]:
+def same_point_problems(scenario: "Scenario") -> list[Problem]:
     """List aircraft with the same rendezvous point and arrival time."""
+    aircraft_tables = scenario.aircraft
     problems = []
 
     def meet(i: int, j: int) -> bool:
@@ -282,7 +287,7 @@ def same_point_problems(aircraft_tables: tuple[Aircraft, ...], arrival: Arrival)
         return (
             aircraft_j.goal == aircraft_i.goal
             and distance_m < SAME_POSITION_M
-            and arrival.arrive_together(aircraft_i, aircraft_j)
+            and scenario.arrival.arrive_together(aircraft_i, aircraft_j)
         )
 
     for first_index, *later_indices in connected_groups(len(aircraft_tables), meet):

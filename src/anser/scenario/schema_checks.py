@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from anser.aircraft_files.sources import AirframeRange
-from anser.config.errors import Problem, describe_value, format_number
+from anser.config.errors import Problem, format_number, format_value
 from anser.config.tables import Table, ordering_problems
-from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
+from anser.constants import AIRBORNE_STAND_OFF_MIN_M, STANDARD_GRAVITY_M_S2, SURFACE_STAND_OFF_MIN_M
 from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_settings import Limits, Timing
+from anser.scenario.schema_settings import Limits
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
@@ -45,17 +45,18 @@ def limits_for(limits: Limits, data_range: AirframeRange) -> Limits:
     return limits.with_defaults(**values)
 
 
-def order_problems(limits: Limits) -> list[Problem]:
+def order_problems(scenario: "Scenario") -> list[Problem]:
     """List limits of airspeed and angle of attack whose lower bound is not below the upper bound."""
     problems = [
-        *ordering_problems(limits, "speed_min_m_s", "speed_max_m_s", "m/s"),
-        *ordering_problems(limits, "alpha_min_deg", "alpha_max_deg", "deg"),
+        *ordering_problems(scenario.limits, "speed_min_m_s", "speed_max_m_s", "m/s"),
+        *ordering_problems(scenario.limits, "alpha_min_deg", "alpha_max_deg", "deg"),
     ]
     return [Problem(f"limits.{problem.path}", problem.arrived, problem.expected) for problem in problems]
 
 
-def range_problems(aircraft_tables: tuple[Aircraft, ...], limits: Limits) -> list[Problem]:
+def range_problems(scenario: "Scenario") -> list[Problem]:
     """List limits beyond the range of an aircraft's data; altitudes beyond the range are only marked later."""
+    aircraft_tables, limits = scenario.aircraft, scenario.limits
     problems: dict[str, Problem] = {}
     for data_range in dict.fromkeys(aircraft.range for aircraft in aircraft_tables):
         for problem in _exceeded_limits(data_range, limits_for(limits, data_range)):
@@ -84,7 +85,6 @@ def _exceeded_limits(data_range: AirframeRange, limits: Limits) -> list[Problem]
 AIRBORNE_ALTITUDE_MIN_M = 50.0
 SAME_POSITION_M = 10.0  # about the span of the aircraft
 
-GRAVITY_M_S2 = 9.80665
 _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
 _CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
 _CERTIFIED_AIRCRAFT_KEYS = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
@@ -112,8 +112,9 @@ def format_list(kind: str, items: Sequence[Aircraft] | Sequence[Goal], indices: 
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def name_problems(aircraft_tables: tuple[Aircraft, ...], goals: tuple[Goal, ...]) -> list[Problem]:
+def name_problems(scenario: "Scenario") -> list[Problem]:
     """List names used twice and references to goals that do not exist."""
+    aircraft_tables, goals = scenario.aircraft, scenario.goal
     problems = []
     for kind, items in (("aircraft", aircraft_tables), ("goal", goals)):
         first_indices: dict[str, int] = {}
@@ -160,7 +161,7 @@ def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraf
             Problem(wind_path, format_number(wind.speed_m_s if wind.layers is None else wind.speed_max_m_s), expected)
         )
     ground_speed_m_s = speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
-    tightest_m = ground_speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
+    tightest_m = ground_speed_m_s**2 / (STANDARD_GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
     if scenario.hold.radius_m < tightest_m:
         expected = (
             f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "
@@ -252,16 +253,16 @@ def rendezvous_problems(scenario: "Scenario") -> list[Problem]:
     return problems
 
 
-def goal_problems(goals: tuple[Goal, ...], timing: Timing) -> list[Problem]:
+def goal_problems(scenario: "Scenario") -> list[Problem]:
     """List airborne goals that start at or sink to the surface during the flight."""
     problems = []
-    for index, goal in enumerate(goals):
+    for index, goal in enumerate(scenario.goal):
         if goal.kind == "surface":
             continue
         if goal.waypoints is not None:
             heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
         else:
-            heights = {"altitude_m": goal.altitude_m, "climb_rate_m_s": goal.position_m(timing.duration_s)[2]}
+            heights = {"altitude_m": goal.altitude_m, "climb_rate_m_s": goal.position_m(scenario.timing.duration_s)[2]}
         low_heights = {key: height for key, height in heights.items() if height < AIRBORNE_ALTITUDE_MIN_M}
         for key, height in low_heights.items():
             if key == "climb_rate_m_s":
@@ -314,7 +315,7 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
         for key in keys:
             value, default = getattr(table, key), type(table).model_fields[key].default
             if key in table.model_fields_set and not (explicit and value == default):
-                value_text = format_number(value) if isinstance(value, float) else describe_value(value)
+                value_text = format_value(value)
                 problems.append(
                     Problem(f"{path}.{key}", f'{value_text} with fleet.planner "published"', expected, subject)
                 )

@@ -1,8 +1,7 @@
 """Scenario tables for the environment: Earth, wind, turbulence and discrete gusts."""
 
 import math
-from collections.abc import Sequence
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
@@ -19,8 +18,10 @@ from anser.config.tables import (
     tables,
     velocity_on_course,
 )
-from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_settings import DURATION_MAX_S
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 _EARTHS = ("flat", "wgs84")
 _WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or layers; not both"
@@ -154,12 +155,12 @@ class DiscreteGust(Table):
         return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]
 
 
-def gust_problems(gusts: Sequence[DiscreteGust], aircraft_tables: Sequence[Aircraft]) -> list[Problem]:
+def gust_problems(scenario: "Scenario") -> list[Problem]:
     """List gusts for unknown aircraft."""
-    names = [aircraft.name for aircraft in aircraft_tables]
+    names = [aircraft.name for aircraft in scenario.aircraft]
     name_list = ", ".join(f'"{name}"' for name in names)
     return [
         Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f"the name of an aircraft of this scenario ({name_list})")
-        for k, gust in enumerate(gusts)
+        for k, gust in enumerate(scenario.gust)
         if gust.aircraft is not None and gust.aircraft not in names
     ]

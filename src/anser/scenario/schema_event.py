@@ -1,16 +1,17 @@
 """Scenario table for events: departures, losses of thrust or sensor, changed goal motions, and new keep-outs."""
 
-from collections.abc import Sequence
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
 from anser.aircraft_files.sources import SPEED_MAX_M_S
-from anser.config.errors import Problem, describe_value, format_number
+from anser.config.errors import Problem, format_number, format_value
 from anser.config.tables import NAME_PATTERN, Table, choice, expects, number, table
-from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import KeepOut
-from anser.scenario.schema_settings import DURATION_MAX_S, Timing
+from anser.scenario.schema_settings import DURATION_MAX_S
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 KINDS = (
     "aircraft-leaves",
@@ -95,28 +96,23 @@ class Event(Table):
         for key in sorted(self.model_fields_set - {"time_s", "kind", *allowed}):
             value = getattr(self, key)
             if value is not None:
-                arrived = (
-                    f"{format_number(value) if isinstance(value, float) else describe_value(value)} with "
-                    f'kind "{self.kind}"'
-                )
+                arrived = f'{format_value(value)} with kind "{self.kind}"'
                 problems.append(Problem(key, arrived, f"no {key}; that kind knows {', '.join(allowed)}"))
         return problems
 
 
-def event_problems(
-    events: Sequence[Event], aircraft_tables: Sequence[Aircraft], goals: Sequence[Goal], timing: Timing, planner: str
-) -> list[Problem]:
+def event_problems(scenario: "Scenario") -> list[Problem]:
     """List events with unknown names, after the end of the flight, or without support by the planner."""
-    problems = []
-    if events and planner == "published":
+    events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
+    if events and scenario.fleet.planner == "published":
         expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
         return [Problem("event", f'{len(events)} with fleet.planner = "published"', expected)]
     departures: dict[str, int] = {}
     for index, event in enumerate(events):
         path = f"event[{index}]"
         for key, names in (
-            ("aircraft", [aircraft.name for aircraft in aircraft_tables]),
-            ("goal", [goal.name for goal in goals]),
+            ("aircraft", [aircraft.name for aircraft in scenario.aircraft]),
+            ("goal", [goal.name for goal in scenario.goal]),
         ):
             name = getattr(event, key)
             if name is not None and name not in names:
@@ -125,8 +121,8 @@ def event_problems(
                     f"the name of {'an aircraft' if key == 'aircraft' else 'a goal'} of this scenario ({name_list})"
                 )
                 problems.append(Problem(f"{path}.{key}", f'"{name}"', expected))
-        if event.time_s >= timing.duration_s:
-            expected = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
+        if event.time_s >= duration_s:
+            expected = f"a time before the end of the flight, timing.duration_s = {format_number(duration_s)} s"
             problems.append(Problem(f"{path}.time_s", format_number(event.time_s), expected))
         if event.kind == "aircraft-leaves" and event.aircraft is not None:
             if event.aircraft in departures:

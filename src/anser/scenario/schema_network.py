@@ -1,14 +1,14 @@
 """Scenario table for a fleet without a centre: radio range, message losses, and the coordination of the clocks."""
 
 import math
-from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Table, number
-from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_airspace import Arrival
-from anser.scenario.schema_event import Event
-from anser.scenario.schema_settings import Fleet, Limits, Timing, multiple_message
+from anser.scenario.schema_settings import Fleet, Limits, multiple_message
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 AIRCRAFT_MAX = 30
 """Greatest number of aircraft in a fleet without a centre."""
@@ -53,17 +53,9 @@ class Network(Table):
         return [Problem("coupling_per_s", format_number(self.coupling_per_s), expected)]
 
 
-def network_problems(
-    network: Network | None,
-    fleet: Fleet,
-    limits: Limits,
-    timing: Timing,
-    arrival: Arrival,
-    aircraft: Sequence[Aircraft],
-    events: Sequence[Event],
-    wind_m_s: float,
-) -> list[Problem]:
+def network_problems(scenario: "Scenario") -> list[Problem]:
     """List a network that no planner uses, and settings that a fleet without a centre does not support."""
+    network, fleet, aircraft, arrival = scenario.network, scenario.fleet, scenario.aircraft, scenario.arrival
     if fleet.planner != "decentralised":
         expected = 'no [network], or fleet.planner = "decentralised": nobody else talks over it'
         return (
@@ -75,14 +67,15 @@ def network_problems(
     if arrival.rule not in RULES:
         expected = " or ".join(f'"{rule}"' for rule in RULES) + ": what aircraft can agree on without a centre"
         problems.append(Problem("arrival.rule", f'"{arrival.rule}" with fleet.planner = "decentralised"', expected))
-    for index, event in enumerate(events):
+    for index, event in enumerate(scenario.event):
         if event.kind not in EVENTS:
             expected = " or ".join(f'"{kind}"' for kind in EVENTS) + ', or fleet.planner = "certified"'
             problems.append(Problem(f"event[{index}].kind", f'"{event.kind}" without a centre', expected))
-    return [*problems, *_number_problems(network or Network(), fleet, limits, timing, wind_m_s)]
+    return [*problems, *_number_problems(network or Network(), scenario)]
 
 
-def _number_problems(network: Network, fleet: Fleet, limits: Limits, timing: Timing, wind_m_s: float) -> list[Problem]:
+def _number_problems(network: Network, scenario: "Scenario") -> list[Problem]:
+    fleet, timing = scenario.fleet, scenario.timing
     problems, multiple = [], network.period_s / timing.step_s
     if abs(multiple - round(multiple)) > 1e-6 or round(multiple) < 1:
         expected = multiple_message(network.period_s, "timing.step_s", timing.step_s)
@@ -94,7 +87,7 @@ def _number_problems(network: Network, fleet: Fleet, limits: Limits, timing: Tim
     if timing.replan_period_s <= 0.0:
         expected = "a period above 0: what the others say is answered when the plan is renewed"
         problems.append(Problem("timing.replan_period_s", format_number(timing.replan_period_s), expected))
-    greatest = greatest_rate_range(fleet, limits, wind_m_s)
+    greatest = greatest_rate_range(fleet, scenario.limits, scenario.wind.speed_max_m_s)
     if network.rate_range > greatest:
         expected = (
             f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = "

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Vector
+from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_checks import GRAVITY_M_S2, label
+from anser.scenario.schema_checks import label
 
 if TYPE_CHECKING:
     from anser.scenario.schema import Scenario
@@ -192,7 +193,7 @@ def _fastest_mean_airspeed_m_s(scenario: "Scenario", reference: ReferenceSpeed) 
         else:
             lowest_m = min(point.altitude_m for point in goal.waypoints)
         descent_m = max(0.0, aircraft.start.altitude_m - lowest_m - aircraft.rendezvous.stand_off_up_m)
-        speeds_m_s.append(math.sqrt(aircraft.start.speed_m_s**2 + 2.0 * GRAVITY_M_S2 * descent_m))
+        speeds_m_s.append(math.sqrt(aircraft.start.speed_m_s**2 + 2.0 * STANDARD_GRAVITY_M_S2 * descent_m))
     return max(speeds_m_s)
 
 

@@ -3,18 +3,19 @@
 import functools
 import json
 import math
-from collections.abc import Sequence
 from importlib.resources import files
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Table, choice, expects, number
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_checks import label
 from anser.scenario.schema_settings import Fleet, Timing, is_multiple, multiple_message
+
+if TYPE_CHECKING:
+    from anser.scenario.schema import Scenario
 
 PRESETS = ("camera", "ais", "ads-b", "weather-radar", "beacon")
 _SIGHT_KEYS = (
@@ -169,21 +170,19 @@ class Estimator(Table):
     )
 
 
-def sensing_problems(navigation: Navigation, sensor: GoalSensor, timing: Timing) -> list[Problem]:
+def sensing_problems(scenario: "Scenario") -> list[Problem]:
     """List periods that are not whole numbers of steps."""
-    problems = []
-    key, step_s = "timing.step_s", timing.step_s
-    if navigation.sensors != "exact" and not is_multiple(navigation.period_s, timing.step_s):
-        period_s = navigation.period_s
-        problems.append(
-            Problem("navigation.period_s", format_number(period_s), multiple_message(period_s, key, step_s))
-        )
-    if sensor.preset != "exact" and not is_multiple(sensor.number("period_s"), timing.step_s):
-        period_s = sensor.number("period_s")
-        problems.append(
-            Problem("goal_sensor.period_s", format_number(period_s), multiple_message(period_s, key, step_s))
-        )
-    return problems
+    navigation, sensor, step_s = scenario.navigation, scenario.goal_sensor, scenario.timing.step_s
+    periods_s = {}
+    if navigation.sensors != "exact":
+        periods_s["navigation.period_s"] = navigation.period_s
+    if sensor.preset != "exact":
+        periods_s["goal_sensor.period_s"] = sensor.number("period_s")
+    return [
+        Problem(path, format_number(period_s), multiple_message(period_s, "timing.step_s", step_s))
+        for path, period_s in periods_s.items()
+        if not is_multiple(period_s, step_s)
+    ]
 
 
 _MEASUREMENTS = 2000  # upper limit of the recursion; the filter has settled by then
@@ -245,24 +244,17 @@ def _predict_variances(
     )
 
 
-def margin_problems(
-    aircraft_tables: Sequence[Aircraft],
-    goals: Sequence[Goal],
-    sensor: GoalSensor,
-    estimator: Estimator,
-    navigation: Navigation,
-    timing: Timing,
-    fleet: Fleet,
-) -> list[Problem]:
+def margin_problems(scenario: "Scenario") -> list[Problem]:
     """List rendezvous points too close to an uncertain goal for the minimum stand-off; all goals exist."""
-    goal_kinds = {goal.name: goal.kind for goal in goals}
+    sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
+    goal_kinds = {goal.name: goal.kind for goal in scenario.goal}
     problems = []
-    for index, aircraft in enumerate(aircraft_tables):
+    for index, aircraft in enumerate(scenario.aircraft):
         stand_off_min_m = (
             AIRBORNE_STAND_OFF_MIN_M if goal_kinds[aircraft.goal] == "airborne" else SURFACE_STAND_OFF_MIN_M
         )
         distance_m = aircraft.rendezvous.stand_off_distance_m
-        sigma_m = goal_sigma_m(sensor, estimator, navigation, timing, fleet, distance_m)
+        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, scenario.fleet, distance_m)
         required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
         # a stand-off below the scope's minimum is reported elsewhere
         if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from anser.config.errors import Problem, describe_value, format_number
+from anser.config.errors import Problem, format_number, format_value
 from anser.config.tables import Table
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Gains
@@ -55,7 +55,7 @@ class UnusedKeys:
         for key in self.keys[:1] if self.is_whole else self.keys:
             value = getattr(self.table, key)
             if key in self.table.model_fields_set and value != type(self.table).model_fields[key].default:
-                value_text = format_number(value) if isinstance(value, float) else describe_value(value)
+                value_text = format_value(value)
                 alternative = "" if self.is_whole else f", or no {key}"
                 yield Problem(f"{self.path}.{key}", f"{value_text} {self.cause}", self.remedy + alternative)
 

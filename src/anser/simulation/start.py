@@ -22,7 +22,7 @@ from anser.simulation.flight import (
 )
 from anser.simulation.vehicle import Vehicle, VehicleState
 from anser.steady.performance import performance_at
-from anser.steady.trim import EXCESS_NOISE, TrimPoint, TrimTarget, solve_trim
+from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
@@ -57,7 +57,7 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
     def trim_one(vehicle: Vehicle, target: TrimTarget, position_n: Vector3, is_real: Flag, index: Array) -> Any:
         trim = solve_trim(vehicle.airframe, environment, target, position_n)
         state = trimmed_vehicle(vehicle, instant, trim, index)
-        is_untrimmed = ~trim.converged | (trim.excess > EXCESS_NOISE)
+        is_untrimmed = ~trim.converged | (trim.excess > LIMIT_TOLERANCE)
         status = jnp.where(is_untrimmed, NO_TRIM, state.status).astype(jnp.int32)
         state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, is_untrimmed | ~is_real))
         perception = perceive(vehicle, state, instant)

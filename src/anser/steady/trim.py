@@ -40,7 +40,7 @@ _ALPHA_STARTS_DEG = (
     30.0,
     42.0,
 )  # the lift and moment tables have kinks, so a single start is not enough
-EXCESS_NOISE = 1e-9
+LIMIT_TOLERANCE = 1e-9
 """Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
 _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
 
@@ -364,11 +364,11 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
     actuators = airframe.actuators
 
     def beyond(value: Scalar | Vector3, lower: Scalar | Vector3, upper: Scalar | Vector3) -> Flag:
-        return jnp.any((value < lower - EXCESS_NOISE) | (value > upper + EXCESS_NOISE))
+        return jnp.any((value < lower - LIMIT_TOLERANCE) | (value > upper + LIMIT_TOLERANCE))
 
     stops = [
-        power > 1 + EXCESS_NOISE,
-        power < -EXCESS_NOISE,
+        power > 1 + LIMIT_TOLERANCE,
+        power < -LIMIT_TOLERANCE,
         beyond(surfaces, actuators.lower, actuators.upper),
         beyond(point.alpha, *airframe.alpha_range),
         beyond(point.beta, *airframe.beta_range),

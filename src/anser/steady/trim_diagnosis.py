@@ -16,7 +16,7 @@ from anser.aircraft.motion import flight_condition
 from anser.compiling.options import compiled
 from anser.environment.environment import Environment
 from anser.shapes import Flag
-from anser.steady.trim import TrimPoint, TrimTarget, solve_trim
+from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 from anser.units import RAD_DEG
 
 Flags = Bool[Array, " targets"]
@@ -25,8 +25,6 @@ _CANDIDATES = 128
 _SPEED_FACTOR = 8.0
 _PATH_ANGLE_LIMIT = math.radians(80.0)
 _TURN_RATE_LIMIT = math.radians(30.0)
-_LIMIT_SLACK = 1e-9
-"""Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +126,7 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
         checks.append((name, deflection, actuators.lower[k], actuators.upper[k], RAD_DEG, "deg", "moves from"))
     messages = []
     for name, value, lower, upper, factor, unit, verb in checks:
-        if not lower - _LIMIT_SLACK <= value <= upper + _LIMIT_SLACK:
+        if not lower - LIMIT_TOLERANCE <= value <= upper + LIMIT_TOLERANCE:
             low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
             messages.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
     is_outside, data = _outside_data(airframe, environment, point)
@@ -227,7 +225,7 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
     def trim_and_check(target: TrimTarget) -> tuple[TrimPoint, Flag]:
         point = solve_trim(airframe, environment, target)
         data = flight_condition(airframe, environment, 0.0, point.state).air_data
-        return point, point.converged & (point.excess <= _LIMIT_SLACK) & ~airframe.outside_tables(data)
+        return point, point.converged & (point.excess <= LIMIT_TOLERANCE) & ~airframe.outside_tables(data)
 
     return jax.vmap(trim_and_check)(targets)
 
