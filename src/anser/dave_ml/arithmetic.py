@@ -33,19 +33,25 @@ def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Calla
     return guarded
 
 
-_divide = _guarded(lambda a, b: a / b, lambda a, b, y: 1.0 / b, lambda a, b, y: -y / b)
-_power = _guarded(jnp.power, lambda a, b, y: b * jnp.power(a, b - 1.0), lambda a, b, y: y * jnp.log(a))
-_sqrt = _guarded(jnp.sqrt, lambda a, y: 0.5 / y)
-_ln = _guarded(jnp.log, lambda a, y: 1.0 / a)
-_atan2 = _guarded(jnp.arctan2, lambda a, b, y: b / (a * a + b * b), lambda a, b, y: -a / (a * a + b * b))
-_arcsin = _guarded(jnp.arcsin, lambda a, y: 1.0 / jnp.sqrt(1.0 - a * a))
-_arccos = _guarded(jnp.arccos, lambda a, y: -1.0 / jnp.sqrt(1.0 - a * a))
-_arccosh = _guarded(jnp.arccosh, lambda a, y: 1.0 / jnp.sqrt(a * a - 1.0))
-_arctanh = _guarded(jnp.arctanh, lambda a, y: 1.0 / (1.0 - a * a))
-_arccot = _guarded(lambda a: _principal_arccot(jnp, a), lambda a, y: -1.0 / (1.0 + a * a))
-_tan = _guarded(jnp.tan, lambda a, y: 1.0 + y * y)
-_exp = _guarded(jnp.exp, lambda a, y: y)
+def _principal_arccot(xp: Any, a: Any) -> Any:
+    """Arc cotangent between -pi/2 and pi/2, pi/2 at 0 (MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8)."""
+    return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
 
+
+_GUARDED: Final = {
+    "divide": _guarded(lambda a, b: a / b, lambda a, b, y: 1.0 / b, lambda a, b, y: -y / b),
+    "power": _guarded(jnp.power, lambda a, b, y: b * jnp.power(a, b - 1.0), lambda a, b, y: y * jnp.log(a)),
+    "sqrt": _guarded(jnp.sqrt, lambda a, y: 0.5 / y),
+    "exp": _guarded(jnp.exp, lambda a, y: y),
+    "ln": _guarded(jnp.log, lambda a, y: 1.0 / a),
+    "atan2": _guarded(jnp.arctan2, lambda a, b, y: b / (a * a + b * b), lambda a, b, y: -a / (a * a + b * b)),
+    "tan": _guarded(jnp.tan, lambda a, y: 1.0 + y * y),
+    "arcsin": _guarded(jnp.arcsin, lambda a, y: 1.0 / jnp.sqrt(1.0 - a * a)),
+    "arccos": _guarded(jnp.arccos, lambda a, y: -1.0 / jnp.sqrt(1.0 - a * a)),
+    "arccosh": _guarded(jnp.arccosh, lambda a, y: 1.0 / jnp.sqrt(a * a - 1.0)),
+    "arctanh": _guarded(jnp.arctanh, lambda a, y: 1.0 / (1.0 - a * a)),
+    "arccot": _guarded(functools.partial(_principal_arccot, jnp), lambda a, y: -1.0 / (1.0 + a * a)),
+}
 _POWER_MAX: Final = 16
 """Greatest integer exponent computed by repeated multiplication."""
 
@@ -53,16 +59,11 @@ _POWER_MAX: Final = 16
 def _power_of_number(base: Any, exponent: float) -> Any:
     """Power with a constant exponent."""
     if exponent == 0.5:
-        return _sqrt(base)
+        return _GUARDED["sqrt"](base)
     if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
         whole = base ** int(abs(exponent))
-        return whole if exponent >= 0.0 else _divide(1.0, whole)
-    return _power(base, exponent)
-
-
-def _principal_arccot(xp: Any, a: Any) -> Any:
-    """Arc cotangent between -pi/2 and pi/2, pi/2 at 0 (MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8)."""
-    return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
+        return whole if exponent >= 0.0 else _GUARDED["divide"](1.0, whole)
+    return _GUARDED["power"](base, exponent)
 
 
 def _by_reciprocals(
@@ -107,87 +108,36 @@ _SHARED: Final[dict[str, Callable[..., Any]]] = {
     "eq": operator.eq,
     "neq": operator.ne,
 }
-_JNP_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
-    "sin": jnp.sin,
-    "cos": jnp.cos,
-    "tan": _tan,
-    "arcsin": _arcsin,
-    "arccos": _arccos,
-    "arctan": jnp.arctan,
-    "sinh": jnp.sinh,
-    "cosh": jnp.cosh,
-    "tanh": jnp.tanh,
-    "arcsinh": jnp.arcsinh,
-    "arccosh": _arccosh,
-    "arctanh": _arctanh,
+_NAMES_IN_LIBRARIES: Final = {
+    **{name: name for name in ("divide", "power", "sqrt", "exp", "abs", "floor", "sin", "cos", "tan", "sinh", "cosh")},
+    **{name: name for name in ("tanh", "arcsin", "arccos", "arctan", "arcsinh", "arccosh", "arctanh")},
+    "ln": "log",
+    "ceiling": "ceil",
+    "atan2": "arctan2",
+    "not": "logical_not",
 }
-_NP_FUNCTIONS: Final[dict[str, Callable[..., Any]]] = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "arcsin": np.arcsin,
-    "arccos": np.arccos,
-    "arctan": np.arctan,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "arcsinh": np.arcsinh,
-    "arccosh": np.arccosh,
-    "arctanh": np.arctanh,
-}
+_FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or": "logical_or", "xor": "logical_xor"}
 
-IN_JAX: Final = Arithmetic(
-    {
+
+def _arithmetic(
+    xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
+) -> Arithmetic:
+    """Operations of an array library, with some functions replaced."""
+    functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
+    functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
+    divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))
+    operations = {
         **_SHARED,
-        "divide": _divide,
-        "power": _power,
-        "root": lambda a, degree=2.0: _sqrt(a) if degree == 2.0 else _power(a, _divide(1.0, degree)),
-        "exp": _exp,
-        "ln": _ln,
-        "log": lambda a, base=10.0: _divide(_ln(a), _ln(base)),
-        "abs": jnp.abs,
-        "floor": jnp.floor,
-        "ceiling": jnp.ceil,
-        "min": _folded(jnp.minimum),
-        "max": _folded(jnp.maximum),
-        "atan2": _atan2,
-        **_JNP_FUNCTIONS,
-        **_by_reciprocals(_divide, _JNP_FUNCTIONS),
-        "arccot": _arccot,
-        "and": _folded(jnp.logical_and),
-        "or": _folded(jnp.logical_or),
-        "xor": _folded(jnp.logical_xor),
-        "not": jnp.logical_not,
-    },
-    _power_of_number,
-    jnp.where,
-)
+        **functions,
+        **{name: _folded(getattr(xp, library_name)) for name, library_name in _FOLDED.items()},
+        **_by_reciprocals(divide, functions),
+        "root": lambda a, degree=2.0: sqrt(a) if degree == 2.0 else power(a, divide(1.0, degree)),
+        "log": lambda a, base=10.0: divide(ln(a), ln(base)),
+    }
+    return Arithmetic(operations, constant_power, xp.where)
+
+
+IN_JAX: Final = _arithmetic(jnp, _GUARDED, _power_of_number)
 """Operations on traced values: scalars, or arrays of equal shape."""
-
-IN_NUMPY: Final = Arithmetic(
-    {
-        **_SHARED,
-        "divide": np.divide,
-        "power": np.power,
-        "root": lambda a, degree=2.0: np.sqrt(a) if degree == 2.0 else np.power(a, np.divide(1.0, degree)),
-        "exp": np.exp,
-        "ln": np.log,
-        "log": lambda a, base=10.0: np.divide(np.log(a), np.log(base)),
-        "abs": np.abs,
-        "floor": np.floor,
-        "ceiling": np.ceil,
-        "min": _folded(np.minimum),
-        "max": _folded(np.maximum),
-        "atan2": np.arctan2,
-        **_NP_FUNCTIONS,
-        **_by_reciprocals(np.divide, _NP_FUNCTIONS),
-        "arccot": functools.partial(_principal_arccot, np),
-        "and": _folded(np.logical_and),
-        "or": _folded(np.logical_or),
-        "xor": _folded(np.logical_xor),
-        "not": np.logical_not,
-    },
-    np.power,
-    np.where,
-)
+IN_NUMPY: Final = _arithmetic(np, {}, np.power)
 """Operations on constants."""

@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from anser.dave_ml.elements import DaveMlError, Element
+from anser.dave_ml.elements import DaveMlError
 from anser.dave_ml.formulas import Formula
 
 Extrapolate = Literal["neither", "min", "max", "both"]
@@ -58,11 +58,6 @@ class SourceLocation:
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
-def source_location_of(element: Element) -> SourceLocation:
-    """Position of an element's start tag."""
-    return SourceLocation(element.file, element.line, element.column)
-
-
 @dataclass(frozen=True, slots=True)
 class Variable:
     """Signal, constant or parameter.
@@ -100,20 +95,27 @@ class Variable:
     location: SourceLocation = field(default=SourceLocation(), compare=False)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Breakpoints:
-    """Breakpoints of one axis of gridded tables; shape (n,), strictly increasing."""
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class _Described:
+    """Documentation of a table or its breakpoints."""
 
-    id: str
-    points: np.ndarray
     name: str = ""
     units: str = ""
     description: str = ""
+    notes: tuple[Note, ...] = ()
     location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GriddedTable:
+class Breakpoints(_Described):
+    """Breakpoints of one axis of gridded tables; shape (n,), strictly increasing."""
+
+    id: str
+    points: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GriddedTable(_Described):
     """Values on a grid.
 
     Attributes
@@ -129,15 +131,10 @@ class GriddedTable:
     id: str
     axes: tuple[str, ...]
     values: np.ndarray
-    name: str = ""
-    units: str = ""
-    description: str = ""
-    notes: tuple[Note, ...] = ()
-    location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class UngriddedTable:
+class UngriddedTable(_Described):
     """Values at scattered points.
 
     Attributes
@@ -153,11 +150,6 @@ class UngriddedTable:
     id: str
     points: np.ndarray
     values: np.ndarray
-    name: str = ""
-    units: str = ""
-    description: str = ""
-    notes: tuple[Note, ...] = ()
-    location: SourceLocation = SourceLocation()
 
 
 @dataclass(frozen=True, slots=True)

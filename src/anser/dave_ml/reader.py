@@ -1,7 +1,8 @@
 """Reader of DAVE-ML text: variables, tables, functions and check shots (reference, sections 6.2.2 to 6.2.7)."""
 
-from collections.abc import Mapping
-from typing import Final, cast
+import itertools
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, cast
 
 import numpy as np
 
@@ -17,13 +18,12 @@ from anser.dave_ml.definition import (
     Note,
     Shot,
     Signal,
+    SourceLocation,
     UngriddedTable,
     Variable,
-    source_location_of,
 )
 from anser.dave_ml.elements import (
     TABLE_NUMBERS_MAX,
-    DaveMlError,
     Element,
     optional_number,
     parse_elements,
@@ -36,29 +36,6 @@ from anser.dave_ml.standard_units import is_convertible, refuse_nonstandard_unit
 
 NOTES: Final = ("provenance", "provenanceRef", "uncertainty", "confidenceBound")
 """Documentation elements, stored as notes of their parent."""
-
-
-def parse_note(element: Element) -> Note:
-    """Convert an element with its children to a note."""
-    return Note(
-        element.tag,
-        tuple(element.attributes.items()),
-        element.text.strip(),
-        tuple(parse_note(child) for child in element.children),
-    )
-
-
-def parse_notes(element: Element) -> tuple[Note, ...]:
-    """Notes of an element."""
-    return tuple(parse_note(child) for child in element.all(*NOTES))
-
-
-def parse_description(element: Element) -> str:
-    """Description of an element, with white space collapsed."""
-    description = element.first("description")
-    return "" if description is None else " ".join(description.text.split())
-
-
 AXES_MAX: Final = 8
 """Greatest number of axes of a table."""
 _EXTRAPOLATE: Final = ("neither", "min", "max", "both")
@@ -67,6 +44,33 @@ _SPLINES: Final = ("quadraticSpline", "cubicSpline")
 _TABLES: Final = (
     "griddedTableRef", "griddedTableDef", "griddedTable", "ungriddedTableRef", "ungriddedTableDef", "ungriddedTable",
 )  # fmt: skip
+
+
+def _note(element: Element) -> Note:
+    attributes = tuple(element.attributes.items())
+    return Note(element.tag, attributes, element.text.strip(), tuple(map(_note, element.children)))
+
+
+def _documentation(element: Element) -> dict[str, Any]:
+    """Description (white space collapsed), notes and location of an element, by field of its definition."""
+    return {
+        "description": " ".join(text for child in element.all("description")[:1] for text in child.text.split()),
+        "notes": tuple(map(_note, element.all(*NOTES))),
+        "location": SourceLocation(element.file, element.line, element.column),
+    }
+
+
+def _named(element: Element) -> dict[str, Any]:
+    """Optional name and units with the documentation of an element."""
+    units = element.attributes.get("units", "").strip()
+    return {"name": element.attributes.get("name", ""), "units": units, **_documentation(element)}
+
+
+def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, float | None]:
+    minimum, maximum = optional_number(element, lower), optional_number(element, upper)
+    if minimum is not None and maximum is not None and minimum > maximum:
+        raise element.fault(f"{lower} {minimum:g} above {upper} {maximum:g}", f"{lower} of at most {upper}")
+    return minimum, maximum
 
 
 class TableReader:
@@ -78,43 +82,58 @@ class TableReader:
         varIDs, which breakpoints and tables must not repeat.
     """
 
-    def __init__(self, used_identifiers: set[str]) -> None:
+    def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
         self.gridded: dict[str, GriddedTable] = {}
         self.ungridded: dict[str, UngriddedTable] = {}
         self._used_identifiers = set(used_identifiers)
 
-    def _register_identifier(self, element: Element, attribute: str) -> str:
-        identifier = element.attribute(attribute)
-        if identifier in self._used_identifiers:
-            raise element.fault(f"a second {attribute} {quote(identifier)}", "an identifier of its own")
+    def _identifier(self, element: Element, attribute: str, base: str | None = None) -> str:
+        """Identifier in an attribute; for inline tables, an unused identifier that starts with `base`."""
+        if base is None or element.tag.endswith("Def"):
+            identifier = element.attribute(attribute)
+            if identifier in self._used_identifiers:
+                raise element.fault(f"a second {attribute} {quote(identifier)}", "an identifier of its own")
+        else:
+            candidates = (base if k == 1 else f"{base}_{k}" for k in itertools.count(1))
+            identifier = next(candidate for candidate in candidates if candidate not in self._used_identifiers)
         self._used_identifiers.add(identifier)
         return identifier
 
-    def _new_identifier(self, base: str) -> str:
-        identifier, count = base, 1
-        while identifier in self._used_identifiers:
-            count += 1
-            identifier = f"{base}_{count}"
-        self._used_identifiers.add(identifier)
+    def _add_breakpoints(self, element: Element, data: Element, identifier: str, table_name: str, **fields: Any) -> str:
+        points = parse_numbers(data, table_name)
+        steps = np.diff(points)
+        if not np.all(steps > 0.0):
+            k = int(np.flatnonzero(~(steps > 0.0))[0])
+            raise data.fault(f"breakpoint {points[k + 1]:g} after {points[k]:g}", "strictly increasing breakpoints")
+        self.breakpoints[identifier] = Breakpoints(identifier, points, **{**_named(element), **fields})
+        return identifier
+
+    def _add_grid(
+        self, element: Element, data: Element, axes_element: Element, axes: list[str], identifier: str, **fields: Any
+    ) -> str:
+        """Store a table with its values in the shape of the axes, last axis fastest."""
+        if not 1 <= len(axes) <= AXES_MAX:
+            raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")
+        shape = tuple(self.breakpoints[axis].points.size for axis in axes)
+        values = parse_numbers(data, f"table {identifier}")
+        size = int(np.prod([float(n) for n in shape]))
+        if values.size != size:
+            expected = f"{' x '.join(map(str, shape))} = {size}, by its breakpoints"
+            raise data.fault(f"{values.size} numbers in table {identifier}", expected)
+        table = GriddedTable(identifier, tuple(axes), values.reshape(shape), **{**_named(element), **fields})
+        self.gridded[identifier] = table
         return identifier
 
     def read_breakpoints(self, element: Element) -> None:
         """Read a ``<breakpointDef>``."""
         element.permit(("name", "bpID", "units"), once=("description", "bpVals"))
         values = element.require("bpVals")
-        identifier = self._register_identifier(element, "bpID")
-        self.breakpoints[identifier] = Breakpoints(
-            id=identifier,
-            points=_increasing(values, parse_numbers(values, f"breakpoints {identifier}")),
-            name=element.attributes.get("name", ""),
-            units=element.attributes.get("units", "").strip(),
-            description=parse_description(element),
-            location=source_location_of(element),
-        )
+        identifier = self._identifier(element, "bpID")
+        self._add_breakpoints(element, values, identifier, f"breakpoints {identifier}")
 
-    def read_gridded_table(self, element: Element, fallback: str = "table") -> str:
-        """Read a ``<griddedTableDef>`` and return its identifier, made from `fallback` in the absence of a gtID."""
+    def read_gridded_table(self, element: Element, base: str | None = None) -> str:
+        """Read a ``<griddedTableDef>`` and return its identifier, made from `base` in the absence of a gtID."""
         element.permit(("name", "gtID", "units"), once=("description", "breakpointRefs", "dataTable", *NOTES))
         axes = []
         references = element.require("breakpointRefs")
@@ -125,42 +144,11 @@ class TableReader:
             if axis not in self.breakpoints:
                 raise reference.fault(f"bpID {quote(axis)}", "the bpID of a <breakpointDef>")
             axes.append(axis)
-        identifier = self._identifier_of(element, "gtID", fallback)
-        self.gridded[identifier] = GriddedTable(
-            id=identifier,
-            axes=tuple(axes),
-            values=self._read_values(element.require("dataTable"), references, axes, identifier),
-            name=element.attributes.get("name", ""),
-            units=element.attributes.get("units", "").strip(),
-            description=parse_description(element),
-            notes=parse_notes(element),
-            location=source_location_of(element),
-        )
-        return identifier
+        identifier = self._identifier(element, "gtID", base)
+        return self._add_grid(element, element.require("dataTable"), references, axes, identifier)
 
-    def _identifier_of(self, element: Element, attribute: str, fallback: str) -> str:
-        return (
-            self._register_identifier(element, attribute)
-            if element.tag.endswith("Def")
-            else self._new_identifier(fallback)
-        )
-
-    def _read_values(self, data: Element, axes_element: Element, axes: list[str], table_name: str) -> np.ndarray:
-        """Values of a table in the shape of the axes, last axis fastest."""
-        if not 1 <= len(axes) <= AXES_MAX:
-            raise axes_element.fault(f"{len(axes)} axes of table {table_name}", f"1 to {AXES_MAX}")
-        shape = tuple(self.breakpoints[axis].points.size for axis in axes)
-        values = parse_numbers(data, f"table {table_name}")
-        size = int(np.prod([float(n) for n in shape]))
-        if values.size != size:
-            dimensions = " x ".join(str(n) for n in shape)
-            raise data.fault(
-                f"{values.size} numbers in table {table_name}", f"{dimensions} = {size}, by its breakpoints"
-            )
-        return values.reshape(shape)
-
-    def read_ungridded_table(self, element: Element, fallback: str = "table") -> str:
-        """Read an ``<ungriddedTableDef>`` and return its identifier, made from `fallback` in the absence of a utID."""
+    def read_ungridded_table(self, element: Element, base: str | None = None) -> str:
+        """Read an ``<ungriddedTableDef>`` and return its identifier, made from `base` in the absence of a utID."""
         element.permit(("name", "utID", "units"), once=("description", *NOTES), repeatable=("dataPoint",))
         points: list[np.ndarray] = []
         for point in element.all("dataPoint"):
@@ -175,18 +163,8 @@ class TableReader:
         if points[0].size - 1 > AXES_MAX or len(points) * points[0].size > TABLE_NUMBERS_MAX:
             expected = f"at most {AXES_MAX} coordinates and {TABLE_NUMBERS_MAX:,} numbers in all"
             raise element.fault(f"{len(points)} points of {points[0].size} numbers", expected)
-        identifier = self._identifier_of(element, "utID", fallback)
-        table = np.stack(points)
-        self.ungridded[identifier] = UngriddedTable(
-            id=identifier,
-            points=table[:, :-1],
-            values=table[:, -1],
-            name=element.attributes.get("name", ""),
-            units=element.attributes.get("units", "").strip(),
-            description=parse_description(element),
-            notes=parse_notes(element),
-            location=source_location_of(element),
-        )
+        identifier, table = self._identifier(element, "utID", base), np.stack(points)
+        self.ungridded[identifier] = UngriddedTable(identifier, table[:, :-1], table[:, -1], **_named(element))
         return identifier
 
     def read_function(self, element: Element) -> Function:
@@ -196,106 +174,67 @@ class TableReader:
             once=("description", "provenance", "provenanceRef", "dependentVarPts", "dependentVarRef", "functionDefn"),
             repeatable=("independentVarPts", "independentVarRef"),
         )
-        arguments = [_argument(child) for child in element.all("independentVarPts", "independentVarRef")]
+        arguments = tuple(map(_argument, element.all("independentVarPts", "independentVarRef")))
         dependent = element.require("dependentVarRef", "dependentVarPts")
         result = dependent.attribute("varID")
-        simple = dependent.tag == "dependentVarPts"
-        wrong = element.first("independentVarRef" if simple else "independentVarPts")
-        if wrong is not None or not arguments:
-            expected = "independentVarPts" if simple else "independentVarRef"
-            raise element.fault(
-                f"<{dependent.tag}> without <{expected}> for each argument", f"<{expected}> and no other"
-            )
-        table = (
-            self._read_inline_table(element, dependent, result)
-            if simple
-            else self._read_function_table(element, result)
-        )
+        is_inline = dependent.tag == "dependentVarPts"
+        expected, wrong = ("independentVarPts", "independentVarRef")[:: 1 if is_inline else -1]
+        if element.first(wrong) is not None or not arguments:
+            arrived = f"<{dependent.tag}> without <{expected}> for each argument"
+            raise element.fault(arrived, f"<{expected}> and no other")
+        read_table = self._read_inline_table if is_inline else self._read_function_table
+        table = read_table(element, dependent, result)
         dimensions = len(self.gridded[table].axes) if table in self.gridded else self.ungridded[table].points.shape[1]
         if dimensions != len(arguments):
             arrived = f"{len(arguments)} arguments of a function with a table of {dimensions} axes"
             raise element.fault(arrived, "one argument for each axis")
-        return Function(
-            name=element.attribute("name"),
-            result=result,
-            arguments=tuple(arguments),
-            table=table,
-            description=parse_description(element),
-            notes=parse_notes(element),
-            location=source_location_of(element),
-        )
+        return Function(element.attribute("name"), result, arguments, table, **_documentation(element))
 
     def _read_inline_table(self, element: Element, dependent: Element, result: str) -> str:
         """Read the table of a function with points given inline (``<dependentVarPts>``)."""
         dependent.permit(("varID", "name", "units", "sign"))
         axes = []
         for count, points in enumerate(element.all("independentVarPts"), start=1):
-            identifier = self._new_identifier(f"points_{count}_of_{result}")
-            values = _increasing(points, parse_numbers(points, "independentVarPts"))
-            units = points.attributes.get("units", "").strip()
-            self.breakpoints[identifier] = Breakpoints(
-                identifier, values, units=units, location=source_location_of(points)
-            )
-            axes.append(identifier)
-        identifier = self._new_identifier(f"table_of_{result}")
-        values = self._read_values(dependent, element, axes, identifier)
-        self.gridded[identifier] = GriddedTable(
-            identifier, tuple(axes), values, units=dependent.attributes.get("units", "").strip(),
-            location=source_location_of(dependent),
-        )  # fmt: skip
-        return identifier
+            identifier = self._identifier(points, "", f"points_{count}_of_{result}")
+            axes.append(self._add_breakpoints(points, points, identifier, "independentVarPts", name=""))
+        identifier = self._identifier(dependent, "", f"table_of_{result}")
+        return self._add_grid(dependent, dependent, element, axes, identifier, name="")
 
-    def _read_function_table(self, element: Element, result: str) -> str:
+    def _read_function_table(self, element: Element, _dependent: Element, result: str) -> str:
         """Read the table referenced or contained in a ``<functionDefn>``."""
         definition = element.require("functionDefn")
         definition.permit(("name",), once=_TABLES)
         if len(definition.children) != 1:
             raise definition.fault(f"{len(definition.children)} tables in <functionDefn>", "one")
         table = definition.children[0]
-        if table.tag in ("griddedTableDef", "griddedTable"):
-            return self.read_gridded_table(table, f"table_of_{result}")
-        if table.tag in ("ungriddedTableDef", "ungriddedTable"):
-            return self.read_ungridded_table(table, f"table_of_{result}")
-        attribute, tables_of_kind, kind = (
-            ("gtID", self.gridded, "griddedTableDef")
-            if table.tag == "griddedTableRef"
-            else ("utID", self.ungridded, "ungriddedTableDef")
-        )
+        is_gridded = table.tag.startswith("gridded")
+        if not table.tag.endswith("Ref"):
+            read_table = self.read_gridded_table if is_gridded else self.read_ungridded_table
+            return read_table(table, f"table_of_{result}")
+        attribute, kind = ("gtID", "griddedTableDef") if is_gridded else ("utID", "ungriddedTableDef")
+        tables, other_tables = (self.gridded, self.ungridded)[:: 1 if is_gridded else -1]
         table.permit((attribute,))
         identifier = table.attribute(attribute)
-        if identifier not in tables_of_kind:
-            tables_of_other_kind = self.ungridded if tables_of_kind is self.gridded else self.gridded
-            hint = ": this is the other kind of table" if identifier in tables_of_other_kind else ""
+        if identifier not in tables:
+            hint = ": this is the other kind of table" if identifier in other_tables else ""
             raise table.fault(f"{attribute} {quote(identifier)}", f"the {attribute} of a <{kind}>{hint}")
         return identifier
 
 
 def _argument(element: Element) -> Argument:
-    simple = element.tag == "independentVarPts"
-    element.permit(("varID", "extrapolate", "interpolate", *(("name", "units", "sign") if simple else ("min", "max"))))
+    is_inline = element.tag == "independentVarPts"
+    limits_or_names = ("name", "units", "sign") if is_inline else ("min", "max")
+    element.permit(("varID", "extrapolate", "interpolate", *limits_or_names))
     extrapolate = element.attributes.get("extrapolate", "neither").strip()
     interpolate = element.attributes.get("interpolate", "linear").strip()
+    spline_hint = ": DAVE-ML leaves open which spline it is" if interpolate in _SPLINES else ""
     if extrapolate not in _EXTRAPOLATE:
         raise element.fault(f"extrapolate={quote(extrapolate)}", " or ".join(_EXTRAPOLATE))
-    if interpolate in _SPLINES:
-        expected = f"{' or '.join(_INTERPOLATE)}: DAVE-ML leaves open which spline it is"
-        raise element.fault(f"interpolate={quote(interpolate)}", expected)
     if interpolate not in _INTERPOLATE:
-        raise element.fault(f"interpolate={quote(interpolate)}", " or ".join(_INTERPOLATE))
-    minimum, maximum = optional_number(element, "min"), optional_number(element, "max")
-    if minimum is not None and maximum is not None and minimum > maximum:
-        raise element.fault(f"min {minimum:g} above max {maximum:g}", "min of at most max")
+        raise element.fault(f"interpolate={quote(interpolate)}", f"{' or '.join(_INTERPOLATE)}{spline_hint}")
+    minimum, maximum = _limits(element, "min", "max")
     identifier = element.attribute("varID")
     return Argument(identifier, minimum, maximum, cast(Extrapolate, extrapolate), cast(Interpolate, interpolate))
-
-
-def _increasing(element: Element, points: np.ndarray) -> np.ndarray:
-    """Check that breakpoints strictly increase."""
-    steps = np.diff(points)
-    if not np.all(steps > 0.0):
-        k = int(np.flatnonzero(~(steps > 0.0))[0])
-        raise element.fault(f"breakpoint {points[k + 1]:g} after {points[k]:g}", "strictly increasing breakpoints")
-    return points
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
@@ -314,35 +253,28 @@ def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Sho
 
 
 def _shot(element: Element, variables: Mapping[str, Variable], by_name: Mapping[str, list[str]]) -> Shot:
-    element.permit(
-        ("name", "refID"),
-        once=("description", "provenance", "provenanceRef", "checkInputs", "internalValues", "checkOutputs"),
-    )
-    parts: dict[str, tuple[Signal, ...]] = {}
-    for tag in ("checkInputs", "internalValues", "checkOutputs"):
-        part = element.first(tag)
-        if part is not None:
-            part.permit(repeatable=("signal",))
-            parts[tag] = tuple(_signal(signal, variables, by_name) for signal in part.all("signal"))
-            _refuse_repeated_signals(part, parts[tag])
+    tags = ("checkInputs", "internalValues", "checkOutputs")
+    element.permit(("name", "refID"), once=("description", "provenance", "provenanceRef", *tags))
+    signals: dict[str, dict[str, Signal]] = {tag: {} for tag in tags}
+    for part in (child for tag in tags for child in element.all(tag)):
+        part.permit(repeatable=("signal",))
+        parsed = [_signal(child, variables, by_name) for child in part.all("signal")]
+        for child, signal in zip(part.all("signal"), parsed, strict=True):
+            if signal.id in signals[part.tag]:
+                raise child.fault(f"a second <signal> of {quote(signal.id)} in <{part.tag}>", "one")
+            signals[part.tag][signal.id] = signal
     element.require("checkOutputs")
+    inputs, internal, outputs = (tuple(signals[tag].values()) for tag in tags)
+    documentation = _documentation(element)
     return Shot(
         name=element.attribute("name"),
-        inputs=parts.get("checkInputs", ()),
-        outputs=parts["checkOutputs"],
-        internal=parts.get("internalValues", ()),
+        inputs=inputs,
+        outputs=outputs,
+        internal=internal,
         reference=element.attributes.get("refID", ""),
-        description=parse_description(element),
-        notes=parse_notes(element),
+        description=documentation["description"],
+        notes=documentation["notes"],
     )
-
-
-def _refuse_repeated_signals(part: Element, signals: tuple[Signal, ...]) -> None:
-    signal_ids: set[str] = set()
-    for element, signal in zip(part.all("signal"), signals, strict=True):
-        if signal.id in signal_ids:
-            raise element.fault(f"a second <signal> of {quote(signal.id)} in <{part.tag}>", "one")
-        signal_ids.add(signal.id)
 
 
 def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mapping[str, list[str]]) -> Signal:
@@ -411,24 +343,26 @@ def parse_definition(content: str | bytes, name: str) -> Definition:
     for element in root.all("variableDef"):
         variable = _variable(element)
         if variable.id in variables:
-            raise _duplicate_identifier(element, variable.id, variables[variable.id].location.line)
+            line = variables[variable.id].location.line
+            arrived = f"a second varID {quote(variable.id)}, the first in line {line}"
+            raise element.fault(arrived, "an identifier of its own")
         refuse_nonstandard_units(variable)
         variables[variable.id] = variable
     if not variables:
         raise root.fault("no <variableDef>", "at least one")
-    tables = TableReader(used_identifiers=set(variables))
+    tables = TableReader(used_identifiers=variables)
     for element in root.all("breakpointDef"):
         tables.read_breakpoints(element)
     for element in root.all("griddedTableDef"):
         tables.read_gridded_table(element)
     for element in root.all("ungriddedTableDef"):
         tables.read_ungridded_table(element)
-    functions = tuple(tables.read_function(element) for element in root.all("function"))
+    functions = tuple(map(tables.read_function, root.all("function")))
     checks = root.first("checkData")
     header = root.first("fileHeader")
     return Definition(
         file=name,
-        header=Note("fileHeader") if header is None else parse_note(header),
+        header=Note("fileHeader") if header is None else _note(header),
         variables=variables,
         breakpoints=tables.breakpoints,
         gridded=tables.gridded,
@@ -438,13 +372,13 @@ def parse_definition(content: str | bytes, name: str) -> Definition:
     )
 
 
-def _duplicate_identifier(element: Element, identifier: str, line: int | None) -> DaveMlError:
-    return element.fault(f"a second varID {quote(identifier)}, the first in line {line}", "an identifier of its own")
+_TEXT_ATTRIBUTES: Final = {"axisSystem": "axis_system", "sign": "sign", "alias": "alias", "symbol": "symbol"}
+"""Optional attributes of a variable, with the field of each."""
 
 
 def _variable(element: Element) -> Variable:
     element.permit(
-        _VARIABLE_ATTRIBUTES,
+        ("name", "varID", "units", *_TEXT_ATTRIBUTES, "initialValue", "minValue", "maxValue"),
         once=("description", "provenance", "provenanceRef", "calculation", "uncertainty", *ROLES),
     )
     calculation = element.first("calculation")
@@ -452,24 +386,16 @@ def _variable(element: Element) -> Variable:
     if calculation is not None:
         calculation.permit(once=("math",))
         formula = parse_formula(calculation.require("math"))
-    attributes = element.attributes
-    minimum, maximum = optional_number(element, "minValue"), optional_number(element, "maxValue")
-    if minimum is not None and maximum is not None and minimum > maximum:
-        raise element.fault(f"minValue {minimum:g} above maxValue {maximum:g}", "minValue of at most maxValue")
+    minimum, maximum = _limits(element, "minValue", "maxValue")
     return Variable(
         id=element.attribute("varID"),
         name=element.attribute("name"),
         units=element.attribute("units"),
-        description=parse_description(element),
-        axis_system=attributes.get("axisSystem", ""),
-        sign=attributes.get("sign", ""),
-        alias=attributes.get("alias", ""),
-        symbol=attributes.get("symbol", ""),
         initial=optional_number(element, "initialValue"),
         minimum=minimum,
         maximum=maximum,
         formula=formula,
         roles=frozenset(role for role in ROLES if element.first(role) is not None),
-        notes=parse_notes(element),
-        location=source_location_of(element),
+        **{field: element.attributes.get(attribute, "") for attribute, field in _TEXT_ATTRIBUTES.items()},
+        **_documentation(element),
     )
