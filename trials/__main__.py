@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
+from rich.text import Text
 
 from anser.cli.app import help_epilog, register_command
 from anser.cli.console import (
     RefusedError,
+    columns,
     must_be_in_range,
-    plain_table,
     print_document,
     print_line,
     print_problem,
@@ -88,7 +88,7 @@ def plan_trials(
             "passes": counts.passes,
         }
     )
-    print_table(_table(counts))
+    _print_verdicts(counts)
     for disagreement in counts.disagreements:
         print_problem(disagreement)
     print_line(f"{out}: {counts.count()} of {seed_count} seeds")
@@ -152,30 +152,18 @@ def _begin(out: Path, iterations: int, resume: bool) -> "list[Trial]":
     return []
 
 
-def _table(counts: "Tally") -> Table:
-    """Table of verdicts by rule and in total."""
-    table = plain_table("answers of the planner and what the judges say")
-    table.add_column("rule", no_wrap=True)
+def _print_verdicts(counts: "Tally") -> None:
+    """Print the number of verdicts by rule and in total."""
+    rows, styles = [], []
+    for rule, part in [*((rule, counts.of_rule(rule)) for rule in counts.by_rule), ("all", counts)]:
+        bad = [part.count(verdict) for verdict in ("fails", "found", "broken")]
+        fails, contradicted, broken = (Text(str(number), "red") if number else 0 for number in bad)
+        proved, not_found = part.count("proved"), part.count("not found")
+        rows.append([rule, part.count(), part.planned, fails, part.refused, proved, not_found, contradicted, broken])
+        styles.append("bold" if rule == "all" else None)
     names = ("seeds", "plans", "of them\nfail", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
-    counts_by_rule = {rule: counts.of_rule(rule) for rule in counts.by_rule} | {"all": counts}
-    for rule, subset in counts_by_rule.items():
-        failures = [subset.count("fails"), subset.count("found"), subset.count("broken")]
-        fails, contradicted, broken = (f"[red]{number}[/red]" if number else "0" for number in failures)
-        table.add_row(
-            rule,
-            str(subset.count()),
-            str(subset.planned),
-            fails,
-            str(subset.refused),
-            str(subset.count("proved")),
-            str(subset.count("not found")),
-            contradicted,
-            broken,
-            style="bold" if rule == "all" else None,
-        )
-    return table
+    headings = [*columns("rule", no_wrap=True), *columns(*names, justify="right", no_wrap=True)]
+    print_table("answers of the planner and what the judges say", headings, rows, styles)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,6 @@ from anser.cli.console import (
     activity,
     columns,
     must_be_known_aircraft,
-    number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -64,19 +62,18 @@ def list_() -> None:
             ],
         }
     )
-    table = plain_table(
-        "aircraft",
-        "name",
-        *columns("mass kg", "span m", "airspeed m/s", justify="right"),
+    headings = [
+        *columns("name"),
+        *columns("mass kg", justify="right", digits=1),
+        *columns("span m", "airspeed m/s", justify="right", digits=2),
         *columns("surfaces", "from", overflow="fold"),
-    )
+    ]
+    rows = []
     for airframe in listed:
-        speeds = "-" if airframe.airspeed_m_s is None else "{:g} to {:g}".format(*airframe.airspeed_m_s)
+        speeds = airframe.airspeed_m_s and "{:g} to {:g}".format(*airframe.airspeed_m_s)
         surfaces = airframe.problem or ", ".join(airframe.surfaces)
-        table.add_row(
-            airframe.name, number(airframe.mass_kg, 1), number(airframe.span_m, 2), speeds, surfaces, airframe.origin
-        )
-    print_table(table)
+        rows.append((airframe.name, airframe.mass_kg, airframe.span_m, speeds, surfaces, airframe.origin))
+    print_table("aircraft", headings, rows)
 
 
 @help_epilog("anser aircraft show aerosonde", "anser aircraft show my-uav.toml --out my-uav.png")
@@ -122,10 +119,8 @@ def show(
             "level_flight_m_s": None if speed_range is None else list(speed_range),
         }
     )
-    table = plain_table(airframe_label(identity), "quantity", *columns("value", justify="right"), "unit")
-    for quantity in quantities:
-        table.add_row(*quantity)
-    print_table(table)
+    headings = [*columns("quantity"), *columns("value", justify="right"), *columns("unit")]
+    print_table(airframe_label(identity), headings, quantities)
     if file is not None:
         print_line(f"source: {file.source}")
         if file.assumed:

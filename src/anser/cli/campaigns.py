@@ -12,7 +12,6 @@ from anser.cli.console import (
     RefusedError,
     columns,
     number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -124,18 +123,19 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
             f"({100 * difference.low:.2f} to {100 * difference.high:.2f} % at {confidence} confidence) "
             "better in the second"
         )
-    table = plain_table(
+    print_table(
         f"second less first, bounds that part of the pairs stay below; interval at {confidence} confidence",
-        *columns("", overflow="fold"),
-        *columns("of pairs", "below", "from", "to", justify="right"),
-        *columns("unit"),
+        [
+            *columns("", overflow="fold"),
+            *columns("of pairs", "below", "from", "to", justify="right", digits=4),
+            *columns("unit"),
+        ],
+        [
+            (difference.words, f"{100 * share:g} %", *values, difference.unit)
+            for difference in comparison.differences
+            for share, *values in difference.quantiles
+        ],
     )
-    for difference in comparison.differences:
-        for share, *values in difference.quantiles:
-            table.add_row(
-                difference.words, f"{100 * share:g} %", *(number(value, 4) for value in values), difference.unit
-            )
-    print_table(table)
     if comparison.precision[0] != comparison.precision[1]:
         print_line(f"flown in {comparison.precision[0]} in the first, in {comparison.precision[1]} in the second")
     for path, count in comparison.applied.items():
@@ -341,15 +341,15 @@ def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
     warning = proximity_warning(data["separation_min_m"].values, data.attrs)
     if warning:
         print_note(f"warning: {warning}")
-    table = plain_table(
+    print_table(
         f"bounds that part of the flights keep; interval at {confidence} confidence",
-        *columns("", overflow="fold"),
-        *columns("of flights", "bound", "from", "to", justify="right"),
-        *columns("unit"),
+        [
+            *columns("", overflow="fold"),
+            *columns("of flights", "bound", "from", "to", justify="right"),
+            *columns("unit"),
+        ],
+        [(quantile.words, f"{100 * quantile.share:g} %", *_bound_cells(quantile)) for quantile in estimates.quantiles],
     )
-    for quantile in estimates.quantiles:
-        table.add_row(quantile.words, f"{100 * quantile.share:g} %", *_bound_cells(quantile))
-    print_table(table)
     for cause, count in list(estimates.causes.items())[:_CAUSES]:
         print_line(f"{count} flights: {cause}")
     print_line(f"worst flights: {', '.join(map(str, estimates.worst))}")
@@ -410,14 +410,17 @@ def _print_rare_event(rare_event: "RareEvent") -> None:
     else:
         interval = f"{estimate.low:.2g} to {estimate.high:.2g} {confidence}"
         print_line(f"{document['study']}: {event}: probability {estimate.probability:.2g} ({interval})")
-    table = plain_table(
+    print_table(
         f"levels of {document['repetitions']} repetitions, {document['flights']} flights; medians",
-        *columns("level", "flights", f"from {document['statistic']}", "leading on", "accepted", justify="right"),
+        [
+            *columns("level", "flights", justify="right"),
+            *columns(f"from {document['statistic']}", "leading on", "accepted", justify="right", digits=3),
+        ],
+        [
+            (k + 1, level["flights"], *(_median(level[key]) for key in ("bounds", "shares", "acceptances")))
+            for k, level in enumerate(document["levels"])
+        ],
     )
-    for k, level in enumerate(document["levels"]):
-        medians = [_median(level[key]) for key in ("bounds", "shares", "acceptances")]
-        table.add_row(str(k + 1), str(level["flights"]), *[number(value, 3) for value in medians])
-    print_table(table)
 
 
 def _median(values: list[float | None]) -> float | None:

@@ -7,13 +7,14 @@ Consoles use no colour if NO_COLOR is set or the output is not a terminal.
 """
 
 import contextlib
+import itertools
 import json
 import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -30,7 +31,7 @@ from rich.progress import (
     TextColumn,
     TimeElapsedColumn,
 )
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 
 from anser.aircraft_files.sources import DAVE_ML_SUFFIX, SUFFIXES, VARIANTS, aircraft_types, unknown_type_hint
@@ -250,23 +251,47 @@ def must_be_in_range(option: str, value: float, low: float, high: float) -> None
         raise RefusedError(f"{option}: arrived {value:g}; expected a number from {low:g} to {high:g}")
 
 
-def plain_table(title: str, *columns: Column | str) -> Table:
-    """Table without lines between rows."""
-    return Table(*columns, title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+@dataclass(frozen=True)
+class TableColumn:
+    """Column of `print_table`: heading, decimals of its numbers, and rich's options (`justify`, `overflow`, ...)."""
+
+    heading: str
+    digits: int = 0
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
-def columns(*headings: str, **look: Any) -> list[Column]:
-    """Columns of equal style for `plain_table`: `justify`, `overflow`, `no_wrap`."""
-    return [Column(heading, **look) for heading in headings]
+def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
+    """Columns of equal format."""
+    return [TableColumn(heading, digits, options) for heading in headings]
 
 
 def number(value: float | None, digits: int) -> str:
-    """Format a number with fixed decimals; a dash for None."""
-    return "-" if value is None else f"{value:.{digits}f}"
+    """Format a number with fixed decimals; a dash for None, NaN and infinity."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
 
 
-def print_table(table: Table) -> None:
-    """Print a table; without a terminal, unfolded and uncut."""
+def print_table(
+    title: str,
+    columns: Sequence[TableColumn],
+    rows: Iterable[Sequence[str | float | Text | None]],
+    styles: Iterable[str | None] = (),
+) -> None:
+    """Print a table without lines between rows; without a terminal, unfolded and uncut.
+
+    Parameters
+    ----------
+    rows
+        Texts and numbers by column; None and NaN give a dash.
+    styles
+        Style of each row; default: none.
+    """
+    table = Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
+    for column in columns:
+        table.add_column(column.heading, **column.options)
+    for row, style in itertools.zip_longest(rows, styles):
+        cells = zip(columns, row, strict=True)
+        texts = [cell if isinstance(cell, str | Text) else number(cell, column.digits) for column, cell in cells]
+        table.add_row(*texts, style=style)
     if screen.is_terminal or screen.quiet:
         screen.print(table)
         return

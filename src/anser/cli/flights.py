@@ -19,7 +19,6 @@ from anser.cli.console import (
     columns,
     end_without_result,
     number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -154,28 +153,22 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
     from anser.results.summary_format import format_fleet
 
     has_paths = any(aircraft["path"] not in (None, "nominal") for aircraft in summary["aircraft"])
-    figures = ("planned\ns", "arrival\ns", "miss\nm", "airspeed\nm/s", "clear\nm")
-    table = plain_table(
-        f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown",
+    headings = [
         *columns("aircraft", overflow="fold"),
         *columns(*(["path"] if has_paths else []), no_wrap=True),
-        *columns(*figures, justify="right", no_wrap=True),
+        *columns("planned\ns", "arrival\ns", "miss\nm", justify="right", no_wrap=True, digits=2),
+        *columns("airspeed\nm/s", "clear\nm", justify="right", no_wrap=True),
         *columns("status", overflow="fold", min_width=7),
-    )
+    ]
+    rows = []
     for aircraft in summary["aircraft"]:
         speeds = "/".join(number(aircraft[f"speed_{k}_m_s"], 0) for k in ("min", "mean", "max"))
         tables_note = f" (left the tables for {aircraft['tables_left_s']:.1f} s)" if aircraft["tables_left"] else ""
-        table.add_row(
-            aircraft["name"],
-            *([aircraft["path"]] if has_paths else []),
-            number(aircraft["planned_arrival_s"], 2),
-            number(aircraft["arrival_s"], 2),
-            number(aircraft["miss_m"], 2),
-            speeds,
-            number(aircraft["clearance_min_m"], 0),
-            _status_text(aircraft, stopped_s) + tables_note,
-        )
-    print_table(table)
+        texts = [aircraft["name"], *([aircraft["path"]] if has_paths else [])]
+        times = [aircraft[key] for key in ("planned_arrival_s", "arrival_s", "miss_m")]
+        status = _status_text(aircraft, stopped_s) + tables_note
+        rows.append([*texts, *times, speeds, aircraft["clearance_min_m"], status])
+    print_table(f"{summary['scenario']['name']}: {summary['fleet']['simulated_s']:g} s flown", headings, rows)
     fleet = summary["fleet"]
     print_line(", ".join([*format_fleet(summary), f"{fleet['wall_s']:.1f} s of computing"]))
     if fleet.get("separation_ratio_min") is not None:
@@ -274,14 +267,11 @@ def _print_paths(summary: dict[str, Any]) -> None:
     common = arrival["last_s"] - arrival["first_s"] < _SAME_TIME_S
     arrival_text = format_planned_arrivals(len(summary["aircraft"]), arrival["first_s"], arrival["last_s"])
     path_cells = [_path_row(aircraft, common) for aircraft in summary["aircraft"]]
-    table = plain_table(
+    print_table(
         f"{summary['scenario']['name']}: {arrival_text}",
-        *columns("aircraft", "path", no_wrap=True),
-        *columns(*path_cells[0], justify="right", no_wrap=True),
+        [*columns("aircraft", "path", no_wrap=True), *columns(*path_cells[0], justify="right", no_wrap=True)],
+        [(a["name"], a["path"], *cells.values()) for a, cells in zip(summary["aircraft"], path_cells, strict=True)],
     )
-    for aircraft, cells in zip(summary["aircraft"], path_cells, strict=True):
-        table.add_row(aircraft["name"], aircraft["path"], *cells.values())
-    print_table(table)
 
 
 def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
@@ -306,21 +296,23 @@ def _print_margins(summary: dict[str, Any]) -> None:
     from anser.planning.limits import LIMITS
 
     method = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
-    table = plain_table(f"left to the limits, {method} (negative: passed)", *columns("aircraft", no_wrap=True))
     limit_names = {entry["name"] for aircraft in summary["aircraft"] for entry in aircraft["limits"]}
     shown = [limit for limit in LIMITS if limit.name in limit_names]
+    headings = columns("aircraft", no_wrap=True)
     for limit in shown:
         first_word, _, other_words = (limit.heading or limit.description).partition(" ")
-        table.add_column(f"{first_word}\n{other_words}\n{_UNITS[limit.unit][0]}", justify="right", no_wrap=True)
+        unit, digits = _UNITS[limit.unit]
+        headings += columns(f"{first_word}\n{other_words}\n{unit}", justify="right", no_wrap=True, digits=digits)
+    rows = []
     for aircraft in summary["aircraft"]:
         margins = {entry["name"]: entry["margin"] for entry in aircraft["limits"]}
-        cells: list[Text | str] = []
+        cells = []
         for limit in shown:
             margin = margins.get(limit.name)
-            text = number(margin, _UNITS[limit.unit][1])
-            cells.append(Text(text, "bold red") if margin is not None and margin < 0.0 else text)
-        table.add_row(aircraft["name"], *cells)
-    print_table(table)
+            is_exceeded = margin is not None and margin < 0.0
+            cells.append(Text(number(margin, _UNITS[limit.unit][1]), "bold red") if is_exceeded else margin)
+        rows.append([aircraft["name"], *cells])
+    print_table(f"left to the limits, {method} (negative: passed)", headings, rows)
 
 
 def _separation_lines(summary: dict[str, Any]) -> list[str]:

@@ -17,7 +17,6 @@ from anser.cli.console import (
     must_be_in_range,
     must_be_known_aircraft,
     number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -130,32 +129,30 @@ def _name(condition: dict[str, Any]) -> str:
 
 def _print(dataset: "xr.Dataset") -> None:
     condition = dataset.attrs
-    figures = ("gain up, dB", "down, dB", "phase, deg", "crossover, rad/s", "delay, ms", "disk", "is dB", "or deg")
-    table = plain_table(
-        f"{_name(condition)} at {condition['speed_m_s']:g} m/s, {condition['altitude_m']:g} m: "
-        f"{condition['inversion']} inversion, sampled every {1000 * condition['step_s']:g} ms",
-        *columns("loop broken at", no_wrap=True),
-        *columns(*figures, justify="right"),
-        "short",
-    )
+    rows = []
     for name in dataset["breakpoint"].values.tolist():
         margins_here = {
             key: values.item() for key, values in dataset.sel(breakpoint=name).data_vars.items() if not values.dims
         }
-        gain, phase = _disk(margins_here["disk_margin"])
-        table.add_row(
-            name,
-            _gain(margins_here["gain_up_db"], margins_here["gain_up_searched_db"], 1.0),
-            _gain(margins_here["gain_down_db"], margins_here["gain_down_searched_db"], -1.0),
-            _figure(margins_here["phase_margin_deg"], 1),
-            _figure(margins_here["crossover_rad_s"], 2),
-            _figure(margins_here["delay_margin_ms"], 1),
-            _figure(margins_here["disk_margin"], 2),
-            _figure(gain, 1),
-            _figure(phase, 1),
-            "short" if margins_here["short"] else "",
-        )
-    print_table(table)
+        gain_up = _gain(margins_here["gain_up_db"], margins_here["gain_up_searched_db"], 1.0)
+        gain_down = _gain(margins_here["gain_down_db"], margins_here["gain_down_searched_db"], -1.0)
+        keys = ("phase_margin_deg", "crossover_rad_s", "delay_margin_ms", "disk_margin")
+        figures = [*(margins_here[key] for key in keys), *_disk(margins_here["disk_margin"])]
+        rows.append([name, gain_up, gain_down, *figures, "short" if margins_here["short"] else ""])
+    print_table(
+        f"{_name(condition)} at {condition['speed_m_s']:g} m/s, {condition['altitude_m']:g} m: "
+        f"{condition['inversion']} inversion, sampled every {1000 * condition['step_s']:g} ms",
+        [
+            *columns("loop broken at", no_wrap=True),
+            *columns("gain up, dB", "down, dB", "phase, deg", justify="right", digits=1),
+            *columns("crossover, rad/s", justify="right", digits=2),
+            *columns("delay, ms", justify="right", digits=1),
+            *columns("disk", justify="right", digits=2),
+            *columns("is dB", "or deg", justify="right", digits=1),
+            *columns("short"),
+        ],
+        rows,
+    )
     simultaneous = dataset["actuators_disk_margin"].item()
     gain, phase = _disk(simultaneous)
     print_line(
@@ -173,26 +170,21 @@ def _print(dataset: "xr.Dataset") -> None:
 def _print_survey(surveyed: "MarginSurvey") -> None:
     document = surveyed.document()
     condition = surveyed.dataset.attrs
-    figures = (*(heading for _, heading, _ in _FIGURES), "short", "of points", "short of all points")
-    table = plain_table(
-        f"{_name(condition)}, {condition['inversion']} inversion: least / 5th percentile / median where a tenth of "
-        "power and surfaces is left",
-        *columns("loop broken at", no_wrap=True),
-        *columns(*figures, justify="right"),
-    )
+    headings = (*(heading for _, heading, _ in _FIGURES), "short", "of points", "short of all points")
+    rows = []
     for with_reserve, all_points in zip(document["breakpoints_with_reserve"], document["breakpoints_all"], strict=True):
         cells = [
             " / ".join(number(with_reserve[f"{key}_{statistic}"], digits) for statistic in ("min", "p5", "median"))
             for key, _, digits in _FIGURES
         ]
-        table.add_row(
-            with_reserve["breakpoint"],
-            *cells,
-            str(with_reserve["short"]),
-            str(with_reserve["points"]),
-            str(all_points["short"]),
-        )
-    print_table(table)
+        counts = (with_reserve["short"], with_reserve["points"], all_points["short"])
+        rows.append([with_reserve["breakpoint"], *cells, *counts])
+    print_table(
+        f"{_name(condition)}, {condition['inversion']} inversion: least / 5th percentile / median where a tenth of "
+        "power and surfaces is left",
+        [*columns("loop broken at", no_wrap=True), *columns(*headings, justify="right")],
+        rows,
+    )
     points = document["points"]
     print_line(
         f"{points['stable']} points are stable, {points['unstable']} unstable; {points['held_back']} stand at a limit "
@@ -207,12 +199,8 @@ def _disk(radius: float) -> tuple[float, float]:
     return gain, math.degrees(2 * math.atan(radius / 2))
 
 
-def _gain(margin_db: float, searched_db: float, sign: float) -> str:
+def _gain(margin_db: float, searched_db: float, sign: float) -> str | float:
     """Gain margin in one direction, or the searched range without a stability boundary."""
     if math.isfinite(margin_db) or not math.isfinite(searched_db):
-        return _figure(sign * margin_db, 1)
+        return sign * margin_db
     return f"none to {sign * searched_db:.1f}"
-
-
-def _figure(value: float, digits: int) -> str:
-    return number(value if math.isfinite(value) else None, digits)

@@ -17,7 +17,6 @@ from anser.cli.console import (
     must_be_flight_condition,
     must_be_in_range,
     must_be_known_aircraft,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -82,11 +81,9 @@ def trim(
         }
     )
     title = f"{airframe_label(identity)} at {speed_m_s:g} m/s, {altitude_m:g} m"
-    table = plain_table(title, "quantity", *columns("value", justify="right"), "unit")
+    headings = [*columns("quantity"), *columns("value", justify="right", digits=4), *columns("unit")]
     cg_rows = [("centre of gravity", value, "of chord") for value in x_cg.values()]
-    for name, value, unit in (*cg_rows, *point.quantities):
-        table.add_row(name, f"{value:.4f}", unit)
-    print_table(table)
+    print_table(title, headings, [*cg_rows, *point.quantities])
 
 
 _SUFFIXES = (".nc", ".json")
@@ -279,23 +276,21 @@ def deep_stall(
             draw_deep_stall(dataset, [file])
     document = deep_stall_document(dataset)
     print_document(lambda: document)
-    table = plain_table(
+    rows = []
+    for entry in document["trims"]:
+        stability = "stable" if entry["stable"] else "unstable"
+        angles = [entry["speed_m_s"], entry["path_angle_deg"], entry["pitch_deg"]]
+        rows.append([f"{entry['x_cg_over_c']:.4g}", entry["alpha_deg"], stability, *angles])
+    print_table(
         f"{_AIRCRAFT} ({variant}), elevator {dataset.attrs['elevator_deg']:g} deg: pitch trims beyond "
         f"{alpha_from_deg:g} deg; descents at {altitude_m:g} m, idle",
-        *columns("c.g., of chord", "alpha, deg", justify="right"),
-        "in pitch",
-        *columns("airspeed, m/s", "path angle, deg", "pitch angle, deg", justify="right"),
+        [
+            *columns("c.g., of chord", "alpha, deg", justify="right", digits=2),
+            *columns("in pitch"),
+            *columns("airspeed, m/s", "path angle, deg", "pitch angle, deg", justify="right", digits=1),
+        ],
+        rows,
     )
-    for entry in document["trims"]:
-        table.add_row(
-            f"{entry['x_cg_over_c']:.4g}",
-            f"{entry['alpha_deg']:.2f}",
-            "stable" if entry["stable"] else "unstable",
-            f"{entry['speed_m_s']:.1f}",
-            f"{entry['path_angle_deg']:.1f}",
-            f"{entry['pitch_deg']:.1f}",
-        )
-    print_table(table)
     for entry in document["greatest_pitching_moment"]:
         print_line(
             f"c.g. at {entry['x_cg_over_c']:.4g}: Cm is {entry['pitching_moment']:+.4f} at most, "

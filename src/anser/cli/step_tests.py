@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
-from rich.table import Table
 
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, VariantName
@@ -17,7 +16,6 @@ from anser.cli.console import (
     flight_point,
     must_be_known_aircraft,
     number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -90,7 +88,7 @@ def step(
         with open_output_file("--out", out, force) as file:
             draw_step(flown[0].dataset, [file])
     print_document(lambda: step_document(flown))
-    print_table(_table(flown, _title(flown)))
+    _print_metrics(flown)
     if flown[0].left_tables:
         print_note("caution: it leaves the aerodynamic tables")
     if out is not None:
@@ -150,7 +148,7 @@ def gallery(
             heading = f"Climb and turn on velocity commands alone: {_name(flown)}, {inversion} inversion"
             draw_tracking(tracked.dataset, heading, pictures("climb-and-turn"))
     print_document(lambda: document)
-    print_table(_table(flown, _title(flown)))
+    _print_metrics(flown)
     limits = document["limits"]
     shortfalls = [(flight.test.key, line) for flight in flown for line in flight.shortfalls]
     print_line(
@@ -202,15 +200,9 @@ def _title(flights: Sequence["StepTestResult"]) -> str:
     return f"{_name(flights)} at {point}: {condition['inversion']} inversion"
 
 
-def _table(flights: Sequence["StepTestResult"], title: str) -> Table:
-    """Table with a row for each commanded channel."""
-    table = plain_table(
-        title,
-        *columns("step\n", "channel\n", no_wrap=True),
-        *columns("size\n", "rise\ns", "settling\ns", "overshoot\n%", "final error\n%", justify="right"),
-        "others move\nat most",
-        *columns("sideslip\ndeg", _surfaces_used(flights[0]), justify="right"),
-    )
+def _print_metrics(flights: Sequence["StepTestResult"]) -> None:
+    """Print a table with a row for each commanded channel."""
+    rows, styles = [], []
     for flight in flights:
         document = flight.document()
         coupling = ", ".join(
@@ -218,14 +210,21 @@ def _table(flights: Sequence["StepTestResult"], title: str) -> Table:
         )
         surfaces = ", ".join(number(value, 0) for value in document["surface_use_percent"].values())
         # values of the whole response appear in its first row only
-        shared_cells = [document["key"], coupling, number(document["sideslip_max_deg"], 2), surfaces]
+        shared_cells = [document["key"], coupling, document["sideslip_max_deg"], surfaces]
         for channel, entry in document["channels"].items():
             key, *other_cells = shared_cells
             names = ("rise_time_s", "settling_time_s", "overshoot_percent", "final_error_percent")
-            cells = (f"{entry['size']:+g} {entry['unit']}", *(number(entry[name], 2) for name in names))
-            table.add_row(key, channel, *cells, *other_cells, style="red" if document["shortfalls"] else None)
+            size = f"{entry['size']:+g} {entry['unit']}"
+            rows.append([key, channel, size, *(entry[name] for name in names), *other_cells])
+            styles.append("red" if document["shortfalls"] else None)
             shared_cells = [""] * 4
-    return table
+    headings = [
+        *columns("step\n", "channel\n", no_wrap=True),
+        *columns("size\n", "rise\ns", "settling\ns", "overshoot\n%", "final error\n%", justify="right", digits=2),
+        *columns("others move\nat most"),
+        *columns("sideslip\ndeg", _surfaces_used(flights[0]), justify="right", digits=2),
+    ]
+    print_table(_title(flights), headings, rows, styles)
 
 
 def _surfaces_used(flight: "StepTestResult") -> str:

@@ -17,8 +17,6 @@ from anser.cli.console import (
     must_be_f16,
     must_be_in_range,
     must_be_known_aircraft,
-    number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -97,18 +95,13 @@ def _envelope_document(surveyed: "EnvelopeSurvey") -> dict[str, Any]:
 
 def _print_envelope(surveyed: "EnvelopeSurvey") -> None:
     names, headings = (surveyed.dataset[key].values.tolist() for key in ("condition", "condition_meaning"))
-    table = plain_table(
-        "what became of the flights",
-        *columns("outcome", no_wrap=True),
-        *columns(*headings, "all", "with reserve", justify="right"),
-    )
+    rows = []
     with_reserve = surveyed.counts(with_reserve=True)
     for outcome, counts in surveyed.counts().items():
         reserve = sum(with_reserve.get(outcome, {}).values())
-        table.add_row(
-            outcome.replace("_", " "), *(str(counts[name]) for name in names), str(sum(counts.values())), str(reserve)
-        )
-    print_table(table)
+        rows.append([outcome.replace("_", " "), *(counts[name] for name in names), sum(counts.values()), reserve])
+    numbers = columns(*headings, "all", "with reserve", justify="right")
+    print_table("what became of the flights", [*columns("outcome", no_wrap=True), *numbers], rows)
     totals = _totals(surveyed)
     print_line(
         f"{totals['trimmable']} of {totals['points']} points can be flown steadily, {totals['with_reserve']} of them "
@@ -238,24 +231,19 @@ def _plain(values: dict[str, Any]) -> dict[str, Any]:
 
 def _print_study(study: "RobustnessStudy") -> None:
     data = study.dataset
-    table = plain_table(
-        f"success, everything dispersed by {data.attrs['spread_percent']:g} %",
-        *columns("flown", "inversion", no_wrap=True),
-        *columns("success", "percent", "interval of 95 %", "no steady flight", justify="right", no_wrap=True),
-        *columns("the others", no_wrap=True),
-    )
+    rows = []
     for name, by_inversion in _rates(data).items():
         for inversion, rate in by_inversion.items():
-            table.add_row(
-                name,
-                inversion,
-                f"{rate.reached}/{rate.flown}",
-                number(100 * rate.share if rate.flown else None, 1),
-                f"{100 * rate.low:.1f} to {100 * rate.high:.1f}",
-                str(rate.no_steady_flight),
-                _shortened(rate.reasons),
-            )
-    print_table(table)
+            percent, interval = 100 * rate.share, f"{100 * rate.low:.1f} to {100 * rate.high:.1f}"
+            success = [f"{rate.reached}/{rate.flown}", percent if rate.flown else None, interval]
+            rows.append([name, inversion, *success, str(rate.no_steady_flight), _shortened(rate.reasons)])
+    numbers = ("success", "percent", "interval of 95 %", "no steady flight")
+    headings = [
+        *columns("flown", "inversion", no_wrap=True),
+        *columns(*numbers, justify="right", no_wrap=True, digits=1),
+        *columns("the others", no_wrap=True),
+    ]
+    print_table(f"success, everything dispersed by {data.attrs['spread_percent']:g} %", headings, rows)
     for inversion, strongest in _failure_factors(data).items():
         if strongest:
             factors = ", ".join(
@@ -281,15 +269,13 @@ def _print_breaks(data: "xr.Dataset") -> None:
     breaks = sorted((b for b in first_breaks(data) if b.reason), key=lambda b: abs(b.change))
     if not breaks:
         return
-    table = plain_table(
-        "one factor alone: smallest change flown that breaks a flight",
+    rows = []
+    for b in breaks:
+        texts = [(b.reason or "").replace("_", " "), b.condition or ""]
+        rows.append([b.factor.replace("_", " "), b.inversion, f"{100 * b.change:+.0f} %", f"{b.value:.3g}", *texts])
+    headings = [
         *columns("factor", "inversion", no_wrap=True),
         *columns("change", "value", justify="right", no_wrap=True),
         *columns("why", "where", no_wrap=True),
-    )
-    for b in breaks:
-        reason, condition = (b.reason or "").replace("_", " "), b.condition or ""
-        table.add_row(
-            b.factor.replace("_", " "), b.inversion, f"{100 * b.change:+.0f} %", f"{b.value:.3g}", reason, condition
-        )
-    print_table(table)
+    ]
+    print_table("one factor alone: smallest change flown that breaks a flight", headings, rows)

@@ -13,8 +13,6 @@ from anser.cli.arguments import ScenarioPath, SurveyFolder
 from anser.cli.console import (
     RefusedError,
     columns,
-    number,
-    plain_table,
     print_document,
     print_line,
     print_note,
@@ -129,27 +127,22 @@ def _document(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> dict
 
 
 def _print_sweep(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> None:
-    table = plain_table(
-        f"sweep of {data.attrs['title']}",
+    headings = [
         *columns(*sweep_values, justify="right"),
-        *columns("last arrival s", "spread s", "greatest miss m", justify="right"),
+        *columns("last arrival s", justify="right", digits=2),
+        *columns("spread s", justify="right", digits=3),
+        *columns("greatest miss m", justify="right", digits=2),
         *columns("what failed", overflow="fold"),
-    )
+    ]
+    rows = []
     flights = _flights(data, sweep_values)
     for flight in flights[:_PRINTED_ROWS]:
         value_cells = [
             f"{flight[path]:g}" if isinstance(flight[path], float) else str(flight[path]) for path in sweep_values
         ]
-        result_cells = [
-            number(flight["arrival_last_s"], 2),
-            number(flight["arrival_spread_s"], 3),
-            number(flight["miss_max_m"], 2),
-        ]
-        table.add_row(
-            *value_cells,
-            *result_cells,
-            flight["reason"] or flight["unmet"] or ("" if flight["met"] else "not all arrived"),
-        )
-    print_table(table)
+        results = [flight[key] for key in ("arrival_last_s", "arrival_spread_s", "miss_max_m")]
+        failure = flight["reason"] or flight["unmet"] or ("" if flight["met"] else "not all arrived")
+        rows.append([*value_cells, *results, failure])
+    print_table(f"sweep of {data.attrs['title']}", headings, rows)
     if len(flights) > _PRINTED_ROWS:
         print_line(f"{len(flights) - _PRINTED_ROWS} more flights are in sweep.nc")

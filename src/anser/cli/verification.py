@@ -6,13 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.table import Table
 
 from anser.cli.app import help_epilog
 from anser.cli.console import (
     RefusedError,
     columns,
-    plain_table,
     print_document,
     print_line,
     print_problem,
@@ -47,7 +45,7 @@ def verify(
     if only_list:
         listed = [{"key": check.key, "title": check.title, "source": check.source} for check in checks]
         print_document(lambda: {"format_version": 1, "checks": listed})
-        print_table(_list(checks))
+        _print_checks(checks)
         return
     enable_compilation_cache()
     start = time.perf_counter()
@@ -55,7 +53,7 @@ def verify(
         outcomes = run(case or None, tell)
     seconds = time.perf_counter() - start
     print_document(lambda: to_document(outcomes, seconds))
-    print_table(_table(outcomes))
+    _print_outcomes(outcomes)
     _print_count(outcomes, seconds)
     for text in [text for outcome in outcomes for text in _shortfalls(outcome)]:
         print_problem(text)
@@ -77,43 +75,33 @@ def _print_count(outcomes: Sequence["Outcome"], seconds: float) -> None:
         print_line(f"Nothing is judged in {', '.join(unjudged)}: no published figures come with this package.")
 
 
-def _list(checks: Sequence["Check"]) -> Table:
-    fold = columns("title", "source", overflow="fold")
-    table = plain_table("checks", *columns("check", overflow="fold", no_wrap=True), *fold)
-    for check in checks:
-        table.add_row(check.key, check.title, check.source)
-    return table
+def _print_checks(checks: Sequence["Check"]) -> None:
+    headings = [*columns("check", overflow="fold", no_wrap=True), *columns("title", "source", overflow="fold")]
+    print_table("checks", headings, [(check.key, check.title, check.source) for check in checks])
 
 
-def _table(outcomes: Sequence["Outcome"]) -> Table:
-    """Table of the worst point of each check and quantity."""
+def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
+    """Print the worst point of each check and quantity."""
     from anser.verification.checks import NOT_JUDGED
 
-    table = plain_table(
-        "worst point of each quantity",
+    rows, styles = [], []
+    for outcome in outcomes:
+        check = outcome.check
+        if outcome.problem is not None:
+            rows.append([check.key, outcome.problem, *"-----", check.source])
+            styles.append("red")
+        for worst in _worst(outcome.comparisons):
+            reason = (worst.tolerance_reason or check.tolerance_reason) if worst.judged else NOT_JUDGED
+            errors = _short(worst.error), _short(worst.tolerance)
+            rows.append([check.key, _quantity(worst), *_figures(worst), *errors, reason, check.source])
+            styles.append("red" if worst.fails else None)
+    headings = [
         *columns("check", no_wrap=True),
         *columns("quantity", overflow="fold"),
         *columns("expected", "obtained", "error", "tolerance", justify="right", overflow="fold"),
         *columns("why that tolerance", "source", overflow="fold"),
-    )
-    for outcome in outcomes:
-        check = outcome.check
-        if outcome.problem is not None:
-            table.add_row(check.key, outcome.problem, *"-----", check.source, style="red")
-        for worst in _worst(outcome.comparisons):
-            expected, obtained = _figures(worst)
-            table.add_row(
-                check.key,
-                _quantity(worst),
-                expected,
-                obtained,
-                _short(worst.error),
-                _short(worst.tolerance),
-                (worst.tolerance_reason or check.tolerance_reason) if worst.judged else NOT_JUDGED,
-                check.source,
-                style="red" if worst.fails else None,
-            )
-    return table
+    ]
+    print_table("worst point of each quantity", headings, rows, styles)
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
