@@ -181,27 +181,31 @@ def invoke():
     return lambda *words: CliRunner().invoke(offered, words)
 
 
-def test_the_document_is_the_only_standard_output(made):
-    done = made("good")
-    assert (done.exit_code, done.stdout, done.stderr) == (1, "figure [m]: 1\n", "a message [1]\nfalls short [2]\n")
-    done = made("good", "--json")
-    assert (done.exit_code, json.loads(done.stdout)) == (1, {"figure": 1})
-    assert done.stderr == "a message [1]\nfalls short [2]\n"
-    done = made("good", "--quiet")
-    assert (done.exit_code, done.stdout, done.stderr) == (1, "", "falls short [2]\n")
-    done = made("good", "--quiet", "--json")
-    assert (done.exit_code, json.loads(done.stdout), done.stderr) == (1, {"figure": 1}, "falls short [2]\n")
-    assert made("good").stdout == "figure [m]: 1\n"  # no option lasts longer than its command
+def test_the_document_is_the_only_standard_output(invoke):
+    result = invoke("good")
+    assert (result.exit_code, result.stdout, result.stderr) == (
+        1,
+        "figure [m]: 1\n",
+        "a message [1]\nfalls short [2]\n",
+    )
+    result = invoke("good", "--json")
+    assert (result.exit_code, json.loads(result.stdout)) == (1, {"figure": 1})
+    assert result.stderr == "a message [1]\nfalls short [2]\n"
+    result = invoke("good", "--quiet")
+    assert (result.exit_code, result.stdout, result.stderr) == (1, "", "falls short [2]\n")
+    result = invoke("good", "--quiet", "--json")
+    assert (result.exit_code, json.loads(result.stdout), result.stderr) == (1, {"figure": 1}, "falls short [2]\n")
+    assert invoke("good").stdout == "figure [m]: 1\n"  # no option lasts longer than its command
 
 
-def test_a_command_without_its_document_is_a_fault(made):
-    assert made("mute").exit_code == 0
-    assert isinstance(made("mute", "--json").exception, RuntimeError)
+def test_a_command_without_its_document_is_a_fault(invoke):
+    assert invoke("mute").exit_code == 0
+    assert isinstance(invoke("mute", "--json").exception, RuntimeError)
 
 
-def test_an_interrupt_ends_with_130(made):
-    done = made("endless")
-    assert (done.exit_code, done.stdout, done.stderr) == (130, "", "stopped\n")
+def test_an_interrupt_ends_with_130(invoke):
+    result = invoke("endless")
+    assert (result.exit_code, result.stdout, result.stderr) == (130, "", "stopped\n")
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,7 @@ def with_rolling(values, **options):
     return validate_airframe(changed(*pairs, text=AEROSONDE + table_of(values, **options)), "test")
 
 
-@given(where=st.integers(1, 11), size=st.floats(0.02, 0.2), sign=st.sampled_from([-1, 1]))
+@given(index=st.integers(1, 11), size=st.floats(0.02, 0.2), sign=st.sampled_from([-1, 1]))
 @settings(max_examples=10, deadline=None)
 @pytest.mark.long
 def test_the_linter_finds_a_point_out_of_line(index, size, sign):
