@@ -170,7 +170,7 @@ def test_surfaces_that_may_be_missing_are_marked(time_s, history, names, attribu
     assert surface_names(dataset) == ("elevator", *ELEVONS, "aileron", "rudder")
     assert "comment" not in dataset["elevator_deg"].attrs
     for name in (*ELEVONS, "aileron", "rudder"):
-        assert dataset[f"{name}_command_deg"].attrs["comment"] == "NaN of an aircraft that has no such surface"
+        assert dataset[f"{name}_command_deg"].attrs["comment"] == "NaN for an aircraft without this surface"
 
 
 def test_surfaces_must_be_listed_for_each_aircraft(time_s, history, names, attributes):

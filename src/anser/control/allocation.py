@@ -71,17 +71,11 @@ def _commanded_indices(actuators: AbstractActuators) -> np.ndarray:
     return np.flatnonzero(actuators.is_commanded)
 
 
-def _scatter_to_surfaces(
-    actuators: AbstractActuators, commanded_rows: Float[Array, "commanded m"]
-) -> Float[Array, "n m"]:
+def _scatter_to_surfaces(actuators: AbstractActuators, block: Float[Array, "commanded m"]) -> Float[Array, "n m"]:
     """Rows of the commanded surfaces in an array of all surfaces; rows of the other surfaces are 0."""
     if all(actuators.is_commanded):
-        return commanded_rows
-    return (
-        jnp.zeros((len(actuators.names), commanded_rows.shape[1]), commanded_rows.dtype)
-        .at[_commanded_indices(actuators)]
-        .set(commanded_rows)
-    )
+        return block
+    return jnp.zeros((len(actuators.names), block.shape[1]), block.dtype).at[_commanded_indices(actuators)].set(block)
 
 
 def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
@@ -120,8 +114,8 @@ def allocate(
             solution = moments.surfaces + _scatter_to_surfaces(actuators, change[:, None])[:, 0]
         else:
             base = _neutral_surfaces(actuators, moments.surfaces)
-            missing_b = missing_b + _matrix_vector(moments.slope, moments.surfaces - base)
-            solution = base + _matrix_vector(deflection_for_moment(actuators, moments.slope), missing_b)
+            missing_b = missing_b + _multiply(moments.slope, moments.surfaces - base)
+            solution = base + _multiply(deflection_for_moment(actuators, moments.slope), missing_b)
         solution = jnp.clip(solution, lower - _SLACK_RAD, upper + _SLACK_RAD)
     saturated = (solution < lower) | (solution > upper)
     if has_one_surface_per_axis(actuators):
@@ -133,7 +127,7 @@ def allocate(
     return SurfaceDemand(surfaces=surfaces, saturated=saturated)
 
 
-def _matrix_vector(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[Array, " m"]:
+def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[Array, " m"]:
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 
@@ -151,10 +145,8 @@ def _weighted_inverse(
     weight = is_free * half**2
     weighted = slope * weight[None, :]
     gram = jnp.sum(weighted[:, None, :] * slope[None, :, :], axis=2)
-    moment_square_max = jnp.max(jnp.sum((slope * half[None, :]) ** 2, axis=1))
-    inverse = inverse3(
-        gram + jnp.diag(_REGULARIZATION * moment_square_max * _AXIS_PENALTY.astype(moment_square_max.dtype))
-    )
+    square_max = jnp.max(jnp.sum((slope * half[None, :]) ** 2, axis=1))
+    inverse = inverse3(gram + jnp.diag(_REGULARIZATION * square_max * _AXIS_PENALTY.astype(square_max.dtype)))
     return jnp.sum(weighted[:, :, None] * inverse[:, None, :], axis=0)
 
 
@@ -166,10 +158,8 @@ def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_
     limited = jnp.clip(solution, lower, upper)
     for _ in range(sum(actuators.is_commanded) - 1):
         base = jnp.where(fixed, limited, _neutral_surfaces(actuators, moments.surfaces))
-        missing_b = target_b - moments.moment_b - _matrix_vector(moments.slope, base - moments.surfaces)
-        solution = base + _matrix_vector(
-            _weighted_inverse(actuators, moments.slope, jnp.where(fixed, 0.0, 1.0)), missing_b
-        )
+        missing_b = target_b - moments.moment_b - _multiply(moments.slope, base - moments.surfaces)
+        solution = base + _multiply(_weighted_inverse(actuators, moments.slope, jnp.where(fixed, 0.0, 1.0)), missing_b)
         exceeds_stop = (solution < lower) | (solution > upper)
         limited = jnp.clip(solution, lower, upper)
         fixed = fixed | exceeds_stop

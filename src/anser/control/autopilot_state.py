@@ -50,7 +50,7 @@ class ModelResidual(eqx.Module):
         model_acceleration_b
             Modelled angular acceleration at the new sample (3,), rad/s^2.
         bandwidth
-            Bandwidth of the low-pass filter, rad/s; 0 keeps the residual (model-based inversion).
+            Bandwidth of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion).
         step
             Sampling period, s.
         """

@@ -41,11 +41,11 @@ class AutopilotGains(eqx.Module):
     attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
         Bandwidths of the filters that differentiate the commands between loops, for the feed-forward, rad/s.
     actuator_bandwidth
-        Bandwidth of the actuators with inverted lag, 1/s.
+        Bandwidth of the actuators after inversion of their lag, 1/s.
     surface_bandwidth
         Bandwidth of the low-pass filter on the deflections used by the outer loops, rad/s.
     engine_bandwidth
-        Bandwidth of the engine with inverted lag, 1/s.
+        Bandwidth of the engine after inversion of its lag, 1/s.
     sensor_bandwidth
         Bandwidth of the filter on the measured model residual, rad/s; above 0 the inversion is incremental, 0 is
         model-based.
@@ -144,7 +144,7 @@ class Bandwidths(eqx.Module):
     Attributes
     ----------
     actuators, engine
-        Bandwidths with inverted lag.
+        Bandwidths of actuators and engine after inversion of their lags.
     rates, attitude, velocity
         Bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi).
     """
@@ -176,22 +176,16 @@ def derived_bandwidths(
     lag_limit = _ACTUATOR_SPEEDUP / jnp.max(actuators.time_constant[commanded])
     actuator_bandwidth = jnp.minimum(lag_limit, _ACTUATOR_BANDWIDTH_STEP_MAX / step)
     moments = surface_moments(airframe, condition, jnp.zeros(3), surfaces)
-    deflection_per_acceleration = product3(
-        deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b
-    )
+    deflection = product3(deflection_for_moment(actuators, moments.slope), airframe.mass_properties.inertia_b)
     margin = jnp.minimum(surfaces - actuators.lower, actuators.upper - surfaces)
-    margin_share = jnp.abs(deflection_per_acceleration) / jnp.maximum(margin, 1e-3)[:, None]
-    acceleration_max = 1.0 / jnp.maximum(jnp.max(margin_share[commanded], axis=0), 1e-6)
-    rates = jnp.minimum(actuator_bandwidth / _RATES_RATIO, acceleration_max / _RATE_ERROR)
-    stiffness_limit = jnp.sqrt(
-        _ATTITUDE_RATIO * jnp.maximum(_required_stiffness(airframe, condition, surfaces, actuator_bandwidth), 1e-6)
+    margin_share = jnp.abs(deflection) / jnp.maximum(margin, 1e-3)[:, None]
+    authority_limit = 1.0 / jnp.maximum(jnp.max(margin_share[commanded], axis=0), 1e-6) / _RATE_ERROR
+    required = _required_stiffness(airframe, condition, surfaces, actuator_bandwidth)
+    stiff = jnp.minimum(
+        jnp.sqrt(_ATTITUDE_RATIO * jnp.maximum(required, 1e-6)),
+        jnp.minimum(actuator_bandwidth / _RATES_RATIO_MIN, authority_limit),
     )
-    rates = jnp.maximum(
-        rates,
-        jnp.minimum(
-            stiffness_limit, jnp.minimum(actuator_bandwidth / _RATES_RATIO_MIN, acceleration_max / _RATE_ERROR)
-        ),
-    )
+    rates = jnp.maximum(jnp.minimum(actuator_bandwidth / _RATES_RATIO, authority_limit), stiff)
     if not actuators.controls_yaw:
         rates = rates.at[2].set(jnp.min(rates[:2]))
     attitude = rates / _ATTITUDE_RATIO
@@ -215,11 +209,10 @@ def _required_stiffness(
     """Loop stiffness (1/s^2, of P, Q, R) required beside the aircraft's natural stiffness, -M_alpha or N_beta.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
-    bandwidths. An actuator with lag tau and k times the nominal gain approaches the commanded deflection with
-    k tau B (1 + K_D) and overshoots with k - 1, by r = k tau B (1 + K_D)/(k tau B (1 + K_D) - (k - 1)). The remaining
-    stiffness, S - r S plus r times that of the loops, is stable if the loops have more than (1 - 1/r) S =
-    S (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster than the sampling, no loops are
-    stable, and S is required.
+    bandwidths. An actuator with lag tau and k times the nominal gain moves r = k tau B (1 + K_D)/(k tau B (1 + K_D) -
+    (k - 1)) times as far as commanded. The remaining stiffness, S - r S plus r times that of the loops, is stable if
+    the loops have more than (1 - 1/r) S = S (k - 1)/(k tau B (1 + K_D)). If that exceeds S, with actuators much faster
+    than the sampling, no loops are stable, and S is required.
     """
 
     def angular_acceleration(angles: Vector) -> Vector:

@@ -84,11 +84,7 @@ def command_from_chart(command: PathCommand, belief: Belief, environment: Enviro
 
 
 def follow(
-    planned: PathPoint,
-    position_n: Vector3,
-    velocity_n: Vector3,
-    wind_n: Vector3,
-    settings: GuidanceSettings,
+    planned: PathPoint, position_n: Vector3, velocity_n: Vector3, wind_n: Vector3, settings: GuidanceSettings
 ) -> PathCommand:
     """Command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 

@@ -136,27 +136,20 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     level = jnp.maximum(gravity_normal + share * (normal - gravity_normal), level_min)
     # downward lift turns the wrong way: the bank fades out with the demanded lift
     upright = jnp.clip(normal / level_min, 0.0, 1.0)
-    mu_unlimited = jnp.arctan2(upright * share * side_command, level)
+    mu_target = jnp.arctan2(upright * share * side_command, level)
     lateral_force = None if model.airframe.symmetric else side_force(model)
     if lateral_force is not None:
-        tilt = jnp.arcsin(
-            jnp.clip(
-                lateral_force / (mass * safe_hypot(share * side_command, level)),
-                -_SIDE_SHARE_MAX,
-                _SIDE_SHARE_MAX,
-            )
-        )
-        mu_unlimited = mu_unlimited - upright * tilt
-    mu = jnp.clip(mu_unlimited, -limits.bank_max, limits.bank_max)
+        sine = lateral_force / (mass * safe_hypot(share * side_command, level))
+        mu_target = mu_target - upright * jnp.arcsin(jnp.clip(sine, -_SIDE_SHARE_MAX, _SIDE_SHARE_MAX))
+    mu = jnp.clip(mu_target, -limits.bank_max, limits.bank_max)
     c_mu = jnp.cos(motion.mu)
     # with a large bank error, above all inverted, the lift points the wrong way: unload, roll, then pull
     lift_fraction = jnp.clip(jnp.cos(motion.mu - mu) / _COS_FULL_LIFT, 0.0, 1.0)
-    lift_unlimited = lift_fraction * mass * normal * c_mu / jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    divisor = jnp.maximum(c_mu**2, _COS_BANK_MIN**2)
+    lift_target = lift_fraction * mass * normal * c_mu / divisor
     if lateral_force is not None:
-        lift_unlimited = lift_unlimited + lift_fraction * lateral_force * jnp.sin(motion.mu) * c_mu / jnp.maximum(
-            c_mu**2, _COS_BANK_MIN**2
-        )
-    lift_demand = jnp.clip(lift_unlimited, limits.load_factor_min * weight, limits.load_factor_max * weight)
+        lift_target = lift_target + lift_fraction * lateral_force * jnp.sin(motion.mu) * c_mu / divisor
+    lift_demand = jnp.clip(lift_target, limits.load_factor_min * weight, limits.load_factor_max * weight)
     slope_min = 0.02 * condition.air_data.qbar  # keeps the step finite past the peak of the lift curve
 
     def newton_step(_: object, alpha: Scalar) -> Scalar:
@@ -164,15 +157,15 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
         step = (lift_demand - value) / jnp.maximum(slope, slope_min)
         return jnp.clip(alpha + step, limits.alpha_min - 0.1, limits.alpha_max + 0.1)
 
-    alpha_unlimited = jax.lax.fori_loop(0, _NEWTON_STEPS, newton_step, motion.alpha)
-    alpha = jnp.clip(alpha_unlimited, limits.alpha_min, limits.alpha_max)
+    alpha_target = jax.lax.fori_loop(0, _NEWTON_STEPS, newton_step, motion.alpha)
+    alpha = jnp.clip(alpha_target, limits.alpha_min, limits.alpha_max)
     return AttitudeDemand(
         angles=jnp.stack([mu, alpha, jnp.zeros_like(alpha)]),
-        alpha_saturated=(alpha != alpha_unlimited)
-        | (lift_demand != lift_unlimited)
+        alpha_saturated=(alpha != alpha_target)
+        | (lift_demand != lift_target)
         | (lift_fraction < 1.0)
         | (normal != normal_command),
-        bank_saturated=(mu != mu_unlimited) | (share < 1.0) | ((upright < 1.0) & (side_command != 0.0)),
+        bank_saturated=(mu != mu_target) | (share < 1.0) | ((upright < 1.0) & (side_command != 0.0)),
         lift_short=(share < 1.0) & (lift_max <= force_max),
         load_factor_short=(share < 1.0) & (lift_max > force_max),
     )

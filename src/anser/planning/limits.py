@@ -34,7 +34,7 @@ class PathLimits(eqx.Module):
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """1."""
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Limit of V_dot + g sin(gamma), the engine force minus drag, m/s^2; with `idle`, the limit at load factor 1."""
+    """Limit of V_dot + g sin(gamma), the engine force minus drag, m/s^2; with `idle`, valid up to load factor 1."""
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     """Limit of the deceleration with idle engine, positive, m/s^2; with `idle`, level at the start airspeed."""
     idle: IdleDeceleration | None = None

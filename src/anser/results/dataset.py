@@ -79,17 +79,15 @@ def to_dataset(
 
     variables, shape = catalogue(all_surfaces), (time.size, len(names))
     arrays = {v.key: _check_values(v, history[v.key], shape) for v in variables if v.key in history}
-    arrays["latitude"], arrays["longitude"] = _latitudes_longitudes(
+    arrays["latitude"], arrays["longitude"] = _geodetic(
         arrays, *(np.radians(attributes[key]) for key in _REFERENCE_KEYS)
     )
     recorded = [v for v in variables if v.key in arrays]
     data = {
         v.name: (("time", "aircraft"), to_dataset_units(v, arrays[v.key]), catalogue_attributes(v)) for v in recorded
     }
-    for v in surface_variables(
-        name for name in all_surfaces if any(name not in aircraft_surfaces for aircraft_surfaces in surfaces)
-    ):
-        data[v.name][2]["comment"] = "NaN of an aircraft that has no such surface"
+    for v in surface_variables(name for name in all_surfaces if any(name not in group for group in surfaces)):
+        data[v.name][2]["comment"] = "NaN for an aircraft without this surface"
     return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(all_surfaces)})
 
 
@@ -131,9 +129,7 @@ def _check_values(variable: Variable, values: np.ndarray, shape: tuple[int, int]
     return array.astype(variable.dtype)
 
 
-def _latitudes_longitudes(
-    arrays: Mapping[str, np.ndarray], latitude: float, longitude: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _geodetic(arrays: Mapping[str, np.ndarray], latitude: float, longitude: float) -> tuple[np.ndarray, np.ndarray]:
     positions = np.stack([arrays["north"], arrays["east"], -np.asarray(arrays["altitude"])], axis=-1)
     points = positions.reshape(-1, 3)
     padded = pad_to_multiple(points, bucket_size(len(points), _BUCKET_ROWS)) if len(points) else points

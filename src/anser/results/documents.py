@@ -42,12 +42,12 @@ def software_versions() -> dict[str, str]:
 
 
 def version_attributes() -> dict[str, str]:
-    """Attributes of a dataset with the versions: `version_jax` and so on."""
+    """Attributes of a dataset with the software versions: `version_jax`, `version_numpy`, ..."""
     return {f"version_{name}": version for name, version in software_versions().items()}
 
 
 def install_hint(library: str, extra: str) -> str:
-    """Message that a library is not installed, with the extra of anser that installs the library."""
+    """Message that a library is not installed, with the extra of anser that provides it."""
     return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'
 
 

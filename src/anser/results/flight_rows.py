@@ -109,23 +109,20 @@ def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Sce
 
 
 AIRCRAFT_QUANTITIES = {
-    "planned_arrival_s": ("s", "Arrival as planned at last"),
-    "arrival_s": ("s", "Arrival; none of an aircraft that never arrived"),
+    "planned_arrival_s": ("s", "Planned arrival in the last plan"),
+    "arrival_s": ("s", "Arrival; missing if the aircraft never arrived"),
     "miss_m": ("m", "Distance from the rendezvous at the arrival"),
     "speed_mean_m_s": ("m s-1", "Mean airspeed up to the arrival"),
     "speed_min_m_s": ("m s-1", "Least airspeed up to the arrival"),
     "speed_max_m_s": ("m s-1", "Greatest airspeed up to the arrival"),
     "clearance_min_m": ("m", "Least distance to the goal"),
-    "position_error_max_m": (
-        "m",
-        "Greatest distance from the planned position while the plan is flown",
-    ),
+    "position_error_max_m": ("m", "Greatest distance from the planned position while the plan is flown"),
     "tables_left_s": ("s", "Time outside the tables of the airframe"),
 }
 FLEET_QUANTITIES = {
     "arrival_spread_s": ("s", "Time between the first and the last arrival"),
     "separation_min_m": ("m", "Least distance between two aircraft"),
-    "separation_ratio_min": ("1", "Least ratio of a distance to the separation asked for"),
+    "separation_ratio_min": ("1", "Least ratio of distance to required separation"),
 }
 
 FlightColumn = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
@@ -153,7 +150,7 @@ def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, F
         key: (("aircraft",), aircraft_values(key, np.nan).astype(float), unit_attributes(*labels))
         for key, labels in AIRCRAFT_QUANTITIES.items()
     }
-    status_labels = unit_attributes("", "What became of it")
+    status_labels = unit_attributes("", "Status at the end of the flight")
     columns["status"] = (("aircraft",), aircraft_values("status", "no flight").astype(np.str_), status_labels)
     for key, labels in FLEET_QUANTITIES.items():
         values = np.array([_or_missing(result.fleet.get(key), np.nan) for result in flights], dtype=float)
@@ -165,7 +162,7 @@ def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, F
         for result in flights
     ]
     columns["unmet"] = ((), np.array(unmet, dtype=np.str_), unit_attributes("", "Requirements that are not met"))
-    reason_labels = unit_attributes("", "Why the flight could not begin; empty where it did")
+    reason_labels = unit_attributes("", "Reason for a failed start; empty otherwise")
     columns["reason"] = ((), np.array([result.reason for result in flights], dtype=np.str_), reason_labels)
     return columns
 

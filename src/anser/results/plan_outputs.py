@@ -31,29 +31,28 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
         numbers are None. Margins are positive within the limit; `bounds` states whether the limits are proven between
         the samples as well.
     """
-    attributes = dataset.attrs
+    attrs = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
     names = [str(name) for name in dataset["aircraft"].values]
     margins = plan_margins(dataset)
     proven = any(name.startswith("bound_") for name in map(str, dataset.data_vars))
     return {
         "format_version": PLAN_FORMAT_VERSION,
-        "scenario": {"name": attributes["title"], "hash": attributes["scenario_hash"]},
-        "seed": int(attributes["seed"]),
-        "versions": {key.removeprefix("version_"): attributes[key] for key in attributes if key.startswith("version_")},
-        "planner": attributes["planner"],
+        "scenario": {"name": attrs["title"], "hash": attrs["scenario_hash"]},
+        "seed": int(attrs["seed"]),
+        "versions": {key.removeprefix("version_"): attrs[key] for key in attrs if key.startswith("version_")},
+        "planner": attrs["planner"],
         "bounds": "proven" if proven else "sampled",
-        "status": "not flyable" if attributes["problems"] else _PLANNED,
-        "problems": attributes["problems"].split("\n") if attributes["problems"] else [],
-        "notes": attributes["notes"].split("\n") if attributes["notes"] else [],
+        "status": "not flyable" if attrs["problems"] else _PLANNED,
+        "problems": attrs["problems"].split("\n") if attrs["problems"] else [],
+        "notes": attrs["notes"].split("\n") if attrs["notes"] else [],
         "arrival": {
-            "rule": attributes["rule"],
+            "rule": attrs["rule"],
             "first_s": finite_or_none(np.min(arrivals)),
             "last_s": finite_or_none(np.max(arrivals)),
         },
         "aircraft": [_aircraft_entry(dataset, k, names[k], margins) for k in range(len(names))],
-        "least_distance": _minimum_entry(dataset, "distance", names)
-        | {"required_m": attributes.get("distance_limit_m")},
+        "least_distance": _minimum_entry(dataset, "distance", names) | {"required_m": attrs.get("distance_limit_m")},
         "separation": _separation_entry(dataset, names),
         "keep_outs": _keep_out_entries(dataset, names),
     }
@@ -82,7 +81,7 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
         return finite_or_none(dataset[key].values[k])
 
     message = str(dataset["message"].values[k])
-    aircraft_entry: dict[str, Any] = {
+    row_entry: dict[str, Any] = {
         "name": name,
         "goal": str(dataset["goal"].values[k]),
         "status": message or _PLANNED,
@@ -93,15 +92,15 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
         "speed_min_m_s": number("airspeed_min_m_s"),
         "speed_max_m_s": number("airspeed_max_m_s"),
     }
-    aircraft_entry |= {key: number(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
+    row_entry |= {key: number(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
     if "hold_radius_m" in dataset:
         direction = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
-        aircraft_entry["hold"] = {
+        row_entry["hold"] = {
             "direction": direction,
             "radius_m": number("hold_radius_m"),
             "height_m": number("hold_height_m"),
         }
-    aircraft_entry["limits"] = []
+    row_entry["limits"] = []
     for limit in LIMITS:
         if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
             continue
@@ -113,8 +112,8 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
         }
         if f"bound_{limit.name}" in dataset:
             entry["bound"] = number(f"bound_{limit.name}")
-        aircraft_entry["limits"].append(entry)
-    return aircraft_entry
+        row_entry["limits"].append(entry)
+    return row_entry
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
@@ -130,23 +129,23 @@ def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict
 
 def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
     """Separation entry; None without a required separation. The margin is horizontal or, scaled, vertical."""
-    attributes = dataset.attrs
-    if "separation_horizontal_m" not in attributes:
+    attrs = dataset.attrs
+    if "separation_horizontal_m" not in attrs:
         return None
     minimum = _minimum_entry(dataset, "separation", names)
-    required = attributes["separation_horizontal_m"]
+    required = attrs["separation_horizontal_m"]
     margin = None if minimum["value_m"] is None else minimum["value_m"] - required
-    separation_entry = {
+    entry = {
         "horizontal_asked_m": required,
-        "vertical_asked_m": attributes["separation_vertical_m"],
+        "vertical_asked_m": attrs["separation_vertical_m"],
         **minimum,
         "margin_m": margin,
     }
-    if "separation_bound" in attributes:
-        separation_entry["bound_ratio"] = finite_or_none(attributes["separation_bound"])
-    if "hold_separation_bound" in attributes:
-        separation_entry["hold_bound_ratio"] = finite_or_none(attributes["hold_separation_bound"])
-    return separation_entry
+    if "separation_bound" in attrs:
+        entry["bound_ratio"] = finite_or_none(attrs["separation_bound"])
+    if "hold_separation_bound" in attrs:
+        entry["hold_bound_ratio"] = finite_or_none(attrs["hold_separation_bound"])
+    return entry
 
 
 def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:

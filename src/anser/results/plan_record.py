@@ -165,9 +165,7 @@ def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
     """
     _check(samples, details)
     fleet = details.scenario.aircraft
-    data: dict[str, Any] = {
-        "even": ("time", samples.is_regular, unit_attributes("", "Whether the instant is an even one"))
-    }
+    data: dict[str, Any] = {"even": ("time", samples.is_regular, unit_attributes("", "Whether the instant is regular"))}
 
     def add(key: str, values: np.ndarray, dims: Any) -> None:
         variable = _VARIABLES[key]
@@ -213,13 +211,13 @@ def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> N
     data[f"least_{name}_pair"] = (
         "end",
         minimum_pair,
-        unit_attributes("1", "Indices of the two that come closest; -1: none"),
+        unit_attributes("1", "Indices of the closest pair; -1: none"),
     )
     for key, value, unit, long_name in (
-        (f"least_{name}_m", closest.minimum_m, "m", f"Least {name} between two aircraft at all"),
-        (f"least_{name}_at_s", closest.minimum_time_s, "s", "When"),
-        (f"least_{name}_level_m", closest.horizontal_m, "m", "Their distance in the plane then"),
-        (f"least_{name}_height_m", closest.vertical_m, "m", "Their difference in altitude then"),
+        (f"least_{name}_m", closest.minimum_m, "m", f"Least {name} between two aircraft in the plan"),
+        (f"least_{name}_at_s", closest.minimum_time_s, "s", f"Time of the least {name}"),
+        (f"least_{name}_level_m", closest.horizontal_m, "m", "Horizontal distance at that time"),
+        (f"least_{name}_height_m", closest.vertical_m, "m", "Vertical distance at that time"),
     ):
         data[key] = ((), float(value), unit_attributes(unit, long_name))
 
@@ -237,7 +235,7 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
         ("nominal_length_m", details.nominal_lengths_m, "m", "Length of the path without its bend"),
         ("turn_use", details.turn_utilization, "1", "Turn rate over that of the greatest bank angle"),
         ("hold_radius_m", details.hold_radii_m, "m", "Radius of the hold"),
-        ("hold_turn", details.hold_turns, "1", "Sense of the hold's turn, 1: right, -1: left"),
+        ("hold_turn", details.hold_turns, "1", "Turn direction of the hold, 1: right, -1: left"),
         ("hold_height_m", details.hold_heights_m, "m", "Height of the hold over the goal"),
     ):
         if values is not None:
@@ -254,11 +252,11 @@ def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails)
             data[f"{prefix}{limit.name}"] = ("aircraft", column, labels)
     for name, values, long_name in (
         ("goal", [item.goal for item in fleet], "Goal"),
-        ("path", details.paths, "How the path goes"),
+        ("path", details.paths, "Description of the path"),
         (
             "message",
             ["" if item is None else item for item in details.messages],
-            "What is wrong with it; empty: nothing",
+            "Problem of the path; empty: none",
         ),
     ):
         data[name] = ("aircraft", np.array(values, dtype=np.str_), {"long_name": long_name})
@@ -280,7 +278,11 @@ def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDeta
         data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), unit_attributes(unit, long_name))
     dimensions = ("aircraft", "keep_out")
     data["keep_out_room_m"] = (dimensions, samples.keep_out_margin_m, unit_attributes("m", "Least distance outside"))
-    data["keep_out_at_s"] = (dimensions, samples.keep_out_margin_time_s, unit_attributes("s", "When it is least"))
+    data["keep_out_at_s"] = (
+        dimensions,
+        samples.keep_out_margin_time_s,
+        unit_attributes("s", "Time of the least distance"),
+    )
     if details.keep_out_bounds_m is not None:
         data["bound_keep_out_room_m"] = (
             dimensions,

@@ -127,23 +127,19 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
                     continue
                 trials = trials[np.argsort(np.abs(change[trials]), kind="stable")]
                 failed = trials[outcome[trials] != "reached"]
-                first_trial = failed[0] if failed.size else trials[-1]
-                passed = trials if not failed.size else trials[np.abs(change[trials]) < np.abs(change[first_trial])]
-                reason = (
-                    _NO_STEADY_FLIGHT
-                    if outcome[first_trial] == "not_flown"
-                    else _failure_reason(flights, int(first_trial))
-                )
+                trial = failed[0] if failed.size else trials[-1]
+                passed = trials if not failed.size else trials[np.abs(change[trials]) < np.abs(change[trial])]
+                reason = _NO_STEADY_FLIGHT if outcome[trial] == "not_flown" else _failure_reason(flights, int(trial))
                 breaks.append(
                     FirstBreak(
                         factor=str(factor["factor"].item()),
                         inversion=str(inversion),
                         sign=sign,
-                        change=float(change[first_trial]),
-                        value=float(dataset["factor_value"].values[first_trial, index]),
+                        change=float(change[trial]),
+                        value=float(dataset["factor_value"].values[trial, index]),
                         survived=float(change[passed[-1]]) if passed.size else 0.0,
                         reason=reason if failed.size else None,
-                        condition=str(conditions[dataset["condition"].values[first_trial]]) if failed.size else None,
+                        condition=str(conditions[dataset["condition"].values[trial]]) if failed.size else None,
                     )
                 )
     return breaks
@@ -181,12 +177,14 @@ def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndar
     correlations = []
     for k, name in enumerate(dataset["factor"].values):
         changes = {"value": change[:, k], "amount": np.abs(change[:, k])}
-        coefficients = {
+        values_by_measure = {
             measure: float(np.corrcoef(x, failed)[0, 1]) for measure, x in changes.items() if np.ptp(x) > 0.0
         }
         measure = max(
-            coefficients, key=lambda measure, coefficients=coefficients: abs(coefficients[measure]), default=None
+            values_by_measure,
+            key=lambda measure, values_by_measure=values_by_measure: abs(values_by_measure[measure]),
+            default=None,
         )
-        if measure is not None and abs(coefficients[measure]) >= 3 / math.sqrt(len(failed)):
-            correlations.append(FailureCorrelation(str(name), measure, coefficients[measure]))
+        if measure is not None and abs(values_by_measure[measure]) >= 3 / math.sqrt(len(failed)):
+            correlations.append(FailureCorrelation(str(name), measure, values_by_measure[measure]))
     return sorted(correlations, key=lambda item: -abs(item.correlation))

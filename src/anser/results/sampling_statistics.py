@@ -74,8 +74,8 @@ def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float
 def order_statistic_interval(values: np.ndarray, share: float, confidence: float = 0.95) -> tuple[float, float]:
     """Distribution-free confidence interval of a quantile, between two order statistics.
 
-    The number of values below the quantile is binomial; each bound has at most half of the remaining probability.
-    Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
+    The number of values below the quantile is binomial; each bound excludes the quantile with at most half of the
+    allowed error probability. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
 
     Parameters
     ----------
@@ -103,14 +103,11 @@ def order_statistic_interval(values: np.ndarray, share: float, confidence: float
     # the k-th smallest value is above the quantile if fewer than k values are below the quantile
     low = int(count_below.ppf(tail))  # the greatest k with P(fewer than k below) <= tail
     high = int(count_below.isf(tail)) + 1  # the least k with P(k or more below) <= tail
-    return (
-        -math.inf if low < 1 else float(ordered[low - 1]),
-        math.inf if high > count else float(ordered[high - 1]),
-    )
+    return (-math.inf if low < 1 else float(ordered[low - 1]), math.inf if high > count else float(ordered[high - 1]))
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Quantile as an order statistic, the least value with the share at or below; values may be infinite."""
+    """Quantile as an order statistic: the least value such that `share` of the values are at or below; may be infinite."""
     ordered = np.sort(np.asarray(values, dtype=float))
     return float(ordered[max(math.ceil(share * ordered.size) - 1, 0)])
 

@@ -201,13 +201,7 @@ def act(
         flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
     )
     aircraft = advance(
-        vehicle.airframe,
-        instant.environment,
-        instant.time,
-        state.aircraft,
-        controls,
-        instant.step,
-        truth.disturbance,
+        vehicle.airframe, instant.environment, instant.time, state.aircraft, controls, instant.step, truth.disturbance
     )
     gusts = vehicle.gusts.advance(state.gusts, _gust_normals(vehicle, instant), perception.flow, instant.step)
     part_states = perception.sensors, perception.estimator, guidance, controller, gusts

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics.arrays import cast_to_precision
 from anser.parts.perception import Instant
-from anser.planning.separation import Separation, separation_ratio
+from anser.planning.separation import Separation, closest_fraction, separation_ratio
 from anser.shapes import Count, Scalar, ScalarLike
 from anser.simulation.closed_loop import HOLD, is_off_plan
 from anser.simulation.recorders import AbstractRecorder, AircraftSample, FleetSample
@@ -17,6 +17,7 @@ from anser.spatial.rotations import safe_hypot, safe_norm
 
 ARRIVAL_MARGIN_S = 10.0
 """Time after the planned arrival during which a pass still counts as an arrival, s."""
+_SQUARE_MIN = 1e-30  # m^2: keeps derivatives finite for a constant offset
 
 
 class AirspeedStatistics(eqx.Module):
@@ -154,41 +155,33 @@ class SummaryRecorder(AbstractRecorder):
         step: ScalarLike,
     ) -> tuple[FleetSummary, _PreviousSample]:
         """Add the inputs of one more sample (keys of `_summary_inputs`, leading axis aircraft) to the summary."""
-        summary_before, previous = recorder_state
+        past, previous = recorder_state
         time = number * step
         position_n, offset_n, airspeed = inputs["position_n"], inputs["offset_n"], inputs["airspeed"]
         has_interval = number > 0
         length_s = jnp.where(has_interval, step, 0.0)
         # The first sample has no previous sample: the interval has length 0.
-        previous = jax.tree.map(
-            lambda a, b: jnp.where(has_interval, a, b),
-            previous,
-            _PreviousSample(position_n, offset_n, airspeed),
-        )
+        current = _PreviousSample(position_n, offset_n, airspeed)
+        previous = jax.tree.map(lambda a, b: jnp.where(has_interval, a, b), previous, current)
         time_left_s = inputs["arrival_time"] + ARRIVAL_MARGIN_S - (time - length_s)
-        part, distance = _closest_part(previous.offset_n, offset_n)
+        part = closest_fraction(previous.offset_n, offset_n - previous.offset_n, _SQUARE_MIN)
         part = jnp.clip(jnp.minimum(part, time_left_s / step), 0.0, 1.0)
         distance = jnp.where(time_left_s >= 0.0, _offset_length(previous.offset_n, offset_n, part), jnp.inf)
-        on_plan = jnp.isinf(summary_before.off_plan_time)
-        is_closer = on_plan & (distance < summary_before.pass_distance)
-        speeds_to_part = summary_before.speeds_on_plan.over_interval(part, length_s, previous.airspeed, airspeed)
-        speeds_to_end = summary_before.speeds_on_plan.over_interval(
+        on_plan = jnp.isinf(past.off_plan_time)
+        is_closer = on_plan & (distance < past.pass_distance)
+        speeds_to_part = past.speeds_on_plan.over_interval(part, length_s, previous.airspeed, airspeed)
+        speeds_to_end = past.speeds_on_plan.over_interval(
             jnp.ones_like(airspeed), length_s, previous.airspeed, airspeed
         )
-        error_max = jnp.maximum(summary_before.position_error_on_plan, inputs["position_error"])
-        error_to_part = jnp.where(part < 1.0, summary_before.position_error_on_plan, error_max)
+        error_max = jnp.maximum(past.position_error_on_plan, inputs["position_error"])
+        error_to_part = jnp.where(part < 1.0, past.position_error_on_plan, error_max)
         pass_time, pass_distance, speeds_until_pass, error_until_pass = _select(
             is_closer,
             (time - length_s + part * length_s, distance, speeds_to_part, error_to_part),
-            (
-                summary_before.pass_time,
-                summary_before.pass_distance,
-                summary_before.speeds_until_pass,
-                summary_before.position_error_until_pass,
-            ),
+            (past.pass_time, past.pass_distance, past.speeds_until_pass, past.position_error_until_pass),
         )
         speeds_on_plan, error_on_plan = _select(
-            on_plan, (speeds_to_end, error_max), (summary_before.speeds_on_plan, summary_before.position_error_on_plan)
+            on_plan, (speeds_to_end, error_max), (past.speeds_on_plan, past.position_error_on_plan)
         )
         code = inputs["status"]
         summary = FleetSummary(
@@ -198,18 +191,16 @@ class SummaryRecorder(AbstractRecorder):
             position_error_until_pass=error_until_pass,
             speeds_on_plan=speeds_on_plan,
             position_error_on_plan=error_on_plan,
-            off_plan_time=jnp.where(on_plan & is_off_plan(code), time, summary_before.off_plan_time),
-            clearance_min=jnp.minimum(summary_before.clearance_min, inputs["clearance"]),
-            tables_left_time=summary_before.tables_left_time + jnp.where(inputs["outside_tables"], step, 0.0),
-            first_status=jnp.where(summary_before.first_status == 0, code, summary_before.first_status),
+            off_plan_time=jnp.where(on_plan & is_off_plan(code), time, past.off_plan_time),
+            clearance_min=jnp.minimum(past.clearance_min, inputs["clearance"]),
+            tables_left_time=past.tables_left_time + jnp.where(inputs["outside_tables"], step, 0.0),
+            first_status=jnp.where(past.first_status == 0, code, past.first_status),
             last_status=code,
-            separation_min=jnp.minimum(
-                summary_before.separation_min, _interval_separation(previous.position_n, position_n)
-            ),
-            separation_ratio_min=jnp.minimum(summary_before.separation_ratio_min, self._ratio(position_n)),
-            finite=summary_before.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
+            separation_min=jnp.minimum(past.separation_min, _interval_separation(previous.position_n, position_n)),
+            separation_ratio_min=jnp.minimum(past.separation_ratio_min, self._ratio(position_n)),
+            finite=past.finite & jnp.isfinite(airspeed) & jnp.all(jnp.isfinite(position_n), axis=1),
         )
-        return summary, _PreviousSample(position_n, offset_n, airspeed)
+        return summary, current
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
         """Least ratio of distance to required separation of any two aircraft at a sample."""
@@ -246,14 +237,6 @@ def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
     }
 
 
-def _closest_part(start_n: Array, end_n: Array) -> tuple[Array, Array]:
-    """Part of the way between two offsets with the shortest offset, and the shortest length, m; rows (n, 3)."""
-    change_n = end_n - start_n
-    square = jnp.sum(change_n**2, axis=-1)
-    part = jnp.clip(-jnp.sum(start_n * change_n, axis=-1) / jnp.where(square > 0.0, square, 1.0), 0.0, 1.0)
-    return part, _offset_length(start_n, end_n, part)
-
-
 def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
     """Length of the offset after a part of the way between two offsets, m; rows (n, 3)."""
     return jax.vmap(safe_norm)(start_n + part[:, None] * (end_n - start_n))
@@ -265,4 +248,5 @@ def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
     if count < 2:
         return jnp.asarray(jnp.inf)
     i, j = jnp.triu_indices(count, 1)
-    return jnp.min(_closest_part(start_n[j] - start_n[i], end_n[j] - end_n[i])[1])
+    first_n, last_n = start_n[j] - start_n[i], end_n[j] - end_n[i]
+    return jnp.min(_offset_length(first_n, last_n, closest_fraction(first_n, last_n - first_n, _SQUARE_MIN)))

@@ -177,26 +177,20 @@ def assemble(
     """
     if not aircraft:
         raise ValueError("a flight needs at least one aircraft")
-    without_mission = [str(k) for k, (vehicle, _, _) in enumerate(aircraft) if vehicle.mission is None]
-    if without_mission:
-        raise ValueError(
-            f"aircraft without a goal cannot be planned for: place {', '.join(without_mission)} of the fleet"
-        )
-    indices_by_structure: dict[Any, list[int]] = {}
+    missing = [str(k) for k, (vehicle, _, _) in enumerate(aircraft) if vehicle.mission is None]
+    if missing:
+        raise ValueError(f"aircraft without a goal cannot be planned for: place {', '.join(missing)} of the fleet")
+    structures: dict[Any, list[int]] = {}
     for k, (vehicle, _, _) in enumerate(aircraft):
-        indices_by_structure.setdefault(tree_signature(vehicle), []).append(k)
+        structures.setdefault(tree_signature(vehicle), []).append(k)
     return Flight(
         environment=environment,
         groups=tuple(
             _stack_group(aircraft, members, len(aircraft) if real_count is None else real_count)
-            for members in indices_by_structure.values()
+            for members in structures.values()
         ),
         planner=planner,
-        timing=Timing(
-            step=as_array(step),
-            replan_steps=as_array(replan_steps, np.int32),
-            freeze=as_array(freeze),
-        ),
+        timing=Timing(step=as_array(step), replan_steps=as_array(replan_steps, np.int32), freeze=as_array(freeze)),
         randomness=randomness,
     )
 
@@ -264,10 +258,8 @@ def fleet_reports(
     def perceive_one(vehicle: Vehicle, vehicle_state: VehicleState) -> Perception:
         return perceive(vehicle, vehicle_state, instant)
 
-    def report_one(vehicle: Vehicle, perception: Perception, vehicle_state: VehicleState) -> AircraftReport:
-        is_inactive = (
-            vehicle_state.stopped | is_breakaway(vehicle_state.status) | vehicle.faults.has_departed(instant.time)
-        )
+    def report_one(vehicle: Vehicle, perception: Perception, current: VehicleState) -> AircraftReport:
+        is_inactive = current.stopped | is_breakaway(current.status) | vehicle.faults.has_departed(instant.time)
         return aircraft_report(vehicle, perception, ~is_inactive)
 
     pairs = list(zip(flight.groups, state.vehicles, strict=True))

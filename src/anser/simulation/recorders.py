@@ -74,12 +74,9 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     The control surfaces are those of the airframe. Commands missing in the controller's signals are NaN; missing limit
     flags are false.
     """
-    truth, state, condition, data = (
-        sample.truth,
-        sample.truth.state,
-        sample.truth.condition,
-        sample.truth.condition.air_data,
-    )
+    truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
+    data, uncertainty = condition.air_data, sample.belief.uncertainty
+    network = None if sample.approach is None else sample.approach.plan.network
     velocity_n = rotate_back(condition.R_bn, state.velocity_b)
     inertial_b = state.rates_b + rotate(condition.R_bn, condition.earth.earth_rate_n + condition.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
@@ -123,14 +120,8 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "status": sample.status,
         **({} if sample.approach is None else _approach_variables(sample, sample.approach)),
         **({} if sample.flow is None else _gust_variables(truth.disturbance.gust, sample.flow)),
-        **(
-            {} if sample.belief.uncertainty is None else _estimation_variables(sample.belief, sample.belief.uncertainty)
-        ),
-        **(
-            {}
-            if sample.approach is None or sample.approach.plan.network is None
-            else _network_variables(sample.approach.plan.network)
-        ),
+        **({} if uncertainty is None else _estimation_variables(sample.belief, uncertainty)),
+        **({} if network is None else _network_variables(network)),
     }
 
 
@@ -168,13 +159,8 @@ def _estimation_variables(belief: Belief, uncertainty: Uncertainty) -> dict[str,
 
 
 def _approach_variables(sample: "AircraftSample", approach: "GoalApproach") -> dict[str, Array]:
-    goal, estimated_goal, sight, reference_n = (
-        approach.goal,
-        sample.belief.goal,
-        sample.belief.sight,
-        sample.reference_n,
-    )
-    assert estimated_goal is not None
+    goal, estimate, sight, reference_n = (approach.goal, sample.belief.goal, sample.belief.sight, sample.reference_n)
+    assert estimate is not None
     assert sight is not None
     assert reference_n is not None
     plan, axes = approach.plan, ("north", "east", "down")
@@ -182,9 +168,9 @@ def _approach_variables(sample: "AircraftSample", approach: "GoalApproach") -> d
         **_position("reference_", reference_n),
         "position_error": safe_norm(reference_n - sample.truth.state.position_n),
         **_position("goal_", goal.position_n),
-        **_position("goal_estimate_", estimated_goal.position_n),
+        **_position("goal_estimate_", estimate.position_n),
         **_vector("goal_velocity", axes, goal.velocity_n),
-        **_vector("goal_estimate_velocity", axes, estimated_goal.velocity_n),
+        **_vector("goal_estimate_velocity", axes, estimate.velocity_n),
         **_position("rendezvous_", approach.rendezvous_n),
         "range_to_rendezvous": safe_norm(approach.to_rendezvous_n),
         "clearance": safe_norm(approach.to_goal_n),
@@ -203,11 +189,7 @@ def _approach_variables(sample: "AircraftSample", approach: "GoalApproach") -> d
 
 
 def _position(prefix: str, position_n: Vector3) -> dict[str, Array]:
-    return {
-        f"{prefix}north": position_n[0],
-        f"{prefix}east": position_n[1],
-        f"{prefix}altitude": -position_n[2],
-    }
+    return {f"{prefix}north": position_n[0], f"{prefix}east": position_n[1], f"{prefix}altitude": -position_n[2]}
 
 
 def _vector(prefix: str, names: tuple[str, str, str], vector: Vector3) -> dict[str, Array]:
@@ -292,17 +274,17 @@ class FleetSample(eqx.Module):
         group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
         surface_keys = {variable.key for variable in surface_variables(surfaces)}
-        keys = dict.fromkeys(key for row_set in group_rows for key in row_set)
-        common_keys = [key for key in keys if key in surface_keys or all(key in row_set for row_set in group_rows)]
-        examples = {key: row_set[key] for row_set in group_rows for key in row_set}
-        padded_rows = [
+        keys = dict.fromkeys(key for variables in group_rows for key in variables)
+        common_keys = [key for key in keys if key in surface_keys or all(key in variables for variables in group_rows)]
+        examples = {key: variables[key] for variables in group_rows for key in variables}
+        padded = [
             {
-                key: row_set[key] if key in row_set else jnp.full(len(indices), jnp.nan, examples[key].dtype)
+                key: variables[key] if key in variables else jnp.full(len(indices), jnp.nan, examples[key].dtype)
                 for key in common_keys
             }
-            for row_set, indices in zip(group_rows, self.members, strict=True)
+            for variables, indices in zip(group_rows, self.members, strict=True)
         ]
-        return to_fleet_order(padded_rows, self.members)
+        return to_fleet_order(padded, self.members)
 
 
 class AbstractRecorder(eqx.Module):
@@ -414,23 +396,23 @@ def scan_steps(
     if active_steps is not None:
         if stride != 1:
             raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
-        empty_row = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
+        empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
         def step_if_active(carry: tuple[Any, Any], step_index: Count) -> tuple[tuple[Any, Any], Any]:
             return jax.lax.cond(
-                step_index < active_steps, lambda: step(carry, first_sample + step_index), lambda: (carry, empty_row)
+                step_index < active_steps, lambda: step(carry, first_sample + step_index), lambda: (carry, empty)
             )
 
-        (state, recorder_state), recorded_rows = jax.lax.scan(
+        (state, recorder_state), records = jax.lax.scan(
             step_if_active, (state, recorder_state), jnp.arange(count, dtype=first_sample.dtype)
         )
-        return state, recorder_state, recorded_rows
+        return state, recorder_state, records
 
     if stride == 1:
-        (state, recorder_state), recorded_rows = jax.lax.scan(
+        (state, recorder_state), records = jax.lax.scan(
             step, (state, recorder_state), first_sample + jnp.arange(count, dtype=first_sample.dtype)
         )
-        return state, recorder_state, recorded_rows
+        return state, recorder_state, records
 
     def step_without_row(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
         state, recorder_state, number = carry[0], carry[1], carry[2][0]
@@ -438,17 +420,17 @@ def scan_steps(
         first_row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
         return (next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)), None
 
-    empty_row = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
+    empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
     def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
         state, recorder_state, number = carry
-        block_start = (state, recorder_state, (number, empty_row))
-        (state, recorder_state, (number, recorded_row)), _ = jax.lax.scan(
+        block_start = (state, recorder_state, (number, empty))
+        (state, recorder_state, (number, first_record)), _ = jax.lax.scan(
             step_without_row, block_start, jnp.arange(stride)
         )
-        return (state, recorder_state, number), recorded_row
+        return (state, recorder_state, number), first_record
 
-    (state, recorder_state, _), recorded_rows = jax.lax.scan(
+    (state, recorder_state, _), records = jax.lax.scan(
         block, (state, recorder_state, first_sample), length=count // stride
     )
-    return state, recorder_state, recorded_rows
+    return state, recorder_state, records

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.numerics.arrays import select_if_any
+from anser.planning.separation import closest_fraction
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot, safe_norm
 
@@ -80,6 +81,5 @@ def _turn_distances(
     aircraft_n = aircraft_n.at[:, 2].add(down)
     offset_n = to_goal_n[None, :] + times[:, None] * goal_velocity_n[None, :] - aircraft_n
     start_n, leg_n = offset_n[:-1], offset_n[1:] - offset_n[:-1]
-    part = -jnp.sum(start_n * leg_n, axis=1) / jnp.maximum(jnp.sum(leg_n**2, axis=1), 1e-6)
-    nearest_n = start_n + jnp.clip(part, 0.0, 1.0)[:, None] * leg_n
+    nearest_n = start_n + closest_fraction(start_n, leg_n, 1e-6)[:, None] * leg_n
     return jnp.sqrt(jnp.sum(nearest_n**2, axis=1) + 1e-12)

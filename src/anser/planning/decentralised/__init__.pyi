@@ -1,7 +1,4 @@
 from .network import Network
 from .planner import DecentralisedPlanner
 
-__all__ = [
-    "DecentralisedPlanner",
-    "Network",
-]
+__all__ = ["DecentralisedPlanner", "Network"]

@@ -145,95 +145,83 @@ class DecentralisedPlanner(AbstractPlanner):
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
         """Process messages, and correct each path to the presently predicted rendezvous."""
-        plan, state, clock, knowledge = (
+        plan, state, clocks, planner = (
             planner_state.plan,
             planner_state.exchange,
-            planner_state.clocks.clock,
-            planner_state.network.knowledge,
+            planner_state.clocks,
+            self.aircraft_planner,
         )
-        tasks = self.aircraft_planner.aircraft_tasks(reports, planner_state.limits)
+        clock, knowledge = clocks.clock, planner_state.network.knowledge
+        tasks = planner.aircraft_tasks(reports, planner_state.limits)
         to_go = plan.arrival_times - clock
-        under_way = reports.active & (to_go > self.aircraft_planner.freeze)
+        time_to_go = to_go / clocks.rate
+        under_way = reports.active & (to_go > planner.freeze)
         # The agreed path is flown from its start on; before, the previous path.
         has_begun = clock >= state.agreed_paths.path.times[:, 0]
         paths = select_rows(planner_state.waits & has_begun, state.agreed_paths.path, plan.paths)
         waits = planner_state.waits & ~has_begun
         may_change = under_way & ~state.offer_open & ~waits
         lead = jnp.minimum(LEAD_S, jnp.maximum(0.25 * to_go, 0.0))
-        bent = jax.vmap(correct_path)(paths, tasks, clock, to_go / planner_state.clocks.rate, lead)
-        bent = select_rows(may_change, bent, paths)
+        bent = select_rows(may_change, jax.vmap(correct_path)(paths, tasks, clock, time_to_go, lead), paths)
         # latest requested arrival known to each aircraft
         delays = jnp.maximum(planner_state.delays, jnp.max(knowledge.delays, axis=1))
         is_late = planner_state.first_arrivals + delays > state.agreed_paths.path.times[:, -1] + _SAME_TIME_S
 
         from_time = jnp.min(clock)
-        correction_tasks = self.aircraft_planner.aircraft_tasks(
-            reports, self.aircraft_planner.correction_limits(planner_state.limits)
-        )
-        certificate = certify(bent, correction_tasks, self.aircraft_planner.airspace, interval_count(bent), from_time)
-        in_tube = jax.vmap(path_distance_max)(bent, state.agreed_paths.path) <= self.tube
-        fully_corrected = may_change & certificate.satisfied_individually & in_tube
+        correction_tasks = planner.aircraft_tasks(reports, planner.correction_limits(planner_state.limits))
 
-        def try_fraction(fraction: Scalar) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
-            scaled = eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + fraction * (bent.air_n - paths.air_n))
-            scaled_certificate = certify(
-                scaled, correction_tasks, self.aircraft_planner.airspace, interval_count(scaled), from_time
-            )
-            in_tube = jax.vmap(path_distance_max)(scaled, state.agreed_paths.path) <= self.tube
-            return scaled, scaled_certificate, may_change & scaled_certificate.satisfied_individually & in_tube
+        def certified(candidate: TimedPath) -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
+            certificate = certify(candidate, correction_tasks, planner.airspace, interval_count(candidate), from_time)
+            in_tube = jax.vmap(path_distance_max)(candidate, state.agreed_paths.path) <= self.tube
+            return candidate, certificate, may_change & certificate.satisfied_individually & in_tube
 
         def correct_partly() -> tuple[TimedPath, Certificate, Bool[Array, " aircraft"]]:
-            candidates = jax.lax.map(try_fraction, jnp.asarray(CORRECTION_FRACTIONS[1:]))
+            candidates = jax.lax.map(
+                lambda share: certified(
+                    eqx.tree_at(lambda p: p.air_n, paths, paths.air_n + share * (bent.air_n - paths.air_n))
+                ),
+                jnp.asarray(CORRECTION_FRACTIONS[1:]),
+            )
             largest = jnp.argmax(candidates[2], axis=0), jnp.arange(clock.shape[0])
             return jax.tree.map(lambda leaf: leaf[largest], candidates)
 
+        _, certificate, corrected = certified(bent)
         partial = jax.lax.cond(
-            any_in_batch(jnp.any(may_change & ~fully_corrected)),
+            any_in_batch(jnp.any(may_change & ~corrected)),
             correct_partly,
-            lambda: (bent, certificate, jnp.zeros_like(fully_corrected)),
+            lambda: (bent, certificate, jnp.zeros_like(corrected)),
         )
-        is_corrected = fully_corrected | partial[2]
-        corrected_paths, certificates = select_rows(fully_corrected, (bent, certificate), partial[:2])
+        is_changed = corrected | partial[2]
+        changed_paths, certificates = select_rows(corrected, (bent, certificate), partial[:2])
         proposals = ApproachAndHold(bent, move_with_goals(state.agreed_paths.hold, tasks, clock))
-        agreed_slice, alternative_slice, proposal_slice = _set_slices(clock.shape[0])
+        agreed, alternative, proposed = _set_slices(clock.shape[0])
         is_clear = jax.lax.cond(
-            any_in_batch(jnp.any(~state.settled | (may_change & ~fully_corrected))),
+            any_in_batch(jnp.any(~state.settled | (may_change & ~corrected))),
             lambda: self._clearance(state, proposals, tasks.active, from_time),
             lambda: jnp.zeros((3 * clock.shape[0], 3 * clock.shape[0]), dtype=bool),
         )
         # (aircraft, owner): the owner may fly its alternative path as well
-        avoids_alternative = ~state.settled[None, :] & (
-            state.offer_open[None, :] == (knowledge.tokens == state.tokens[None, :])
-        )
+        is_known = knowledge.tokens == state.tokens[None, :]
+        avoids_alternative = ~state.settled[None, :] & (state.offer_open[None, :] == is_known)
         state, accepted = process_messages(
             state,
             knowledge,
-            is_clear[alternative_slice, agreed_slice],
-            is_clear[alternative_slice, alternative_slice],
+            is_clear[alternative, agreed],
+            is_clear[alternative, alternative],
             clock,
             reports.active,
             LEAD_S - 1.0,
         )
-        paths = select_rows(is_corrected, corrected_paths, paths)
-        may_offer = (
-            may_change
-            & state.settled
-            & ~is_late
-            & ~fully_corrected
-            & (to_go > self.aircraft_planner.freeze + 2.0 * LEAD_S)
+        paths = select_rows(is_changed, changed_paths, paths)
+        may_offer = may_change & state.settled & ~is_late & ~corrected & (to_go > planner.freeze + 2.0 * LEAD_S)
+        keeps_clear = jnp.all(
+            is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1
         )
-        proposal_is_clear = jnp.all(
-            is_clear[proposal_slice, agreed_slice]
-            & (is_clear[proposal_slice, alternative_slice] | ~avoids_alternative),
-            axis=1,
-        )
-        offers = may_offer & certificate.satisfied_individually & proposal_is_clear
+        offers = may_offer & certificate.satisfied_individually & keeps_clear
         goal_has_moved = under_way
         if reports.goal_covariance is not None:
-            goal_has_moved = jax.vmap(rendezvous_has_moved)(
-                paths, tasks, reports.goal_covariance, to_go / planner_state.clocks.rate
-            )
-        needs_path = is_late | (~fully_corrected & goal_has_moved)
+            goal_has_moved = jax.vmap(rendezvous_has_moved)(paths, tasks, reports.goal_covariance, time_to_go)
+        needs_path = is_late | (~corrected & goal_has_moved)
         searches = may_change & state.settled & needs_path & ~offers & (to_go > COMMITTED_S + 2.0 * LEAD_S)
         replan_needed = planner_state.replan_needed
         if self.allow_replanning:
@@ -246,36 +234,23 @@ class DecentralisedPlanner(AbstractPlanner):
         state = open_offers(state, proposals, offers, clock)
 
         remaining_lengths = jax.vmap(TimedPath.air_length)(paths, clock)
-        new_certificate = jax.tree.map(
-            lambda new, old: select_rows(is_corrected, new, old), certificates, plan.certificate
-        )
         plan = eqx.tree_at(
             lambda p: (p.paths, p.certificate, p.lengths, p.arrival_times),
             plan,
             (
                 paths,
-                new_certificate,
+                jax.tree.map(lambda new, old: select_rows(is_changed, new, old), certificates, plan.certificate),
                 jnp.where(under_way, remaining_lengths, plan.lengths),
                 jnp.where(accepted, state.agreed_paths.path.times[:, -1], plan.arrival_times),
             ),
         )
-        uncorrected_status = jnp.where(
-            is_corrected, PARTLY_CORRECTED, jnp.where(goal_has_moved, UNCHANGED, AWAITING_GOAL)
-        )
-        replanning_status = jnp.where(
-            accepted, REPLANNED, jnp.where(under_way & ~fully_corrected, uncorrected_status, CORRECTED)
-        ).astype(planner_state.replanning.dtype)
+        result = jnp.where(is_changed, PARTLY_CORRECTED, jnp.where(goal_has_moved, UNCHANGED, AWAITING_GOAL))
+        result = jnp.where(accepted, REPLANNED, jnp.where(under_way & ~corrected, result, CORRECTED))
+        result = jnp.where(reports.active, result.astype(planner_state.replanning.dtype), planner_state.replanning)
         return eqx.tree_at(
             lambda m: (m.plan, m.replanning, m.exchange, m.waits, m.replan_needed, m.delays),
             planner_state,
-            (
-                plan,
-                jnp.where(reports.active, replanning_status, planner_state.replanning),
-                state,
-                waits | accepted,
-                replan_needed,
-                delays,
-            ),
+            (plan, result, state, waits | accepted, replan_needed, delays),
         )
 
     def _clearance(
@@ -307,7 +282,7 @@ class DecentralisedPlanner(AbstractPlanner):
         turn = jnp.round(time).astype(jnp.int32) % count
         order = (jnp.arange(count) - turn) % count
         selected = (jnp.arange(count) == jnp.argmin(jnp.where(searches, order, count))) & searches
-        space, agreed_paths = self.aircraft_planner.airspace, state.agreed_paths.path
+        planner, agreed_paths, former = self.aircraft_planner, state.agreed_paths.path, state.agreed_paths.hold
 
         def selected_value(values: Array) -> Array:
             return jnp.sum(jnp.where(selected, values, 0.0))
@@ -323,25 +298,25 @@ class DecentralisedPlanner(AbstractPlanner):
             jnp.where(active, arrivals, -jnp.inf),
             start,
             ~active | (arrivals > start + COMMITTED_S + 3.0 * LEAD_S),
-            self.aircraft_planner.arrival_is_free,
-            self.aircraft_planner.latest_arrival,
+            planner.arrival_is_free,
+            planner.latest_arrival,
             _DELAY_FRACTIONS,
         )
-        correction_limits = self.aircraft_planner.correction_limits(tasks.limits)
-        end_time, cells = jnp.max(state.agreed_paths.hold.paths.times), state.agreed_paths.hold.paths.times.shape[1] - 1
-        _, _, proposal_slice = _set_slices(count)
+        correction_limits = planner.correction_limits(tasks.limits)
+        end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
+        agreed, alternative, proposed = _set_slices(count)
 
         def with_holds(path: TimedPath) -> ApproachAndHold:
             fleet_paths = select_rows(selected, path, agreed_paths)
             holds = assign_holds(
                 fleet_paths,
                 future_tasks,
-                space,
-                self.aircraft_planner.guidance,
+                planner.airspace,
+                planner.guidance,
                 start,
                 end_time,
                 cells,
-                state.agreed_paths.hold,
+                former,
                 stays=~selected,
             )
             return select_rows(selected, ApproachAndHold(path, broadcast_holds(holds)), approaches)
@@ -356,16 +331,15 @@ class DecentralisedPlanner(AbstractPlanner):
             )
             trial_tasks = eqx.tree_at(lambda t: t.limits, start_tasks, limits)
             plan = plan_fleet_at(
-                start, trial_tasks, space, durations, interval_count(paths), MINIMAL, fixed_paths=fixed_paths
+                start, trial_tasks, planner.airspace, durations, interval_count(paths), MINIMAL, fixed_paths=fixed_paths
             )
             is_feasible = jnp.any(selected & plan.feasible)
             proposals = jax.lax.cond(any_in_batch(is_feasible), lambda: with_holds(plan.paths), lambda: approaches)
             is_clear = self._clearance(state, proposals, tasks.active, jnp.min(clock))
-            agreed, alternative, _ = _set_slices(count)
-            proposal_is_clear = jnp.all(
-                is_clear[proposal_slice, agreed] & (is_clear[proposal_slice, alternative] | ~avoids_alternative), axis=1
+            keeps_clear = jnp.all(
+                is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1
             )
-            return k + 1, is_feasible & jnp.any(selected & proposals.hold.clear & proposal_is_clear), proposals
+            return k + 1, is_feasible & jnp.any(selected & proposals.hold.clear & keeps_clear), proposals
 
         def search() -> tuple[ApproachAndHold, Flag, Scalar]:
             k, has_path, proposals = jax.lax.while_loop(
@@ -453,10 +427,7 @@ class DecentralisedPlanner(AbstractPlanner):
             hold=holds,
             hold_reach=jnp.full(count, self.tube),
             network=NetworkView(
-                lag=lag,
-                rate=clocks.rate,
-                hears=planner_state.network.hears,
-                offers=planner_state.exchange.offer_open,
+                lag=lag, rate=clocks.rate, hears=planner_state.network.hears, offers=planner_state.exchange.offer_open
             ),
         )
 

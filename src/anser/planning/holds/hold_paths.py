@@ -97,22 +97,18 @@ def move_with_goals(
     """
     time = jnp.asarray(time, dtype=float)
     elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
-    goal_offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
-    velocity_changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
+    offsets_n = tasks.goal_position_n - holds.goal_positions_n - elapsed[:, None] * holds.goal_velocities_n
+    changes_n = tasks.goal_velocity_n - holds.goal_velocities_n
 
-    def moved_path(
-        path: TimedPath, goal_offset_n: Vector3, velocity_change_n: Vector3, start_time: Scalar
-    ) -> TimedPath:
-        offset_n = goal_offset_n[None, :] + (path.times - start_time)[:, None] * velocity_change_n[None, :]
-        return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(offset_n).at[:, 1].add(velocity_change_n))
+    def moved_path(path: TimedPath, goal_offset_n: Vector3, change_n: Vector3, start_time: Scalar) -> TimedPath:
+        offset_n = goal_offset_n[None, :] + (path.times - start_time)[:, None] * change_n[None, :]
+        return eqx.tree_at(lambda p: p.air_n, path, path.air_n.at[:, 0].add(offset_n).at[:, 1].add(change_n))
 
     return eqx.tree_at(
         lambda h: (h.paths, h.goal_positions_n, h.goal_velocities_n, h.forecast_time),
         holds,
         (
-            jax.vmap(moved_path)(
-                holds.paths, goal_offsets_n, velocity_changes_n, jnp.broadcast_to(time, elapsed.shape)
-            ),
+            jax.vmap(moved_path)(holds.paths, offsets_n, changes_n, jnp.broadcast_to(time, elapsed.shape)),
             tasks.goal_position_n,
             tasks.goal_velocity_n,
             time,

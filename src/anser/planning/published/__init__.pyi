@@ -1,8 +1,4 @@
 from .planner import PublishedPlanner
 from .trajectory import Trajectory, fit_trajectory
 
-__all__ = [
-    "PublishedPlanner",
-    "Trajectory",
-    "fit_trajectory",
-]
+__all__ = ["PublishedPlanner", "Trajectory", "fit_trajectory"]

@@ -136,16 +136,7 @@ def nominal_trajectory(
     if end_slopes is not None:
         velocity_0 = velocity_0 * (end_slopes[0] / (duration * jnp.maximum(norm(velocity_0), 1.0)))
         final = final * (end_slopes[1] / (duration * speed))
-    fit = fit_trajectory(
-        start_time,
-        duration,
-        task.position_n,
-        velocity_0,
-        end,
-        final,
-        wind_n=task.wind_n,
-        line_n=line,
-    )
+    fit = fit_trajectory(start_time, duration, task.position_n, velocity_0, end, final, wind_n=task.wind_n, line_n=line)
     return fit, attainable
 
 

@@ -46,10 +46,8 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
     factors = np.ones(5 - order)
     for reduction in range(order):
         factors *= np.arange(order, 5) - reduction
-    *lower_coefficients, total = jnp.unstack(
-        jnp.asarray(factors, coefficients_n.dtype)[None, :] * coefficients_n[:, order:], axis=1
-    )
-    for coefficient in reversed(lower_coefficients):
+    *lower, total = jnp.unstack(jnp.asarray(factors, coefficients_n.dtype)[None, :] * coefficients_n[:, order:], axis=1)
+    for coefficient in reversed(lower):
         total = total * s + coefficient
     return total
 
@@ -300,8 +298,8 @@ def even_law(
     edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))
     cells = jax.vmap(lambda s: _cell(coefficients_n, s, 1.0 / CELLS))(edges[:-1])
     lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(cells.length)])
-    energy_gain = STANDARD_GRAVITY_M_S2 * jax.vmap(lambda s: path_derivative(coefficients_n, s, 0)[2])(edges)
-    energy_gain = energy_gain - energy_gain[0]
+    released = STANDARD_GRAVITY_M_S2 * jax.vmap(lambda s: path_derivative(coefficients_n, s, 0)[2])(edges)
+    released = released - released[0]
     slopes = jnp.maximum(jax.vmap(lambda s: norm(path_derivative(coefficients_n, s, 1)))(edges), _TINY)
     total = jnp.maximum(lengths[-1], _TINY)
     mean_speed = total / duration
@@ -309,13 +307,11 @@ def even_law(
     if exchange is None:
         exchange = jnp.zeros(())
         if deceleration is not None:
-            exchange = _minimum_exchange(
-                coefficients_n, lengths, energy_gain, slopes, speed_0, mean_speed, deceleration
-            )
+            exchange = _minimum_exchange(coefficients_n, lengths, released, slopes, speed_0, mean_speed, deceleration)
     profile = _Profile(
         cells,
         lengths,
-        energy_gain,
+        released,
         jnp.asarray(exchange, dtype=float),
         speed_0,
         total / mean_speed,
