@@ -107,7 +107,7 @@ def order_statistic_interval(values: np.ndarray, share: float, confidence: float
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Quantile as an order statistic: the least value such that `share` of the values are at or below; may be infinite."""
+    """Quantile as an order statistic: the least value with `share` of the values at or below; may be infinite."""
     ordered = np.sort(np.asarray(values, dtype=float))
     return float(ordered[max(math.ceil(share * ordered.size) - 1, 0)])
 
