@@ -94,9 +94,7 @@ def test_the_time_of_an_aircraft_s_stop_is_printed(anser, tmp_path, monkeypatch)
     code, printed, err = anser("run", SCENARIOS / "three-aircraft.toml", "--out", tmp_path / "run")
     assert code == 1
     assert "at 75.2 s: the aircraft reached the ground" in printed
-    assert (
-        'aircraft "bert": at 75.2 s: the aircraft reached the ground; what is recorded after that stands still' in err
-    )
+    assert 'aircraft "bert": at 75.2 s: the aircraft reached the ground; later samples repeat the last state' in err
     assert err.count(" s: the aircraft") == 1
 
 

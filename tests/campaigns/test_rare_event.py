@@ -148,7 +148,7 @@ def test_failed_flights_count_as_the_event():
     assert flights.limit_state_value(FlightRow.failed_start("no plan")) == np.inf
     (flight_row,) = made_up([flights.case(points[int(np.argmax(winds))])])
     assert np.isfinite(flights.limit_state_value(flight_row))
-    flight_row.aircraft[1]["status"] = "the aircraft reached the ground; what is recorded after that stands still"
+    flight_row.aircraft[1]["status"] = "the aircraft reached the ground; later samples repeat the last state"
     assert flights.limit_state_value(flight_row) == np.inf
     flight_row.aircraft[1].update(status="arrived", miss_m=None)
     assert flights.limit_state_value(flight_row) == np.inf

@@ -42,16 +42,16 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",
     *PLAN_MESSAGES[1:],
     "no steady flight exists at the start state: the aircraft was not flown",
-    "the state stopped being a number: the motion diverged; what is recorded after that stands still",
-    "broke off to stay above the least altitude: it pulled up, did not fly its path on and went to its hold",
-    "the aircraft reached the ground; what is recorded after that stands still",
-    "came nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one), or "
-    "was about to: broke off and went to its hold",
+    "the motion diverged to non-finite values; later samples repeat the last state",
+    "broke off to stay above the least altitude: it pulled up, left its path and went to its hold",
+    "the aircraft reached the ground; later samples repeat the last state",
+    "came, or was about to come, nearer to its goal than a rendezvous may be (150 m to a surface goal, 100 m to an "
+    "airborne one): broke off and went to its hold",
     "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
     "it was refused, and the aircraft went to its hold",
     "left the fleet and flew straight on",
-    "its goal was never seen: it held where the goal was said to be",
-    "the filter that follows its goal diverged: it held where the goal was last taken to be",
+    "its goal was never seen: it held at the reported position of the goal",
+    "the filter of its goal diverged: it held at the last estimated position of the goal",
 )
 """Message of each status code; the first messages are the planner's."""
 

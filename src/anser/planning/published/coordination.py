@@ -26,8 +26,8 @@ PLANNED, GOAL_OUTRUNS, NO_COMMON_TIME, NO_BEND, DIRECTION_UNATTAINABLE, INACTIVE
 PLAN_MESSAGES = (
     "planned",
     "the goal outruns the aircraft: no path meets it at this airspeed in this wind; the others are planned without it",
-    "no arrival time was found at which the longest path of the fleet takes just that time",
-    "no lateral bend gives the path the length of the fleet's longest",
+    "no arrival time was found that equals the flight time of the fleet's longest path",
+    "no lateral bend gives the path the length of the fleet's longest path",
     "the prescribed direction of arrival cannot be flown in this wind; it was left free",
     "the aircraft does not fly (any more): the others are planned without it",
 )
