@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.aircraft.airframe import AbstractAirframe, Controls
+from anser.aircraft.airframe import Controls
 from anser.control.ground_clearance import GroundClearance
 from anser.environment.gusts import AirFlow, Gust
 from anser.numerics.arrays import zeros_like_result
@@ -77,6 +77,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
     data, uncertainty = condition.air_data, sample.belief.uncertainty
     network = None if sample.approach is None else sample.approach.plan.network
+    surface_keys = [variable.key for variable in surface_variables(truth.airframe.actuators.names)]
     velocity_n = rotate_back(condition.R_bn, state.velocity_b)
     inertial_b = state.rates_b + rotate(condition.R_bn, condition.earth.earth_rate_n + condition.earth.transport_rate_n)
     euler = euler_from_quaternion(state.quaternion)
@@ -106,7 +107,7 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "path_angle": air_path.gamma,
         "course": air_path.chi,
         "load_factor": -force_b[2] / weight,
-        **dict(zip(_surface_keys(truth.airframe), (*state.surfaces, *controls.surfaces), strict=True)),
+        **dict(zip(surface_keys, (*state.surfaces, *controls.surfaces), strict=True)),
         "throttle": controls.throttle,
         "power": state.power,
         "thrust": condition.propulsive.force_b[0],
@@ -198,11 +199,6 @@ def _vector(prefix: str, names: tuple[str, str, str], vector: Vector3) -> dict[s
 
 def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
     return {f"{name}_rate{suffix}": rates_b[k] for k, name in enumerate(("roll", "pitch", "yaw"))}
-
-
-def _surface_keys(airframe: AbstractAirframe) -> list[str]:
-    """Keys of the positions, then of the commands."""
-    return [variable.key for variable in surface_variables(airframe.actuators.names)]
 
 
 class GoalApproach(eqx.Module):

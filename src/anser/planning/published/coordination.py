@@ -190,11 +190,6 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
     return jnp.maximum(jnp.where(is_solved, root.x, duration_min), DURATION_MIN_S), is_solved, reachable
 
 
-def _with_time_law(path: Trajectory, task: PlanningTask, even_speed: Flag | bool) -> Trajectory:
-    """Add the time law to a path, starting at the present airspeed."""
-    return with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
-
-
 class _CommonTime(NamedTuple):
     """Mean airspeed and arrival time of a fleet, and the nominal paths for that time."""
 
@@ -279,7 +274,9 @@ def coordinate(
     has_bend = tasks.active & (jnp.arange(lengths.shape[0]) != farthest)
     kappa = jnp.where(has_bend, bends.kappa, 0.0)
     bent_paths = jax.vmap(bend_trajectory)(nominal, kappa)
-    trajectories = jax.vmap(_with_time_law, in_axes=(0, 0, None))(bent_paths, tasks, even_speed)
+    trajectories = jax.vmap(
+        lambda path, task: with_even_speed(path, norm(task.air_velocity_n), task.deceleration, even=even_speed)
+    )(bent_paths, tasks)
     status = jnp.where(attainable, jnp.asarray(PLANNED, dtype=int), DIRECTION_UNATTAINABLE)
     status = jnp.where(bends.converged, status, NO_BEND)
     status = jnp.where(is_solved, status, NO_COMMON_TIME)
