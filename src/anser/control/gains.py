@@ -206,7 +206,7 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector:
-    """Loop stiffness (1/s^2, of P, Q, R) required beside the aircraft's natural stiffness, -M_alpha or N_beta.
+    """Loop stiffness (1/s^2, of P, Q, R) required in addition to the aircraft's natural stiffness, -M_alpha or N_beta.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
     bandwidths. An actuator with lag tau and k times the nominal gain moves r = k tau B (1 + K_D)/(k tau B (1 + K_D) -

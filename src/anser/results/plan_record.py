@@ -200,7 +200,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
         if len(getattr(details, name)) != shape[1]:
             raise ValueError(f"{name} has {len(getattr(details, name))} entries for {shape[1]} aircraft")
     if (samples.closest_by_separation is None) != (details.scenario.separation.required_m is None):
-        raise ValueError("separation must be sampled where it is asked for, and only there")
+        raise ValueError("separation must be sampled if, and only if, it is required")
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:

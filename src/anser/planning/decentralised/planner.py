@@ -273,10 +273,11 @@ class DecentralisedPlanner(AbstractPlanner):
         delays: Float[Array, " aircraft"],
         time: ScalarLike,
     ) -> tuple[ApproachAndHold, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
-        """New path for one of the aircraft with an uncorrectable path, if there is one; the aircraft take turns.
+        """New path for one aircraft with an uncorrectable path, if a path exists; the aircraft take turns.
 
-        The path arrives at the arrival time known to the aircraft, or later if there is none; the fleet receives the
-        delay. A second round of trials may use the margins that the first reserves for corrections.
+        The path arrives at the arrival time known to the aircraft. Without such a path, the aircraft tries later times,
+        and the fleet adopts the delay. A second round of trials may use the acceleration reserve that the first round
+        leaves for corrections.
         """
         count, clock = searches.shape[0], planner_state.clocks.clock
         turn = jnp.round(time).astype(jnp.int32) % count
