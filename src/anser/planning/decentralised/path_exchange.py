@@ -67,7 +67,7 @@ def process_messages(
     state: Exchange,
     knowledge: KnowledgeMatrix,
     clear_of_agreed: PairMask,
-    clear_of_other: PairMask,
+    clear_of_alternative: PairMask,
     clocks: Float[Array, " aircraft"],
     participates: Bool[Array, " aircraft"],
     patience: ScalarLike,
@@ -78,7 +78,7 @@ def process_messages(
     ----------
     state, knowledge
         State of the agreement, and knowledge of the aircraft about each other.
-    clear_of_agreed, clear_of_other
+    clear_of_agreed, clear_of_alternative
         Whether the alternative path of a row's aircraft keeps the separation from the agreed path, and from the
         alternative path, of a column's aircraft.
     clocks
@@ -95,7 +95,7 @@ def process_messages(
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
     # (aircraft, owner): the owner's offer keeps clear of every path that the aircraft may fly
-    is_acceptable = clear_of_agreed.T & (clear_of_other.T | state.settled[:, None])
+    is_acceptable = clear_of_agreed.T & (clear_of_alternative.T | state.settled[:, None])
     acknowledges = jnp.where(known_tokens % 2 == 1, is_current & is_acceptable, True)
     acknowledged = jnp.where(acknowledges, known_tokens, state.acknowledged)
 
@@ -107,7 +107,7 @@ def process_messages(
     accepted = state.offer_open & is_answered & in_time
     # of two conflicting offers, the offer of the aircraft with the higher index is withdrawn
     earlier = np.tri(count, k=-1, dtype=bool)
-    yields = jnp.any((known_tokens % 2 == 1) & is_current & ~clear_of_other.T & earlier & ~is_diagonal, axis=1)
+    yields = jnp.any((known_tokens % 2 == 1) & is_current & ~clear_of_alternative.T & earlier & ~is_diagonal, axis=1)
     withdrawn = state.offer_open & ~accepted & (~in_time | yields)
     settled = state.settled | (~state.offer_open & is_answered)
 
