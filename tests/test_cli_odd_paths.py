@@ -4,12 +4,11 @@ import os
 
 import pytest
 
-from anser import campaign, load_flight
+from anser import campaign, load, load_flight
 from anser.campaigns.rare_store import RareStore
 from anser.campaigns.store import CampaignStore
 from anser.config import ScenarioError
 from anser.files import new_folder, write_file
-from anser.scenario import files
 from support.tiny_run import make_run
 
 ODD = {
@@ -63,7 +62,7 @@ def test_odd_paths_are_one_message(anser, tmp_path, kind, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "use", [files, load_flight, lambda path: CampaignStore.open(path), lambda path: RareStore.open(path)]
+    "use", [load, load_flight, lambda path: CampaignStore.open(path), lambda path: RareStore.open(path)]
 )
 def test_a_null_character_in_a_path_is_refused_on_reading(use, tmp_path):
     with pytest.raises(ValueError, match="arrived"):
@@ -83,7 +82,7 @@ def test_a_null_character_in_a_path_within_a_file_is_refused(anser, tmp_path):
     with_null = text.replace("[[aircraft]]\n", '[[aircraft]]\nairframe = "a\\u0000b.toml"\n', 1)
     (tmp_path / "named.toml").write_text(with_null)
     with pytest.raises(ScenarioError, match="airframe"):
-        files(tmp_path / "named.toml")
+        load(tmp_path / "named.toml")
     (tmp_path / "study.toml").write_text(
         'format = 1\nname = "odd"\ndescription = "x"\nscenario = "a\\u0000b.toml"\nseed = 1\n'
         '[sampling]\nmethod = "monte-carlo"\nflights = 2\n'

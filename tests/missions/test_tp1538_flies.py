@@ -16,7 +16,7 @@ ALL = [x for k in range(3) for x in (f"aircraft[{k}].variant", "tp1538")]
 
 
 def values_by_name(trim):
-    return {name: value for name, value, _ in trim.rows}
+    return {name: value for name, value, _ in trim.quantities}
 
 
 @pytest.mark.parametrize("speed", [110.0, 150.0, 220.0])

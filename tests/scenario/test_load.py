@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from anser.config import ScenarioError
+from anser.config.errors import describe_value
 from anser.scenario import load, loads, validate
 from anser.scenario.schema_reach import time_to_go_s
 
@@ -109,7 +110,7 @@ def test_a_missing_file_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     assert problem.expected == "the path of a scenario file"
     (tmp_path / "mine.toml").touch()
     (problem,) = refused(tmp_path / "mien.toml").problems
-    assert problem.expected == f'the path of a scenario file, perhaps "{tmp_path / "mine.toml"}"'
+    assert problem.expected == f"the path of a scenario file, perhaps {describe_value(str(tmp_path / 'mine.toml'))}"
     (problem,) = refused(tmp_path / "nowhere" / "mine.toml").problems
     assert problem.expected == "the path of a scenario file"
 
