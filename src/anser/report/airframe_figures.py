@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.labels import escape_mathtext
+from anser.report.labels import aircraft_title, escape_mathtext
 from anser.report.style import (
     INK,
     MUTED,
@@ -29,23 +29,14 @@ _LONGITUDINAL, _LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 
 
 def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
-    """Draw an airframe into a new file, PNG, SVG or PDF.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.analysis.airframe_dataset`.
-    path
-        File to write. Raises FileExistsError if it exists.
-    """
+    """Draw an airframe (result of `anser.analysis.airframe_dataset`) into a new file, PNG, SVG or PDF."""
     save_figure(draw_for_print(_draw_airframe, dataset), [path])
 
 
 def _draw_airframe(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.2, 6.4))
     grid = figure.subplots(2, 3)
-    title = " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
-    heading = f"{escape_mathtext(title)} at an altitude of {dataset.attrs['altitude_m']:g} m"
+    heading = f"{escape_mathtext(aircraft_title(dataset))} at an altitude of {dataset.attrs['altitude_m']:g} m"
     note = "Below, level flight at each airspeed. Lines: within all limits of the airframe; dots: beyond one of them."
     figure.suptitle(f"{heading}\n{note}", fontsize=SMALL + 2)
     is_dimensionless = bool(dataset.attrs["dimensionless"])

@@ -79,8 +79,6 @@ class ReplayedFlight:
 
     Attributes
     ----------
-    number
-        Flight number.
     worst
         Whether the flight is one of the worst; otherwise it belongs to the background of the map.
     tracks
@@ -164,7 +162,7 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
         )
     return {
         "confidence": confidence,
-        "met": _success_convergence(independent_flights["met"].values, confidence),
+        "met": _curve(**success_convergence(independent_flights["met"].values, confidence, _CONVERGENCE_POINTS_MAX)),
         "quantities": list(quantities.values()),
         "series": series_data(report.bands),
         **_flights(report, list(quantities.values())),
@@ -177,46 +175,34 @@ def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
     return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
 
-def _counts(size: int) -> np.ndarray:
-    return (
-        np.unique(np.linspace(1, size, min(size, _CONVERGENCE_POINTS_MAX)).round().astype(int))
-        if size
-        else np.empty(0, int)
-    )
+def _counts(size: int, points: int) -> np.ndarray:
+    """Numbers of flights of a convergence curve, evenly spaced up to `size`."""
+    return np.unique(np.linspace(1, size, min(size, points)).round().astype(int)) if size else np.empty(0, int)
 
 
-def _success_convergence(succeeded: np.ndarray, confidence: float) -> dict[str, Any]:
-    counts = _counts(succeeded.size)
+def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
+    """Success rate `value` with its interval `low` to `high`, %, against the number `n` of flights."""
+    counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
     pairs = zip(successes.tolist(), counts.tolist(), strict=True)
-    intervals = np.array([wilson_interval(*pair, confidence) for pair in pairs]).reshape(-1, 2)
-    middle = 100.0 * successes / np.maximum(counts, 1)
-    return {
-        "n": counts.tolist(),
-        "value": json_numbers(middle),
-        "low": json_numbers(100 * intervals[:, 0]),
-        "high": json_numbers(100 * intervals[:, 1]),
-    }
+    intervals = 100 * np.array([wilson_interval(*pair, confidence) for pair in pairs]).reshape(-1, 2)
+    return {"n": counts, "value": 100.0 * successes / counts, "low": intervals[:, 0], "high": intervals[:, 1]}
+
+
+def _curve(n: np.ndarray, **columns: np.ndarray) -> dict[str, list[float | None]]:
+    return {"n": n.tolist()} | {name: json_numbers(values) for name, values in columns.items()}
 
 
 def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:
     """A quantile and its confidence interval against the number of flights."""
-    counts, sign = _counts(values.size), 1.0 if upper else -1.0
+    counts, sign = _counts(values.size, _CONVERGENCE_POINTS_MAX), 1.0 if upper else -1.0
     estimates = []
     for count in counts:
         low, high = order_statistic_interval(sign * values[:count], share, confidence)
         value = sign * quantile(sign * values[:count], share)
         estimates.append((value, low, high) if upper else (value, -high, -low))
     value, low, high = np.array(estimates).reshape(-1, 3).T
-    return {
-        "share": share,
-        "converging": {
-            "n": counts.tolist(),
-            "value": json_numbers(value),
-            "low": json_numbers(low),
-            "high": json_numbers(high),
-        },
-    }
+    return {"share": share, "converging": _curve(counts, value=value, low=low, high=high)}
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:

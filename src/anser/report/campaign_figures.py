@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
+from anser.report.campaign_data import success_convergence
 from anser.report.style import PRINT_STYLE, SMALL, new_figure, save_drawings, series_style
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
-from anser.results.sampling_statistics import order_statistic_interval, wilson_interval
+from anser.results.sampling_statistics import order_statistic_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,19 +36,14 @@ _FLIGHTS_MIN = 2
 
 
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a campaign as SVG and PNG files `campaign`, replacing earlier ones.
+    """Draw a campaign into SVG and PNG files `campaign`, replacing earlier ones; return the paths.
+
+    A campaign of fewer than two flights has no figure.
 
     Parameters
     ----------
     dataset
-        Result of `anser.campaigns.store.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written; empty for a campaign of fewer than two flights.
+        Result of `anser.campaigns.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
@@ -78,15 +74,10 @@ def _draw_campaign(dataset: xr.Dataset) -> "Figure":
 
 def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
     """Draw the share of successful flights, with its confidence interval, over the number of flights."""
-    succeeded = dataset["met"].values
-    counts = np.unique(np.linspace(1, succeeded.size, min(succeeded.size, _CONVERGENCE_POINTS)).round().astype(int))
-    successes = np.cumsum(succeeded)[counts - 1]
-    confidence = float(dataset.attrs["confidence"])
-    pairs = zip(successes.tolist(), counts.tolist(), strict=True)
-    intervals = np.array([wilson_interval(success_count, count, confidence) for success_count, count in pairs])
-    color = series_style(0)["color"]
-    axes.fill_between(counts, 100 * intervals[:, 0], 100 * intervals[:, 1], alpha=0.2, color=color, linewidth=0)
-    axes.plot(counts, 100 * successes / counts, color=color)
+    confidence, color = float(dataset.attrs["confidence"]), series_style(0)["color"]
+    curve = success_convergence(dataset["met"].values, confidence, _CONVERGENCE_POINTS)
+    axes.fill_between(curve["n"], curve["low"], curve["high"], alpha=0.2, color=color, linewidth=0)
+    axes.plot(curve["n"], curve["value"], color=color)
     axes.set_xlabel("flights")
     axes.set_ylabel(f"meet every requirement (%),\nand the interval at {100 * confidence:g} %")
 
@@ -158,19 +149,14 @@ _PAIRS_MIN = 2
 
 
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the comparison of two campaigns as new SVG and PNG files `comparison`.
+    """Draw the comparison of two campaigns into new SVG and PNG files `comparison`; return the paths.
+
+    A comparison of fewer than two pairs has no figure.
 
     Parameters
     ----------
     dataset
         Pairs of flights, result of `anser.campaigns.compare_campaigns`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written; empty for fewer than two pairs.
     """
     if dataset.sizes["flight"] < _PAIRS_MIN:
         return ()
@@ -222,19 +208,12 @@ _RARE_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-rare"}
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the probability of a rare event as SVG and PNG files `rare`, replacing earlier ones.
+    """Draw the probability of a rare event into SVG and PNG files `rare`, replacing earlier ones; return the paths.
 
     Parameters
     ----------
     dataset
         Result of `anser.campaigns.RareEvent.dataset`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     return save_drawings({"rare": _draw_rare}, dataset, _RARE_STYLE, folder, overwrite=True)
 
@@ -274,19 +253,14 @@ _LEGEND_LINES_MAX = 12
 
 
 def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a sweep as SVG and PNG files `sweep`, with one line for each combination of the paths not on the abscissa.
+    """Draw a sweep into SVG and PNG files `sweep`, with a line for each combination of the paths not on the abscissa.
+
+    Returns the paths of the files; a sweep without a path of several numeric values has no figure.
 
     Parameters
     ----------
     dataset
         Result of `anser.missions.sweeps`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written; empty if no path has several numeric values.
     """
     if _abscissa_path(dataset) is None:
         return ()

@@ -32,15 +32,7 @@ _SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
 
 def write_campaign_report(report: CampaignReport, path: Path) -> None:
-    """Write the report of a campaign as one HTML page, replacing an earlier one.
-
-    Parameters
-    ----------
-    report
-        Content of the page.
-    path
-        HTML file to write.
-    """
+    """Write the report of a campaign as one HTML page, replacing an earlier one."""
     page = render_page(
         "campaign.html",
         body_class="single campaign",

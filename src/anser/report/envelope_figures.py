@@ -46,19 +46,12 @@ _FAILED_AFTER_BAD_START = ("failed, from a start beyond the limits", "#2b0f24")
 
 
 def draw_envelope(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a survey as SVG and PNG files: `trim-map`, `commands` and `margins`.
+    """Draw a survey into SVG and PNG files `trim-map`, `commands` and `margins`; return the paths.
 
     Parameters
     ----------
     dataset
         Result of `anser.analysis.envelope`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     drawings = {"trim-map": _trim_map, "commands": _commands, "margins": _margins}
     return save_drawings(drawings, dataset, _STYLE, folder)

@@ -229,15 +229,15 @@ SECTIONS: tuple[Section, ...] = (
 
 _SCENE = (
     *(
-        f"{place}{axis}_m"
-        for place in ("", "reference_", "goal_", "rendezvous_")
+        f"{prefix}{axis}_m"
+        for prefix in ("", "reference_", "goal_", "rendezvous_")
         for axis in ("north", "east", "altitude")
     ),
     *(f"quaternion_{k}" for k in range(4)),
 )
 _EVENTS = (
     *("phase", "renewal", "status", "outside_tables", "arrival_time_s", "planned_length_m", "lateral_bend_m"),
-    *(f"{what}_limited" for what in LIMITED_COMMANDS),
+    *(f"{command}_limited" for command in LIMITED_COMMANDS),
     "velocity_down_m_s",
 )
 _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
@@ -277,13 +277,7 @@ def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Sections for the page: the panels of recorded variables, with the limits of all aircraft as numbers.
-
-    Parameters
-    ----------
-    dataset
-        The flight with the derived variables.
-    """
+    """Sections for the page: panels of the variables in the dataset, with the limits of the aircraft as numbers."""
     limits = aircraft_limits(dataset)
     sections = []
     for section in SECTIONS:
@@ -353,7 +347,9 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
 def flight_data(
     dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any], label: str
 ) -> dict[str, Any]:
-    """Collect the data of one flight that the page draws.
+    """Collect the data of one flight that the page draws, as plain data for JSON.
+
+    The variables are packed and thinned to every `every`-th record.
 
     Parameters
     ----------
@@ -365,11 +361,6 @@ def flight_data(
         Scenario carried by the dataset; may be empty.
     label
         Name of the run on the page.
-
-    Returns
-    -------
-    dict
-        Plain data for JSON. The variables are packed and thinned to every `every`-th record.
     """
     stride = max(
         1,

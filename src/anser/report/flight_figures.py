@@ -51,7 +51,11 @@ _CURVES = (_ALTITUDE, _AIRSPEED, _BANK, _LOAD_FACTOR, *_GUIDANCE, *_PLAN, *GOAL_
 NEEDED_VARIABLES = tuple(
     dict.fromkeys(
         (
-            *(f"{of}{axis}_m" for of in ("", "reference_", "goal_", "rendezvous_") for axis in ("north", "east")),
+            *(
+                f"{prefix}{axis}_m"
+                for prefix in ("", "reference_", "goal_", "rendezvous_")
+                for axis in ("north", "east")
+            ),
             *(f"velocity_{axis}_m_s" for axis in ("north", "east", "down")),
             *(name for curve in _CURVES for name in (curve.name, curve.reference) if name is not None),
             *("range_to_rendezvous_m", "rendezvous_altitude_m", "phase"),
@@ -161,7 +165,7 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into files `NAME-FIGURE`.
+    """Draw figures of a flight into files `NAME-FIGURE`; return the paths.
 
     Parameters
     ----------
@@ -169,19 +173,12 @@ def draw_flight(
         The flight: content of `flight.nc`.
     name
         First part of the file names.
-    folder
-        Output folder.
     suffixes
         File formats, of `FIGURE_SUFFIXES`.
     selection
         Result of `select_figures`; by default every available figure.
     figure_format
         Width and title; by default the width of a page's text, with titles.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     sheet = FlightSheet(dataset, figure_format or FigureFormat())
     figures = select_figures(dataset, available_figures(dataset)) if selection is None else selection

@@ -63,14 +63,10 @@ class Curve:
 
 
 def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
-    """Draw panels below one another; a curve without a finite value is left out.
+    """Draw panels below one another, one for each curve; a curve without a finite value is left out.
 
     Parameters
     ----------
-    sheet
-        Sheet to draw on.
-    curves
-        Curve of each panel.
     label
         Title of the figure.
     reference_name

@@ -34,12 +34,8 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
 
     Parameters
     ----------
-    dataset
-        The flight: content of `flight.nc`.
-    summary
-        Content of `summary.json`.
-    path
-        HTML file to write.
+    dataset, summary
+        The flight: contents of `flight.nc` and `summary.json`.
     overwrite
         Whether an existing file may be replaced.
 

@@ -81,15 +81,7 @@ class FigureFormat:
 
 
 class FlightSheet:
-    """A flight and the format of its figures.
-
-    Attributes
-    ----------
-    dataset
-        The flight.
-    figure_format
-        Width and title of the figures.
-    """
+    """A flight and the format of its figures."""
 
     def __init__(self, dataset: xr.Dataset, figure_format: FigureFormat) -> None:
         self.dataset, self.figure_format = dataset, figure_format
@@ -164,7 +156,7 @@ class FlightSheet:
         """Properties of an aircraft's line: colour, with markers in a small fleet, with dashes in a large one."""
         if self.has_few_aircraft:
             return marker_style(line_style.index) | {"linewidth": 1.5}
-        return {"color": line_style.color, "linestyle": line_style.dashes, "linewidth": line_style.width}
+        return line_style.properties
 
     def reference_properties(self) -> dict[str, Any]:
         """Properties of lines of planned or commanded values; beneath the aircraft's lines in a large fleet."""

@@ -14,6 +14,7 @@ from anser.report.labels import (
     axis_scale,
     clear_direction,
     escape_mathtext,
+    unit_vector,
 )
 from anser.report.style import INK, SMALL, LineStyle
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 _DOTTED = (0, (1, 1.2))
 _ASPECT_MIN, _ASPECT_MAX = 0.55, 1.0  # height of the map relative to its width
 _GOAL_SPEED_MAX_M_S = 1000.0  # a faster motion is a change of the goal
-_TINY = 1e-12
 _DEFAULT_WIDTH = 6.5  # inches; labels are relatively larger in a narrower figure
 
 
@@ -132,7 +132,7 @@ def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) 
     if sheet.has_line_names:
         for line_style in sheet.line_styles:
             start = _position(sheet, "", line_style, factor, 0)
-            direction = _unit(start - _position(sheet, "", line_style, factor, min(5, len(sheet.time) - 1)))
+            direction = unit_vector(start - _position(sheet, "", line_style, factor, min(5, len(sheet.time) - 1)))
             label_direction = clear_direction(start, direction, extent, occupied)
             annotate_position(
                 axes, sheet.label(line_style), (start[0], start[1]), label_direction, line_style.color, END_FONT_SIZE
@@ -149,7 +149,7 @@ def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) 
         goal_direction = goal_positions[name] - _position(sheet, "goal_", line_style, factor, 0)
         if np.hypot(*goal_direction) < factor:  # goal at rest: continue the aircraft's direction
             goal_direction = goal_positions[name] - _position(sheet, "", line_style, factor, 0)
-        label_direction = clear_direction(goal_positions[name], _unit(goal_direction), extent, occupied)
+        label_direction = clear_direction(goal_positions[name], unit_vector(goal_direction), extent, occupied)
         annotate_position(
             axes,
             escape_mathtext(name),
@@ -175,11 +175,6 @@ def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
 def _position(sheet: FlightSheet, prefix: str, line_style: LineStyle, factor: float, sample: int) -> np.ndarray:
     """East and north position of an aircraft, its goal or its rendezvous; sample -1 is the arrival."""
     return factor * np.array([sheet.until_arrival(f"{prefix}{axis}_m", line_style)[sample] for axis in _AXES])
-
-
-def _unit(vector: np.ndarray) -> tuple[float, float]:
-    east, north = vector / max(float(np.hypot(*vector)), _TINY)
-    return float(east), float(north)
 
 
 def _round_up(value: float) -> float:

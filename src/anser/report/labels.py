@@ -83,6 +83,11 @@ def display_unit(values: xr.DataArray) -> str:
     return printed_unit(str(values.attrs["units"]))
 
 
+def aircraft_title(dataset: xr.Dataset) -> str:
+    """Aircraft and, if given, variant of a survey."""
+    return " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
+
+
 def escape_mathtext(text: object) -> str:
     """Escape text from files, so that matplotlib does not read it as mathematics."""
     return str(text).replace("$", r"\$")
@@ -153,8 +158,6 @@ def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, 
     ----------
     axes
         Axes with a linear scale, limited to the data.
-    limits
-        Limits of the variable.
     data_range
         Least and greatest value of the data in the panel.
     """
@@ -208,6 +211,12 @@ def annotate_position(
         bbox={"facecolor": "white", "alpha": 0.6, "edgecolor": "none", "pad": 0.4},  # a halo would turn text into paths
         zorder=8,
     )
+
+
+def unit_vector(vector: np.ndarray) -> tuple[float, float]:
+    """Direction of a vector in the plane; (0, 0) for the zero vector."""
+    x, y = vector / max(float(np.hypot(*vector)), 1e-12)
+    return float(x), float(y)
 
 
 def clear_direction(
@@ -287,8 +296,6 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
     ----------
     axes
         Axes with final limits.
-    line_ends
-        Ends of the lines.
     height
         Approximate height of the panel, inches.
     """

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.labels import aircraft_title
+from anser.report.style import new_figure
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -35,11 +38,9 @@ def map_panels(
     -------
     figure, panels of shape (conditions, columns), colour bar axes of shape (columns,)
     """
-    from matplotlib.figure import Figure
-
     conditions = dataset["condition_meaning"].values
     row_count = len(conditions)
-    figure = Figure(figsize=(width, 1.6 + 2.0 * row_count), layout="constrained")
+    _, figure = new_figure((width, 1.6 + 2.0 * row_count))
     grid = figure.add_gridspec(row_count + 1, columns, height_ratios=[1.0] * row_count + [0.07])
     axes = np.empty((row_count, columns), dtype=object)
     for c, k in np.ndindex(row_count, columns):
@@ -52,8 +53,9 @@ def map_panels(
             panel.set_xlabel("Mach number")
     colorbar_axes = np.array([figure.add_subplot(grid[row_count, k]) for k in range(columns)])
     attributes = dataset.attrs
-    name = " ".join(str(attributes[key]) for key in ("aircraft", "variant") if key in attributes)
-    figure.suptitle("\n".join([f"{title}: {name}, {attributes['inversion']} inversion", *notes]), fontsize=10)
+    figure.suptitle(
+        "\n".join([f"{title}: {aircraft_title(dataset)}, {attributes['inversion']} inversion", *notes]), fontsize=10
+    )
     return figure, axes, colorbar_axes
 
 

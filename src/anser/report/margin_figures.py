@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.labels import aircraft_title
 from anser.report.map_panels import EMPTY_COLOR, draw_cells, draw_column, draw_marks, map_panels
 from anser.report.style import FIGURE_SUFFIXES, MAP_STYLE, color_of, new_figure, save_drawings, save_figure
 from anser.variables import surface_label
@@ -57,10 +58,9 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
                 phase.set_ylabel("phase of the loop (°)")
                 nyquist.set_ylabel("imaginary part")
         attributes = dataset.attrs
-        name = " ".join(str(attributes[key]) for key in ("aircraft", "variant") if key in attributes)
         figure.suptitle(
-            f"Loops broken one at a time: {name} at {attributes['speed_m_s']:g} m/s, {attributes['altitude_m']:g} m, "
-            f"{attributes['inversion']} inversion, sampled every {1000 * attributes['step_s']:g} ms\n"
+            f"Loops broken one at a time: {aircraft_title(dataset)} at {attributes['speed_m_s']:g} m/s, "
+            f"{attributes['altitude_m']:g} m, {attributes['inversion']} inversion, sampled every {1000 * attributes['step_s']:g} ms\n"
             f"Triangles: gain margins. Dots: phase margins. Shaded: closer to -1 than "
             f"{attributes['gain_min_db']:g} dB, or {attributes['phase_min_deg']:g}° at the unit circle",
             fontsize=10,
@@ -69,19 +69,12 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the margins over the envelope as SVG and PNG files: `actuators` and `loops`.
+    """Draw the margins over the envelope into SVG and PNG files `actuators` and `loops`; return the paths.
 
     Parameters
     ----------
     dataset
-        Result of `anser.analysis.margins.margin_map_dataset`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
+        Result of `anser.results.margin_map_dataset`.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)

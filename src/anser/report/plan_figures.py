@@ -18,6 +18,7 @@ from anser.report.labels import (
     clear_direction,
     display_unit,
     draw_limit_line,
+    unit_vector,
 )
 from anser.report.style import (
     DASHED,
@@ -44,7 +45,6 @@ _MARKERS_PER_PATH_MAX = 8
 _SAME_TIME_S = 5e-3
 _ONE_ROW_HANDLES_MAX = 5
 _LARGE_NAMES_MAX = 8  # a larger number of names gets a smaller font
-_TINY = 1e-12
 _MAP_WIDTH, _NAME_GAP, _LETTER_WIDTH = 430.0, 16.0, 0.6  # points, points, relative to the font size
 _SIDE_MARGIN_MAX = 0.22
 _TIME_LENGTH = 9
@@ -99,14 +99,7 @@ def _draw_path(axes: "Axes", dataset: xr.Dataset, line_style: LineStyle, fleet: 
     times = dataset["time"].values
     east, north = (_KM * dataset[name].values[:, line_style.index] for name in ("east_m", "north_m"))
     flown = np.flatnonzero(np.isfinite(east))
-    axes.plot(
-        east[flown],
-        north[flown],
-        color=line_style.color,
-        linestyle=line_style.dashes,
-        linewidth=line_style.width,
-        zorder=3,
-    )
+    axes.plot(east[flown], north[flown], **line_style.properties, zorder=3)
     marker_times = times[0] + marker_period(dataset) * np.arange(
         1, 1 + int((times[-1] - times[0]) / marker_period(dataset))
     )
@@ -119,8 +112,7 @@ def _draw_path(axes: "Axes", dataset: xr.Dataset, line_style: LineStyle, fleet: 
     axes.plot(east[end], north[end], "D", color=line_style.color, markersize=5.5, zorder=6, mec="white", mew=0.6)
     if fleet <= NAMES_MAX:
         # behind the start of the path
-        back = np.array([east[start] - east[flown[1]], north[start] - north[flown[1]]])
-        side, up = back / max(float(np.hypot(*back)), _TINY)
+        side = unit_vector(np.array([east[start] - east[flown[1]], north[start] - north[flown[1]]]))
         arrivals = dataset["arrival_time_s"].values
         label = (
             f"{line_style.label}, {arrivals[line_style.index]:.2f} s"
@@ -128,7 +120,7 @@ def _draw_path(axes: "Axes", dataset: xr.Dataset, line_style: LineStyle, fleet: 
             else line_style.label
         )
         annotate_position(
-            axes, label, (float(east[start]), float(north[start])), (side, up), line_style.color, _font_size(fleet)
+            axes, label, (float(east[start]), float(north[start])), side, line_style.color, _font_size(fleet)
         )
 
 
@@ -173,8 +165,7 @@ def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[fl
     extents = [float(np.ptp(dataset[f"goal_{axis}_m"].values[finite, k])) for axis in ("east", "north")]
     prefix = "goal_" if max(extents) > 1.0 else ""
     steps = [np.diff(dataset[f"{prefix}{axis}_m"].values[finite[-2:], k])[-1] for axis in ("east", "north")]
-    length = max(float(np.hypot(*steps)), _TINY)
-    return float(steps[0]) / length, float(steps[1]) / length
+    return unit_vector(np.array(steps))
 
 
 def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
@@ -362,14 +353,7 @@ def _format_log_axis(axes: "Axes", values: np.ndarray) -> None:
 def _draw_lines(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle], name: str) -> None:
     times, values = dataset["time"].values, dataset[name].values
     for line_style in line_styles:
-        axes.plot(
-            times,
-            values[:, line_style.index],
-            color=line_style.color,
-            linestyle=line_style.dashes,
-            linewidth=line_style.width,
-            zorder=3,
-        )
+        axes.plot(times, values[:, line_style.index], **line_style.properties, zorder=3)
         end = np.flatnonzero(np.isfinite(values[:, line_style.index]))[-1]
         axes.plot(
             times[end],
@@ -409,19 +393,12 @@ _STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}
 
 
 def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a plan into `plan.svg` and `plan.png`.
+    """Draw a plan into `plan.svg` and `plan.png`; return the paths.
 
     Parameters
     ----------
     dataset
         Result of `anser.results.plan_record`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     return save_drawings({"plan": _plan}, dataset, _STYLE, folder)
 

@@ -98,7 +98,7 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
     datasets
         Flights of one aircraft from one trim point.
     paths
-        As for `draw_step`.
+        New files, with suffixes of `FIGURE_SUFFIXES`.
     """
     row_count = -(-len(datasets) // 4)
     mpl, figure = new_figure((7.6, 0.7 + 1.75 * row_count))

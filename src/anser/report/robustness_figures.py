@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from anser.report.style import MAP_STYLE, save_drawings
+from anser.report.style import MAP_STYLE, new_figure, save_drawings
 from anser.results.robustness_statistics import FirstBreak, first_breaks, flights_in_part, success
 
 if TYPE_CHECKING:
@@ -34,19 +34,12 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 
 
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a study as SVG and PNG files: `success`, `errors`, and for a sweep also `spread` and `alone`.
+    """Draw a study into SVG and PNG files `success`, `errors`, for a sweep `spread` and `alone`; return the paths.
 
     Parameters
     ----------
     dataset
         Result of `anser.analysis.robustness`; only the parts that were simulated are drawn.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     drawings = {
         "success": ("dispersed", _success_by_condition),
@@ -59,9 +52,7 @@ def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _figure(dataset: xr.Dataset, title: str, size: tuple[float, float]) -> "Figure":
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
+    _, figure = new_figure(size)
     attributes = dataset.attrs
     figure.suptitle(
         f"{title}\n{attributes['aircraft']} {attributes['variant']}, command {attributes['command']}", fontsize=10

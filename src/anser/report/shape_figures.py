@@ -30,7 +30,7 @@ _FAMILIES = {
 
 
 def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
-    """Draw a family of paths into files `shape-FAMILY`, in each format of `FIGURE_SUFFIXES`.
+    """Draw a family of paths into files `shape-FAMILY`, in each format of `FIGURE_SUFFIXES`; return the paths.
 
     Parameters
     ----------
@@ -38,13 +38,6 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
         Result of `anser.verification.polynomial_paths`.
     family
         `b4` or `c4`.
-    folder
-        Output folder.
-
-    Returns
-    -------
-    tuple of Path
-        The files written.
     """
     parameter, ordinate, angle, heading = _FAMILIES[family]
 

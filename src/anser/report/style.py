@@ -188,6 +188,11 @@ class LineStyle:
     dashes: Any
     width: float
 
+    @property
+    def properties(self) -> dict[str, Any]:
+        """Line properties for matplotlib."""
+        return {"color": self.color, "linestyle": self.dashes, "linewidth": self.width}
+
 
 def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
     """Line styles of the aircraft with a finite initial position."""

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from anser.spatial.wgs84 import recorded_geodetic_from_flat
 
 _POSITION_VARIABLES = tuple(
-    f"{place}{axis}_m" for place in ("goal_", "rendezvous_") for axis in ("north", "east", "altitude")
+    f"{prefix}{axis}_m" for prefix in ("goal_", "rendezvous_") for axis in ("north", "east", "altitude")
 )
 _QUATERNION = tuple(f"quaternion_{k}" for k in range(4))
 NEEDED_VARIABLES = (

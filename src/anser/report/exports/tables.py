@@ -125,11 +125,9 @@ def write_campaign_tables(
     Parameters
     ----------
     dataset
-        Result of `anser.campaigns.store.CampaignStore.dataset`.
+        Result of `anser.campaigns.CampaignStore.dataset`.
     estimates, influences
         Results of their methods `as_dict`.
-    folder
-        Output folder.
 
     Raises
     ------
