@@ -60,7 +60,8 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
         attributes = dataset.attrs
         figure.suptitle(
             f"Loops broken one at a time: {aircraft_title(dataset)} at {attributes['speed_m_s']:g} m/s, "
-            f"{attributes['altitude_m']:g} m, {attributes['inversion']} inversion, sampled every {1000 * attributes['step_s']:g} ms\n"
+            f"{attributes['altitude_m']:g} m, {attributes['inversion']} inversion, "
+            f"sampled every {1000 * attributes['step_s']:g} ms\n"
             f"Triangles: gain margins. Dots: phase margins. Shaded: closer to -1 than "
             f"{attributes['gain_min_db']:g} dB, or {attributes['phase_min_deg']:g}° at the unit circle",
             fontsize=10,
