@@ -229,7 +229,7 @@ class CertifiedPlan(eqx.Module):
     speeds: Float[Array, " aircraft"]
 
     def leading(self, count: int) -> "CertifiedPlan":
-        """Plan of the first `count` aircraft; concrete arrays."""
+        """Plan of the first `count` aircraft; for arrays outside a traced function."""
         plan = first_rows(self, count)
         return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, plan.certificate.clearance_ratio[:, :count])
 

@@ -57,7 +57,7 @@ _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """The direct path of one word.
+    """The direct path of one Dubins word: a turn, a straight line, a turn.
 
     Attributes
     ----------

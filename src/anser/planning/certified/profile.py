@@ -171,7 +171,7 @@ def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
 
 
 def _fading_integral(duration: ScalarLike) -> Scalar:
-    """Integral of the first acceleration's unit share of the airspeed, s^2."""
+    """Integral over time of the change of airspeed per unit initial acceleration, s^2."""
     return jnp.square(jnp.minimum(_FADE_S, 0.5 * duration)) / 20.0
 
 

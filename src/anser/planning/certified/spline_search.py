@@ -134,7 +134,7 @@ def make_guesses(count: int, seed: int = 0) -> Guess:
 
 @functools.cache
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
-    """Matrix from target coefficients to smooth ones, by least squares with the jumps; fixes three at either end."""
+    """Smoothing matrix for spline coefficients: least squares with penalised jumps; three at either end stay fixed."""
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
     weight = np.concatenate([np.full(3, 1e9), np.ones(count - 6), np.full(3, 1e9)])

@@ -252,7 +252,7 @@ class SplineStart(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of least squares: half the sum of squares, gradient, and product of the Jacobian with itself."""
+    """Normal equations of least squares: half the sum of squares, gradient, and Gauss-Newton matrix."""
 
     cost: Scalar
     gradient: Float[Array, "groups n"]
@@ -374,7 +374,7 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Sum of the intervals' forms of four coefficients, without the first three coefficients, in groups of four."""
+    """Sum of the intervals' quadratic forms, in groups of four coefficients, without the first three coefficients."""
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.
@@ -389,7 +389,7 @@ def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiago
 
 
 def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) -> BlockTridiagonal:
-    """Transform a form of the coefficients into a form of the unknowns."""
+    """Transform a quadratic form of the coefficients into a quadratic form of the unknowns."""
     diagonal = form.diagonal.at[-1].set(end_jacobian.T @ form.diagonal[-1] @ end_jacobian)
     return BlockTridiagonal(diagonal, form.subdiagonal.at[-1].set(end_jacobian.T @ form.subdiagonal[-1]))
 
@@ -401,7 +401,7 @@ def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
 
 
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
-    """Square of the size of a step of the unknowns, as a form; 1 for unknowns without effect.
+    """Quadratic form for the size of a step of the unknowns; unknowns without effect get a diagonal of 1.
 
     The size weighs changes of position, velocity and acceleration by their effect on the flight.
     """
