@@ -74,17 +74,12 @@ def check_shots(definition: Definition, evaluator: Evaluator) -> list[CheckResul
     for input_ids, shot_indices in shots_by_inputs.items():
         shots = [definition.shots[k] for k in shot_indices]
         output_ids = tuple(dict.fromkeys(s.id for shot in shots for s in (*shot.internal, *shot.outputs)))
-        input_values = np.array(
-            [[_to_variable_units(definition, s)[0] for s in shot.inputs] for shot in shots], dtype=float
-        )
-        output_values = _evaluate_rows(
-            evaluator, as_array(input_values.reshape(len(shots), len(input_ids))), input_ids, output_ids
-        )
+        numbers = [[_to_variable_units(definition, s)[0] for s in shot.inputs] for shot in shots]
+        input_values = as_array(np.array(numbers, dtype=float).reshape(len(shots), len(input_ids)))
+        output_values = _evaluate_rows(evaluator, input_values, input_ids, output_ids)
         columns = {name: np.asarray(column) for name, column in output_values.items()}
-        computed |= {
-            k: {name: float(column[shot_in_group]) for name, column in columns.items()}
-            for shot_in_group, k in enumerate(shot_indices)
-        }
+        for index, k in enumerate(shot_indices):
+            computed[k] = {name: float(column[index]) for name, column in columns.items()}
     return [
         result for k, shot in enumerate(definition.shots) for result in _compare_shot(definition, shot, computed[k])
     ]
@@ -112,18 +107,8 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
             expected, factor = _to_variable_units(definition, signal)
             default = INTERNAL_TOLERANCE * max(1.0, abs(expected))
             tolerance = default if signal.tolerance is None else signal.tolerance * factor
-            results.append(
-                CheckResult(
-                    shot=shot.name,
-                    id=signal.id,
-                    name=variable.name,
-                    units=variable.units,
-                    kind=kind,
-                    expected=expected,
-                    computed=computed[signal.id],
-                    tolerance=tolerance,
-                )
-            )
+            identity = (shot.name, signal.id, variable.name, variable.units, kind)
+            results.append(CheckResult(*identity, expected, computed[signal.id], tolerance))
     return results
 
 
