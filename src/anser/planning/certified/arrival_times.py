@@ -62,19 +62,12 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     """Search for an arrival time earlier than a feasible one.
 
     The generator yields a time (s) and receives whether that time is feasible. The search goes upwards in steps of an
-    eighth, because feasible times may have gaps, then by bisection between the last infeasible and the first feasible
-    time, down to a ratio of `RESOLUTION`.
-
-    Parameters
-    ----------
-    admissible
-        Rising times that meet the necessary conditions, s.
-    latest_time
-        A feasible time, s.
+    eighth over the rising times that meet the necessary conditions, because feasible times may have gaps, then by
+    bisection between the last infeasible and the first feasible time, down to a ratio of `RESOLUTION`.
 
     Returns
     -------
-    Earliest feasible time, s.
+    Earliest feasible time, s: at most the feasible `latest_time`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time

@@ -97,15 +97,7 @@ _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
 class Routes(NamedTuple):
-    """Turns and legs of candidates; together with a profile they define a path.
-
-    Attributes
-    ----------
-    endpoints, turns_and_legs
-        Start and end conditions, and the turns and legs between them.
-    profile
-        Index of the profile.
-    """
+    """Turns and legs of candidates between their endpoints, and the index of the profile that completes each path."""
 
     endpoints: PathEndpoints
     turns_and_legs: TurnsAndLegs

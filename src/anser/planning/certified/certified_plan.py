@@ -39,15 +39,7 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """One candidate per aircraft.
-
-    Attributes
-    ----------
-    chosen
-        Index of the chosen candidate.
-    valid
-        Whether the chosen candidate is within its aircraft's limits.
-    """
+    """Index of each aircraft's chosen candidate, and whether that candidate is within the aircraft's limits."""
 
     chosen: Int[Array, " aircraft"]
     valid: Bool[Array, " aircraft"]
@@ -242,14 +234,7 @@ class CertifiedPlan(eqx.Module):
 class FixedPaths(eqx.Module):
     """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft.
 
-    Attributes
-    ----------
-    selected
-        Aircraft with a fixed path.
-    paths
-        Fixed paths; arbitrary for the other aircraft.
-    arrival_times
-        Arrival times at the rendezvous, s.
+    `selected` marks the aircraft with a fixed path; the paths and arrival times (s) of the others are arbitrary.
     """
 
     selected: Bool[Array, " aircraft"]

@@ -182,8 +182,6 @@ def fleet_clearance_ratio(
         Function from aircraft indices to stacked paths.
     neighbours
         Mask of the aircraft to compare with; the ratio is infinite elsewhere.
-    separation
-        Required distances.
 
     Returns
     -------
@@ -297,18 +295,8 @@ def route_track(
 ) -> tuple[Track, Flag]:
     """Track of a candidate with a route at the sample times (s), and whether its limits are satisfied there.
 
-    Limits of altitude, airspeed and climb belong to the profile and are not checked again.
-
-    Parameters
-    ----------
-    endpoints, turns_and_legs
-        Start and end conditions of the route, and its turns and legs.
-    speed
-        Mean airspeed, m/s.
-    table, samples, times
-        Tabulated profile, its samples, and the times of the fleet's clock, s.
-    limits, gravity, active
-        Flight limits; gravity, m/s^2; 0 for an ignored aircraft.
+    `speed` is the mean airspeed, m/s; `active` is 0 for an ignored aircraft. Limits of altitude, airspeed and climb
+    belong to the profile and are not checked again.
     """
     horizontal = route(endpoints, turns_and_legs)
     scale = horizontal.length / jnp.maximum(table.length, 1.0)
@@ -334,14 +322,8 @@ def path_track(
 ) -> Track:
     """Track of a delivered path at equally spaced times (s), with a rigorous acceleration bound in each interval.
 
-    Parameters
-    ----------
-    accelerations
-        Bound of the acceleration in each cell of the path, m/s^2.
-    active
-        0 for an ignored aircraft.
-    from_time
-        Start of the included part, s; the time before the path's start is never included.
+    `accelerations` bounds the acceleration in each cell of the path, m/s^2; `active` is 0 for an ignored aircraft. The
+    time before `from_time` (s) and before the path's start is not included.
     """
     step = times[1] - times[0]
     positions = jax.vmap(path.position_n)(times)

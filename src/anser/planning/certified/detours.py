@@ -173,12 +173,8 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 class Detour(eqx.Module):
     """Shape of a detour; arrays, so that a batch of detours is one computation.
 
-    Attributes
-    ----------
-    headings, first_parts, second_parts, fixed_parts
-        Values of the legs, see `HEADINGS`, `FIRST_PARTS`, `SECOND_PARTS`, `FIXED_PARTS`; positive headings: right side.
-    angle_max
-        Greatest angle of the search, rad.
+    Values of the legs as in `HEADINGS`, `FIRST_PARTS`, `SECOND_PARTS`, `FIXED_PARTS` (positive headings: right side),
+    and the greatest angle of the search, rad.
     """
 
     headings: Float[Array, "3"]
@@ -337,14 +333,7 @@ def widen_detour(
 ) -> TurnsAndLegs:
     """A detour of a target length (m) with turns as wide as the legs allow; `tight` if wider turns do not fit.
 
-    Parameters
-    ----------
-    endpoints, detour
-        Start and end conditions, and shape of the detour.
-    wide
-        Direct path with turns of all widths, see `widen_directs`.
-    tight
-        The same detour with the tightest turns.
+    `wide` is the direct path with turns of all widths, see `widen_directs`; `tight` the detour with the tightest turns.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))

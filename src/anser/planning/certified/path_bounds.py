@@ -157,16 +157,8 @@ def _bank_and_load(
     across, A / L, and of the lift, D / (V L), A = v x a and D = L^2 up - climb (v . a). A ratio of two polynomials in
     Bernstein form is a weighted mean of the coefficients' ratios if the denominator's coefficients are positive.
 
-    Parameters
-    ----------
-    velocity, acceleration
-        Coefficients of the velocity through the air and of the acceleration over the ground.
-    squares
-        V^2 and L^2.
-    error
-        Error bound of the velocity, m/s.
-    gravity
-        Gravity, m/s^2.
+    The arguments are Bernstein coefficients of the velocity through the air, of the acceleration over the ground, and
+    of V^2 and L^2; `error` is the error bound of the velocity, m/s.
     """
     square, level_square = squares
     north, east, down = (velocity[:, k] for k in range(3))

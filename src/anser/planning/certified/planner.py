@@ -153,18 +153,8 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
         """A first plan with its holds; without a plan, the holds of the closest attempt, if any.
 
-        Parameters
-        ----------
-        time
-            Current time, s.
-        tasks
-            Tasks from `aircraft_tasks`.
-        request
-            Arrival rule of the fleet.
-        end_time
-            End of the flight, s: the holds keep the separation up to this time.
-        on_progress
-            Callback for progress messages.
+        The search starts at a time (s), with tasks from `aircraft_tasks`; the holds keep the separation up to the end
+        of the flight, `end_time` (s). `on_progress` receives progress messages.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
 
@@ -190,7 +180,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def prepare_programs(self, tasks: AircraftTask, longest: float, end_time: float) -> Iterator[PreparedProgram]:
-        """Prepare, one at a time, the programs needed by a search from time 0.
+        """Prepare, one at a time, the programs needed by a search from time 0 to `end_time` (s).
 
         Parameters
         ----------
@@ -199,8 +189,6 @@ class CertifiedPlanner(AbstractPlanner):
         longest
             Rough flight time of the last aircraft, s: if this leaves the size of the paths open, no program is
             prepared.
-        end_time
-            End of the flight, s.
 
         Yields
         ------

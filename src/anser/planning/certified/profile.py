@@ -218,22 +218,10 @@ def make_profile(
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Profile between two altitudes (m) and vertical speeds over the ground (m/s).
+    """Profile between two altitudes (m) and vertical speeds over the ground (m/s), with a detour in altitude (m).
 
-    Parameters
-    ----------
-    duration
-        Duration, s.
-    altitudes, climbs
-        Initial and final values, m and m/s.
-    climb_dot_0, speed_dot_0
-        Initial accelerations, m/s^2.
-    detour
-        Detour in altitude, m.
-    speeds
-        Initial, middle and final airspeed, m/s.
-    rates
-        Greatest rates of gain and loss of airspeed, m/s^2.
+    `speeds` are the initial, middle and final airspeed, m/s; `rates` the greatest rates of gain and loss of airspeed,
+    and `climb_dot_0` and `speed_dot_0` the initial accelerations, m/s^2.
     """
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)

@@ -54,14 +54,11 @@ def correct_path(
 ) -> TimedPath:
     """The same path, corrected smoothly from a knot on to end at the expected rendezvous; C2 everywhere.
 
-    The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly.
+    The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly. The task has
+    the currently measured goal; `time` (s) is on the path's clock.
 
     Parameters
     ----------
-    path, task
-        Current path, and the task with the currently measured goal.
-    time
-        Current time on the path's clock, s.
     to_go
         Time to the end of the path, s; None: by the path's clock.
     lead
@@ -97,16 +94,12 @@ def rendezvous_has_moved(
     """Whether the distance of a rendezvous from the end of a path exceeds the uncertainty of its goal.
 
     The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations of the goal's position at the arrival, along the
-    offset.
+    offset. The task has the currently measured goal; `to_go` is the time to the arrival, s.
 
     Parameters
     ----------
-    path, task
-        Current path, and the task with the currently measured goal.
     covariance
         Covariance of the goal's current position and velocity, NED, m and m/s; extrapolated at steady velocity.
-    to_go
-        Time to the arrival, s.
     """
     offset = rendezvous_offset_n(path, task, to_go)
     weights = jnp.concatenate([offset, to_go * offset])
@@ -186,15 +179,9 @@ def replan_certified(
 
     Parameters
     ----------
-    plan
-        Current plan.
-    time
-        Current time, s.
     tasks
         The fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
         its last path and arrival time; the other aircraft neither avoid it nor wait for it.
-    airspace
-        Shared environment.
     arrival_is_free
         Whether the arrival times may be postponed, see `arrival_delays`.
     freeze
@@ -349,20 +336,7 @@ def exit_path(
     """Exit path from the planned position at a time to another time (s), with as many knots as the planned path.
 
     Velocity and acceleration continue without a jump; the aircraft levels off, turns by an angle (rad, right positive)
-    at a bank of at most 40 deg, and keeps its level airspeed.
-
-    Parameters
-    ----------
-    path
-        Current path.
-    start_time, end_time
-        Start and end time, s.
-    turn
-        Turn from the current course through the air, rad.
-    wind
-        Wind of the plan.
-    gravity
-        Gravity, m/s^2.
+    from its current course through the air at a bank of at most 40 deg, and keeps its level airspeed.
     """
     air, drift = path.states_n(start_time)
     position_n, velocity_n, acceleration_n = air[0] + drift[0], air[1], air[2]

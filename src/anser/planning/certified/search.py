@@ -184,15 +184,7 @@ def later_stage(fleet: FleetTask) -> Stage:
 
 @dataclass(frozen=True)
 class _Delays:
-    """Rising arrival times of aircraft that are delayed together: the whole fleet, or one aircraft with a window.
-
-    Attributes
-    ----------
-    indices
-        Indices of the aircraft.
-    times
-        Arrival times, s.
-    """
+    """Rising arrival times (s) of aircraft with a common delay: the whole fleet, or one aircraft with a window."""
 
     indices: Int[np.ndarray, " rows"]
     times: Float[np.ndarray, "n rows"]
@@ -537,10 +529,6 @@ def search(
     ----------
     start_time
         Current time, s.
-    tasks, airspace
-        Planning problem.
-    request
-        Arrival rule.
     on_progress
         Callback for progress messages.
     thorough

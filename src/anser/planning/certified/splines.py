@@ -29,15 +29,7 @@ Coefficients = Float[Array, "coefficients 3"]
 
 
 class Spline(eqx.Module):
-    """Position of one aircraft over time.
-
-    Attributes
-    ----------
-    duration
-        Duration, s.
-    coefficients
-        Coefficients of uniform cubic B-splines, number of intervals + 3; NED, m.
-    """
+    """Position of one aircraft over a duration (s): a uniform cubic B-spline, intervals + 3 coefficients, NED, m."""
 
     duration: Scalar
     coefficients: Coefficients
@@ -212,16 +204,7 @@ class SplineProblem(NamedTuple):
 class TightenedLimits(NamedTuple):
     """Limits narrower than the aircraft's own, as a margin between the sample points.
 
-    Attributes
-    ----------
-    speed_min, speed_max
-        Airspeed, m/s.
-    bank
-        Tangent of the bank angle.
-    load_factor, climb_rate
-        Load factor, 1; climb rate, m/s.
-    acceleration, deceleration
-        Along the path, m/s^2.
+    Airspeeds (m/s), tangent of the bank angle, load factor, climb rate (m/s), accelerations along the path (m/s^2).
     """
 
     speed_min: Scalar

@@ -74,12 +74,7 @@ def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
 class KeepOuts(eqx.Module):
     """Forbidden upright cylinders, at rest or at a steady velocity; stacked, possibly empty.
 
-    Attributes
-    ----------
-    position_n, velocity_n
-        Axis at time 0, north and east, m and m/s.
-    radius, bottom, top
-        Radius and altitudes, m.
+    Axis at time 0 (north and east, m) and its velocity (m/s), radius (m), altitudes of bottom and top (m).
     """
 
     position_n: Float[Array, "volumes 2"]
@@ -95,17 +90,7 @@ def no_keep_outs() -> KeepOuts:
 
 
 class Airspace(eqx.Module):
-    """Shared environment of a fleet.
-
-    Attributes
-    ----------
-    wind
-        Steady or layered wind.
-    gravity
-        Gravity, m/s^2.
-    separation, keep_outs
-        Required distances between aircraft, and forbidden volumes.
-    """
+    """Shared environment of a fleet: steady or layered wind, gravity (m/s^2), required distances, forbidden volumes."""
 
     wind: AbstractWind
     gravity: Scalar

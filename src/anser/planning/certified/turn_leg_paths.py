@@ -55,14 +55,9 @@ def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar
 
 
 class RadiusSchedule(eqx.Module):
-    """Least turn radius as a function of path length.
+    """Least turn radius as a function of path length, tabulated in steps of `step` (m).
 
-    Attributes
-    ----------
-    step
-        Path length between two values, m.
-    scales
-        Least radius, in units of the radius allowed everywhere on the path; see `turn_limits`.
+    `scales` is the radius in units of the radius allowed everywhere on the path; see `turn_limits`.
     """
 
     step: Scalar
@@ -335,10 +330,6 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
 
     Parameters
     ----------
-    problem
-        Constraints of the paths.
-    starts
-        Initial values, stacked.
     max_paths
         Number of searches continued after the first few steps, the smallest residuals first; None: every search.
 
