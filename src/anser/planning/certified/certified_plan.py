@@ -61,7 +61,7 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
     ) -> Float[Array, " k"]:
         """Lack of separation of an aircraft's candidates from the neighbours' chosen candidates, as a sum of ratios."""
 
-        def tracks_of(indices: Int[Array, " some"]) -> Track:
+        def tracks_of(indices: Int[Array, " selected"]) -> Track:
             return jax.tree.map(lambda leaf: leaf[indices, chosen[indices]], candidates.tracks)
 
         def lack(k: Count) -> Scalar:
@@ -284,7 +284,7 @@ def certify(
     )
 
     def ratios_of(aircraft: Count) -> Float[Array, " aircraft"]:
-        def tracks_of(indices: Int[Array, " some"]) -> Track:
+        def tracks_of(indices: Int[Array, " selected"]) -> Track:
             return jax.tree.map(lambda leaf: leaf[indices], tracks)
 
         track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft], (tracks, cylinders))

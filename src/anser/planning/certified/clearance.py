@@ -166,7 +166,7 @@ def fleet_clearance_ratio(
     track: Track,
     cylinders: BoundingCylinders,
     fleet: BoundingCylinders,
-    tracks_of: Callable[[Int[Array, " some"]], Track],
+    tracks_of: Callable[[Int[Array, " selected"]], Track],
     neighbours: Bool[Array, " aircraft"],
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
@@ -189,7 +189,7 @@ def fleet_clearance_ratio(
     """
     count = neighbours.shape[0]
 
-    def exact(indices: Int[Array, " some"]) -> Float[Array, " some"]:
+    def exact(indices: Int[Array, " selected"]) -> Float[Array, " selected"]:
         return pair_clearance_ratio(jax.tree.map(lambda leaf: leaf[None], track), tracks_of(indices), separation)
 
     if count <= EXACT_PAIRS:

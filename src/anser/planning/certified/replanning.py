@@ -126,7 +126,7 @@ def arrival_delays(
     arrival_is_free: Flag,
     latest_arrival: ScalarLike,
     parts: tuple[float, ...] = DELAY_FRACTIONS,
-) -> tuple[Float[Array, " tries"], Count]:
+) -> tuple[Float[Array, " delays"], Count]:
     """Delays to try for a fleet's arrivals, and the number of allowed delays.
 
     The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.

@@ -186,8 +186,8 @@ def later_stage(fleet: FleetTask) -> Stage:
 class _Delays:
     """Rising arrival times (s) of aircraft with a common delay: the whole fleet, or one aircraft with a window."""
 
-    indices: Int[np.ndarray, " rows"]
-    times: Float[np.ndarray, "n rows"]
+    indices: Int[np.ndarray, " group"]
+    times: Float[np.ndarray, "n group"]
 
     def truncated(self, index: int | None) -> "_Delays":
         """Times before an index (None: every time); empty if the index is at most one step after the first time."""
@@ -196,7 +196,7 @@ class _Delays:
 
 
 def _delays(
-    fleet: FleetTask, indices: Int[np.ndarray, " rows"], first_times: ArrivalTimes, delay_min: float, delay_max: float
+    fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _Delays:
     """Admissible times between two multiples of the first times."""
     windows, offsets = fleet.request.windows_s, fleet.offsets

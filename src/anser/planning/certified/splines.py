@@ -45,7 +45,7 @@ class Spline(eqx.Module):
         return self.duration / self.cells
 
 
-def basis_values(fractions: Float[np.ndarray, " places"] | Float[Array, " places"]) -> Any:
+def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
     """The four basis splines of an interval, with slopes and second derivatives, at fractions of the interval.
 
     Shape (order, fraction, spline); derivatives by the fraction; NumPy or JAX arrays as in the argument.
@@ -63,7 +63,7 @@ def coefficient_windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]
     return jnp.stack([coefficients[k : k + cells] for k in range(4)], axis=1)
 
 
-def spline_states(spline: Spline, fractions: Float[np.ndarray, " places"]) -> Float[Array, "cells places 3 3"]:
+def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) -> Float[Array, "cells fractions 3 3"]:
     """Position, velocity and acceleration (order, axis) at fractions (0 to 1) of each interval."""
     scale = jnp.stack([spline.cell**-order for order in range(3)])
     return jnp.einsum(
@@ -115,7 +115,7 @@ def wind_along(
 
 def _crossings(
     spline: Spline, edges: Float[Array, " layers"], intervals: int, max_count: int
-) -> tuple[Float[Array, " most"], Float[Array, " most"]]:
+) -> tuple[Float[Array, " crossings"], Float[Array, " crossings"]]:
     """Times of crossing altitudes (m), s, and directions (up 1, down -1); padded with the last time and 0.
 
     Crossings are detected between grid points on different sides; at most `max_count`.
@@ -329,7 +329,7 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[
 
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
-) -> Float[Array, " rows"]:
+) -> Float[Array, " violations"]:
     """Violations of limits and keep-outs at one sample point, in a state over the ground (order, axis)."""
     violations = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
