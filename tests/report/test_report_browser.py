@@ -20,7 +20,7 @@ def test_the_page_reads_the_recorded_values(browser, flight, path):
     for name, k, time_s in (("course_deg", 1, 33.35), ("north_m", 2, 100.0), ("thrust_command_n", 0, 0.0)):
         read = browser.run(f"anser.runs[0].at('{name}', {k}, {time_s})")
         expected = float(dataset[name].isel(aircraft=k).sel(time=time_s, method="nearest"))
-        # half the step that `packing` keeps of a quantity of this range
+        # half the quantization step of a variable of this range
         assert read == pytest.approx(expected, abs=0.0051)
     # the plan and its errors end with the hold: a gap
     assert browser.run("Number.isNaN(anser.runs[0].at('position_error_m', 0, 120))") is True

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.compression import pack, quantization_step
 from anser.report.derived_variables import (
     DERIVED_VARIABLES,
     LIMITED_COMMANDS,
@@ -18,7 +19,6 @@ from anser.report.derived_variables import (
     find_events,
 )
 from anser.report.labels import html_label
-from anser.report.packing import pack, quantization_step
 from anser.report.page_templates import render
 from anser.results.dataset import surface_names
 from anser.variables import CATALOGUE

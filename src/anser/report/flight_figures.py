@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import xarray as xr
 
 from anser.report.derived_variables import has_certified_paths
+from anser.report.estimation_figures import draw_knowledge, draw_network
 from anser.report.flight_histories import (
     GOAL_VELOCITIES,
     Curve,
@@ -22,7 +23,6 @@ from anser.report.flight_histories import (
     draw_time_histories,
     has_changing_goals,
 )
-from anser.report.flight_knowledge import draw_knowledge, draw_network
 from anser.report.flight_sheet import FigureFormat, FlightSheet
 from anser.report.flight_tracks import draw_tracks
 from anser.report.style import FIGURE_SUFFIXES, PRINT_STYLE, draw_for_print, save_drawings

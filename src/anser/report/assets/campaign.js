@@ -89,7 +89,7 @@ class Converging extends Chart {
 
   described() {
     const { n, value, low, high } = this.lines, thin = { stroke: Theme.ink("band"), width: 1, points: { show: false } };
-    // a band is drawn between two numbers: where the interval has no end, to the edge
+    // a band needs two numbers: an open interval extends to the edge of the plot
     const known = value.filter((_, k) => k >= n.length / 20), range = reach([...known, ...low.slice(-60), ...high.slice(-60)]);
     const filled = (ends, edge) => ends.map((end, k) => end ?? (value[k] === null ? null : edge)), beyond = range[1] - range[0];
     const lows = filled(low, range[0] - beyond), highs = filled(high, range[1] + beyond);

@@ -67,7 +67,7 @@ function inflate(bytes, size) {
     last = bits(1);
     const kind = bits(2);
     if (kind === 0) {
-      at -= count >> 3; // whole bytes read ahead go back
+      at -= count >> 3; // return whole bytes that were read ahead
       held = count = 0;
       const long = bytes[at] | (bytes[at + 1] << 8);
       out.set(bytes.subarray(at + 4, at + 4 + long), end);

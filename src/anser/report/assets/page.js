@@ -167,7 +167,7 @@ function buildKeys(runs, state) {
   const color = (name) => `var(--${runs.flatMap((run) => run.aircraft).find((one) => one.name === name).hue})`;
   const entry = (name) => {
     const button = element("button", name === state.focus ? "chosen" : ""), swatch = element("span", "swatch");
-    swatch.style.background = color(name); // of the style sheet: it follows light and dark by itself
+    swatch.style.background = color(name); // a CSS variable: follows the light or dark scheme
     button.type = "button";
     button.append(swatch, name);
     button.addEventListener("click", () => state.setFocus(name));

@@ -1,7 +1,7 @@
 /* Plots over time that share one instant, drawn when they come into sight. */
 "use strict";
 
-const FEW = 4; // so many aircraft are all drawn in their colours, with their commands
+const FEW = 4; // a fleet up to this size is drawn in colours, with the commands
 const PLOT_TALL = 204, PRINTED_TALL = 168, TURN_STEPS = [1, 2, 5, 10, 15, 30, 45, 90, 120, 180, 360, 720, 1080, 1440, 1800, 3600];
 
 /** Values as uPlot takes them: null where there is none. */
@@ -33,7 +33,7 @@ class Plot {
     const head = element("figcaption");
     this.title = element("span", "title", label.words);
     const symbol = element("span", "symbol"), axis = element("span", "axis-title");
-    symbol.innerHTML = label.symbol; // escaped where it was made
+    symbol.innerHTML = label.symbol; // escaped by the report
     axis.append(symbol, label.unit ? ` (${label.unit})` : "");
     this.swatch = element("span", "swatch");
     this.readout = element("output", "readout");
@@ -67,7 +67,7 @@ class Plot {
     const all = this.run.aircraft.length <= FEW;
     let [low, high] = ends(this.responses);
     const [least, most] = ends((this.commands || []).filter((_, k) => all || k === focus));
-    // a command may lie far beyond what can be done: the response must stay legible
+    // a command may be far beyond the response, which must stay legible
     const reach = high - low > 1e-9 ? high - low : Infinity;
     low = Math.min(low, Math.max(least, low - reach));
     high = Math.max(high, Math.min(most, high + reach));
@@ -153,7 +153,7 @@ class Plot {
     ctx.lineWidth = Math.max(1, Math.round(ratio));
     ctx.strokeStyle = Theme.ink("limit");
     for (const limit of this.panel.limits) {
-      const y = Math.round(u.valToPos(limit, "y", true)) + (ctx.lineWidth % 2) / 2; // on whole pixels: sharp
+      const y = Math.round(u.valToPos(limit, "y", true)) + (ctx.lineWidth % 2) / 2; // on whole pixels, for sharp lines
       ctx.beginPath();
       ctx.moveTo(bbox.left, y);
       ctx.lineTo(bbox.left + bbox.width, y);

@@ -1,7 +1,7 @@
 /* The flight in three dimensions: drawn only when something changed. */
 "use strict";
 
-const NAMED = 6; // so many aircraft, or goals, all have their names in the scene
+const NAMED = 6; // up to this number, aircraft and goals have their names in the scene
 
 class FlightScene {
   constructor(run, state, frame, options, lift) {
@@ -92,7 +92,7 @@ class FlightScene {
     this.eye.resize(width, height);
     if (!this.placed || (!this.eye.touched && !this.eye.chasing)) this.look(this.eye.mode);
     else this.update();
-    this.draw(); // now: a canvas of a new size is empty, and the next frame comes after the page is painted
+    this.draw(); // draw immediately: a resized canvas is empty, and the next frame comes after the page is painted
   }
 
   setLift(lift) {

@@ -1,7 +1,7 @@
 /* From where a scene is seen: in perspective, or from above without any, as a map is. */
 "use strict";
 
-const CHASE_KM = 1.1, ROTATE = 0, PAN = 2, TOUCH_ROTATE = 0, TOUCH_PAN = 1; // the last four as OrbitControls number them
+const CHASE_KM = 1.1, ROTATE = 0, PAN = 2, TOUCH_ROTATE = 0, TOUCH_PAN = 1; // the last four are the codes of OrbitControls
 
 class Eye {
   constructor(canvas, frame) {
@@ -67,7 +67,7 @@ class Eye {
     const half = 0.56 * Math.max(tall, wide / this.aspect), up = 10 + this.lift * this.frame.box.max.y;
     Object.assign(this.flat, { top: half, bottom: -half, left: -half * this.aspect, right: half * this.aspect, zoom: 1 });
     this.controls.target.set(0.5 * (ends[0] + ends[1]), 0, 0.5 * (ends[2] + ends[3]));
-    // a hair south of straight above, so that north is up
+    // slightly south of the vertical, so that north is up
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(0, up, 1e-6 * up));
   }
 

@@ -1,7 +1,7 @@
 /* What stands in a scene. Axes: x east, y up, z south; kilometres from a common middle. Heights are drawn `lift` times. */
 "use strict";
 
-const TRACK_OFF = 0.0006; // km: a drawn track is nowhere farther from the record
+const TRACK_OFF = 0.0006; // km; greatest deviation of a drawn track from the record
 
 /** Place of an aircraft, or of what belongs to it, as the scene has it (unlifted). */
 function placeAt(run, prefix, k, time, middle, into) {
@@ -59,7 +59,7 @@ function partOf(line, color, width) {
   for (const name of ["instanceStart", "instanceEnd"]) geometry.setAttribute(name, line.geometry.attributes[name]);
   geometry.instanceCount = 0;
   const part = new THREE.Line2(geometry, new THREE.LineMaterial({ color, linewidth: width, transparent: true }));
-  part.renderOrder = 2; // over the plan, which lies on it
+  part.renderOrder = 2; // above the plan
   part.frustumCulled = false;
   return part;
 }
@@ -93,7 +93,7 @@ function groundGrid(box) {
   const ends = (more) => ["x", "z"].map((axis) => [Math.floor(box.min[axis] / spacing) - more, Math.ceil(box.max[axis] / spacing) + more].map((n) => n * spacing));
   const lines = (into, [[x0, x1], [z0, z1]], step, ink) => {
     const points = [], geometry = new THREE.BufferGeometry(), marks = (from, to, by) => Array.from({ length: Math.round((to - from) / by) + 1 }, (_, k) => from + k * by);
-    // in pieces: a line that begins far behind the eye is not drawn well where it comes into sight
+    // in pieces: a line that starts far behind the camera is drawn badly
     for (const x of marks(x0, x1, step)) for (const z of marks(z0, z1 - spacing, spacing)) points.push(x, 0, z, x, 0, z + spacing);
     for (const z of marks(z0, z1, step)) for (const x of marks(x0, x1 - spacing, spacing)) points.push(x, 0, z, x + spacing, 0, z);
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
@@ -177,7 +177,7 @@ class Flyer {
         if (Number.isFinite(at.x + at.y + at.z)) points.push(at.x, at.y, at.z);
       }
       geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(points), 3));
-      // a dark rim keeps a large one apart from a track of its colour
+      // a dark rim separates a large symbol from a track of the same colour
       for (const [ink, size] of what >= 2 ? [[Theme.ink("ink"), 10], [color, 6]] : [[color, 2]]) {
         const look = { color: ink, size, sizeAttenuation: false, transparent: true, depthTest: false };
         const dots = new THREE.Points(geometry, new THREE.PointsMaterial(look));
@@ -252,7 +252,7 @@ class Flyer {
     const norm = Math.hypot(...q);
     if (!(norm > 0.5)) return;
     const [w, x, y, z] = q.map((value) => value / norm);
-    // columns of the rotation from body to north, east, down
+    // columns of the rotation matrix from body to north, east, down
     const forward = [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)];
     const right = [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)];
     const down = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)];

@@ -5,7 +5,7 @@
 class Run {
   constructor({ packed, ...data }, colors) {
     Object.assign(this, data);
-    const rows = 1 + Object.keys(data.variables).length * data.aircraft.length; // of the variables, and of time
+    const rows = 1 + Object.keys(data.variables).length * data.aircraft.length; // the variables, and time
     this.bytes = inflate(Uint8Array.from(atob(packed), (c) => c.charCodeAt(0)), 4 * data.times * rows);
     this.cache = new Map();
     this.time = this._unpack(0, 1, data.timeStep, [])[0];
@@ -66,7 +66,7 @@ class Run {
     const here = values[k][low];
     if (part === 0) return here;
     const next = values[k][low + 1];
-    // across a wrapped angle or into a gap nothing lies between
+    // no interpolation across a wrapped angle or into a gap
     if (!Number.isFinite(next) || (this.variables[name].unit === "°" && Math.abs(next - here) > 180)) return here;
     return here + part * (next - here);
   }
@@ -87,7 +87,7 @@ class Run {
 class State {
   constructor(runs) {
     this.runs = runs;
-    this.end = Math.max(1e-3, ...runs.map((run) => run.end)); // a single record lasts no time
+    this.end = Math.max(1e-3, ...runs.map((run) => run.end)); // a single record has no duration
     this.time = 0;
     this.playing = false;
     this.rate = 1;

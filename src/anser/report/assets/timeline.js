@@ -2,7 +2,7 @@
 "use strict";
 
 const RENEWALS = ["quiet", "c0", "c1", "ink", "c3", "c5"], PHASES = ["approach", "frozen", "hold"];
-const MARKED = 2; // renewals from this one on are rare and marked each by itself
+const MARKED = 2; // replanning outcomes from this code on are rare and marked individually
 const LIMIT_TALL = 12;
 
 /** Inks of the renewals, in the order of `anser.report.flight_events.RENEWALS`. */
@@ -108,7 +108,7 @@ class Timeline {
     const step = [1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1800, 3600].find((s) => state.end / s <= this.width / 90) || 7200;
     for (let t = 0; t <= state.end + 1e-9; t += step) ctx.fillText(t.toLocaleString("en-US"), this._x(t), height - 26);
     ctx.fillText("time (s)", 0.5 * (this._x(0) + this._x(state.end)), height - 9);
-    if (Theme.printing) return; // no instant is chosen on paper
+    if (Theme.printing) return; // a printed page has no time cursor
     ctx.strokeStyle = Theme.ink("ink");
     ctx.beginPath();
     ctx.moveTo(this._x(state.time), 0);

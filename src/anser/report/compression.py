@@ -1,4 +1,4 @@
-"""Compact packing of a flight's numbers: quantization, second differences, byte planes, deflate, base64.
+"""Compression of a flight's numbers: quantization, second differences, byte planes, deflate, base64.
 
 `assets/store.js` is the reader. Second differences of a smooth record are small, so that the upper bytes are nearly
 all zero: twenty aircraft with sixty variables, recorded at 10 Hz for 300 s, take less than a megabyte.
