@@ -1,1 +1,1 @@
-"""Random planning tasks, and what judges the planner's answers to them; not part of the installed package."""
+"""Random planning tasks and the independent checker of the planner's answers; not part of the installed package."""

@@ -163,7 +163,7 @@ def _print_verdicts(counts: "Tally") -> None:
         styles.append("bold" if rule == "all" else None)
     names = ("seeds", "plans", "of them\nfail", "refusals", "proved", "none\nfound", "plan\nfound", "raised")
     headings = [*columns("rule", no_wrap=True), *columns(*names, justify="right", no_wrap=True)]
-    print_table("answers of the planner and what the judges say", headings, rows, styles)
+    print_table("answers of the planner and verdicts of the independent checker", headings, rows, styles)
 
 
 if __name__ == "__main__":

@@ -306,9 +306,8 @@ def tally(results: list[dict[str, Any]]) -> list[str]:
         of_kind = [result for result in results if result["kind"] == kind]
         kind_successes = [result for result in of_kind if result in successes]
         lines.append(f"  {kind}: {len(kind_successes)} of {len(of_kind)}")
-    lines.append(
-        f"of the others the judge says {dict(Counter(result['judge'] for result in results if 'judge' in result))}"
-    )
+    verdicts = dict(Counter(result["judge"] for result in results if "judge" in result))
+    lines.append(f"verdicts of the independent checker on the others: {verdicts}")
     ratios = [result["separation_ratio"] for result in results if result.get("separation_ratio") is not None]
     lines.append(f"least separation ratio {min(ratios):.4f}, below 1: {sum(ratio < 1.0 for ratio in ratios)}")
     for result in results:

@@ -135,9 +135,9 @@ def run_trial(seed: int, iterations: int, planner: Planner = certified_answer) -
         return _broken(case, "planner", error, time.perf_counter() - begin, 0.0)
     planned = time.perf_counter()
     try:
-        trial = _judge(case, answer, iterations)
+        trial = _check(case, answer, iterations)
     except Exception as error:  # noqa: BLE001 - as above
-        return _broken(case, "judge", error, planned - begin, time.perf_counter() - planned)
+        return _broken(case, "checker", error, planned - begin, time.perf_counter() - planned)
     return dataclasses.replace(trial, plan_s=planned - begin, judge_s=time.perf_counter() - planned)
 
 
@@ -184,7 +184,7 @@ def _broken(case: PlanCase, stage: str, error: Exception, plan_s: float, judge_s
     return Trial(case.seed, case.size, case.rule.name, "broken", plan_s, judge_s, reasons=(reason,))
 
 
-def _judge(case: PlanCase, answer: Answer, iterations: int) -> Trial:
+def _check(case: PlanCase, answer: Answer, iterations: int) -> Trial:
     identity = (case.seed, case.size, case.rule.name)
     attempt = {"tries": answer.tries, "arrival_times": tuple(float(t) for t in answer.arrival_times)}
     if answer.paths is not None:

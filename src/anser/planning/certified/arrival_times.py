@@ -24,7 +24,7 @@ from anser.planning.certified.timed_profiles import (
 from anser.planning.separation import separation_ratio
 from anser.shapes import Count, Scalar
 
-_STEP_UP, _FIRST_STEP = 1.12, 1.06  # from one time to the next, and from the first that nothing rules out to the first
+_STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
 RESOLUTION = 1.02
 """Ratio of two neighbouring times at which the search stops."""
 
@@ -92,10 +92,10 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     return high
 
 
-_ALTITUDES = 65  # at which the wind is asked for its greatest speed
+_ALTITUDES = 65  # samples for the greatest wind speed
 _WIND_FACTOR = 1.02
-_EDGE_M = 1.0  # so far inside a keep-out, or a separation, the judgement is left to the certificate
-_ALTITUDE_MARGIN_M = 1000.0  # above and below all ends: where detours in altitude lead
+_EDGE_M = 1.0  # depth inside a keep-out or a separation up to which the certificate decides
+_ALTITUDE_MARGIN_M = 1000.0  # above and below the endpoints: the range of detours in altitude
 
 
 def _strongest_wind(tasks: AircraftTask, airspace: Airspace) -> tuple[float, float]:
@@ -167,7 +167,7 @@ def arrival_distances_max(
     time_between = durations[:, :, None] - durations[:, None, :]
 
     def covered(rate: Float[np.ndarray, " aircraft"], wind: float) -> Float[np.ndarray, "n aircraft aircraft"]:
-        # A product with no time in between is nothing, even where a limit does not exist.
+        # The clipped rate keeps the product zero for equal times, even for an infinite limit.
         rate_with_wind = np.minimum(rate, 1e9) + wind
         return np.where(time_between > 0.0, rate_with_wind[:, None], rate_with_wind[None, :]) * np.abs(time_between)
 
@@ -188,10 +188,10 @@ def arrival_conflicts(
 
 
 ROUNDS = 8
-_STRETCH = 3.0  # of the time, at most, in one round of the fixed point
-_BATCH_SIZE = 32  # aircraft and times looked at in one call, at most
-_WINDOW_SAMPLES = 12  # times looked at in a window
-_GRID_NEIGHBOURS = 3  # steps of the grid from a time that is open, within which all is tried
+_STRETCH = 3.0  # greatest change of the time, as a factor, in one round of the fixed-point iteration
+_BATCH_SIZE = 32  # pairs of aircraft and time per call
+_WINDOW_SAMPLES = 12  # grid points per window
+_GRID_NEIGHBOURS = 3  # distance in grid steps from a reachable time within which costlier candidates are tried
 _GROUND_SPEED_FACTOR = 1.4  # greatest closing speed over airspeed, with a tail wind and an approaching goal
 COARSE_INTERVALS = 128
 """Intervals of the paths in the reachability test: a coarse first look, not a certificate."""
@@ -238,7 +238,7 @@ def _reachable_at(
     """Whether an aircraft of the first `count` tasks, flying alone, can arrive after its duration (s); else False."""
 
     def check_reachable(k: Count, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
-        # One after the other: batched they take as long, and batches that are not full take longer.
+        # Sequential: a batch would take as long, and a partly filled batch longer.
         task = jax.tree.map(lambda leaf: leaf[k][None], tasks)
         options = fleet_candidates(task, airspace, durations[k][None], intervals, intervals, candidate_set)
         return reached.at[k].set(jnp.any(options.valid & (options.penetration <= 0.0)))
@@ -260,7 +260,7 @@ def reachable(
     for candidate_set in levels:
         remaining = np.flatnonzero(admissible & ~reached)
         for begin in range(0, remaining.size, _BATCH_SIZE):
-            # Filled up to one size: one compiled program for all.
+            # Padded to one size, so that one compiled program serves every batch.
             batch, padded = (
                 remaining[begin : begin + _BATCH_SIZE],
                 np.resize(remaining[begin : begin + _BATCH_SIZE], _BATCH_SIZE),
@@ -290,7 +290,7 @@ def _open_times(
     for candidate_set in (ALONE_TURN_LEG_PATHS,) if splines_for == "none" else (ALONE_TURN_LEG_PATHS, ALONE_SPLINES):
         tried = np.zeros(grid.shape, dtype=bool)
         while True:
-            # On the far side of times that are ruled out there may be others.
+            # Inadmissible times count as decided, so that the search continues beyond them.
             decided = inside | ruled_out
             neighbours = np.stack(
                 [np.convolve(flags, np.ones(2 * _GRID_NEIGHBOURS + 1), "same") > 0.5 for flags in decided]
@@ -340,7 +340,7 @@ def arrival_sets(
         middle = 0.5 * (low + high)
         lower = reachable(tasks, airspace, aircraft, middle, levels=levels) != opening
         low, high = np.where(lower, middle, low), np.where(lower, high, middle)
-    edge_times = np.where(opening, high, low)  # the end of each edge that lies inside
+    edge_times = np.where(opening, high, low)  # the reachable side of each edge
     refined: list[list[tuple[float, float]]] = []
     for k in range(grid.shape[0]):
         end = float("inf") if windows_s is None else float(grid[k, -1])

@@ -111,7 +111,7 @@ class CertifiedPlanner(AbstractPlanner):
         tasks = self.aircraft_tasks(reports, self.resolve_limits(performance))
         outcome, holds = self.search_plan(float(time), tasks, ArrivalRequest("together", latest), float(time) + latest)
         if outcome.plan is None:
-            raise ValueError("the certified planner found no plan in which all arrive together")
+            raise ValueError("the certified planner found no plan with a common arrival time")
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:

@@ -266,7 +266,7 @@ def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
     with contextlib.suppress(StopIteration):
         while True:
             time = search.send(is_feasible)
-            message = f"looking for an earlier arrival, at {time:.1f} s"
+            message = f"trying an earlier arrival at {time:.1f} s"
             failed = yield Proposal(np.full(fleet.active.size, time), WITH_SPLINES, message)
             is_feasible = not failed.any()
 
@@ -274,7 +274,7 @@ def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
     """Arrival times open to each aircraft alone (s after the start); None if an aircraft has no time in its window."""
     request = fleet.request
-    on_progress("looking for arrival times that are open to each aircraft")
+    on_progress("searching the possible arrival times of each aircraft")
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
     if request.windows_s is not None:
         return (
@@ -283,7 +283,7 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
             else arrivals
         )
     if fleet.is_small and not fleet.common_intervals(arrivals):
-        on_progress("looking again, with splines, for a time that is open to all")
+        on_progress("searching a common arrival time again, with splines")
         arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, with_splines=True)
     return arrivals
 
