@@ -18,9 +18,8 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_environment import INTENSITIES
 from anser.shapes import ScalarLike, Vector3
-from anser.units import DEG_RAD
+from anser.units import DEG_RAD, FOOT_M
 
-_FOOT_M = 0.3048
 _LAYERS = 4  # smallest bucket size of a shear profile
 _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 
@@ -93,9 +92,9 @@ def exceedance_table() -> ExceedanceTable:
     data = json.loads(path.read_text(encoding="utf-8"))
     with jax.ensure_compile_time_eval():  # cached, so it must not belong to the trace of the first caller
         return ExceedanceTable(
-            heights=as_array([_FOOT_M * height for height in data["heights_ft"]]),
+            heights=as_array([FOOT_M * height for height in data["heights_ft"]]),
             log_probabilities=as_array([math.log10(p) for p in data["probabilities"]]),
             sigmas=as_array(
-                [[_FOOT_M * sigma for sigma in sigmas_of_height] for sigmas_of_height in data["sigma_ft_s"]]
+                [[FOOT_M * sigma for sigma in sigmas_of_height] for sigmas_of_height in data["sigma_ft_s"]]
             ),
         )
