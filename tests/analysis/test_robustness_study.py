@@ -13,7 +13,6 @@ from anser.analysis.robustness import CONDITIONS, FACTORS, FlightPoint, disperse
 from anser.analysis.survey_outcomes import OUTCOMES
 from anser.analysis.trim_points import ConditionError
 from anser.cli import main
-from anser.missions.batches import run_in_batches
 from anser.results.robustness_statistics import success
 from support.plain_files import read_alone
 
@@ -67,19 +66,6 @@ def test_every_variable_has_a_unit_and_the_dataset_its_provenance(study):
     assert data["outcome"].attrs["flag_meanings"].split() == list(OUTCOMES)
     assert data["condition"].attrs["flag_meanings"].split() == ["150_m/s,1000_m", "200_m/s,6000_m"]
     assert data.attrs["seed"] == 0
-
-
-def test_batches_are_padded_and_trimmed():
-    batches, reports = [], []
-
-    def run(numbers):
-        batches.append(numbers.tolist())
-        return {"square": numbers**2}
-
-    result = run_in_batches(run, 5, 3, reports.append)
-    np.testing.assert_array_equal(result["square"], np.arange(5) ** 2)
-    assert batches == [[0, 1, 2], [3, 4, 0]]
-    assert reports == [0, 3, 5]
 
 
 @pytest.fixture

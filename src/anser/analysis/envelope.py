@@ -1,86 +1,34 @@
 """Envelope survey: steady flight at every point of the trim map, and step commands flown from there."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.analysis.survey_outcomes import (
-    OUTCOMES,
-    REASONS,
-    FlightOutcomes,
-    classify_flights,
-    flight_coordinates,
-    flight_variables,
+from anser.analysis.survey_outcomes import OUTCOMES, REASONS, flight_coordinates, flight_variables
+from anser.analysis.surveys import (
+    Survey,
+    SurveyResult,
+    flight_attributes,
+    is_beyond_limits,
+    sample_count,
+    select_rows,
 )
-from anser.analysis.trim_maps import (
-    COMMANDS,
-    CONDITIONS,
-    GRID_DIMENSIONS,
-    TrimMap,
-    accepted_errors,
-    limit_attributes,
-    survey_limits,
-    trim_map,
-)
+from anser.analysis.trim_maps import COMMANDS, GRID_DIMENSIONS, TrimMap, accepted_errors, survey_limits, trim_map
 from anser.analysis.trim_points import Inversion, gains_for, resolve_airframe
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment, standard_environment
-from anser.missions.batches import BATCH, Progress, Stopwatch, SurveyResult, no_progress, run_in_batches
-from anser.results.documents import version_attributes
+from anser.missions.batches import Progress
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
 from anser.simulation.survey_flight import SurveySummary, survey_flight
 from anser.steady.trim import TRIM_OBSTACLES, TrimPoint, TrimTarget
 from anser.units import RAD_DEG
-
-
-def envelope_dataset(
-    trims: TrimMap,
-    commands: Mapping[str, str],
-    flown: np.ndarray,
-    summaries: SurveySummary,
-    verdicts: FlightOutcomes,
-    attributes: Mapping[str, str | int | float],
-) -> xr.Dataset:
-    """Label a survey.
-
-    Parameters
-    ----------
-    trims
-        Steady flights from which the steps start.
-    commands
-        Meaning of each command by name.
-    flown
-        True for a point (row) and a command (column) with a flight.
-    summaries, verdicts
-        Summaries and outcomes of the flights, in the order of the true entries of `flown`.
-    attributes
-        Attributes of the dataset.
-
-    Returns
-    -------
-    xr.Dataset
-        The trim map over (condition, altitude, mach), the flights over (condition, altitude, mach, command); NaN
-        without a flight.
-    """
-    data = _map_variables(trims)
-    for name, (values, labels, over) in flight_variables(summaries, verdicts).items():
-        data[name] = ((*GRID_DIMENSIONS, "command", *over), trims.gridded(scatter_rows(values, flown)), labels)
-    coordinates = {
-        **trims.coordinates("Steady flight that is left"),
-        "command": ("command", np.array(list(commands)), unit_attributes("", "Step of the path command")),
-        "command_meaning": ("command", np.array(list(commands.values()))),
-        **flight_coordinates(trims.surfaces),
-    }
-    return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})
 
 
 def _map_variables(trims: TrimMap) -> dict[str, Any]:
@@ -115,7 +63,11 @@ def _map_variables(trims: TrimMap) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Envelope survey; dataset: see `envelope_dataset`."""
+    """Envelope survey.
+
+    Its dataset has the trim map over (condition, altitude, mach) and the flights over (condition, altitude, mach,
+    command); NaN without a flight.
+    """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
         """Count the flights by "outcome: reason" for each condition; with_reserve: from points with reserve only."""
@@ -185,89 +137,48 @@ def survey_envelope(
     ValueError
         No airframe has this name, an axis is not of increasing numbers, or a flight has fewer than 100 samples.
     """
-    enable_compilation_cache()
-    report_progress = progress or no_progress
-    count = round(duration_s / step_s)
-    if count < 100:
-        raise ValueError(f"duration_s: arrived {duration_s:g} with step_s {step_s:g}; expected 100 samples or more")
+    count = sample_count(duration_s, step_s)
+    survey = Survey(progress)
     airframe, attributes = resolve_airframe(aircraft, variant)
     environment, gains = standard_environment(), gains_for(inversion)
     limits = survey_limits() if limits is None else limits
-    clock = Stopwatch()
-    report_progress("trimming", 0.0)
-    trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
-    points = trims.points
-    flown = np.repeat(np.asarray(points.trimmable)[:, None], len(COMMANDS), axis=1)
-    sizes = np.array([command.size for command in COMMANDS])
+    trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
+    flown = np.repeat(np.asarray(trims.points.trimmable)[:, None], len(COMMANDS), axis=1)
+    point_index, command_index = np.nonzero(flown)
+    sizes = np.array([command.size for command in COMMANDS])[command_index]
     tolerances = accepted_errors(sizes)
-    point_index, command = np.nonzero(flown)
-    flights = _Flights(points.trim, trims.targets, jnp.asarray(sizes), jnp.asarray(tolerances))
-    fixed, step, total = (airframe, environment, gains, limits), jnp.asarray(step_s), len(point_index)
-
-    def fly(batch: np.ndarray) -> SurveySummary:
-        return clock.run(
-            _fly, fixed, flights, jnp.asarray(point_index[batch]), jnp.asarray(command[batch]), step, count
-        )
-
-    summaries = run_in_batches(
-        fly, total, BATCH, lambda count_done: report_progress(f"flying {total} flights", count_done / total)
+    trim, target = select_rows((trims.points.trim, trims.targets), point_index)
+    flights, outcomes = survey.fly(
+        f"flying {len(point_index)} flights",
+        _fly,
+        (airframe, environment, gains, limits),
+        (trim, target, sizes, tolerances),
+        jnp.asarray(step_s),
+        count,
+        tolerances=tolerances,
+        start_beyond=is_beyond_limits(trim, target.speed, limits),
     )
-    dataset = envelope_dataset(
-        trims,
-        {c.name: c.meaning for c in COMMANDS},
-        flown,
-        summaries,
-        classify_flights(
-            summaries,
-            tolerances[command],
-            count * step_s,
-            _is_beyond_limits(points.trim, trims.airspeeds, limits)[point_index],
-        ),
-        {
-            **attributes,
-            "inversion": inversion,
-            "duration_s": count * step_s,
-            "step_s": step_s,
-            **limit_attributes(limits),
-        },
-    )
-    return EnvelopeSurvey(dataset, clock.compile_s, clock.run_s)
-
-
-def _is_beyond_limits(trim: TrimPoint, airspeeds: np.ndarray, limits: FlightLimits) -> np.ndarray:
-    """Mark the points beyond the limits of the autopilot."""
-    alpha, bank = np.asarray(trim.alpha), np.abs(np.asarray(trim.mu))
-    speed = np.broadcast_to(airspeeds.ravel(), (len(CONDITIONS), airspeeds.size)).ravel()
-    return (
-        (alpha < limits.alpha_min)
-        | (alpha > limits.alpha_max)
-        | (bank > limits.bank_max)
-        | (speed < limits.speed_min)
-        | (speed > limits.speed_max)
-    )
-
-
-class _Flights(eqx.Module):
-    """Start of the flights over the points, and the commands' sizes and tolerances."""
-
-    trim: TrimPoint
-    target: TrimTarget
-    sizes: jax.Array
-    tolerances: jax.Array
+    data = _map_variables(trims)
+    for name, (values, labels, dimensions) in flight_variables(flights, outcomes).items():
+        data[name] = ((*GRID_DIMENSIONS, "command", *dimensions), trims.gridded(scatter_rows(values, flown)), labels)
+    coordinates = {
+        **trims.coordinates("Steady flight that is left"),
+        "command": ("command", np.array([c.name for c in COMMANDS]), unit_attributes("", "Step of the path command")),
+        "command_meaning": ("command", np.array([c.meaning for c in COMMANDS])),
+        **flight_coordinates(trims.surfaces),
+    }
+    attributes |= {"inversion": inversion, **flight_attributes(count, step_s, limits)}
+    return survey.result(EnvelopeSurvey, data, coordinates, attributes)
 
 
 @compiled
 def _fly(
     fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
-    flights: _Flights,
-    point_index: jax.Array,
-    command: jax.Array,
+    rows: tuple[TrimPoint, TrimTarget, jax.Array, jax.Array],
     step: jax.Array,
     count: int,
 ) -> SurveySummary:
-    trims, targets = jax.tree.map(lambda leaf: leaf[point_index], (flights.trim, flights.target))
-
     def fly_step(trim: TrimPoint, target: TrimTarget, size: jax.Array, tolerance: jax.Array) -> SurveySummary:
         return survey_flight(*fixed, trim, target, size, tolerance, step, count)
 
-    return jax.vmap(fly_step)(trims, targets, flights.sizes[command], flights.tolerances[command])
+    return jax.vmap(fly_step)(*rows)

@@ -28,14 +28,15 @@ from anser.analysis.loop_margins import (
     largest_pole,
     loop_state_fields,
 )
-from anser.analysis.trim_maps import GRID_DIMENSIONS, TrimMap, limit_attributes, survey_limits, trim_map
+from anser.analysis.surveys import Survey, SurveyResult, limit_attributes, select_rows
+from anser.analysis.trim_maps import GRID_DIMENSIONS, TrimMap, survey_limits, trim_map
 from anser.analysis.trim_points import ConditionError, Inversion, default_gains, gains_for, map_points, resolve_airframe
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment, standard_environment
-from anser.missions.batches import Progress, Stopwatch, SurveyResult, no_progress, run_in_batches
-from anser.results.documents import finite_or_none, plain_attributes, version_attributes
+from anser.missions.batches import Progress
+from anser.results.documents import finite_or_none, plain_attributes
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
 from anser.simulation.response import LoopCase
 from anser.steady.trim import TrimPoint, trim_target
@@ -52,38 +53,13 @@ _Variable = tuple[str, tuple[str, ...], np.ndarray, dict[str, Any]]
 """Name, dimensions beyond the point dimensions, values over points and these dimensions, attributes."""
 
 
-def margin_dataset(
-    analysis: LoopAnalysis,
-    response: LoopResponse,
-    names: Sequence[str],
-    step_s: float,
-    attributes: Mapping[str, str | int | float],
-) -> xr.Dataset:
-    """Label the margins of one trim point, with the response of each loop.
-
-    Parameters
-    ----------
-    analysis, response
-        Results of `analyse_loops`.
-    names
-        Names of the breakpoints.
-    step_s
-        Sampling period.
-    attributes
-        Attributes of the dataset.
-
-    Returns
-    -------
-    xr.Dataset
-        Margins over (breakpoint): infinite without a boundary of stability, nan unless the closed loop is stable. Gain
-        and phase of the loop transfer function over (breakpoint, frequency).
-    """
-    batched_analysis = jax.tree.map(lambda leaf: np.asarray(leaf)[None], analysis)
+def _point_variables(analysis: LoopAnalysis, response: LoopResponse, step_s: float) -> dict[str, Any]:
+    """Return the variables of one trim point (leaves with one row), with the response of each loop."""
     data: dict[str, Any] = {
         name: (dimensions, values[0], labels)
-        for name, dimensions, values, labels in _variables(batched_analysis, step_s, np.array([True]))
+        for name, dimensions, values, labels in _variables(analysis, step_s, np.array([True]))
     }
-    loops = np.asarray(response.open).T
+    loops = np.asarray(response.open)[0].T
     response_dimensions = ("breakpoint", "frequency")
     phase = np.unwrap(np.angle(loops), axis=1) * RAD_DEG
     # first phase between -360 and 0 deg: the same branch at all breakpoints
@@ -92,39 +68,11 @@ def margin_dataset(
         gain = 20 * np.log10(np.abs(loops))
     data["loop_gain_db"] = (response_dimensions, gain, unit_attributes("dB", "Gain of the loop"))
     data["loop_phase_deg"] = (response_dimensions, phase, unit_attributes("degree", "Phase of the loop"))
-    coordinates = _names(names) | {
-        "frequency": ("frequency", np.asarray(response.omega), unit_attributes("rad s-1", "Frequency"))
-    }
-    return xr.Dataset(data, coordinates, _attributes(attributes, step_s))
+    return data
 
 
-def margin_map_dataset(
-    trims: TrimMap,
-    analysis: LoopAnalysis,
-    names: Sequence[str],
-    step_s: float,
-    attributes: Mapping[str, str | int | float],
-) -> xr.Dataset:
-    """Label the margins over a trim map.
-
-    Parameters
-    ----------
-    trims
-        Trim map.
-    analysis
-        Result of `analyse_loops` for the trimmable points, in order.
-    names
-        Names of the breakpoints.
-    step_s
-        Sampling period.
-    attributes
-        Attributes of the dataset.
-
-    Returns
-    -------
-    xr.Dataset
-        Over (condition, altitude, mach) and (condition, altitude, mach, breakpoint).
-    """
+def _map_variables(trims: TrimMap, analysis: LoopAnalysis, step_s: float) -> dict[str, Any]:
+    """Return the variables over a trim map; `analysis` has the trimmable points in order."""
     points, trimmable = trims.points, np.asarray(trims.points.trimmable)
     data: dict[str, Any] = {
         name: ((*GRID_DIMENSIONS, *dimensions), trims.gridded(values), labels)
@@ -136,7 +84,7 @@ def margin_map_dataset(
     data["with_reserve"] = trims.with_reserve()
     data["alpha_deg"] = trims.variable(alpha * RAD_DEG, "degree", "Angle of attack")
     data["load_factor"] = trims.variable(load_factor, "1", "Normal load factor")
-    return xr.Dataset(data, _names(names) | trims.coordinates("Steady flight"), _attributes(attributes, step_s))
+    return data
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
@@ -148,7 +96,7 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
     Parameters
     ----------
     dataset
-        Result of `margin_map_dataset`.
+        Dataset of `survey_margins`.
     with_reserve
         Select only points with a tenth of power and surface travel in reserve.
     """
@@ -239,7 +187,6 @@ def _attributes(attributes: Mapping[str, str | int | float], step_s: float) -> d
         "frequency_max_rad_s": math.pi / step_s,
         "gain_min_db": GAIN_MIN_DB,
         "phase_min_deg": PHASE_MIN_DEG,
-        **version_attributes(),
     }
 
 
@@ -250,7 +197,7 @@ _BATCH = 32
 
 @dataclasses.dataclass(frozen=True)
 class MarginSurvey(SurveyResult):
-    """Margins over the envelope; dataset: see `margin_map_dataset`."""
+    """Margins over (condition, altitude, mach) and (condition, altitude, mach, breakpoint)."""
 
     def counts(self) -> dict[str, int]:
         """Count the points by the state of the closed loop."""
@@ -324,7 +271,8 @@ def margins_at(
     Returns
     -------
     xr.Dataset
-        See `margin_dataset`.
+        Margins over (breakpoint): infinite without a boundary of stability, nan unless the closed loop is stable. Gain
+        and phase of the loop transfer function over (breakpoint, frequency).
 
     Raises
     ------
@@ -334,8 +282,8 @@ def margins_at(
     ValueError
         No airframe has this name.
     """
-    enable_compilation_cache()
-    airframe, airframe_attributes = resolve_airframe(aircraft, variant)
+    survey = Survey()
+    airframe, attributes = resolve_airframe(aircraft, variant)
     environment, limits = standard_environment(), _limits_around(airframe, speed_m_s)
     target = trim_target(speed_m_s, altitude_m)
     points = map_points(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
@@ -345,20 +293,18 @@ def margins_at(
     chosen_gains = (
         default_gains(airframe, environment, trim, step_s, inversion) if gains is None else gains_for(inversion, gains)
     )
-    # the point repeated to the survey's batch size: one compiled program for both
-    trims = jax.tree.map(lambda leaf: jnp.repeat(leaf, _BATCH, axis=0), points.trim)
-    batch = _analyse(
-        airframe,
-        environment,
-        chosen_gains,
-        limits,
-        trims,
-        jnp.asarray(step_s),
-        loop_state_fields(chosen_gains, airframe),
-    )
-    analysis, response = jax.tree.map(lambda leaf: leaf[0], batch)
-    condition = {**airframe_attributes, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
-    dataset = margin_dataset(analysis, response, breakpoints(airframe), step_s, condition)
+    fixed = (airframe, environment, chosen_gains, limits, jnp.asarray(step_s))
+    fields = loop_state_fields(chosen_gains, airframe)
+    # a batch of the survey's size: one compiled program for both
+    analysis, response = survey.evaluate("breaking the loops", _analyse, fixed, points.trim, fields, batch_size=_BATCH)
+    attributes |= {"speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
+    omega = ("frequency", response.omega[0], unit_attributes("rad s-1", "Frequency"))
+    dataset = survey.result(
+        SurveyResult,
+        _point_variables(analysis, response, step_s),
+        _names(breakpoints(airframe)) | {"frequency": omega},
+        _attributes(attributes, step_s),
+    ).dataset
     state = CLOSED_LOOP_STATES[dataset["closed_loop"].item()]
     if state == "held_back":
         limits_reached = ", ".join(
@@ -413,29 +359,24 @@ def survey_margins(
     ValueError
         No airframe has this name, an axis is not of increasing numbers, or the grid has no trimmable point.
     """
-    enable_compilation_cache()
-    report_progress = progress or no_progress
-    airframe, airframe_attributes = resolve_airframe(aircraft, variant)
-    environment, limits = standard_environment(), survey_limits()
-    chosen_gains = gains_for(inversion, gains)
-    clock, fields = Stopwatch(), loop_state_fields(chosen_gains, airframe)
-    report_progress("trimming", 0.0)
-    trims = trim_map(clock, airframe, environment, altitudes_m, machs, coarse=coarse)
-    trimmable = np.flatnonzero(np.asarray(trims.points.trimmable))
-    total = trimmable.size
-
-    def analyse_batch(batch: np.ndarray) -> LoopAnalysis:
-        trim_batch = jax.tree.map(lambda leaf: leaf[trimmable[batch]], trims.points.trim)
-        return clock.run(
-            _analyse, airframe, environment, chosen_gains, limits, trim_batch, jnp.asarray(step_s), fields
-        )[0]
-
-    analysis = run_in_batches(
-        analyse_batch, total, _BATCH, lambda k: report_progress(f"breaking the loops at {total} points", k / total)
+    survey = Survey(progress)
+    airframe, attributes = resolve_airframe(aircraft, variant)
+    environment, limits, chosen_gains = standard_environment(), survey_limits(), gains_for(inversion, gains)
+    trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
+    rows = select_rows(trims.points.trim, np.asarray(trims.points.trimmable))
+    analysis = survey.evaluate(
+        f"breaking the loops at {len(rows.alpha)} points",
+        _analyse,
+        (airframe, environment, chosen_gains, limits, jnp.asarray(step_s)),
+        rows,
+        loop_state_fields(chosen_gains, airframe),
+        batch_size=_BATCH,
+        select=lambda result: result[0],
     )
-    survey_attributes = {**airframe_attributes, "inversion": inversion, **limit_attributes(limits)}
-    dataset = margin_map_dataset(trims, analysis, breakpoints(airframe), step_s, survey_attributes)
-    return MarginSurvey(dataset, clock.compile_s, clock.run_s)
+    attributes |= {"inversion": inversion, **limit_attributes(limits)}
+    coordinates = _names(breakpoints(airframe)) | trims.coordinates("Steady flight")
+    data = _map_variables(trims, analysis, step_s)
+    return survey.result(MarginSurvey, data, coordinates, _attributes(attributes, step_s))
 
 
 def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
@@ -462,14 +403,12 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 @compiled
 def _analyse(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
+    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, jax.Array],
     trims: TrimPoint,
-    step: jax.Array,
     fields: StateFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
+    airframe, environment, gains, limits, step = fixed
+
     def analyse_point(trim: TrimPoint) -> tuple[LoopAnalysis, LoopResponse]:
         return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), fields)
 

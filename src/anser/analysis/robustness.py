@@ -4,26 +4,32 @@ Dispersed factors, cases, and the dataset.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import xarray as xr
 
 from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
 from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft_files.library import load_airframe
-from anser.analysis.survey_outcomes import FlightOutcomes, classify_flights, flight_coordinates, flight_variables
-from anser.analysis.trim_maps import COMMANDS, accepted_errors, limit_attributes
+from anser.analysis.survey_outcomes import FlightOutcomes, flight_coordinates, flight_variables
+from anser.analysis.surveys import (
+    Survey,
+    SurveyResult,
+    flight_attributes,
+    is_beyond_limits,
+    sample_count,
+    select_rows,
+)
+from anser.analysis.trim_maps import COMMANDS, accepted_errors
 from anser.analysis.trim_points import ConditionError, Inversion, gains_for
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits, default_limits
 from anser.environment.environment import Environment, standard_environment
-from anser.missions.batches import BATCH, Progress, Stopwatch, SurveyResult, no_progress, run_in_batches
-from anser.results.documents import version_attributes
+from anser.missions.batches import Progress
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
 from anser.scenario.schema_aircraft import Gains
 from anser.sensing.estimators import DirectEstimator
@@ -31,84 +37,6 @@ from anser.sensing.ideal_sensors import DelayedSensors
 from anser.simulation.survey_flight import SurveySummary, survey_flight
 from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, TrimPoint, TrimTarget, trim_map_point, trim_target
 from anser.units import DEG_RAD
-
-
-def robustness_dataset(
-    inversions: Sequence[str],
-    conditions: Sequence[str],
-    factors: Mapping[str, tuple[str, str, float, float]],
-    parts: Sequence[str],
-    cases: Mapping[str, np.ndarray],
-    trims: TrimMapPoint,
-    summaries: Sequence[SurveySummary],
-    verdicts: Sequence[FlightOutcomes],
-    surfaces: Sequence[str],
-    attributes: Mapping[str, str | int | float],
-) -> xr.Dataset:
-    """Label a study.
-
-    Parameters
-    ----------
-    inversions
-        Names, in the order of `summaries` and `verdicts`.
-    conditions
-        Descriptions of the steady flights from which the commands start.
-    factors
-        Meaning, unit, nominal value, and scale (effect of a change of 1) by name of the dispersed factor.
-    parts
-        Names of the parts of a study.
-    cases
-        For each flight `part`, `condition` and `alone` (indices; -1: not applicable), `spread`, and the `values` of the
-        factors, shape (flights, factors).
-    trims
-        Steady flight of each dispersed aircraft.
-    summaries, verdicts
-        Summaries and outcomes of the flights, for the trimmable aircraft in order.
-    surfaces
-        Names of the airframe's control surfaces.
-    attributes
-        Attributes of the dataset.
-
-    Returns
-    -------
-    xr.Dataset
-        Dispersions over (flight,), results over (inversion, flight); NaN and outcome 0 if the dispersed aircraft has no
-        steady flight.
-    """
-    steady = np.asarray(trims.trimmable)
-    trim_stop = np.where(steady, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
-    spread = unit_attributes("percent", "Greatest change, or the only one")
-    alone = unit_attributes("1", "Index of the only factor that is changed; -1: all are")
-    values = unit_attributes("1", "Value of what is dispersed (factor_unit)")
-    data: dict[str, Any] = {
-        "part": ("flight", cases["part"].astype(np.int32), flag_attributes("Part of the study", parts)),
-        "condition": (
-            "flight",
-            cases["condition"].astype(np.int32),
-            flag_attributes("Steady flight that is left", conditions),
-        ),
-        "spread_percent": ("flight", 100.0 * cases["spread"], spread),
-        "alone": ("flight", cases["alone"].astype(np.int32), alone),
-        "factor_value": (("flight", "factor"), cases["values"], values),
-        "trim_stop": ("flight", trim_stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
-    }
-    columns = [flight_variables(*inversion_flights) for inversion_flights in zip(summaries, verdicts, strict=True)]
-    for name, (_, labels, dimensions) in columns[0].items():
-        stacked = np.stack([scatter_rows(variables[name][0], steady) for variables in columns])
-        data[name] = (("inversion", "flight", *dimensions), stacked, labels)
-    meaning, unit, nominal, scale = (np.array(column) for column in zip(*factors.values(), strict=True))
-    coordinates: dict[str, Any] = {
-        "inversion": ("inversion", np.array(inversions), unit_attributes("", "What the autopilot inverts")),
-        "factor": ("factor", np.array(list(factors)), unit_attributes("", "What is dispersed")),
-        "factor_meaning": ("factor", meaning),
-        "factor_unit": ("factor", unit),
-        "factor_nominal": ("factor", nominal, unit_attributes("1", "Value without a change (factor_unit)")),
-        "factor_scale": ("factor", scale, unit_attributes("1", "What a change of 100 % adds (factor_unit)")),
-        "condition_meaning": ("place", np.array(conditions)),
-        **flight_coordinates(surfaces),
-    }
-    return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})
-
 
 DELAY_MAX_S = 0.2
 """Longest sensor delay of a study."""
@@ -294,7 +222,11 @@ _FLIGHTS_OF_SWEEP = 200
 
 @dataclasses.dataclass(frozen=True)
 class RobustnessStudy(SurveyResult):
-    """Robustness study; dataset: see `robustness_dataset`."""
+    """Robustness study.
+
+    Its dataset has the dispersions over (flight,) and the results over (inversion, flight); NaN and outcome 0 if the
+    dispersed aircraft has no steady flight.
+    """
 
 
 def robustness_study(
@@ -340,13 +272,10 @@ def robustness_study(
     ValueError
         The variant is unknown, or a number is out of range.
     """
-    enable_compilation_cache()
-    report_progress = progress or no_progress
-    count = round(duration_s / step_s)
-    if flights < 1 or not 0.0 <= spread <= 0.9 or count < 100:
-        raise ValueError(
-            f"arrived flights {flights}, spread {spread:g}, {count} samples; expected 1 or more, 0 to 0.9, 100 or more"
-        )
+    if flights < 1 or not 0.0 <= spread <= 0.9:
+        raise ValueError(f"arrived flights {flights}, spread {spread:g}; expected 1 or more, 0 to 0.9")
+    count = sample_count(duration_s, step_s)
+    survey = Survey(progress)
     if cases is None:
         cases = dispersed_cases(flights, spread, seed, len(conditions))
         if sweep:
@@ -358,78 +287,94 @@ def robustness_study(
     points = jax.vmap(trim_target)(
         jnp.asarray([point.speed_m_s for point in conditions]), jnp.asarray([point.altitude_m for point in conditions])
     )
-    clock = Stopwatch()
 
-    def trim_cases(selected_cases: Cases, progress_share: float) -> TrimMapPoint:
-        arguments = (
-            dispersion_of(selected_cases.values)[0],
-            jax.tree.map(lambda leaf: leaf[selected_cases.condition], points),
-        )
-        total = len(selected_cases.condition)
+    def trim_cases(selected_cases: Cases, end: float) -> TrimMapPoint:
+        rows = dispersion_of(selected_cases.values)[0], select_rows(points, selected_cases.condition)
+        description = f"trimming {len(selected_cases.condition)} aircraft"
+        return survey.evaluate(description, _trim, (nominal, environment), rows, span=(0.0, end))
 
-        def trim_batch(batch: np.ndarray) -> TrimMapPoint:
-            return clock.run(_trim, nominal, environment, *jax.tree.map(lambda leaf: leaf[batch], arguments))
-
-        return run_in_batches(
-            trim_batch,
-            total,
-            BATCH,
-            lambda count_done: report_progress(f"trimming {total} aircraft", progress_share * count_done / total),
-        )
-
-    _must_be_flown(trim_cases(dispersed_cases(len(conditions), 0.0, seed, len(conditions)), 0.0), limits, conditions)
+    undispersed = dispersed_cases(len(conditions), 0.0, seed, len(conditions))
+    _check_flyable(trim_cases(undispersed, 0.0), limits, conditions)
     trims = trim_cases(cases, 0.1)
-    dispersions, delays = dispersion_of(cases.values)
-    targets = jax.tree.map(lambda leaf: leaf[cases.condition], points)
-    trimmable = np.flatnonzero(trims.trimmable)
-    alpha = trims.trim.alpha
-    is_start_beyond = np.asarray((alpha < limits.alpha_min) | (alpha > limits.alpha_max))
+    rows = select_rows(
+        (*dispersion_of(cases.values), trims.trim, select_rows(points, cases.condition)), np.asarray(trims.trimmable)
+    )
+    trim, target = rows[2:]
     size = np.array(_COMMAND.size)
     tolerance = accepted_errors(size)
-    fixed = (nominal, environment, limits, jnp.asarray(size), jnp.asarray(tolerance))
-    summaries, verdicts, total = [], [], len(trimmable)
-    for k, inversion in enumerate(_INVERSIONS):
-        gains = gains_for(inversion)
-
-        def fly(batch: np.ndarray, gains: AutopilotGains = gains) -> SurveySummary:
-            arguments = jax.tree.map(lambda leaf: leaf[trimmable[batch]], (dispersions, delays, trims.trim, targets))
-            return clock.run(_fly, fixed, gains, *arguments, step_s, count)
-
-        def report_flights(count_done: int, inversion: str = inversion, k: int = k) -> None:
-            report_progress(f"flying {total} flights, {inversion} inversion", 0.1 + 0.45 * (k + count_done / total))
-
-        summaries.append(run_in_batches(fly, total, BATCH, report_flights))
-        tolerances = np.broadcast_to(tolerance, (total, 3))
-        verdicts.append(classify_flights(summaries[-1], tolerances, count * step_s, is_start_beyond[trimmable]))
-    dataset = robustness_dataset(
-        _INVERSIONS,
-        [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions],
-        {f.name: (f.meaning, f.unit, f.nominal, f.scale) for f in FACTORS},
-        PARTS,
-        {name: getattr(cases, name) for name in ("part", "condition", "spread", "alone", "values")},
-        trims,
-        summaries,
-        verdicts,
-        nominal.actuators.names,
-        {
-            "aircraft": "f16",
-            "variant": variant,
-            "command": _COMMAND.meaning,
-            "seed": seed,
-            "spread_percent": 100 * spread,
-            "duration_s": count * step_s,
-            "step_s": step_s,
-            "sensor_bandwidth_rad_s": Gains().sensor_bandwidth_rad_s,
-            "tolerance_airspeed_m_s": float(tolerance[0]),
-            "tolerance_path_angle_deg": float(tolerance[1] / DEG_RAD),
-            "tolerance_course_deg": float(tolerance[2] / DEG_RAD),
-            **limit_attributes(limits),
-        },
-    )
-    return RobustnessStudy(dataset, clock.compile_s, clock.run_s)
+    study_flights = [
+        survey.fly(
+            f"flying {len(trim.alpha)} flights, {inversion} inversion",
+            _fly,
+            (nominal, environment, gains_for(inversion), limits, jnp.asarray(size), jnp.asarray(tolerance)),
+            rows,
+            step_s,
+            count,
+            tolerances=np.broadcast_to(tolerance, (len(trim.alpha), 3)),
+            start_beyond=is_beyond_limits(trim, target.speed, limits),
+            span=(0.1 + 0.45 * k, 0.1 + 0.45 * (k + 1)),
+        )
+        for k, inversion in enumerate(_INVERSIONS)
+    ]
+    attributes = {
+        "aircraft": "f16",
+        "variant": variant,
+        "command": _COMMAND.meaning,
+        "seed": seed,
+        "spread_percent": 100 * spread,
+        "sensor_bandwidth_rad_s": Gains().sensor_bandwidth_rad_s,
+        "tolerance_airspeed_m_s": float(tolerance[0]),
+        "tolerance_path_angle_deg": float(tolerance[1] / DEG_RAD),
+        "tolerance_course_deg": float(tolerance[2] / DEG_RAD),
+        **flight_attributes(count, step_s, limits),
+    }
+    variables = _study_variables(cases, conditions, trims, study_flights, nominal.actuators.names)
+    return survey.result(RobustnessStudy, *variables, attributes)
 
 
-def _must_be_flown(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequence[FlightPoint]) -> None:
+def _study_variables(
+    cases: Cases,
+    conditions: Sequence[FlightPoint],
+    trims: TrimMapPoint,
+    flights: Sequence[tuple[SurveySummary, FlightOutcomes]],
+    surfaces: Sequence[str],
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return data and coordinates of a study; `flights` are those of the trimmable aircraft, by inversion."""
+    trimmable = np.asarray(trims.trimmable)
+    trim_stop = np.where(trimmable, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
+    names = [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions]
+    labels = flag_attributes("Steady flight that is left", names)
+    spread = unit_attributes("percent", "Greatest change, or the only one")
+    alone = unit_attributes("1", "Index of the only factor that is changed; -1: all are")
+    values = unit_attributes("1", "Value of what is dispersed (factor_unit)")
+    data: dict[str, Any] = {
+        "part": ("flight", cases.part.astype(np.int32), flag_attributes("Part of the study", PARTS)),
+        "condition": ("flight", cases.condition.astype(np.int32), labels),
+        "spread_percent": ("flight", 100.0 * cases.spread, spread),
+        "alone": ("flight", cases.alone.astype(np.int32), alone),
+        "factor_value": (("flight", "factor"), cases.values, values),
+        "trim_stop": ("flight", trim_stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
+    }
+    columns = [flight_variables(*inversion_flights) for inversion_flights in flights]
+    for name, (_, attributes, dimensions) in columns[0].items():
+        stacked = np.stack([scatter_rows(column[name][0], trimmable) for column in columns])
+        data[name] = (("inversion", "flight", *dimensions), stacked, attributes)
+    nominal = unit_attributes("1", "Value without a change (factor_unit)")
+    scale = unit_attributes("1", "What a change of 100 % adds (factor_unit)")
+    coordinates: dict[str, Any] = {
+        "inversion": ("inversion", np.array(_INVERSIONS), unit_attributes("", "What the autopilot inverts")),
+        "factor": ("factor", np.array([f.name for f in FACTORS]), unit_attributes("", "What is dispersed")),
+        "factor_meaning": ("factor", np.array([f.meaning for f in FACTORS])),
+        "factor_unit": ("factor", np.array([f.unit for f in FACTORS])),
+        "factor_nominal": ("factor", np.array([f.nominal for f in FACTORS]), nominal),
+        "factor_scale": ("factor", np.array([f.scale for f in FACTORS]), scale),
+        "condition_meaning": ("place", np.array(names)),
+        **flight_coordinates(surfaces),
+    }
+    return data, coordinates
+
+
+def _check_flyable(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequence[FlightPoint]) -> None:
     low, high = float(limits.speed_min), float(limits.speed_max)
     for point, steady in zip(conditions, np.asarray(nominal.trimmable), strict=True):
         if not steady:
@@ -445,44 +390,29 @@ def _must_be_flown(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequ
 
 
 @compiled
-def _trim(
-    nominal: AbstractF16, environment: Environment, dispersions: F16Dispersion, targets: TrimTarget
-) -> TrimMapPoint:
+def _trim(fixed: tuple[AbstractF16, Environment], rows: tuple[F16Dispersion, TrimTarget]) -> TrimMapPoint:
+    nominal, environment = fixed
+
     def trim_dispersed(dispersion: F16Dispersion, target: TrimTarget) -> TrimMapPoint:
         return trim_map_point(dispersed_f16(nominal, dispersion), environment, target)
 
-    return jax.vmap(trim_dispersed)(dispersions, targets)
+    return jax.vmap(trim_dispersed)(*rows)
 
 
 @compiled
 def _fly(
-    fixed: tuple[AbstractF16, Environment, FlightLimits, jax.Array, jax.Array],
-    gains: AutopilotGains,
-    dispersions: F16Dispersion,
-    delays: jax.Array,
-    trims: TrimPoint,
-    targets: TrimTarget,
+    fixed: tuple[AbstractF16, Environment, AutopilotGains, FlightLimits, jax.Array, jax.Array],
+    rows: tuple[F16Dispersion, jax.Array, TrimPoint, TrimTarget],
     step: float,
     count: int,
 ) -> SurveySummary:
-    nominal, environment, limits, size, tolerance = fixed
+    nominal, environment, gains, limits, size, tolerance = fixed
 
     def fly_dispersed(
         dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget
     ) -> SurveySummary:
-        return survey_flight(
-            dispersed_f16(nominal, dispersion),
-            environment,
-            gains,
-            limits,
-            trim,
-            target,
-            size,
-            tolerance,
-            step,
-            count,
-            DelayedSensors(delay, DELAY_MAX_S, step),
-            DirectEstimator(nominal),
-        )
+        airframe, sensors = dispersed_f16(nominal, dispersion), DelayedSensors(delay, DELAY_MAX_S, step)
+        setup = (airframe, environment, gains, limits, trim, target, size, tolerance, step, count)
+        return survey_flight(*setup, sensors, DirectEstimator(nominal))
 
-    return jax.vmap(fly_dispersed)(dispersions, delays, trims, targets)
+    return jax.vmap(fly_dispersed)(*rows)

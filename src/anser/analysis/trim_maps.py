@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe
+from anser.analysis.surveys import Survey
 from anser.analysis.trim_points import map_points
 from anser.control.limits import FlightLimits
 from anser.environment.environment import Environment
-from anser.missions.batches import Stopwatch
 from anser.results.variable_labels import unit_attributes
 from anser.steady.trim import TrimMapPoint, TrimTarget
 from anser.units import DEG_RAD
@@ -133,7 +133,7 @@ TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 
 
 def trim_map(
-    clock: Stopwatch,
+    survey: Survey,
     airframe: AbstractAirframe,
     environment: Environment,
     altitudes_m: Sequence[float] | None,
@@ -148,12 +148,13 @@ def trim_map(
     ValueError
         An axis is not of increasing numbers, or the grid has no trimmable point.
     """
+    survey.start("trimming")
     altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
     mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
     speed_of_sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
     airspeeds = speed_of_sound[:, None] * mach[None, :]
     targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
-    points = clock.run(map_points, airframe, environment, targets)
+    points = survey.call(map_points, airframe, environment, targets)
     if not np.any(points.trimmable):
         raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
     conditions = {condition.name: condition.meaning for condition in CONDITIONS}
@@ -190,18 +191,6 @@ def steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float)
     bank_tangent = np.sqrt([condition.turn_load_factor**2 - 1 for condition in CONDITIONS])[:, None, None]
     fields = (V, h, np.broadcast_to(gamma, shape), np.zeros(shape), gravity * bank_tangent / V, np.zeros(shape))
     return TrimTarget(*(jnp.asarray(field.ravel(), dtype=float) for field in fields))
-
-
-def limit_attributes(limits: FlightLimits) -> dict[str, float]:
-    """Return the autopilot's limits as attributes of a dataset."""
-    speeds = {name: float(getattr(limits, name)) for name in ("speed_min", "speed_max")}
-    angles = {name: float(getattr(limits, name)) / DEG_RAD for name in ("bank_max", "alpha_min", "alpha_max")}
-    factors = {name: float(getattr(limits, name)) for name in ("load_factor_min", "load_factor_max")}
-    return {
-        **{f"limit_{name}_m_s": value for name, value in speeds.items()},
-        **{f"limit_{name}_deg": round(value, 9) for name, value in angles.items()},
-        **{f"limit_{name}": value for name, value in factors.items()},
-    }
 
 
 def grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:

@@ -75,7 +75,7 @@ def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
     Parameters
     ----------
     dataset
-        Result of `anser.results.margin_map_dataset`.
+        Dataset of `anser.analysis.survey_margins`.
     """
     drawings = {"actuators": _actuators, "loops": _loops}
     return save_drawings(drawings, dataset, _STYLE, folder)

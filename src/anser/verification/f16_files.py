@@ -1,6 +1,5 @@
 """Verification of the built-in s119 F-16 by its DAVE-ML files: coefficients, thrust, and NESC case 11."""
 
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -21,7 +20,7 @@ from anser.numerics.arrays import as_array
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.units import DEG_RAD, LBF_N, RAD_DEG
 from anser.verification.checks import Check, Comparison, load_published
-from anser.verification.nasa_f16 import published_model
+from anser.verification.nasa_f16 import EngineOverride, published_model
 from anser.verification.nesc_cases import TRIMMED_FLIGHTS, column_unit
 from anser.verification.nesc_flight import LOG_PERIOD_S, fly_trimmed, trimmed_logs
 
@@ -53,48 +52,21 @@ def file_coefficients(
     return aerodynamics.evaluate_si(inputs, (*_COEFFICIENTS.values(), *_REFERENCES))
 
 
-class FileEngine(AbstractEngine):
-    """Engine with the thrust of F16_prop.dml; lag and inverses are those of the built-in engine.
+class FileEngine(EngineOverride):
+    """Engine with the thrust of F16_prop.dml; `base` has the lag and the inverses.
 
     Attributes
     ----------
     thrust
         Evaluator of the file.
-    built_in
-        Engine with the lag and the inverses.
     """
 
     thrust: Evaluator
-    built_in: AbstractEngine
-
-    def steady_state(self, power: ScalarLike) -> Any:
-        """State of the built-in engine."""
-        return self.built_in.steady_state(power)
-
-    def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Rate of the built-in engine."""
-        return self.built_in.rate(state, throttle, air_data)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x; the file's thrust has no lateral components."""
         inputs = {"powerLeverAngle": 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
         return thrust_along_body_x(self.thrust.evaluate_si(inputs, ("thrustBodyForce_X",))["thrustBodyForce_X"])
-
-    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Inverse of the built-in engine."""
-        return self.built_in.power_for_thrust(thrust, air_data)
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Inverse of the built-in engine."""
-        return self.built_in.throttle_for_power(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Inverse of the built-in engine."""
-        return self.built_in.throttle_for_power_rate(power, power_rate)
-
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Range of the built-in engine."""
-        return self.built_in.outside_tables(air_data)
 
 
 class FileF16(AbstractAirframe):
@@ -151,7 +123,7 @@ def f16_of_files() -> FileF16:
             spin_momentum_b=as_array(np.zeros(3)),
         ),
         actuators=built_in.actuators,
-        engine=FileEngine(published_model("F16_prop").evaluator, built_in.engine),
+        engine=FileEngine(built_in.engine, published_model("F16_prop").evaluator),
         alpha_range=built_in.alpha_range,
         beta_range=built_in.beta_range,
         coefficients=published_model("F16_aero").evaluator,
@@ -182,7 +154,7 @@ def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "sta
 @compiled_quickly
 def compare_models(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Array) -> tuple[dict, dict]:
     """Compute each state's coefficients about the moment reference and thrust (lbf), from the files and built in."""
-    file_engine = FileEngine(thrust, airframe.engine)
+    file_engine = FileEngine(airframe.engine, thrust)
 
     def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
         V, alpha, beta, rates_b, surfaces = state[0], state[1], state[2], state[3:6], state[6:9]

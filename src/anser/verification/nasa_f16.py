@@ -5,6 +5,7 @@ Published DAVE-ML files, and the built-in model with actuators and engine that f
 
 import functools
 from importlib import resources
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,18 +31,49 @@ _LAGS_IN_STEP = 1.6
 """Integration step over lag. A classical Runge-Kutta step leaves at least 27 % of a difference, at this ratio."""
 
 
-class PromptEngine(AbstractEngine):
-    """Engine with the thrust tables of another engine; the power follows the throttle (1: 100 percent) at once.
+class EngineOverride(AbstractEngine):
+    """Engine that delegates to `base`; subclasses override the differing methods."""
+
+    base: AbstractEngine
+
+    def steady_state(self, power: ScalarLike) -> Any:
+        """State of the base engine."""
+        return self.base.steady_state(power)
+
+    def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
+        """Rate of the base engine."""
+        return self.base.rate(state, throttle, air_data)
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Thrust of the base engine."""
+        return self.base.propulsion(power, air_data)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Inverse of the base engine."""
+        return self.base.power_for_thrust(thrust, air_data)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Inverse of the base engine."""
+        return self.base.throttle_for_power(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Inverse of the base engine."""
+        return self.base.throttle_for_power_rate(power, power_rate)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Range of the base engine."""
+        return self.base.outside_tables(air_data)
+
+
+class PromptEngine(EngineOverride):
+    """Engine with the thrust tables of `base`; the power follows the throttle (1: 100 percent) at once.
 
     Attributes
     ----------
-    published
-        Engine with the thrust tables.
     lag
         Time constant of the power, s.
     """
 
-    published: AbstractEngine
     lag: Scalar
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
@@ -52,14 +84,6 @@ class PromptEngine(AbstractEngine):
         """First-order lag."""
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
-    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust of the published engine."""
-        return self.published.propulsion(power, air_data)
-
-    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Inverse of the published engine."""
-        return self.published.power_for_thrust(thrust, air_data)
-
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
         """Power as a fraction."""
         return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
@@ -67,10 +91,6 @@ class PromptEngine(AbstractEngine):
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Inverse of the lag."""
         return self.throttle_for_power(power + self.lag * power_rate)
-
-    def outside_tables(self, air_data: AirData) -> Flag:
-        """Range of the published engine."""
-        return self.published.outside_tables(air_data)
 
 
 def prompt_f16(step_s: float) -> F16:
