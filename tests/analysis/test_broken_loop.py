@@ -9,7 +9,6 @@ import pytest
 from anser.aircraft_files import load_airframe
 from anser.analysis.loop_margins import (
     NEUTRAL_POLE_TOLERANCE,
-    break_loop,
     breakpoints,
     excited_loop,
     frequencies,
@@ -21,6 +20,7 @@ from anser.analysis.loop_margins import (
 from anser.control import default_limits, published_gains
 from anser.environment import standard_environment
 from anser.simulation.response import LoopCase
+from support.broken_loop import break_loop
 from support.excited_flight import excited_flight
 from support.trims import target_deg, trim
 

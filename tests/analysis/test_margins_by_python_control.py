@@ -11,7 +11,6 @@ from anser.aircraft_files import load_airframe
 from anser.analysis.loop_margins import (
     FREQUENCY_MIN,
     Margins,
-    break_loop,
     breakpoints,
     excited_loop,
     frequencies,
@@ -23,6 +22,7 @@ from anser.analysis.trim_points import default_gains
 from anser.control import default_limits
 from anser.environment import standard_environment
 from anser.simulation.response import LoopCase
+from support.broken_loop import break_loop
 from support.trims import target_deg, trim
 
 pytestmark = pytest.mark.long

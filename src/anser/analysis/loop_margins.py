@@ -143,15 +143,6 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     )
 
 
-def break_loop(loop: ExcitedLoop, index: int) -> tuple[Array, Array, Array]:
-    """Return A, B (column) and C (row) of the loop transfer function at breakpoint `index`, the other loops closed.
-
-    Input is the command passed on; output is minus the computed command: negative feedback.
-    """
-    B, C = loop.B[:, index : index + 1], loop.C[index : index + 1]
-    return loop.A - B @ C, B, -C
-
-
 def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
     thrust, attitude = signals.thrust, signals.attitude
     return jnp.stack(
