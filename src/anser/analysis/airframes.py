@@ -24,10 +24,13 @@ from anser.aircraft_files.findings import Finding, collect_findings, f16_finding
 from anser.aircraft_files.library import is_aircraft_path, load_airframe
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
 from anser.aircraft_files.sources import AIRFRAMES, LIBRARY_FILES, VARIANTS, entry_points, library_file, read_airframe
+from anser.airframe_data import COEFFICIENTS
 from anser.analysis.trim_points import map_points, resolve_airframe
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
+from anser.results.documents import version_attributes
+from anser.results.variable_labels import unit_attributes
 from anser.shapes import Scalar
 from anser.steady.trim import trim_target
 from anser.units import DEG_RAD, RAD_DEG
@@ -40,6 +43,7 @@ _ANGLES, _SPEEDS = 61, 28
 _ALPHA = 2.0 * DEG_RAD
 """Angle of attack for the coefficients over sideslip, rad."""
 _F16_SPEEDS_M_S = (60.0, 320.0)
+_COEFFICIENT_MEANINGS = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
 POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
 """Engine powers for the thrust curves, percent."""
 
@@ -88,28 +92,50 @@ def survey_airframe(
     over_beta = _coefficients(airframe, environment, mean_speed, as_array(zeros + _ALPHA), as_array(betas))
     targets = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(trim_target(V, altitude_m) for V in speeds))
     points = map_points(airframe, environment, targets)
-    from anser.analysis.airframe_dataset import airframe_dataset
+    thrust = _thrusts(airframe, environment, as_array(speeds), as_array(POWERS), as_array(altitude_m))
+    converged = np.asarray(points.trim.converged)
 
-    trimmed = np.asarray(points.trim.converged)[:, None]
-    return airframe_dataset(
-        alphas * RAD_DEG,
-        betas * RAD_DEG,
-        speeds,
-        np.asarray(POWERS),
-        airframe.actuators.names,
-        {
-            "over_alpha": np.asarray(over_alpha),
-            "over_beta": np.asarray(over_beta),
-            "thrust": np.asarray(
-                _thrusts(airframe, environment, as_array(speeds), as_array(POWERS), as_array(altitude_m))
-            ),
-            "trimmable": np.asarray(points.trimmable),
-            "alpha": np.where(trimmed[:, 0], np.asarray(points.trim.alpha) * RAD_DEG, np.nan),
-            "power": np.where(trimmed[:, 0], np.asarray(points.trim.power), np.nan),
-            "surfaces": np.where(trimmed, np.asarray(points.trim.state.surfaces) * RAD_DEG, np.nan),
-        },
-        {**attributes, "altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)},
-    )
+    def level_flight(values: Array, unit: str, long_name: str, *dimensions: str) -> tuple[Any, ...]:
+        array = np.asarray(values)
+        mask = converged.reshape(-1, *(1,) * (array.ndim - 1))
+        return (("airspeed", *dimensions), np.where(mask, array, np.nan), unit_attributes(unit, long_name))
+
+    data = {
+        "over_alpha": (
+            ("alpha", "coefficient"),
+            np.asarray(over_alpha),
+            unit_attributes("1", "Coefficient, no sideslip"),
+        ),
+        "over_beta": (
+            ("beta", "coefficient"),
+            np.asarray(over_beta),
+            unit_attributes("1", "Coefficient over sideslip"),
+        ),
+        "thrust": (("airspeed", "power"), np.asarray(thrust), unit_attributes("N", "Thrust")),
+        "trimmable": (
+            "airspeed",
+            np.asarray(points.trimmable),
+            unit_attributes("1", "Whether level flight is within all limits"),
+        ),
+        "trim_alpha_deg": level_flight(points.trim.alpha * RAD_DEG, "degree", "Angle of attack in level flight"),
+        "trim_power": level_flight(points.trim.power, "percent", "Power in level flight"),
+        "trim_surface_deg": level_flight(
+            points.trim.state.surfaces * RAD_DEG, "degree", "Deflection in level flight", "surface"
+        ),
+    }
+    coordinates = {
+        "alpha": ("alpha", alphas * RAD_DEG, unit_attributes("degree", "Angle of attack")),
+        "beta": ("beta", betas * RAD_DEG, unit_attributes("degree", "Sideslip")),
+        "airspeed": ("airspeed", speeds, unit_attributes("m s-1", "True airspeed")),
+        "power": ("power", np.asarray(POWERS), unit_attributes("percent", "Engine power")),
+        "coefficient": ("coefficient", np.array(COEFFICIENTS), unit_attributes("", "Coefficient")),
+        "coefficient_meaning": ("coefficient", np.array(_COEFFICIENT_MEANINGS)),
+        "surface": ("surface", np.array(airframe.actuators.names), unit_attributes("", "Control surface")),
+    }
+    attributes |= {"altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)}
+    import xarray as xr
+
+    return xr.Dataset(data, coordinates, {**attributes, **version_attributes()})
 
 
 def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:

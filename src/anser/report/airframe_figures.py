@@ -29,7 +29,7 @@ _LONGITUDINAL, _LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
 
 
 def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
-    """Draw an airframe (result of `anser.analysis.airframe_dataset`) into a new file, PNG, SVG or PDF."""
+    """Draw an airframe (result of `anser.analysis.survey_airframe`) into a new file, PNG, SVG or PDF."""
     save_figure(draw_for_print(_draw_airframe, dataset), [path])
 
 
