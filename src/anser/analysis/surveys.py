@@ -110,9 +110,16 @@ class Survey:
         Returns
         -------
         Tree of NumPy arrays with one row per row.
+
+        Raises
+        ------
+        ValueError
+            There is no row.
         """
         rows = jax.tree.map(np.asarray, rows)
         total = len(jax.tree.leaves(rows)[0])
+        if not total:
+            raise ValueError(f"{description}: there is no steady flight to evaluate")
         batches = []
         for start in range(0, total, batch_size):
             self._report(description, _interpolate(span, start / total))
