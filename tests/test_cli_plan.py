@@ -65,7 +65,7 @@ def test_a_plan_beyond_a_limit_is_written_and_ends_with_1(anser, tmp_path):
 def test_a_refusal_is_printed_and_leaves_no_files(anser, tmp_path, monkeypatch):
     reasons = ("earliest common arrival 83.2 s", "separation 430 m reachable, 500 m asked")
     refused = types.SimpleNamespace(refusals=reasons)
-    monkeypatch.setattr("anser.missions.plans.plan_certified", lambda *arguments: refused)
+    monkeypatch.setattr("anser.missions.first_plan.CertifiedFirstPlan.make", lambda *arguments: refused)
     code, printed, said = anser("plan", SCENARIOS / "twenty-aircraft.toml", "--out", tmp_path / "plan")
     assert (code, printed) == (1, "")
     assert [line for line in said.splitlines() if line.startswith("no plan")] == [

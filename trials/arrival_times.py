@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.compiling import enable_compilation_cache
-from anser.missions.first_plan import CertifiedFirstPlan, arrival_request, plan_certified
+from anser.missions.first_plan import CertifiedFirstPlan, arrival_request
 from anser.numerics.arrays import as_array
 from anser.planning.certified.task import AircraftTask, ArrivalRequest
 from anser.scenario import Scenario, loads
@@ -185,7 +185,7 @@ def arrival_trial(seed: int) -> ArrivalTrial:
     """Plan the task of a seed and compare its arrivals with the reference."""
     scenario, kind = random_scenario(seed)
     started = time.perf_counter()
-    planned = plan_certified(scenario)
+    planned = CertifiedFirstPlan.make(scenario)
     plan_s, n = time.perf_counter() - started, len(scenario.aircraft)
     tasks = planned.padded_tasks
     straight = straight_times(scenario, tasks)

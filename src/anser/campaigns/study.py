@@ -130,7 +130,7 @@ def _recorded(scenario: Scenario) -> set[str]:
         keys |= _GUST_KEYS
     if scenario.goal_sensor.preset != "exact":
         keys |= _SENSOR_KEYS
-    if scenario.fleet.planner == "decentralised":
+    if not scenario.fleet.is_central:
         keys |= _NETWORK_KEYS
     return keys
 

@@ -1,6 +1,6 @@
 """First plan of a fleet without a central planner: consensus over the network on the arrival time, then on paths."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -9,16 +9,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.compiling.options import compiled_quickly, enable_compilation_cache
+from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import (
     CertifiedFirstPlan,
-    NoPlanError,
     PrepareNext,
     arrival_request,
     first_plan_status,
+    initialize_compiled,
+    restored_arguments,
     trim_and_build_tasks,
+    with_randomness,
 )
 from anser.numerics.arrays import as_array, select_rows
+from anser.numerics.randomness import AbstractRandomness
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify, choose_interval_count
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import interval_count
@@ -33,19 +36,12 @@ from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_network import Network as NetworkTable
 from anser.shapes import Scalar
-from anser.simulation.flight import Flight, FlightState
-from anser.simulation.start import TrimmedFleet, initialize_flight
+from anser.simulation.flight import Flight
+from anser.simulation.start import TrimmedFleet
 
 DELAY_FACTORS = (1.0, 1.03, 1.08, 1.15, 1.3)
 """Factors on the first agreed arrival time, proposed in this order."""
 _assign_holds = compiled_quickly(assign_holds)
-
-
-@compiled_quickly
-def _initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: CertifiedPlanState) -> FlightState:
-    return initialize_flight(
-        flight, fleet, cast(DecentralisedPlanner, flight.planner).initial_state(plan_state, flight.randomness)
-    )
 
 
 @compiled_quickly
@@ -91,16 +87,58 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
 
     agreed_after_s: float
 
-    def initial_state(self) -> FlightState:
-        """Fleet state at the start of the flight, with the plan."""
-        return _initialize_compiled(self.flight, self.fleet, self.saved_state().plan_state)
+    @classmethod
+    def make(
+        cls,
+        scenario: Scenario,
+        on_progress: Callable[[str], None] = lambda message: None,
+        prepare_next: PrepareNext = lambda *_: None,
+        randomness: AbstractRandomness | None = None,
+    ) -> "DecentralisedFirstPlan":
+        """Trim every aircraft and negotiate the first plan.
+
+        Every aircraft searches for its first arrival, and the fleet agrees on the latest of these times
+        (max-consensus). Then the aircraft plan in the order of the scenario: a path with the agreed arrival time and
+        with separation from the paths received so far. If a search fails, the aircraft proposes a later time and the
+        fleet plans anew. The holds follow from the paths by a common rule.
+        """
+        on_progress("trimming")
+        flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
+        planner = cast(DecentralisedPlanner, flight.planner)
+        fleet, tasks = trim_and_build_tasks(flight, planner.aircraft_planner)
+        check_trimmable(scenario, flight, fleet.is_trimmed)
+        plan, holds, negotiation_s, refusal = negotiate_plan(scenario, flight, tasks, on_progress)
+        if plan is not None:
+            plan_state = CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
+            program = initialize_compiled.prepare(flight, fleet, plan_state).start()
+            following = prepare_next(flight, program.shapes)
+            if following is not None:
+                following.start()
+        refusals = (refusal,) if refusal else ()
+        airspace = planner.aircraft_planner.airspace
+        return cls(scenario, flight, fleet, refusals, SearchOutcome(plan, 1), tasks, airspace, holds, negotiation_s)
+
+    @classmethod
+    def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "DecentralisedFirstPlan":
+        """The first plan from a trimmed fleet and the content of a plan file."""
+        planner = cast(DecentralisedPlanner, flight.planner).aircraft_planner
+        arguments = restored_arguments(scenario, flight, fleet, state.plan_state, planner)
+        return cls(*arguments, float(state.negotiation_s))
+
+    @classmethod
+    def state_type(cls) -> type:
+        """Type of `saved_state`."""
+        return Agreement
 
     def saved_state(self) -> Agreement:
         """Paths, holds and the duration of the negotiation."""
-        if self.outcome.plan is None:
-            raise NoPlanError(self.refusals)
-        plan_state = CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
-        return Agreement(plan_state, as_array(self.agreed_after_s))
+        return Agreement(self._plan_state(), as_array(self.agreed_after_s))
+
+    def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Entry `network` of a flight's summary."""
+        from anser.results.network_summary import summarize_network
+
+        return summarize_network(time_s, history, self.scenario, self.agreed_after_s)
 
     def notes(self) -> tuple[str, ...]:
         """Notes of the certified planner, after the duration of the negotiation."""
@@ -141,50 +179,6 @@ class _MessageFlood:
             f"the fleet does not agree within network.agree_within_s = {len(self.links) * self.period_s:g} s: what "
             f'aircraft "{self.names[source]}" says does not reach {unreached or "all others in time"}'
         )
-
-
-def plan_decentralised(
-    scenario: Scenario,
-    on_progress: Callable[[str], None] = lambda message: None,
-    prepare_next: PrepareNext = lambda *_: None,
-) -> DecentralisedFirstPlan:
-    """Trim every aircraft and negotiate the first plan.
-
-    Every aircraft searches for its first arrival, and the fleet agrees on the latest of these times (max-consensus).
-    Then the aircraft plan in the order of the scenario: a path with the agreed arrival time and with separation from
-    the paths received so far. If a search fails, the aircraft proposes a later time and the fleet plans anew. The holds
-    follow from the paths by a common rule.
-
-    Parameters
-    ----------
-    scenario
-        With `fleet.planner = "decentralised"`.
-    on_progress, prepare_next
-        As in `anser.plan`.
-
-    Raises
-    ------
-    ScenarioError
-        If an aircraft cannot be trimmed at its start.
-    """
-    enable_compilation_cache()
-    on_progress("trimming")
-    flight = build_flight(scenario, pad_fleet=True)
-    planner = cast(DecentralisedPlanner, flight.planner)
-    fleet, tasks = trim_and_build_tasks(flight, planner.aircraft_planner)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
-    plan, holds, negotiation_s, refusal = negotiate_plan(scenario, flight, tasks, on_progress)
-    if plan is not None:
-        plan_state = CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
-        program = _initialize_compiled.prepare(flight, fleet, plan_state).start()
-        following = prepare_next(flight, program.shapes)
-        if following is not None:
-            following.start()
-    refusals = (refusal,) if refusal else ()
-    airspace = planner.aircraft_planner.airspace
-    return DecentralisedFirstPlan(
-        scenario, flight, fleet, refusals, SearchOutcome(plan, 1), tasks, airspace, holds, negotiation_s
-    )
 
 
 def negotiate_plan(

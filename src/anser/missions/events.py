@@ -265,7 +265,7 @@ class EventSchedule:
         for event in due_events:
             flight, state, outcome = apply_event(self._scenario, flight, state, number, event, self._on_progress)
             self.outcomes.append(outcome)
-            if event.kind in GOAL_EVENTS and self._scenario.fleet.planner == "certified":
+            if event.kind in GOAL_EVENTS and self._scenario.fleet.is_central:
                 self._goal_event = len(self.outcomes) - 1, _SEARCHES_MAX
         flight, state, self.goals, handovers = reassign_goals(
             self._scenario, flight, state, number, due_events, self.goals, self._on_progress

@@ -4,14 +4,14 @@ import abc
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from jaxtyping import Array
 
-from anser.compiling.options import compiled_quickly, enable_compilation_cache
+from anser.compiling.options import compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal
 from anser.numerics.arrays import as_array, first_rows, unstack_rows
@@ -29,6 +29,9 @@ from anser.scenario.schema import Scenario
 from anser.simulation.flight import Flight, FlightState
 from anser.simulation.start import TrimmedFleet, initialize_flight, trimmed_fleet
 from anser.steady.trim import TrimPoint
+
+if TYPE_CHECKING:
+    from anser.missions.plan_output import RecordedPlan
 
 SPEED_TOLERANCE = 1e-3
 """Relative difference from the fleet's speed above which a mean airspeed is noted."""
@@ -82,6 +85,27 @@ class FirstPlan(abc.ABC):
         }
         return tuple(trims[position] for position in range(len(self.scenario.aircraft)))
 
+    @classmethod
+    @abc.abstractmethod
+    def make(
+        cls,
+        scenario: Scenario,
+        on_progress: Callable[[str], None] = lambda message: None,
+        prepare_next: PrepareNext = lambda *_: None,
+        randomness: AbstractRandomness | None = None,
+    ) -> "FirstPlan":
+        """Trim every aircraft at its start and plan; parameters and errors as in `anser.plan`."""
+
+    @classmethod
+    @abc.abstractmethod
+    def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
+        """The first plan from a trimmed fleet and the content of a plan file."""
+
+    @classmethod
+    @abc.abstractmethod
+    def state_type(cls) -> type:
+        """Type of `saved_state`."""
+
     @functools.cached_property
     @abc.abstractmethod
     def plan(self) -> Any:
@@ -103,9 +127,27 @@ class FirstPlan(abc.ABC):
     def initial_state(self) -> FlightState:
         """State of the fleet at the start of the flight, with the plan."""
 
+    @abc.abstractmethod
     def saved_state(self) -> Any:
-        """Content of a plan file: a module of arrays."""
-        return self.initial_state().planner
+        """Content of a plan file: a module of arrays. Raises `NoPlanError` if there is no plan."""
+
+    @abc.abstractmethod
+    def record(self) -> "RecordedPlan":
+        """Sample and summarize the plan. Raises `NoPlanError` if there is no plan."""
+
+    def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
+        """Entry `network` of a flight's summary; None for a fleet with a central planner."""
+        return None
+
+    @property
+    def arrivals_s(self) -> np.ndarray:
+        """Planned arrival times, (aircraft,), s."""
+        return np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
+
+    @property
+    def arrival_s(self) -> float:
+        """Planned arrival time of the last aircraft, s."""
+        return float(np.max(self.arrivals_s))
 
     def __repr__(self) -> str:
         return "\n  ".join([self._head(), *self._problems_and_notes()])
@@ -115,10 +157,11 @@ class FirstPlan(abc.ABC):
 
         table = []
         if not self.refusals:
-            arrivals = np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
             table = [
                 {"aircraft": aircraft.name, "goal": aircraft.goal, "arrives at, s": f"{float(time):.2f}", "path": path}
-                for aircraft, time, path in zip(self.scenario.aircraft, arrivals, self.path_descriptions(), strict=True)
+                for aircraft, time, path in zip(
+                    self.scenario.aircraft, self.arrivals_s, self.path_descriptions(), strict=True
+                )
             ]
         return notebook_table(self._head(), table, self._problems_and_notes())
 
@@ -128,9 +171,9 @@ class FirstPlan(abc.ABC):
             return f"{head}no plan"
         from anser.results.arrival import format_planned_arrivals
 
-        arrivals_s = np.asarray(self.plan.arrival_times)
-        first_s, last_s = (float(end(arrivals_s)) for end in (np.min, np.max))
-        return head + format_planned_arrivals(len(self.scenario.aircraft), first_s, last_s)
+        return head + format_planned_arrivals(
+            len(self.scenario.aircraft), float(np.min(self.arrivals_s)), self.arrival_s
+        )
 
     def _problems_and_notes(self) -> list[str]:
         """Problems and notes, one line each."""
@@ -140,8 +183,12 @@ class FirstPlan(abc.ABC):
 
 trim_at_start = compiled_quickly(trimmed_fleet)
 """`trimmed_fleet`, compiled."""
-initialize_compiled = compiled_quickly(initialize_flight)
-"""`initialize_flight`, compiled."""
+
+
+@compiled_quickly
+def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) -> FlightState:
+    """State of a flight at time 0 with a first plan."""
+    return initialize_flight(flight, fleet, flight.planner.initial_state(plan_state, flight.randomness))
 
 
 @compiled_quickly
@@ -183,6 +230,47 @@ class CertifiedFirstPlan(FirstPlan):
     airspace: Airspace
     holds: PlannedHolds | None
 
+    @classmethod
+    def make(
+        cls,
+        scenario: Scenario,
+        on_progress: Callable[[str], None] = lambda message: None,
+        prepare_next: PrepareNext = lambda *_: None,
+        randomness: AbstractRandomness | None = None,
+    ) -> "CertifiedFirstPlan":
+        """Trim every aircraft and search for a certified plan; if the search fails, diagnose the reason."""
+        on_progress("trimming")
+        flight, count = with_randomness(randomness, build_flight(scenario, pad_fleet=True)), len(scenario.aircraft)
+        planner = cast(CertifiedPlanner, flight.planner)
+        start = trim_and_build_tasks.prepare(flight, planner).start()
+        for program in _prepare_programs(scenario, flight, planner, start.shapes, prepare_next):
+            program.start()
+        fleet, tasks = trim_and_build_tasks(flight, planner)
+        check_trimmable(scenario, flight, fleet.is_trimmed)
+        request = arrival_request(scenario, flight.count)
+        outcome, holds = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s, on_progress)
+        refusals: tuple[str, ...] = ()
+        if outcome.plan is None:
+            on_progress("looking for what stands in the way")
+            fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
+            refusals = (
+                diagnose_refusal(scenario, fleet_task, outcome.leading(count))
+                if holds is None
+                else diagnose_missing_holds(scenario, fleet_task, holds)
+            )
+            holds = None
+        return cls(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
+
+    @classmethod
+    def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "CertifiedFirstPlan":
+        """The first plan from a trimmed fleet and the content of a plan file."""
+        return cls(*restored_arguments(scenario, flight, fleet, state, cast(CertifiedPlanner, flight.planner)))
+
+    @classmethod
+    def state_type(cls) -> type:
+        """Type of `saved_state`."""
+        return CertifiedPlanState
+
     @functools.cached_property
     def tasks(self) -> AircraftTask:
         """Planning tasks of the scenario's aircraft; leading axis aircraft."""
@@ -222,10 +310,31 @@ class CertifiedFirstPlan(FirstPlan):
 
     def initial_state(self) -> FlightState:
         """State of the fleet at the start of the flight, with the plan."""
+        return initialize_compiled(self.flight, self.fleet, self._plan_state())
+
+    def saved_state(self) -> Any:
+        """Content of a plan file: the planner's state."""
+        return self._plan_state()
+
+    def _plan_state(self) -> CertifiedPlanState:
         if self.outcome.plan is None:
             raise NoPlanError(self.refusals)
-        state = CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
-        return initialize_compiled(self.flight, self.fleet, state)
+        return CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
+
+    def record(self) -> "RecordedPlan":
+        """Sample and summarize the plan with its proven bounds."""
+        from anser.missions.plan_output import record_certified
+
+        gravity = self.airspace.gravity
+        return record_certified(self.scenario, self.plan, self.tasks, gravity, self.holds, self.notes())
+
+
+def restored_arguments(
+    scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: CertifiedPlanState, planner: CertifiedPlanner
+) -> tuple[Scenario, Flight, TrimmedFleet, tuple[str, ...], SearchOutcome, AircraftTask, Airspace, PlannedHolds | None]:
+    """Fields of a `CertifiedFirstPlan` with the plan, holds and limits of a plan file."""
+    outcome, tasks = SearchOutcome(state.plan, 0), planner.aircraft_tasks(fleet.reports, state.limits)
+    return scenario, flight, fleet, (), outcome, tasks, planner.airspace, state.holds
 
 
 def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
@@ -259,50 +368,6 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
 def with_randomness(source: AbstractRandomness | None, flight: Flight) -> Flight:
     """Flight with another source of random numbers; None: unchanged."""
     return flight if source is None else dataclasses.replace(flight, randomness=source)
-
-
-def plan_certified(
-    scenario: Scenario,
-    on_progress: Callable[[str], None] = lambda message: None,
-    prepare_next: PrepareNext = lambda *_: None,
-    randomness: AbstractRandomness | None = None,
-) -> CertifiedFirstPlan:
-    """Trim every aircraft and search for a certified plan; if the search fails, diagnose the reason.
-
-    Parameters
-    ----------
-    scenario
-        With `fleet.planner = "certified"`.
-    on_progress, prepare_next, randomness
-        As in `anser.plan`.
-
-    Raises
-    ------
-    ScenarioError
-        If an aircraft cannot be trimmed at its start.
-    """
-    enable_compilation_cache()
-    on_progress("trimming")
-    flight, count = with_randomness(randomness, build_flight(scenario, pad_fleet=True)), len(scenario.aircraft)
-    planner = cast(CertifiedPlanner, flight.planner)
-    start = trim_and_build_tasks.prepare(flight, planner).start()
-    for program in _prepare_programs(scenario, flight, planner, start.shapes, prepare_next):
-        program.start()
-    fleet, tasks = trim_and_build_tasks(flight, planner)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
-    request = arrival_request(scenario, flight.count)
-    outcome, holds = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s, on_progress)
-    refusals: tuple[str, ...] = ()
-    if outcome.plan is None:
-        on_progress("looking for what stands in the way")
-        fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
-        refusals = (
-            diagnose_refusal(scenario, fleet_task, outcome.leading(count))
-            if holds is None
-            else diagnose_missing_holds(scenario, fleet_task, holds)
-        )
-        holds = None
-    return CertifiedFirstPlan(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
 
 
 def _prepare_programs(

@@ -230,7 +230,7 @@ def _fly_batch(
     precision: Precision,
 ) -> list[FlightRow]:
     """Start, plan and fly a batch that is padded beyond the cases."""
-    if cases[0].scenario.fleet.planner == "published":
+    if not cases[0].scenario.fleet.is_certified:
         states, fleets = _start_flights(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
         selected = [k for k in range(len(cases)) if k not in refusals]

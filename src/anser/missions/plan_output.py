@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.missions.first_plan import UNPROVEN, CertifiedFirstPlan, FirstPlan, unproven_paths
+from anser.missions.first_plan import UNPROVEN, FirstPlan, unproven_paths
 from anser.missions.plan_samples import PlannedPath, sample_plan, sample_times
 from anser.missions.plans import PublishedFirstPlan
 from anser.numerics.arrays import take_rows, unstack_rows
@@ -63,12 +63,7 @@ def record_plan(planned: FirstPlan) -> RecordedPlan:
     NoPlanError
         If no plan was found.
     """
-    if isinstance(planned, PublishedFirstPlan):
-        return record_published(planned)
-    if not isinstance(planned, CertifiedFirstPlan):
-        raise TypeError(f"planned: arrived a {type(planned).__name__}; expected what anser.plan gives")
-    gravity, holds = planned.airspace.gravity, planned.holds
-    return record_certified(planned.scenario, planned.plan, planned.tasks, gravity, holds, planned.notes())
+    return planned.record()
 
 
 def record_published(planned: PublishedFirstPlan) -> RecordedPlan:
@@ -89,8 +84,7 @@ def record_published(planned: PublishedFirstPlan) -> RecordedPlan:
         turn_utilization=np.asarray(planned.limits.turn_utilization_max),
         level_off_m=np.asarray(planned.limits.level_off_altitude),
     )
-    arrivals = np.full(len(scenario.aircraft), float(plan.arrival_time))
-    return _record(plan.trajectories, arrivals, planned.flight.environment.gravity, details)
+    return _record(plan.trajectories, planned.arrivals_s, planned.flight.environment.gravity, details)
 
 
 def record_certified(

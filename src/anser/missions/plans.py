@@ -10,7 +10,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, get_args, get_type_hints
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ import numpy as np
 
 from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
 from anser.files import write_file
-from anser.missions.consensus import Agreement, DecentralisedFirstPlan, plan_decentralised
+from anser.missions.consensus import DecentralisedFirstPlan
 from anser.missions.first_plan import (
     SPEED_TOLERANCE,
     CertifiedFirstPlan,
@@ -26,16 +26,12 @@ from anser.missions.first_plan import (
     PlanFileError,
     PrepareNext,
     initialize_compiled,
-    plan_certified,
     trim_at_start,
     with_randomness,
 )
 from anser.missions.saved_flights import PLAN
 from anser.numerics.arrays import as_array, first_rows
 from anser.numerics.randomness import AbstractRandomness
-from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
-from anser.planning.certified.search import SearchOutcome
-from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.limits import LIMIT_MESSAGES, describe_bend
 from anser.planning.published.coordination import PLAN_MESSAGES, FleetPlan
 from anser.planning.published.planner import LimitReport, PublishedPlanState, check_limits, separation_min
@@ -48,8 +44,11 @@ from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.simulation.closed_loop import STATUS_MESSAGES, is_breakaway
-from anser.simulation.flight import FlightState, statuses
-from anser.simulation.start import start_flight
+from anser.simulation.flight import Flight, FlightState, statuses
+from anser.simulation.start import TrimmedFleet, start_flight
+
+if TYPE_CHECKING:
+    from anser.missions.plan_output import RecordedPlan
 
 _start_flight = compiled_quickly(start_flight)
 _separation = compiled(separation_min)
@@ -72,6 +71,35 @@ class PublishedFirstPlan(FirstPlan):
     """
 
     state: FlightState
+
+    @classmethod
+    def make(
+        cls,
+        scenario: Scenario,
+        on_progress: Callable[[str], None] = lambda message: None,
+        prepare_next: PrepareNext = lambda *_: None,
+        randomness: AbstractRandomness | None = None,
+    ) -> "PublishedFirstPlan":
+        """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
+        on_progress("trimming and planning")
+        flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
+        start = _start_flight.prepare(flight).start()
+        next_program = prepare_next(flight, start.shapes[0])
+        if next_program is not None:
+            next_program.start()
+        state, fleet = _start_flight(flight)
+        check_trimmable(scenario, flight, fleet.is_trimmed)
+        return cls(scenario, flight, fleet, (), state)
+
+    @classmethod
+    def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "PublishedFirstPlan":
+        """The first plan from a trimmed fleet and the content of a plan file."""
+        return cls(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
+
+    @classmethod
+    def state_type(cls) -> type:
+        """Type of `saved_state`."""
+        return PublishedPlanState
 
     @functools.cached_property
     def plan(self) -> FleetPlan:
@@ -117,11 +145,6 @@ class PublishedFirstPlan(FirstPlan):
             )
         return tuple(notes)
 
-    @property
-    def arrival_s(self) -> float:
-        """Common arrival time, s."""
-        return float(self.plan.arrival_time)
-
     def problems(self) -> tuple[str, ...]:
         """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
         problems, duration_s = [], self.scenario.timing.duration_s
@@ -146,6 +169,16 @@ class PublishedFirstPlan(FirstPlan):
     def initial_state(self) -> FlightState:
         """State of the fleet at the start of the flight, with the plan."""
         return self.state
+
+    def saved_state(self) -> Any:
+        """Content of a plan file: the planner's state."""
+        return self.state.planner
+
+    def record(self) -> "RecordedPlan":
+        """Sample and summarize the plan."""
+        from anser.missions.plan_output import record_published
+
+        return record_published(self)
 
 
 def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
@@ -191,24 +224,15 @@ def plan(
     """
     enable_compilation_cache()
     scenario = as_scenario(scenario)
-    if scenario.fleet.planner == "certified":
-        return plan_certified(scenario, on_progress, prepare_next, randomness)
-    if scenario.fleet.planner == "decentralised":
-        return plan_decentralised(scenario, on_progress, prepare_next)
-    on_progress("trimming and planning")
-    flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
-    start = _start_flight.prepare(flight).start()
-    next_program = prepare_next(flight, start.shapes[0])
-    if next_program is not None:
-        next_program.start()
-    state, fleet = _start_flight(flight)
-    first_plan = PublishedFirstPlan(scenario, flight, fleet, (), state)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
-    return first_plan
+    return _FIRST_PLANS[scenario.fleet.planner].make(scenario, on_progress, prepare_next, randomness)
 
 
+_FIRST_PLANS: dict[str, type[FirstPlan]] = {
+    "published": PublishedFirstPlan,
+    "certified": CertifiedFirstPlan,
+    "decentralised": DecentralisedFirstPlan,
+}
 _FORMAT = 2
-_STATES = {"published": PublishedPlanState, "certified": CertifiedPlanState, "decentralised": Agreement}
 
 
 def write_plan(planned: FirstPlan, path: Path) -> None:
@@ -260,7 +284,7 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
             arrays = {name: archive[name] for name in archive.files}
         metadata = json.loads(str(arrays.pop("about")))
         _refuse_foreign_plan(metadata, scenario, path)
-        state = _rebuild_state(_STATES[metadata["planner"]], "", arrays)
+        state = _rebuild_state(_FIRST_PLANS[scenario.fleet.planner].state_type(), "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
@@ -301,25 +325,7 @@ def _first_plan_from_state(scenario: Scenario, state: Any, path: Path) -> FirstP
         raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
     fleet = trim_at_start(flight)
     check_trimmable(scenario, flight, fleet.is_trimmed)
-    if scenario.fleet.planner == "published":
-        return PublishedFirstPlan(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
-    plan_state = state.plan_state if isinstance(state, Agreement) else state
-    planner = flight.planner.aircraft_planner if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
-    assert isinstance(planner, CertifiedPlanner)
-    tasks = planner.aircraft_tasks(fleet.reports, plan_state.limits)
-    arguments = (
-        scenario,
-        flight,
-        fleet,
-        (),
-        SearchOutcome(plan_state.plan, 0),
-        tasks,
-        planner.airspace,
-        plan_state.holds,
-    )
-    if isinstance(state, Agreement):
-        return DecentralisedFirstPlan(*arguments, float(state.negotiation_s))
-    return CertifiedFirstPlan(*arguments)
+    return _FIRST_PLANS[scenario.fleet.planner].restore(scenario, flight, fleet, state)
 
 
 def _with_checksum(archive: io.BytesIO) -> bytes:

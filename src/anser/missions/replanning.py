@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -57,7 +57,7 @@ class FleetSnapshot(NamedTuple):
 def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSnapshot:
     """Snapshot of a fleet with the certified planner at a sample; `flight` contains the departures."""
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
-    planner, plan_state = _certified_planner(flight, state)
+    planner, plan_state = _planner(flight), state.planner
     _, reports = fleet_reports(flight, state, instant)
     plan, time = plan_state.plan, instant.time
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
@@ -104,7 +104,7 @@ def plan_exit(
     its distances from the other paths to the separation (1 is sufficient). If every ratio is below 1, the turn with the
     greatest ratio is flown.
     """
-    planner, plan_state = _certified_planner(flight, state)
+    planner, plan_state = _planner(flight), state.planner
     plan, time = plan_state.plan, number * flight.timing.step
     airspace, tasks = planner.airspace, take_snapshot(flight, state, number).flying_tasks
     local_path = jax.tree.map(lambda leaf: leaf[aircraft], plan.paths)
@@ -129,13 +129,6 @@ def plan_exit(
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
     """Fleet state with another plan in force."""
     return eqx.tree_at(lambda s: s.planner, state, plan)
-
-
-def _certified_planner(flight: Flight, state: FlightState) -> tuple[CertifiedPlanner, CertifiedPlanState]:
-    """Planner and planner state of a flight with the certified planner."""
-    if not isinstance(flight.planner, CertifiedPlanner):
-        raise TypeError(f"planned anew in flight: arrived a {type(flight.planner).__name__}, expected CertifiedPlanner")
-    return flight.planner, state.planner
 
 
 NO_PLAN_MESSAGE = "no plan was found that keeps everything: the plan in force is kept"
@@ -217,7 +210,7 @@ def apply_event(
         flight = _with_keep_out(scenario, flight, event)
     if event.kind == "thrust-lost":
         state = _with_less_thrust(state, names.index(str(event.aircraft)), event.thrust_left or 0.0)
-        if scenario.fleet.planner == "decentralised":
+        if not scenario.fleet.is_central:
             return flight, state, outcome(True, "its path is renewed within what it can do, and the others wait for it")
     return _replan_if_needed(scenario, flight, state, number, event, outcome, on_progress)
 
@@ -232,8 +225,7 @@ class _OutcomeOf:
 
 
 def _planner(flight: Flight) -> CertifiedPlanner:
-    assert isinstance(flight.planner, CertifiedPlanner), "events are for flights with the certified planner"
-    return flight.planner
+    return cast(CertifiedPlanner, flight.planner)  # scenarios with other planners have no replanning after events
 
 
 def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:

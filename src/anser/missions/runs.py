@@ -18,7 +18,6 @@ from anser.compiling.program import PreparedProgram
 from anser.config.errors import Problem, ScenarioError
 from anser.files import new_folder, staged_folder
 from anser.missions.batches import Progress, no_progress
-from anser.missions.consensus import DecentralisedFirstPlan
 from anser.missions.events import EventSchedule
 from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.plans import plan
@@ -33,7 +32,7 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 
 def needs_single_flight(scenario: Scenario) -> bool:
     """Whether the flight of a scenario stops for searches on the host, or has plans of several sizes."""
-    return bool(scenario.event) or scenario.fleet.planner == "decentralised"
+    return bool(scenario.event) or not scenario.fleet.is_central
 
 
 def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
@@ -211,7 +210,6 @@ def run(
         raise ValueError(f"planned: arrived a plan for {planned.scenario.name}; expected one for the scenario itself")
     from anser.results.dataset import to_dataset
     from anser.results.documents import version_attributes
-    from anser.results.network_summary import summarize_network
     from anser.results.summary import summarize
 
     if planned.refusals:
@@ -250,9 +248,10 @@ def run(
         time_s, history, scenario, wall_s, planned.path_descriptions(), outcomes, schedule.goals, surfaces
     )
     attributes = _attributes(scenario) | {"limits": limits_text(scenario, planned.flight)} | version_attributes()
-    if isinstance(planned, DecentralisedFirstPlan):
-        summary["network"] = summarize_network(time_s, history, scenario, planned.agreed_after_s)
-        attributes["network"] = json.dumps(summary["network"])
+    network = planned.network_summary(time_s, history)
+    if network is not None:
+        summary["network"] = network
+        attributes["network"] = json.dumps(network)
     stride = round(timing.record_period_s / timing.step_s)
     dataset = to_dataset(
         time_s[::stride],

@@ -309,6 +309,14 @@ class AbstractPlanner(eqx.Module):
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:
         """Planner state with the first plan, from stacked reports at a time, s."""
 
+    def initial_state(self, plan_state: Any, randomness: AbstractRandomness | None) -> Any:
+        """State of the planner at time 0 with a first plan made before the flight; by default the plan itself."""
+        return plan_state
+
+    def replan_needed(self, planner_state: Any) -> Flag:
+        """Whether a new plan was due that a planner without replanning could not make; by default never."""
+        return as_array(False, bool)
+
     @abc.abstractmethod
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
         """Planner state with a new plan, from stacked reports at a time, s."""

@@ -86,6 +86,11 @@ class Fleet(Table):
         """Whether the planner certifies its paths."""
         return self.planner != "published"
 
+    @property
+    def is_central(self) -> bool:
+        """Whether one planner plans for the whole fleet."""
+        return self.planner != "decentralised"
+
 
 class Limits(Table):
     """Flight envelope for plans and autopilot."""
