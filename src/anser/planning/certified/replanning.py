@@ -4,6 +4,7 @@ Velocity and acceleration stay continuous throughout.
 """
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -23,6 +24,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_hypot
 
+_Plan = TypeVar("_Plan")
 FIRST_PLAN, CORRECTED, REPLANNED, UNCHANGED, AWAITING_GOAL, PARTLY_CORRECTED = range(6)
 REPLANNING_MESSAGES = (
     "first plan",
@@ -155,6 +157,61 @@ def arrival_delays(
     return delays, jnp.where(arrival_is_free & jnp.all(replannable), jnp.maximum(open_count, 1), 1)
 
 
+class AttemptLadder(eqx.Module):
+    """Attempts at a new plan in flight: the allowed delays with the limits of a new path, then with relaxed limits.
+
+    Attributes
+    ----------
+    delays
+        Delays of the arrivals, s.
+    delay_count
+        Number of allowed delays, see `arrival_delays`.
+    limits
+        Limits of a new path.
+    relaxed_limits
+        Limits of a corrected path; None: the second round is omitted.
+    """
+
+    delays: Float[Array, " tries"]
+    delay_count: Count
+    limits: PathLimits
+    relaxed_limits: PathLimits | None
+
+    def first_success(
+        self, try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]], initial: _Plan
+    ) -> tuple[Flag, _Plan, Scalar]:
+        """Try plans until the first success.
+
+        Parameters
+        ----------
+        try_plan
+            Function of a delay (s) and limits; returns success and plan.
+        initial
+            Plan before the first attempt.
+
+        Returns
+        -------
+        Success, the last plan, and its delay, s.
+        """
+        relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
+        attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
+
+        def attempt(carry: tuple[Count, Flag, _Plan]) -> tuple[Count, Flag, _Plan]:
+            k = carry[0]
+            delay = self.delays[k % self.delay_count]
+            limits = jax.tree.map(
+                lambda new, relaxed: jnp.where(k < self.delay_count, new, relaxed), self.limits, relaxed_limits
+            )
+            return k + 1, *try_plan(delay, limits)
+
+        count, is_success, plan = jax.lax.while_loop(
+            lambda carry: (carry[0] < attempt_count) & ~carry[1],
+            attempt,
+            (jnp.asarray(0), jnp.asarray(False), initial),
+        )
+        return is_success, plan, self.delays[jnp.maximum(count - 1, 0) % self.delay_count]
+
+
 class ReplanningResult(eqx.Module):
     """A plan, its status (index into `REPLANNING_MESSAGES`), and whether a necessary replanning failed."""
 
@@ -233,19 +290,15 @@ def replan_certified(
 
     active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
     delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
-    rounds = 1 if correction_limits is None else 2
+    ladder = AttemptLadder(delays, tries, tasks.limits, correction_limits)
 
     def certified(
         candidate_plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]
     ) -> CertifiedPlan:
         return _recertify(candidate_plan, paths, arrivals, correction_tasks, airspace, intervals, time, under_way)
 
-    def try_plan(carry: tuple[Count, Flag, CertifiedPlan]) -> tuple[Count, Flag, CertifiedPlan]:
-        k, _, _ = carry
-        durations = jnp.maximum(active_arrivals - time, COMMITTED_S) + delays[k % tries]
-        limits = jax.tree.map(
-            lambda new, corrected: jnp.where(k < tries, new, corrected), tasks.limits, correction_tasks.limits
-        )
+    def try_plan(delay: Scalar, limits: PathLimits) -> tuple[Flag, CertifiedPlan]:
+        durations = jnp.maximum(active_arrivals - time, COMMITTED_S) + delay
         tasks_with_limits = eqx.tree_at(lambda t: t.limits, planned_tasks, limits)
         new_plan = plan_fleet_at(time, tasks_with_limits, airspace, durations, intervals, MINIMAL)
         # Aircraft with a fixed path keep its length, turn and speed.
@@ -255,7 +308,7 @@ def replan_certified(
         arrivals = jnp.where(replannable, time + durations, plan.arrival_times)
         fleet_plan = certified(new_plan, select_rows(replannable, new_plan.paths, paths), arrivals)
         is_good = jnp.all(jnp.where(replannable, new_plan.valid, True)) & jnp.all(fleet_plan.feasible | ~under_way)
-        return k + 1, is_good, fleet_plan
+        return is_good, fleet_plan
 
     def correct_partly() -> tuple[Flag, CertifiedPlan]:
         def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
@@ -273,9 +326,7 @@ def replan_certified(
         return has_moved & jnp.all(candidate_plan.feasible | ~under_way), candidate_plan
 
     def replace_plan() -> ReplanningResult:
-        _, is_new, new_plan = jax.lax.while_loop(
-            lambda c: (c[0] < rounds * tries) & ~c[1], try_plan, (jnp.asarray(0), jnp.asarray(False), plan)
-        )
+        is_new, new_plan, _ = ladder.first_success(try_plan, plan)
         is_corrected, corrected_plan = correct_partly()
         final_plan = jax.tree.map(
             lambda a, b, c: jnp.where(is_new, a, jnp.where(is_corrected, b, c)), new_plan, corrected_plan, plan

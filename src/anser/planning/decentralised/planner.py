@@ -24,6 +24,7 @@ from anser.planning.certified.replanning import (
     PARTLY_CORRECTED,
     REPLANNED,
     UNCHANGED,
+    AttemptLadder,
     arrival_delays,
     correct_path,
     interval_count,
@@ -303,7 +304,7 @@ class DecentralisedPlanner(AbstractPlanner):
             planner.latest_arrival,
             _DELAY_FRACTIONS,
         )
-        correction_limits = planner.correction_limits(tasks.limits)
+        ladder = AttemptLadder(extra_delays, try_count, tasks.limits, planner.correction_limits(tasks.limits))
         end_time, cells = jnp.max(former.paths.times), former.paths.times.shape[1] - 1
         agreed, alternative, proposed = _set_slices(count)
 
@@ -322,14 +323,8 @@ class DecentralisedPlanner(AbstractPlanner):
             )
             return select_rows(selected, ApproachAndHold(path, broadcast_holds(holds)), approaches)
 
-        def try_arrival(carry: tuple[Count, Flag, ApproachAndHold]) -> tuple[Count, Flag, ApproachAndHold]:
-            k, _, _ = carry
-            durations = jnp.full(
-                count, jnp.maximum(selected_value(arrivals) + extra_delays[k % try_count] - start, COMMITTED_S)
-            )
-            limits = jax.tree.map(
-                lambda new, relaxed: jnp.where(k < try_count, new, relaxed), tasks.limits, correction_limits
-            )
+        def try_arrival(extra_delay: Scalar, limits: PathLimits) -> tuple[Flag, ApproachAndHold]:
+            durations = jnp.full(count, jnp.maximum(selected_value(arrivals) + extra_delay - start, COMMITTED_S))
             trial_tasks = eqx.tree_at(lambda t: t.limits, start_tasks, limits)
             plan = plan_fleet_at(
                 start, trial_tasks, planner.airspace, durations, interval_count(paths), MINIMAL, fixed_paths=fixed_paths
@@ -340,13 +335,11 @@ class DecentralisedPlanner(AbstractPlanner):
             keeps_clear = jnp.all(
                 is_clear[proposed, agreed] & (is_clear[proposed, alternative] | ~avoids_alternative), axis=1
             )
-            return k + 1, is_feasible & jnp.any(selected & proposals.hold.clear & keeps_clear), proposals
+            return is_feasible & jnp.any(selected & proposals.hold.clear & keeps_clear), proposals
 
         def search() -> tuple[ApproachAndHold, Flag, Scalar]:
-            k, has_path, proposals = jax.lax.while_loop(
-                lambda c: (c[0] < 2 * try_count) & ~c[1], try_arrival, (jnp.asarray(0), jnp.asarray(False), approaches)
-            )
-            return proposals, has_path, extra_delays[jnp.maximum(k - 1, 0) % try_count]
+            has_path, proposals, extra_delay = ladder.first_success(try_arrival, approaches)
+            return proposals, has_path, extra_delay
 
         def keep_proposals() -> tuple[ApproachAndHold, Flag, Scalar]:
             return approaches, jnp.asarray(False), jnp.zeros(())
