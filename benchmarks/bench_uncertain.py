@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.missions.runs import without_replanning
+from anser.missions.segments import without_replanning
 from anser.numerics import flight_randomness
 from anser.numerics.arrays import stack_rows
 from anser.scenario import build_flight, loads

@@ -21,7 +21,7 @@ from scipy import stats
 from anser.compiling import enable_compilation_cache
 from anser.missions.consensus import negotiate_plan
 from anser.missions.first_plan import arrival_request
-from anser.missions.runs import without_replanning
+from anser.missions.segments import padded_batches, without_replanning
 from anser.numerics import flight_randomness
 from anser.numerics.arrays import as_array, stack_rows
 from anser.parts import Instant
@@ -201,13 +201,9 @@ def fly_many(path: str, flights: int, first_flight: int = 0, batch: int = BATCH)
             next_states, next_recorded = _segment(
                 without_replanning(flight), keys, states, number, recorder_state, SEGMENT_STEPS
             )
-            indices = np.flatnonzero(np.asarray(next_states.planner.replan_needed))
+            indices = np.flatnonzero(np.asarray(flight.planner.replan_needed(next_states.planner)))
             repeated_segments += indices.size
-            for batch_indices in (indices[k : k + at_once] for k in range(0, indices.size, at_once)):
-                # padded to one shape with the last index
-                padded_indices = np.concatenate(
-                    [batch_indices, np.repeat(batch_indices[-1:], at_once - batch_indices.size)]
-                )
+            for padded_indices in padded_batches(indices, at_once):
                 batch_inputs = jax.tree.map(
                     lambda leaf, padded_indices=padded_indices: leaf[padded_indices], (keys, states, recorder_state)
                 )

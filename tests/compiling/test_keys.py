@@ -5,7 +5,7 @@ import pytest
 import anser.compiling.keys as keys
 from anser.analysis.linear_models import _open_model
 from anser.missions.plans import _start_flight
-from anser.missions.runs import fly_segment
+from anser.missions.segments import fly_segment
 from anser.results import to_dataset
 from anser.steady import solve_trim
 

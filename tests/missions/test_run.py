@@ -14,7 +14,7 @@ import pytest
 import anser
 from anser.config import ScenarioError
 from anser.missions.plans import _start_flight
-from anser.missions.runs import fly_segment, without_replanning
+from anser.missions.segments import fly_segment, without_replanning
 from anser.results import read_netcdf
 from anser.scenario import build_flight, loads
 from anser.simulation import STATUS_MESSAGES

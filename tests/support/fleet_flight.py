@@ -2,11 +2,10 @@
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from anser.missions.plans import _start_flight
-from anser.missions.runs import fly_segment, without_replanning
+from anser.missions.segments import fly_with_replanning
 from anser.simulation.flight import SEGMENT_STEPS
 
 
@@ -16,14 +15,8 @@ def started(flight):
 
 
 def segment(flight, state, number=0):
-    """State after one segment, and its history; `number` counts segments from the start.
-
-    As in `anser.run`: the program with replanning is used only if a new plan is needed.
-    """
-    at = jnp.asarray(SEGMENT_STEPS * number, dtype=jnp.int32)
-    next_state, _, history = fly_segment(without_replanning(flight), state, at)
-    if next_state.planner.replan_needed:
-        next_state, _, history = fly_segment(flight, state, at)
+    """State after one segment, flown as in `anser.run`, and its history; `number` counts segments from the start."""
+    next_state, _, history = fly_with_replanning(flight, state, SEGMENT_STEPS * number)
     return next_state, history
 
 

@@ -12,7 +12,7 @@ from anser.analysis.step_tests import PUBLISHED_STEPS
 from anser.analysis.trim_points import trim
 from anser.missions.batches import Progress, no_progress
 from anser.missions.plans import plan
-from anser.missions.runs import fly_segment, prepare_flight, without_replanning
+from anser.missions.segments import fly_segment, prepare_flight, without_replanning
 from anser.numerics.arrays import as_array
 from anser.scenario.schema import Scenario
 

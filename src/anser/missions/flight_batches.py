@@ -13,7 +13,8 @@ from anser.compiling.options import compiled, compiled_by_older_generator, enabl
 from anser.config.errors import ScenarioError
 from anser.missions.batches import BATCH, Progress, no_progress
 from anser.missions.first_plan import NoPlanError, arrival_request, first_plan_status
-from anser.missions.runs import needs_single_flight, precision_problems, run, without_replanning
+from anser.missions.runs import needs_single_flight, precision_problems, run
+from anser.missions.segments import padded_batches, without_replanning
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, tree_signature
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
@@ -315,10 +316,9 @@ def _summarize_flights(
         number = as_array(first_sample, np.int32)
         segment = _fly_segment(flights_without_replanning, states, summaries, separations, number, last_sample, series)
         final_states = segment[0]
-        replan_indices = np.flatnonzero(np.asarray(final_states.planner.replan_needed))
-        for selected in (replan_indices[k : k + _REPLAN_BATCH] for k in range(0, replan_indices.size, _REPLAN_BATCH)):
-            # the segment is repeated from its start; padded to one size with the last flight
-            indices = np.concatenate([selected, np.repeat(selected[-1:], _REPLAN_BATCH - selected.size)])
+        replan_needed = flights.shared.planner.replan_needed(final_states.planner)
+        for indices in padded_batches(np.flatnonzero(np.asarray(replan_needed)), _REPLAN_BATCH):
+            # the segment is repeated from its start
             chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
             chosen = _select((states, summaries, separations), indices)
             replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, series)

@@ -1,6 +1,5 @@
 """One flight of a scenario: check of the precision, planning, the flight with its events, and the result."""
 
-import dataclasses
 import functools
 import importlib
 import json
@@ -13,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from anser.compiling.options import compiled
 from anser.compiling.program import PreparedProgram
 from anser.config.errors import Problem, ScenarioError
 from anser.files import new_folder, staged_folder
@@ -22,11 +20,12 @@ from anser.missions.events import EventSchedule
 from anser.missions.first_plan import FirstPlan, NoPlanError
 from anser.missions.plans import plan
 from anser.missions.saved_flights import FLIGHT, SUMMARY, SavedFlight
-from anser.numerics.arrays import as_array, cast_to_precision
+from anser.missions.segments import fly_with_replanning, prepare_flight
+from anser.numerics.arrays import cast_to_precision
 from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
 from anser.scenario.schema import Scenario
-from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
+from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState
 from anser.simulation.precision import Precision, cast_flight, cast_state
 
 
@@ -97,19 +96,6 @@ def limits_text(scenario: Scenario, flight: Flight) -> str:
 
 
 _RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
-
-fly_segment = compiled(functools.partial(fly, one_kernel=True))
-"""One segment of a single flight, compiled; see `anser.simulation.fly`."""
-
-
-def without_replanning(flight: Flight) -> Flight:
-    """The flight with a planner that does not replan: a smaller program, sufficient for most segments."""
-    return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, allow_replanning=False))
-
-
-def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
-    """Prepare the program of a flight's segments, for a state or the shapes of a state."""
-    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
 
 
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
@@ -215,7 +201,6 @@ def run(
     if planned.refusals:
         raise NoPlanError(planned.refusals)
     flight, state = cast_flight(planned.flight, precision), cast_state(planned.initial_state(), precision)
-    flight_without_replanning = without_replanning(flight)
     timing = scenario.timing
     steps = round(timing.duration_s / timing.step_s)
     on_progress("flying", 0.0)
@@ -223,14 +208,11 @@ def run(
     schedule = EventSchedule(scenario, lambda message: on_progress(message, None))
     while sample_index <= steps:
         flight, state = schedule.apply_due(flight, state, sample_index)
-        flight_without_replanning = without_replanning(flight)
         step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
         # without events every segment is flown whole: a smaller program
-        partial = {"flown": as_array(step_count, np.int32)} if scenario.event else {}
-        sample = as_array(sample_index, np.int32)
-        final_state, _, history = fly_segment(flight_without_replanning, state, sample, **partial)
-        if final_state.planner.replan_needed:  # the segment is repeated from its start
-            final_state, _, history = fly_segment(flight, state, sample, **partial)
+        final_state, _, history = fly_with_replanning(
+            flight, state, sample_index, step_count if scenario.event else None
+        )
         sample_index += step_count if scenario.event else SEGMENT_STEPS
         state = schedule.check_replanning(flight, final_state, sample_index)
         selection = slice(step_count if scenario.event else None), slice(len(scenario.aircraft))

@@ -303,7 +303,15 @@ class AbstractPlanner(eqx.Module):
     """Planner of a fleet; concrete subclasses are final. The planner state (`planner_state`) is a pytree of arrays.
 
     Inactive aircraft are masked: they get no plan and do not constrain the others.
+
+    Attributes
+    ----------
+    allow_replanning
+        Whether a new plan is made in flight if a correction of the present plan is not sufficient. Without replanning
+        the compiled program is much smaller, and `replan_needed` reports that the larger program is needed.
     """
+
+    allow_replanning: bool = eqx.field(static=True, default=True, kw_only=True)
 
     @abc.abstractmethod
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:

@@ -77,9 +77,6 @@ class CertifiedPlanner(AbstractPlanner):
         Latest allowed arrival time, s.
     freeze
         Duration before the arrival in which a path is frozen, s.
-    allow_replanning
-        Whether a new plan is made in flight if a correction is not feasible. Without replanning the program is much
-        smaller, and its state reports when a replanning is needed.
     acceleration_reserve
         Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down,
         and for corrections of the path.
@@ -94,7 +91,6 @@ class CertifiedPlanner(AbstractPlanner):
     arrival_is_free: Flag
     latest_arrival: Scalar
     freeze: Scalar
-    allow_replanning: bool = eqx.field(static=True, default=True)
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
@@ -242,6 +238,10 @@ class CertifiedPlanner(AbstractPlanner):
     ) -> CertifiedPlanState:
         """Return the state unchanged: the planner does not use the flown path."""
         return planner_state
+
+    def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
+        """See `AbstractPlanner`."""
+        return planner_state.replan_needed
 
     def plans(self, planner_state: CertifiedPlanState) -> AircraftPlan:
         """See `AbstractPlanner`. The status is always "planned": a fleet without a plan is refused before take-off."""

@@ -107,32 +107,29 @@ class DecentralisedPlanner(AbstractPlanner):
         Limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew.
     tube
         Greatest distance from the agreed path, m.
-    allow_replanning
-        Whether an aircraft may search for a new path en route if its path cannot be corrected.
     """
 
     aircraft_planner: CertifiedPlanner
     network: Network
     gains: CoordinationGains
     tube: Scalar
-    allow_replanning: bool = eqx.field(static=True, default=True)
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
         """Raise ValueError: the aircraft agree before the flight, see `anser.missions.consensus`."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def initial_state(
-        self, first_plan: CertifiedPlanState, randomness: AbstractRandomness | None
+        self, plan_state: CertifiedPlanState, randomness: AbstractRandomness | None
     ) -> DecentralisedPlanState:
         """State at time 0 with the agreed paths and holds."""
-        assert first_plan.holds is not None, "without a centre a fleet agrees on its holds too"
-        count, arrivals = first_plan.plan.arrival_times.shape[0], first_plan.plan.arrival_times
+        assert plan_state.holds is not None, "without a centre a fleet agrees on its holds too"
+        count, arrivals = plan_state.plan.arrival_times.shape[0], plan_state.plan.arrival_times
         clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
         return DecentralisedPlanState(
-            plan=first_plan.plan,
+            plan=plan_state.plan,
             replanning=jnp.zeros(count, dtype=jnp.int32),
-            limits=first_plan.limits,
-            exchange=initial_exchange(ApproachAndHold(first_plan.plan.paths, broadcast_holds(first_plan.holds))),
+            limits=plan_state.limits,
+            exchange=initial_exchange(ApproachAndHold(plan_state.plan.paths, broadcast_holds(plan_state.holds))),
             clocks=clocks,
             network=self.network.init(clocks.clock, randomness),
             time=jnp.zeros(()),
@@ -397,6 +394,10 @@ class DecentralisedPlanner(AbstractPlanner):
             acceleration=clocks.acceleration,
             time=jnp.broadcast_to(planner_state.time, clocks.clock.shape),
         )
+
+    def replan_needed(self, planner_state: DecentralisedPlanState) -> Flag:
+        """See `AbstractPlanner`."""
+        return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
         """Present paths by the clocks; arrivals and holds are delayed with the clocks."""

@@ -228,16 +228,12 @@ class PublishedPlanner(AbstractPlanner):
         Mean airspeed of the fleet, m/s.
     even_speed
         Whether paths are flown at an even speed rather than with the published time law.
-    allow_replanning
-        Whether the fleet is coordinated again en route when due. Without, the compiled program is smaller, and the
-        state reports that the larger program is needed.
     """
 
     start_positions_n: Float[Array, "aircraft 3"]
     sides: Int[Array, " aircraft"]
     speed: Scalar
     even_speed: Flag
-    allow_replanning: bool = eqx.field(static=True, default=True)
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:
         """Plan with any sides, choose the sides of the detours, and plan again."""
@@ -283,6 +279,10 @@ class PublishedPlanner(AbstractPlanner):
         """Add the length flown in a step."""
         flown_length = planner_state.flown_length + jnp.where(reports.active, step * reports.airspeed, 0.0)
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
+
+    def replan_needed(self, planner_state: PublishedPlanState) -> Flag:
+        """See `AbstractPlanner`."""
+        return planner_state.replan_needed
 
     def plans(self, planner_state: PublishedPlanState) -> AircraftPlan:
         """See `AbstractPlanner`."""

@@ -1,0 +1,55 @@
+"""Segments of flights: flown without replanning, and repeated with replanning if a new plan was needed."""
+
+import dataclasses
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from anser.compiling.options import compiled
+from anser.compiling.program import PreparedProgram
+from anser.numerics.arrays import as_array
+from anser.simulation.flight import Flight, FlightState, fly
+
+fly_segment = compiled(functools.partial(fly, one_kernel=True))
+"""One segment of a single flight, compiled; see `anser.simulation.fly`."""
+
+
+def without_replanning(flight: Flight) -> Flight:
+    """The flight with a planner that does not replan: a smaller program, sufficient for most segments."""
+    return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, allow_replanning=False))
+
+
+def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
+    """Prepare the program of a flight's segments, for a state or the shapes of a state."""
+    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
+
+
+def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_count: int | None = None) -> Any:
+    """Fly a segment from a sample on; repeat it with replanning if a new plan was needed.
+
+    Parameters
+    ----------
+    flight, state, sample
+        Flight, and its state at the first sample.
+    step_count
+        Number of steps in use, for a program that can fly part of a segment; None: the whole segment.
+
+    Returns
+    -------
+    Result of `anser.simulation.fly`.
+    """
+    number = as_array(sample, np.int32)
+    partial: dict[str, Any] = {} if step_count is None else {"flown": as_array(step_count, np.int32)}
+    segment = fly_segment(without_replanning(flight), state, number, **partial)
+    if flight.planner.replan_needed(segment[0].planner):
+        segment = fly_segment(flight, state, number, **partial)
+    return segment
+
+
+def padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:
+    """Batches of indices of one size, padded with the last index."""
+    for k in range(0, indices.size, size):
+        batch = indices[k : k + size]
+        yield np.concatenate([batch, np.repeat(batch[-1:], size - batch.size)])
