@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import anser
+from anser.config import ScenarioError
 from anser.missions import fly_many
 from anser.missions.flight_batches import FlightCase, _FlightGroup
 from anser.missions.series import SeriesSelection
@@ -80,7 +81,7 @@ def test_a_scenario_that_does_not_allow_float32_gives_a_row_with_the_reason():
     assert [flight_row.met for flight_row in flight_rows] == [False, False]
     assert 'precision: arrived "float32" of a round Earth' in flight_rows[0].reason
     assert 'precision: arrived "float32" of one with events' in flight_rows[1].reason
-    with pytest.raises(anser.config.ScenarioError, match="without a centre"):
+    with pytest.raises(ScenarioError, match="without a centre"):
         anser.run(lost, precision="float32")
 
 

@@ -212,7 +212,7 @@ def test_a_flight_is_displayed_in_a_notebook_and_in_a_browser(three, monkeypatch
     assert page.read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
     assert "<td>arrived</td>" in three._repr_html_()
     plan = three.planned._repr_html_()
-    assert all(f"<td>{aircraft.name}</td>" in plan for a in three.scenario.aircraft)
+    assert all(f"<td>{a.name}</td>" in plan for a in three.scenario.aircraft)
     assert "separation" in three.plot.names
 
 
