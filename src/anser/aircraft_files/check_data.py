@@ -70,31 +70,15 @@ class CheckedValue:
 def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
     """Compute all check data of a file."""
     airframe = build_airframe(file)
-    shots = _shot_values(file) if isinstance(file, DaveMlFile) else []
-    force_values = [
-        checked_value
-        for k, check in enumerate(file.check.forces)
-        for checked_value in _force_values(file, airframe, k, check)
-    ]
-    return (
-        *shots,
-        *force_values,
-        *(
-            checked_value
-            for k, check in enumerate(file.check.trim)
-            for checked_value in _trim_values(airframe, k, check)
-        ),
-    )
-
-
-def _shot_values(file: DaveMlFile) -> list[CheckedValue]:
-    """Check shots of an aircraft's DAVE-ML files."""
-    models = file_models(file).items()
-    return [
-        checked_value
-        for part, model in models
-        for checked_value in compare_shots(model, model.definition.file, f"dave_ml.{part}.")
-    ]
+    checked_values = []
+    if isinstance(file, DaveMlFile):
+        for part, model in file_models(file).items():
+            checked_values += compare_shots(model, model.definition.file, f"dave_ml.{part}.")
+    for k, check in enumerate(file.check.forces):
+        checked_values += _force_values(file, airframe, k, check)
+    for k, check in enumerate(file.check.trim):
+        checked_values += _trim_values(airframe, k, check)
+    return tuple(checked_values)
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
@@ -111,12 +95,7 @@ def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedVa
         raise problem_error(
             source, str(error), "check shots that give each input of the file a value", "checkData"
         ) from None
-    return [
-        CheckedValue(
-            f"{prefix}{result.id}", result.shot, result.units, result.expected, result.computed, result.tolerance
-        )
-        for result in results
-    ]
+    return [CheckedValue(f"{prefix}{r.id}", r.shot, r.units, r.expected, r.computed, r.tolerance) for r in results]
 
 
 def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -> list[CheckedValue]:
@@ -129,17 +108,14 @@ def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -
     )
     gravity = np.zeros(3) if check.gravity_m_s2 is None else np.asarray(check.gravity_m_s2)
     weight = float(airframe.mass_properties.mass) * gravity
-    comparisons: list[tuple[str, str, float | None, float]] = []
     total = aerodynamic + propulsive
-    for key, unit, expected_vector, value in (
+    comparisons: list[tuple[str, str, float | None, float]] = []
+    for key, unit, expected_vector, vector in (
         ("force_N", "N", check.force_N, np.asarray(total.force_b) + weight),
         ("moment_Nm", "N m", check.moment_Nm, np.asarray(total.moment_b)),
     ):
-        comparisons += (
-            []
-            if expected_vector is None
-            else [(f"{key}[{j}]", unit, expected_vector[j], float(value[j])) for j in range(3)]
-        )
+        for j, expected in enumerate(expected_vector or ()):
+            comparisons.append((f"{key}[{j}]", unit, expected, float(vector[j])))
     comparisons.append(("thrust_N", "N", check.thrust_N, float(propulsive.force_b[0])))
     comparisons.append(("torque_Nm", "N m", check.torque_Nm, float(propulsive.moment_b[0])))
     return [
@@ -151,11 +127,7 @@ def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -
 
 @jax.jit
 def _wrenches(
-    airframe: _Airframe,
-    data: AirData,
-    rates_b: jax.Array,
-    surfaces: jax.Array,
-    power: jax.Array,
+    airframe: _Airframe, data: AirData, rates_b: jax.Array, surfaces: jax.Array, power: jax.Array
 ) -> tuple[Wrench, Wrench]:
     return airframe.aerodynamics(data, rates_b, surfaces), airframe.engine.propulsion(power, data)
 

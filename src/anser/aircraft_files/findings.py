@@ -168,8 +168,8 @@ _SMALL_ALPHA_DEG = 2.0
 _GYRATION = {"Jxx_kg_m2": (0.04, 0.4), "Jyy_kg_m2": (0.04, 0.6), "Jzz_kg_m2": (0.06, 0.7)}
 """Radii of gyration as fractions of the span, lower and upper bound.
 
-Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of the span in roll, and similar fractions of the length (pitch)
-and of the mean of span and length (yaw). The bounds are wide, to detect wrong units only."""
+Raymer, *Aircraft Design*, table 16.1, has 0.17 to 0.25 of the span in roll; in pitch and yaw the table refers to the
+length and to the mean of span and length. The bounds are wide, to detect wrong units only."""
 _CHORD = (0.5, 2.0)
 """Mean chord over S/b: 1 for a rectangle, 4/3 for the mean aerodynamic chord of a triangle."""
 _SLOPE_RATIO_MAX = 5
@@ -264,7 +264,7 @@ def _derivatives(
     return jax.jacfwd(coefficients, argnums=(0, 1, 2), has_aux=True)(angles, reduced, surfaces)
 
 
-def _sign_findings(file: _File, slopes: dict[str, float]) -> list[Finding]:
+def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
     """Report unstable damping, static instability and negative drag."""
     expected_signs = (
         ("CL_alpha", 1, "lift that falls with the angle of attack"),
@@ -280,37 +280,29 @@ def _sign_findings(file: _File, slopes: dict[str, float]) -> list[Finding]:
         ("Cl_beta", -1, "a roll into the sideslip: dihedral the wrong way"),
         ("CY_beta", -1, "a side force toward the side that the air comes from"),
     )
-    findings = []
     for name, sign, meaning in expected_signs:
         value = slopes[name]
         if value * sign < 0.0:
-            findings.append(Finding(_derivative_key(file, name), f"{value:.4g} per rad near zero angles: {meaning}"))
+            yield Finding(_derivative_key(file, name), f"{value:.4g} per rad near zero angles: {meaning}")
         elif value == 0.0:
-            findings.append(
-                Finding(
-                    _derivative_key(file, name), "0, or left out: expected a value of its own, which every aircraft has"
-                )
+            yield Finding(
+                _derivative_key(file, name), "0, or left out: expected a value of its own, which every aircraft has"
             )
     if slopes["CD"] <= 0.0:
-        findings.append(
-            Finding(_derivative_key(file, "CD0"), f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one")
+        yield Finding(
+            _derivative_key(file, "CD0"), f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"
         )
     for axis, coefficient in (("roll", "Cl"), ("pitch", "Cm")):
         if all(slopes[f"{coefficient}_{name}"] == 0.0 for name in file.surfaces):
-            findings.append(
-                Finding("surface", f"no surface that makes a moment of {axis}: the aircraft cannot be flown")
-            )
-    return findings
+            yield Finding("surface", f"no surface that makes a moment of {axis}: the aircraft cannot be flown")
 
 
-def _mirror_findings(file: AirframeFile) -> list[Finding]:
+def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
     """Report derivatives that contradict the aircraft's mirror symmetry."""
-    findings = []
     for name in ("CL_beta", "CD_beta", "Cm_beta", "CY_alpha", "Cl_alpha", "Cn_alpha"):
         if getattr(file.aerodynamics, name) != 0.0:
             reason = "a part that changes sign with its angle, which the mirror image of an aircraft contradicts"
-            findings.append(Finding(f"aerodynamics.{name}", f"{getattr(file.aerodynamics, name):.4g}: {reason}"))
-    return findings
+            yield Finding(f"aerodynamics.{name}", f"{getattr(file.aerodynamics, name):.4g}: {reason}")
 
 
 def _derivative_key(file: _File, name: str) -> str:
@@ -338,26 +330,24 @@ def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> list[F
     return []
 
 
-def _angle_unit_findings(file: _File) -> list[Finding]:
+def _angle_unit_findings(file: _File) -> Iterator[Finding]:
     """Report angles that look like rad instead of deg."""
-    findings = []
     for key in ("alpha_deg", "beta_deg"):
         low, high = getattr(file.validity, key)
         if max(abs(low), abs(high)) < 1.6:
-            findings.append(Finding(f"validity.{key}", f"[{low:g}, {high:g}] deg: narrow; are these rad?"))
+            yield Finding(f"validity.{key}", f"[{low:g}, {high:g}] deg: narrow; are these rad?")
     for k, surface in enumerate(file.surface):
         low, high = surface.stops_deg
         if max(abs(low), abs(high)) < 1.6:
-            findings.append(Finding(f"surface[{k}].limit_deg", f"{high:g} deg ({surface.name}): small; is it in rad?"))
+            yield Finding(f"surface[{k}].limit_deg", f"{high:g} deg ({surface.name}): small; is it in rad?")
         if surface.rate_limit_deg_s < 10.0:
             question = f"{surface.rate_limit_deg_s:g} deg/s ({surface.name}): slow; is it in rad/s?"
-            findings.append(Finding(f"surface[{k}].rate_limit_deg_s", question))
-    return findings
+            yield Finding(f"surface[{k}].rate_limit_deg_s", question)
 
 
-def _inertia_findings(file: _File, airframe: _Airframe) -> list[Finding]:
+def _inertia_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
     """Report moments of inertia that do not fit mass and span."""
-    findings, span, mass = [], float(airframe.span), float(airframe.mass_properties.mass)
+    span, mass = float(airframe.span), float(airframe.mass_properties.mass)
     values = np.diag(np.asarray(airframe.mass_properties.inertia_b))
     for (key, (low, high)), value in zip(_GYRATION.items(), map(float, values), strict=True):
         key_path = f"mass.{key}" if file.mass is not None else f"dave_ml.inertia ({key.removesuffix('_kg_m2')})"
@@ -366,8 +356,7 @@ def _inertia_findings(file: _File, airframe: _Airframe) -> list[Finding]:
             question = (
                 f"a radius of gyration of {radius:.3g} of the span, expected {low:g} to {high:g}; is the unit kg m^2?"
             )
-            findings.append(Finding(key_path, f"{value:.4g} kg m^2: {question}"))
-    return findings
+            yield Finding(key_path, f"{value:.4g} kg m^2: {question}")
 
 
 def _chord_findings(file: AirframeFile) -> list[Finding]:
@@ -380,9 +369,8 @@ def _chord_findings(file: AirframeFile) -> list[Finding]:
     return [Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {question}")]
 
 
-def _force_findings(file: _File, airframe: _Airframe) -> list[Finding]:
+def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
     """Report a validity range without enough lift for the weight or enough thrust for the drag."""
-    findings = []
     low, high = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
     alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
@@ -393,18 +381,18 @@ def _force_findings(file: _File, airframe: _Airframe) -> list[Finding]:
     carries = lift.max(axis=1) >= weight
     if not carries.any():
         text = f"[{low:g}, {high:g}] m/s: at none of these airspeeds does the lift carry the weight of {weight:.4g} N"
-        return [Finding("validity.airspeed_m_s", text)]
+        yield Finding("validity.airspeed_m_s", text)
+        return
     if not carries[0]:
         first_speed = speeds[np.argmax(carries)]
         text = f"{low:g} m/s: the lift carries the weight only from about {first_speed:.3g} m/s on"
-        findings.append(Finding("validity.airspeed_m_s[0]", text))
+        yield Finding("validity.airspeed_m_s[0]", text)
     if isinstance(airframe.engine, NoEngine):
-        return findings
+        return
     drag_min = np.where(lift >= weight, drag, np.inf).min(axis=1)
     if not (full_thrust.max(axis=1) > drag_min).any():
         text = "at no valid airspeed is the full thrust more than the drag of level flight at sea level"
-        findings.append(Finding("engine", text))
-    return findings
+        yield Finding("engine", text)
 
 
 @jax.jit
