@@ -1,30 +1,30 @@
-/* Plots of a campaign: convergence, distributions, every flight against each input. */
+/* Plots of a campaign: convergence, distributions, outputs against each input. */
 "use strict";
 
 const TALL = 230;
 const WHOLE = Array.from({ length: 9 }, (_, k) => [1, 2, 5].map((one) => one * 10 ** k)).flat(); // steps of a count
 
-/** Text of a tick: as many decimals as tell it from the next one, a step away. */
+/** Text of a tick, with enough decimals to differ from the next tick, one step away. */
 const ticked = (value, step) =>
   value.toLocaleString("en-US", { maximumFractionDigits: Math.min(12, Math.max(0, Math.ceil(-Math.log10(step)) + 1)) }).replace("-", "−");
 
-/** Pixels from one tick of an axis to the next: its text and some room. */
+/** Distance of the ticks of an axis, pixels: the width of the text and a gap. */
 const tickSpace = (u, axis, low, high) =>
   (Theme.printing ? 2 : 1) * (16 + 6.6 * Math.max(...[low, high].map((end) => ticked(end, (high - low) / 5).length)));
 
-/** Pixels of a canvas to one of the page; on paper a canvas is drawn twice as large. */
+/** Canvas pixels per page pixel; a printed canvas is drawn at twice the size. */
 const canvasScale = () => (devicePixelRatio || 1) * (Theme.printing ? 2 : 1);
 
-/** A quantity and its unit, if it has one. */
+/** Name of a quantity with its unit, if any. */
 const named = (words, unit) => (unit ? `${words} (${unit})` : words);
 
-/** Whether numbers are one and the same but for rounding. */
+/** Whether numbers are equal except for rounding. */
 function alike(values) {
   const known = values.filter((value) => value !== null), low = Math.min(...known), high = Math.max(...known);
   return known.length > 1 && high - low <= 1e-8 * Math.max(Math.abs(low), Math.abs(high));
 }
 
-/** Least and greatest of some numbers, with room; null counts nowhere. */
+/** Range of numbers with a margin; null is ignored. */
 function reach(values, room = 0.05) {
   let low = Infinity, high = -Infinity;
   for (const value of values) {
@@ -37,7 +37,7 @@ function reach(values, room = 0.05) {
   return [low - more, high + more];
 }
 
-/** A figure with a caption; drawn when it comes into sight, anew when the window has another width. */
+/** A figure with a caption, drawn when scrolled into view, and again after a change of the window's width. */
 class Chart {
   constructor(place, title) {
     this.root = element("figure", "plot");
@@ -74,13 +74,13 @@ Chart.watch = new IntersectionObserver((entries) => entries.forEach((entry) => {
   if (!chart.plot || chart.stale) chart.draw();
 }), { rootMargin: "200px" });
 
-/** Draw all anew that are in sight, the others when they come into it. */
+/** Redraw the visible charts now, the remaining charts when scrolled into view. */
 function refresh(charts = Chart.all) {
   charts.forEach((chart) => { chart.stale = true; });
   charts.filter((chart) => Chart.visible.has(chart)).forEach((chart) => chart.draw());
 }
 
-/** An estimate and its interval against the number of flights. */
+/** An estimate with its confidence interval against the number of flights. */
 class Converging extends Chart {
   constructor(place, title, lines, unit) {
     super(place, title);
@@ -112,7 +112,7 @@ class Converging extends Chart {
   }
 }
 
-/** A variable over time: of each aircraft the median over the flights, and the band around it. */
+/** A variable over time: median over the flights and band around it, for each aircraft. */
 class Bands extends Chart {
   constructor(place, one, colors) {
     super(place, named(one.words, one.unit));
@@ -143,7 +143,7 @@ class Bands extends Chart {
   }
 }
 
-/** Part of the flights that keeps each bound, with the intervals of some quantiles. */
+/** Share of the flights within each bound, with the confidence intervals of the quantiles. */
 class Distribution extends Chart {
   constructor(place, quantity) {
     super(place, named(quantity.words, quantity.unit));
@@ -204,14 +204,14 @@ class Distribution extends Chart {
   }
 }
 
-/** Every flight against one input: dots met everything, crosses did not. */
+/** The flights against one input: dots met every requirement, crosses did not. */
 class Against extends Chart {
   constructor(place, data, input, chosen) {
     super(place, "");
     Object.assign(this, { campaign: data, input, chosen });
   }
 
-  /** Place of a flight on the axis of the input: texts stand beside one another, scattered a little. */
+  /** Position of a flight on the input's axis: text values side by side, with random scatter. */
   _x(k) {
     const value = this.input.values[k];
     return this.input.levels ? value + 0.5 * ((this.campaign.numbers[k] * 0.618034) % 1) - 0.25 : value;
@@ -234,7 +234,7 @@ class Against extends Chart {
     };
   }
 
-  /** Pixels of a flight from the corner of the plot; at the edge where it has no number. */
+  /** Position of a flight in the plot, pixels; at the edge if the value is missing. */
   _at(u, k, quantity, canvas) {
     const y = this.campaign.outputs[quantity.name][k], edge = quantity.upper ? 0.02 : 0.98;
     const tall = canvas ? u.bbox.height : u.over.clientHeight, top = canvas ? u.bbox.top : 0;
@@ -271,7 +271,7 @@ class Against extends Chart {
     ctx.restore();
   }
 
-  /** The flight nearest to the mouse. */
+  /** Flight nearest to the mouse pointer. */
   _tell(u, quantity) {
     const { left, top } = u.cursor;
     let best = -1, least = 14 ** 2;
@@ -286,7 +286,7 @@ class Against extends Chart {
   }
 }
 
-/** A row of the table of the worst flights brings out its tracks. */
+/** A row in the table of the worst flights highlights its tracks on the map. */
 function linkMap() {
   const map = document.querySelector(".map");
   if (!map) return;

@@ -1,4 +1,4 @@
-/* Inflates what zlib deflated (RFC 1950, 1951), at once: a page that waits for a stream may be printed before it is drawn. */
+/* Inflates zlib data (RFC 1950, 1951) synchronously: with a stream, the page might be printed before it is drawn. */
 "use strict";
 
 const ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
@@ -10,7 +10,7 @@ const steps = (count, first, group, base) => Array.from({ length: count }, (_, k
 });
 const LENGTHS = [...steps(28, 1, 4, 3), [258, 0]], DISTANCES = steps(30, 1, 2, 1);
 
-/** Table of a Huffman code, by the next bits of the stream: symbol and how many bits it takes. */
+/** Lookup table of a Huffman code by the next bits of the stream: symbol and number of bits. */
 function huffman(lengths) {
   const most = Math.max(1, ...lengths), table = new Uint16Array(1 << most);
   let code = 0;
@@ -26,7 +26,7 @@ function huffman(lengths) {
   return { table, mask: table.length - 1 };
 }
 
-/** Bytes of a zlib stream that holds `size` of them. */
+/** Inflate a zlib stream of `size` bytes. */
 function inflate(bytes, size) {
   const out = new Uint8Array(size);
   let at = 2, end = 0, held = 0, count = 0, last = 0;

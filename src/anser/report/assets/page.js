@@ -1,7 +1,7 @@
-/* Puts the page together: scenes, transport bar, list of aircraft, plots, timelines. */
+/* Builds the page: scenes, time controls, list of aircraft, plots, timelines. */
 "use strict";
 
-/** Box of all tracks of all runs in km, and the middle (north, east; m) that scenes are drawn around. */
+/** Bounding box of the tracks of all runs, km, and the centre (north, east; m) of the scenes. */
 function frameOf(runs) {
   const ends = [Infinity, -Infinity, Infinity, -Infinity, 0, -Infinity];
   for (const run of runs) {
@@ -25,7 +25,7 @@ function frameOf(runs) {
   return { middle, box, points: pointsOf(runs, middle) };
 }
 
-/** Some hundred points of every track, and those below them on the ground. */
+/** About a hundred points of every track, and their projections on the ground. */
 function pointsOf(runs, middle) {
   const points = [];
   for (const run of runs) {
@@ -39,7 +39,7 @@ function pointsOf(runs, middle) {
   return points;
 }
 
-/** How many times heights are drawn, so that they can be told apart in a wide scene. */
+/** Vertical exaggeration that makes heights visible in a wide scene. */
 function liftOf(box) {
   const wide = Math.max(box.max.x - box.min.x, box.max.z - box.min.z), tall = Math.max(box.max.y - box.min.y, 0.05);
   return [1, 2, 3, 5].find((lift) => lift * tall >= 0.16 * wide) || 5;
@@ -115,7 +115,7 @@ function buildTransport(state, runs) {
   show();
 }
 
-/** List of aircraft with what matters at the instant; a click brings one into focus, a box shows or hides it. */
+/** List of aircraft with their current values; a click focuses an aircraft, a check box shows or hides it. */
 function buildList(place, run, state) {
   const table = element("table"), head = element("tr"), body = element("tbody"), cells = [];
   const columns = [["altitude_m", "Height", "m"], ["airspeed_m_s", "Speed", "m/s"], ["bank_deg", "Bank", "°"], ["range_to_rendezvous_m", "To go", "m"]];
@@ -161,7 +161,7 @@ function buildList(place, run, state) {
   show();
 }
 
-/** Which colour is whose: all of a small fleet, the aircraft in focus of a large one. */
+/** Colour legend: the whole of a small fleet, or the aircraft in focus of a large one. */
 function buildKeys(runs, state) {
   const few = runs.every((run) => run.aircraft.length <= FEW);
   const color = (name) => `var(--${runs.flatMap((run) => run.aircraft).find((one) => one.name === name).hue})`;

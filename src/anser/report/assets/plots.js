@@ -1,15 +1,15 @@
-/* Plots over time that share one instant, drawn when they come into sight. */
+/* Plots over time with a common time cursor, drawn when scrolled into view. */
 "use strict";
 
 const FEW = 4; // a fleet up to this size is drawn in colours, with the commands
 const PLOT_TALL = 204, PRINTED_TALL = 168, TURN_STEPS = [1, 2, 5, 10, 15, 30, 45, 90, 120, 180, 360, 720, 1080, 1440, 1800, 3600];
 
-/** Values as uPlot takes them: null where there is none. */
+/** Values for uPlot: null for a missing value. */
 function drawable(values) {
   return values.some(Number.isNaN) ? Array.from(values, (value) => (Number.isNaN(value) ? null : value)) : values;
 }
 
-/** Angles without their jumps by a full turn, so that a line can be drawn; those of a command stay by the response. */
+/** Unwrap angles, so that a line can be drawn; a command is unwrapped to stay close to the response. */
 function unwound(values, response) {
   const found = Float64Array.from(values);
   let turns = response ? 360 * Math.round((response.find(Number.isFinite) - values.find(Number.isFinite)) / 360) || 0 : 0;
@@ -22,7 +22,7 @@ function unwound(values, response) {
   return found;
 }
 
-/** Angle as a compass has it, from 0 up to 360 degrees. */
+/** Angle as on a compass, from 0 to 360 degrees. */
 const onCompass = (value) => ((value % 360) + 360) % 360;
 
 class Plot {
@@ -49,7 +49,7 @@ class Plot {
     }
   }
 
-  /** Least and greatest value within the time that is shown; limits too where the panel asks for them. */
+  /** Range of the values within the visible time; includes limits if the panel requests it. */
   _range() {
     const focus = this.run.indexOf(this.state.focus), key = `${focus} ${this.group.window}`;
     if (this.spanOf === key) return this.span;
@@ -143,7 +143,7 @@ class Plot {
     queueMicrotask(() => this.point()); // uPlot knows its scales only after its own microtask
   }
 
-  /** Limits, the arrivals, the renewals of the aircraft in focus. */
+  /** Draw limits, arrivals, and replanning events of the aircraft in focus. */
   _marks(u) {
     const { ctx, bbox } = u, k = this.run.indexOf(this.state.focus), ratio = (devicePixelRatio || 1) * (Theme.printing ? 2 : 1);
     ctx.save();
@@ -187,7 +187,7 @@ class Plot {
     ctx.restore();
   }
 
-  /** Move the cursor to the shared instant and print the values there. */
+  /** Move the cursor to the common time and print the values. */
   point() {
     const { run, state } = this, k = run.indexOf(state.focus);
     if (this.plot) {
@@ -209,7 +209,7 @@ class Plot {
   }
 }
 
-/** All plots of the page: one time axis, one range for the same variable of two runs. */
+/** All plots of the page: a common time axis, a common range of a variable in two runs. */
 class Plots {
   constructor(state) {
     this.state = state;

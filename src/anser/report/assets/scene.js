@@ -1,4 +1,4 @@
-/* The flight in three dimensions: drawn only when something changed. */
+/* The flight in three dimensions; drawn only after a change. */
 "use strict";
 
 const NAMED = 6; // up to this number, aircraft and goals have their names in the scene
@@ -66,7 +66,7 @@ class FlightScene {
     });
   }
 
-  /** All anew, in the colours of now and at the size that the page gives it. */
+  /** Redraw in the current colours, in the current size of the element. */
   _repaint() {
     this.scene.traverse((part) => { part.geometry?.dispose(); part.material?.dispose(); });
     this.scene.clear();
@@ -154,7 +154,7 @@ class FlightScene {
     this.bar.textContent = long >= 1 ? `${long} km` : `${Math.round(1000 * long)} m`;
   }
 
-  /** Names that are wanted now: of few aircraft all, of many that in focus and that under the mouse; so of goals. */
+  /** Names to show: in a large fleet, those of the aircraft in focus and under the mouse; likewise for goals. */
   _named() {
     const flying = this.flyers.filter((flyer) => flyer.symbol.visible), chosen = (flyer) => flyer === this.hovered || flyer.one.name === this.state.focus;
     const goals = new Map();

@@ -1,4 +1,4 @@
-/* From where a scene is seen: in perspective, or from above without any, as a map is. */
+/* Cameras of a scene: perspective views, and an orthographic view from above, as on a map. */
 "use strict";
 
 const CHASE_KM = 1.1, ROTATE = 0, PAN = 2, TOUCH_ROTATE = 0, TOUCH_PAN = 1; // the last four are the codes of OrbitControls
@@ -30,7 +30,7 @@ class Eye {
     this.camera.updateProjectionMatrix();
   }
 
-  /** Take up a view: overview, above, follow (the user turns around the aircraft), behind (the view turns with it). */
+  /** Set the view: overview, above, follow (the user orbits the aircraft), behind (the camera turns with the aircraft). */
   look(mode, flyer, time) {
     this.mode = mode;
     this.touched = false;
@@ -47,7 +47,7 @@ class Eye {
     this.controls.update();
   }
 
-  /** A map is shifted and zoomed, not turned: north stays up. */
+  /** The map is panned and zoomed, never rotated: north stays up. */
   _use(camera) {
     const turns = camera === this.round;
     this.camera = this.controls.object = camera;
@@ -56,7 +56,7 @@ class Eye {
     this.controls.touches.ONE = turns ? TOUCH_ROTATE : TOUCH_PAN;
   }
 
-  /** Straight down without perspective: what lies on the ground below a path is drawn below it. */
+  /** Look straight down without perspective: a ground track coincides with its path. */
   _fitMap() {
     const ends = [Infinity, -Infinity, Infinity, -Infinity];
     for (const [x, , z] of this.frame.points) {
@@ -71,7 +71,7 @@ class Eye {
     this.camera.position.copy(this.controls.target).add(new THREE.Vector3(0, up, 1e-6 * up));
   }
 
-  /** Look from a side so that all tracks, and the ground below them, just fill the picture. */
+  /** Look from a side such that the tracks and their ground tracks just fill the picture. */
   _fit(from) {
     const axis = from.clone().normalize(), right = new THREE.Vector3(0, 1, 0).cross(axis).normalize(), up = axis.clone().cross(right);
     const tall = 0.9 * Math.tan((this.round.fov * Math.PI) / 360), wide = tall * this.aspect, { box } = this.frame;
@@ -99,7 +99,7 @@ class Eye {
     this.camera.position.copy(target).addScaledVector(axis, away);
   }
 
-  /** Behind an aircraft and a little above it, so that the horizon ahead of it is in the picture. */
+  /** Camera behind and slightly above an aircraft, with the horizon in the picture. */
   _chase(flyer, time, away) {
     if (!Number.isFinite(flyer.shownPlace.x)) return;
     this.controls.target.copy(flyer.shownPlace);
@@ -108,7 +108,7 @@ class Eye {
     this.follow = flyer.shownPlace.clone();
   }
 
-  /** Go along with an aircraft in the views that do. */
+  /** Move with the focused aircraft, in the views that follow. */
   track(flyer, time) {
     if (!this.chasing) return;
     if (!this.follow || this.followed !== flyer || this.mode === "behind") {
@@ -123,7 +123,7 @@ class Eye {
     this.camera.lookAt(this.controls.target);
   }
 
-  /** See the same as another eye. */
+  /** Copy the view of another camera. */
   copy(other) {
     this.mode = other.mode;
     this.touched = other.touched;
@@ -140,19 +140,19 @@ class Eye {
     this.camera.lookAt(this.controls.target);
   }
 
-  /** How many kilometres a pixel is at a place. */
+  /** Kilometres per pixel at a position. */
   kmPerPixel(place) {
     if (this.camera === this.flat) return (this.flat.top - this.flat.bottom) / this.flat.zoom / this.height;
     return (2 * Math.tan((this.round.fov * Math.PI) / 360) * this.camera.position.distanceTo(place)) / this.height;
   }
 
-  /** Pixels from the left upper corner, and whether a place is in the picture. */
+  /** Pixel coordinates from the upper left corner, and whether the position is in the picture. */
   pixelsOf(place) {
     const seen = place.clone().project(this.camera);
     return { x: (0.5 + seen.x / 2) * this.width, y: (0.5 - seen.y / 2) * this.height, seen: seen.z < 1 && Math.abs(seen.x) < 1.05 && Math.abs(seen.y) < 1.05 };
   }
 
-  /** Angle of north in the picture, clockwise from up, rad. */
+  /** Direction of north in the picture, clockwise from up, rad. */
   northward() {
     const away = 0.01 * this.camera.position.distanceTo(this.controls.target);
     const [here, there] = [0, -away].map((z) => this.controls.target.clone().add(new THREE.Vector3(0, 0, z)).project(this.camera));

@@ -1,7 +1,7 @@
-/* What goals look like, by their form: about two units long, on the ground or around their place; x is ahead, y is up. */
+/* Shapes of goals by form: about two units long, on the ground or around the position; x forward, y up. */
 "use strict";
 
-/** Closed body over an outline in the plane (x, z): from a height to another, where the outline may be larger. */
+/** Closed body over an outline in the plane (x, z), between two heights; the upper outline may be scaled. */
 function hull(outline, low, high, flare) {
   const faces = [], at = ([x, z], y, size) => [x * size, y, z * size];
   outline.forEach((from, k) => {
@@ -27,7 +27,7 @@ const GOAL_SHAPES = {
   goal: () => [new THREE.OctahedronGeometry(0.45, 0)],
 };
 
-/** Mark of a goal of a form, which `anser.report.goal_forms` tells. */
+/** Mark of a goal by its form (see `anser.report.flight_data.goal_forms`). */
 function goalMark(form, color) {
   const mark = new THREE.Group();
   const look = { color, side: THREE.DoubleSide, transparent: form === "drifting", opacity: form === "drifting" ? 0.75 : 1 };
@@ -35,7 +35,7 @@ function goalMark(form, color) {
   return mark;
 }
 
-/** Turn about the vertical that points a mark where its goal goes, rad; 0, east, for one at rest. */
+/** Rotation about the vertical that points a mark along the goal's motion, rad; 0, east, for a goal at rest. */
 function courseOf(run, k, time) {
   const from = Math.max(0, Math.min(time, run.end - 1)), moved = ["north", "east"].map((axis) => run.at(`goal_${axis}_m`, k, from + 1) - run.at(`goal_${axis}_m`, k, from));
   return Math.hypot(...moved) > 0.1 ? Math.atan2(moved[0], moved[1]) : 0;

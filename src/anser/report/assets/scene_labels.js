@@ -1,4 +1,4 @@
-/* Names in a scene, moved up or down where they would lie over each other. */
+/* Names in a scene, moved vertically to avoid overlaps. */
 "use strict";
 
 const LABEL_TALL = 16, LABEL_TRIES = 7;
@@ -9,7 +9,7 @@ class Labels {
     this.made = new Map();
   }
 
-  /** Show these names, { name, place, color, side } each, and no others: above their places (side -1) or below (1). */
+  /** Show exactly these names, { name, place, color, side } each: above their positions (side -1) or below (1). */
   place(named, eye) {
     const taken = [], shown = new Set();
     for (const { name, place, color, side } of named) {

@@ -1,15 +1,15 @@
-/* What stands in a scene. Axes: x east, y up, z south; kilometres from a common middle. Heights are drawn `lift` times. */
+/* Parts of a scene. Axes: x east, y up, z south; km from a common centre. Heights are scaled by `lift`. */
 "use strict";
 
 const TRACK_OFF = 0.0006; // km; greatest deviation of a drawn track from the record
 
-/** Place of an aircraft, or of what belongs to it, as the scene has it (unlifted). */
+/** Position of an aircraft, goal or rendezvous in scene coordinates, without vertical exaggeration. */
 function placeAt(run, prefix, k, time, middle, into) {
   const at = (axis) => run.at(`${prefix}${axis}_m`, k, time);
   return into.set((at("east") - middle[1]) / 1000, at("altitude") / 1000, -(at("north") - middle[0]) / 1000);
 }
 
-/** Which of some points make the same line within `TRACK_OFF` (Douglas and Peucker 1973); x, y, z one after the other. */
+/** Points that suffice to draw a line within `TRACK_OFF` (Douglas and Peucker 1973); x, y, z one after the other. */
 function enough(points) {
   const count = points.length / 3, kept = new Uint8Array(count), open = [[0, count - 1]];
   if (count) kept[0] = kept[count - 1] = 1;
@@ -30,7 +30,7 @@ function enough(points) {
   return kept;
 }
 
-/** Points of a track up to a time, as few as draw it, without the records that have none; and the record of each. */
+/** Points that suffice to draw a track up to a time, without missing records, and the index of each record. */
 function trackOf(run, prefix, k, middle, until = Infinity) {
   const [north, east, up] = ["north", "east", "altitude"].map((axis) => run.values(`${prefix}${axis}_m`)[k]);
   const all = [], records = [], end = run.locate(until)[0];
@@ -43,7 +43,7 @@ function trackOf(run, prefix, k, middle, until = Infinity) {
   return { points: all.filter((_, i) => kept[Math.floor(i / 3)]), records: records.filter((_, i) => kept[i]) };
 }
 
-/** Line of a width in pixels. */
+/** Line with a width in pixels. */
 function fatLine(points, color, width, options = {}) {
   const geometry = new THREE.LineGeometry();
   geometry.setPositions(points);
@@ -70,7 +70,7 @@ function thinLine(points, color, opacity = 1) {
   return new THREE.Line(geometry, new THREE.LineBasicMaterial({ color, transparent: opacity < 1, opacity }));
 }
 
-/** Symbol of an attitude, of no aircraft in particular: a dart, x forward, y up, z right, two units long. */
+/** Symbol of an attitude, independent of the type of aircraft: a dart, x forward, y up, z right, two units long. */
 function dart(color) {
   const nose = [1, 0, 0], left = [-0.85, 0, -0.72], right = [-0.85, 0, 0.72], notch = [-0.5, 0.02, 0];
   const fin = [[-0.05, 0.02, 0], [-0.5, 0.02, 0], [-0.9, 0.5, 0]];
@@ -86,7 +86,7 @@ function dart(color) {
   return group;
 }
 
-/** Grid on the ground with a spacing in km that people can count in; `wide` goes on to the horizon, for a view along it. */
+/** Ground grid with a round spacing in km; `wide` extends to the horizon, for views along the ground. */
 function groundGrid(box) {
   const reach = Math.max(box.max.x - box.min.x, box.max.z - box.min.z, 0.1);
   const spacing = [0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100].find((s) => reach / s <= 14) || 200;
@@ -120,7 +120,7 @@ function groundGrid(box) {
   return { plate, wide, spacing, reach };
 }
 
-/** Upright cylinder where none may be, as its edges. */
+/** Edges of a keep-out, an upright cylinder. */
 function keepOutEdges(one) {
   const group = new THREE.Group(), radius = one.radius_m / 1000;
   const top = Math.min(one.top_m, one.bottom_m + 3 * one.radius_m) / 1000;
@@ -129,7 +129,7 @@ function keepOutEdges(one) {
   return group;
 }
 
-/** One aircraft with its tracks, its goal, its stand-off point; all static parts in a group that is lifted as one. */
+/** An aircraft with its tracks, its goal and its stand-off point; the static parts are scaled vertically as one group. */
 class Flyer {
   constructor(run, k, middle, lifted, scene, dash) {
     const one = run.aircraft[k], until = one.arrival_s ?? one.planned_arrival_s ?? Infinity;
@@ -166,7 +166,7 @@ class Flyer {
     this.meetingPlace = new THREE.Vector3();
   }
 
-  /** Points on the track where the plan changed: large where it was made anew or could not be. */
+  /** Points on the track at changes of the plan: large for a new plan or a failed replanning. */
   _renewals() {
     const found = new THREE.Group(), at = new THREE.Vector3();
     renewalInks().forEach((color, what) => {
@@ -198,7 +198,7 @@ class Flyer {
     this.track.material.opacity = focused ? 0.6 : 0.25;
   }
 
-  /** Put everything where it is at a time. Returns whether the aircraft has a place then. */
+  /** Move the parts to their positions at a time. Returns whether the aircraft has a position at that time. */
   update(time, lift) {
     const { run, k } = this, record = run.locate(time)[0];
     placeAt(run, "", k, time, this.middle, this.place);
@@ -237,7 +237,7 @@ class Flyer {
     line.frustumCulled = false;
   }
 
-  /** Direction of flight over the ground in the scene. */
+  /** Direction of flight over the ground, in scene coordinates. */
   heading(time) {
     const before = new THREE.Vector3(), after = new THREE.Vector3(), from = Math.max(0, time - 0.5);
     placeAt(this.run, "", this.k, from, this.middle, before);
@@ -246,7 +246,7 @@ class Flyer {
     return after.lengthSq() > 0 ? after.normalize() : new THREE.Vector3(0, 0, -1);
   }
 
-  /** Turn and size the symbols: body axes from the quaternion (north, east, down to body). */
+  /** Rotate and scale the symbols: body axes from the quaternion (north, east, down to body). */
   turn(time, sizeAt) {
     const q = [0, 1, 2, 3].map((n) => this.run.at(`quaternion_${n}`, this.k, time));
     const norm = Math.hypot(...q);

@@ -1,7 +1,7 @@
-/* Flights as the page holds them: unpacked variables, and the one state that all views share. */
+/* Flights of the page: unpacked variables, and the state shared by all views. */
 "use strict";
 
-/** One run: variables unpacked when first asked for, each an array per aircraft. */
+/** A run: variables are unpacked at first use, an array for each aircraft. */
 class Run {
   constructor({ packed, ...data }, colors) {
     Object.assign(this, data);
@@ -16,7 +16,7 @@ class Run {
     });
   }
 
-  /** Values of a variable: one Float64Array for each aircraft, NaN in its gaps; null where the run has none. */
+  /** Values of a variable: a Float64Array for each aircraft, NaN in gaps; null if the run lacks the variable. */
   values(name) {
     const variable = this.variables[name];
     if (!variable) return null;
@@ -45,7 +45,7 @@ class Run {
     return found;
   }
 
-  /** Last record at or before a time, and how far it is from there to the next, 0 to 1. */
+  /** Index of the last record at or before a time, and the fraction of the interval to the next, 0 to 1. */
   locate(time) {
     const times = this.time;
     let low = 0, high = this.times - 1;
@@ -58,7 +58,7 @@ class Run {
     return [low, Math.min(1, Math.max(0, (time - times[low]) / (times[high] - times[low])))];
   }
 
-  /** Value of a variable of an aircraft at a time, linear between records. */
+  /** Value of an aircraft's variable at a time, interpolated linearly between records. */
   at(name, k, time) {
     const values = this.values(name);
     if (!values) return NaN;
@@ -71,19 +71,19 @@ class Run {
     return here + part * (next - here);
   }
 
-  /** Name of the goal that an aircraft flies to at a time: of one that takes over another's, its own until then. */
+  /** Name of an aircraft's goal at a time; a takeover of another goal changes it. */
   goalAt(k, time) {
     const { goal, before } = this.aircraft[k];
     return before && time < before[1] ? before[0] : goal;
   }
 
-  /** Index of an aircraft by its name, or -1. */
+  /** Index of an aircraft by name, or -1. */
   indexOf(name) {
     return this.aircraft.findIndex((one) => one.name === name);
   }
 }
 
-/** The instant, the aircraft in focus and those shown; every view listens. */
+/** Current time, aircraft in focus and visible aircraft; every view listens to changes. */
 class State {
   constructor(runs) {
     this.runs = runs;
@@ -140,7 +140,7 @@ class State {
   }
 }
 
-/** Number with so many decimals, as text; about four significant digits where none are given. */
+/** Number as text with a fixed number of decimals; by default about four significant digits. */
 function printed(value, decimals) {
   if (!Number.isFinite(value)) return "–";
   const size = Math.abs(value);
@@ -149,7 +149,7 @@ function printed(value, decimals) {
   return /[1-9]/.test(text) ? text.replace("-", "−") : text.replace("-", "");
 }
 
-/** Element with a class and text; text is never interpreted. */
+/** Element with a class and text; the text is never interpreted as HTML. */
 function element(tag, className = "", text = "") {
   const made = document.createElement(tag);
   if (className) made.className = className;

@@ -1,4 +1,4 @@
-/* The inks of the page as its style sheet has them, in light, in dark and in print, for what is drawn on canvases. */
+/* Colours of the style sheet in the light scheme, the dark scheme and print, for drawing on canvases. */
 "use strict";
 
 const FONT = "system-ui, sans-serif";
@@ -8,7 +8,7 @@ const Theme = {
   listeners: [],
   printing: false,
 
-  /** Colour that a variable of the style sheet has now: "#rrggbb", with its transparency "rgba(...)". */
+  /** Current colour of a variable of the style sheet: "#rrggbb", or "rgba(...)" if transparent. */
   ink(name) {
     if (!this.inks.has(name)) {
       if (!this.probe) document.body.append((this.probe = document.createElement("i")));
@@ -20,12 +20,12 @@ const Theme = {
     return this.inks.get(name);
   },
 
-  /** Have something drawn anew, at once, when colours change or the page is printed. */
+  /** Register a function that redraws immediately when the colours change or the page is printed. */
   on(listener) {
     this.listeners.push(listener);
   },
 
-  /** Paper has a width of its own and is light: the page takes both up before it is printed. */
+  /** A printed page is light and has a fixed width: both are applied before printing. */
   print(begins) {
     this.printing = begins;
     document.documentElement.classList.toggle("printing", begins);
@@ -42,7 +42,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if
 addEventListener("beforeprint", () => Theme.print(true));
 addEventListener("afterprint", () => Theme.print(false));
 
-/** Options that all plots over an axis share; on paper twice as large, which the style sheet halves: sharp in print. */
+/** Options common to all plots; a printed plot is drawn at twice the size and halved by the style sheet, to be sharp. */
 function plotLook({ axes, series, ...options }) {
   const k = Theme.printing ? 2 : 1, font = `${11 * k}px ${FONT}`;
   const look = {

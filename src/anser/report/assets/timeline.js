@@ -1,14 +1,14 @@
-/* Lanes of events over time: phase of the flight, renewals of the plan, commands at a limit. */
+/* Lanes of events over time: phases of the flight, replanning, limited commands. */
 "use strict";
 
 const RENEWALS = ["quiet", "c0", "c1", "ink", "c3", "c5"], PHASES = ["approach", "frozen", "hold"];
 const MARKED = 2; // replanning outcomes from this code on are rare and marked individually
 const LIMIT_TALL = 12;
 
-/** Inks of the renewals, in the order of `anser.report.flight_events.RENEWALS`. */
+/** Colours of the replanning outcomes, in the order of `anser.report.derived_variables.REPLANNING_OUTCOMES`. */
 const renewalInks = () => RENEWALS.map((name) => Theme.ink(name));
 
-/** Renewals of the frequent kinds as they can be told apart at a scale: [from, to, what], those too close made one. */
+/** Frequent replanning events merged to what is distinguishable at a scale: [from, to, outcome]. */
 function closeTogether(renewals, x, gap = 4) {
   const found = [];
   for (const [time, what] of renewals) {
@@ -41,20 +41,20 @@ class Timeline {
     Theme.on(() => this.draw());
   }
 
-  /** Commands of an aircraft that were at a limit, each with a row of its own: of many aircraft, in focus only. */
+  /** Limited commands of an aircraft, a row for each; in a large fleet only for the aircraft in focus. */
   _limits(k) {
     const { run, state } = this;
     if (run.aircraft.length > 8 && run.aircraft[k].name !== state.focus) return [];
     return [...new Set(run.events[k].limited.map(([what]) => what))].sort();
   }
 
-  /** Letters of the rows that commands at a limit have, which are smaller than names. */
+  /** Lengths of the labels of limited commands, in letters of the names, which are larger. */
   _rowNames() {
     const { events, eventWords } = this.run;
     return events.flatMap((one) => one.limited.map(([what]) => 0.8 * eventWords.limited[what].length));
   }
 
-  /** Where the lane of each aircraft begins, and where the last one ends; pixels. */
+  /** Vertical start of each aircraft's lane, and the end of the last lane; pixels. */
   _tops() {
     const tops = [0];
     this.run.aircraft.forEach((_, k) => tops.push(tops[k] + this.lane + LIMIT_TALL * this._limits(k).length));
