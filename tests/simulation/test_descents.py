@@ -57,7 +57,6 @@ def test_an_infeasible_level_off_is_reported_with_its_altitude():
     assert float(planned.limits.level_off_altitude.min()) < 100.0
     entries = record_published(planned).summary["aircraft"]
     margins = [
-        next(problem for problem in entry["limits"] if problem["name"] == "level_off_min_m")["margin"]
-        for entry in entries
+        next(limit for limit in entry["limits"] if limit["name"] == "level_off_min_m")["margin"] for entry in entries
     ]
     assert min(margins) == pytest.approx(float(planned.limits.level_off_altitude.min()) - 100.0)

@@ -95,7 +95,7 @@ def test_a_non_finite_state_stops_only_its_aircraft(padded_flight, first_segment
     final_state, history = segment(flight, broken)
     assert list(np.asarray(own(final_state).stopped)) == [False, True, False, True]
     assert int(own(final_state).status[1]) == NOT_FINITE
-    assert "number" in STATUS_MESSAGES[NOT_FINITE]
+    assert "non-finite" in STATUS_MESSAGES[NOT_FINITE]
     for k in (0, 2):
         np.testing.assert_allclose(own(final_state).aircraft.position_n[k], own(good).aircraft.position_n[k], atol=1e-6)
     # It stands where it was.
