@@ -185,7 +185,7 @@ def arrival_trial(seed: int) -> ArrivalTrial:
     """Plan the task of a seed and compare its arrivals with the reference."""
     scenario, kind = random_scenario(seed)
     started = time.perf_counter()
-    planned = CertifiedFirstPlan.make(scenario)
+    planned = CertifiedFirstPlan.make(scenario, lambda message: None, lambda *_: None, None)
     plan_s, n = time.perf_counter() - started, len(scenario.aircraft)
     tasks = planned.padded_tasks
     straight = straight_times(scenario, tasks)

@@ -12,7 +12,9 @@ import numpy as np
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import (
     CertifiedFirstPlan,
+    OnProgress,
     PrepareNext,
+    Randomness,
     arrival_request,
     first_plan_status,
     initialize_compiled,
@@ -21,7 +23,6 @@ from anser.missions.first_plan import (
     with_randomness,
 )
 from anser.numerics.arrays import as_array, select_rows
-from anser.numerics.randomness import AbstractRandomness
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify, choose_interval_count
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import interval_count
@@ -85,15 +86,12 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         Duration of the negotiation, s.
     """
 
+    state_type = Agreement
     agreed_after_s: float
 
     @classmethod
     def make(
-        cls,
-        scenario: Scenario,
-        on_progress: Callable[[str], None] = lambda message: None,
-        prepare_next: PrepareNext = lambda *_: None,
-        randomness: AbstractRandomness | None = None,
+        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan.
 
@@ -124,11 +122,6 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         planner = cast(DecentralisedPlanner, flight.planner).aircraft_planner
         arguments = restored_arguments(scenario, flight, fleet, state.plan_state, planner)
         return cls(*arguments, float(state.negotiation_s))
-
-    @classmethod
-    def state_type(cls) -> type:
-        """Type of `saved_state`."""
-        return Agreement
 
     def saved_state(self) -> Agreement:
         """Paths, holds and the duration of the negotiation."""

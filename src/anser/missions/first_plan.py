@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from jaxtyping import Array
@@ -37,6 +37,9 @@ SPEED_TOLERANCE = 1e-3
 """Relative difference from the fleet's speed above which a mean airspeed is noted."""
 
 
+OnProgress = Callable[[str], None]
+"""Callback with a description of the current work."""
+Randomness = AbstractRandomness | None
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 """Callback that prepares the program needed after planning, from a flight and the shapes of its first state."""
 
@@ -73,6 +76,8 @@ class FirstPlan(abc.ABC):
     flight: Flight
     fleet: TrimmedFleet
     refusals: tuple[str, ...]
+    state_type: ClassVar[type]
+    """Type of `saved_state`."""
 
     @property
     def trims(self) -> tuple[TrimPoint, ...]:
@@ -88,11 +93,7 @@ class FirstPlan(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def make(
-        cls,
-        scenario: Scenario,
-        on_progress: Callable[[str], None] = lambda message: None,
-        prepare_next: PrepareNext = lambda *_: None,
-        randomness: AbstractRandomness | None = None,
+        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
     ) -> "FirstPlan":
         """Trim every aircraft at its start and plan; parameters and errors as in `anser.plan`."""
 
@@ -100,11 +101,6 @@ class FirstPlan(abc.ABC):
     @abc.abstractmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
         """The first plan from a trimmed fleet and the content of a plan file."""
-
-    @classmethod
-    @abc.abstractmethod
-    def state_type(cls) -> type:
-        """Type of `saved_state`."""
 
     @functools.cached_property
     @abc.abstractmethod
@@ -225,6 +221,7 @@ class CertifiedFirstPlan(FirstPlan):
     Outcome, padded tasks and holds contain all aircraft of `flight`, the padding included.
     """
 
+    state_type = CertifiedPlanState
     outcome: SearchOutcome
     padded_tasks: AircraftTask
     airspace: Airspace
@@ -232,11 +229,7 @@ class CertifiedFirstPlan(FirstPlan):
 
     @classmethod
     def make(
-        cls,
-        scenario: Scenario,
-        on_progress: Callable[[str], None] = lambda message: None,
-        prepare_next: PrepareNext = lambda *_: None,
-        randomness: AbstractRandomness | None = None,
+        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
     ) -> "CertifiedFirstPlan":
         """Trim every aircraft and search for a certified plan; if the search fails, diagnose the reason."""
         on_progress("trimming")
@@ -265,11 +258,6 @@ class CertifiedFirstPlan(FirstPlan):
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "CertifiedFirstPlan":
         """The first plan from a trimmed fleet and the content of a plan file."""
         return cls(*restored_arguments(scenario, flight, fleet, state, cast(CertifiedPlanner, flight.planner)))
-
-    @classmethod
-    def state_type(cls) -> type:
-        """Type of `saved_state`."""
-        return CertifiedPlanState
 
     @functools.cached_property
     def tasks(self) -> AircraftTask:

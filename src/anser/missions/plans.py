@@ -23,8 +23,10 @@ from anser.missions.first_plan import (
     SPEED_TOLERANCE,
     CertifiedFirstPlan,
     FirstPlan,
+    OnProgress,
     PlanFileError,
     PrepareNext,
+    Randomness,
     initialize_compiled,
     trim_at_start,
     with_randomness,
@@ -70,15 +72,12 @@ class PublishedFirstPlan(FirstPlan):
         State of the fleet at the start, with the plan.
     """
 
+    state_type = PublishedPlanState
     state: FlightState
 
     @classmethod
     def make(
-        cls,
-        scenario: Scenario,
-        on_progress: Callable[[str], None] = lambda message: None,
-        prepare_next: PrepareNext = lambda *_: None,
-        randomness: AbstractRandomness | None = None,
+        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
     ) -> "PublishedFirstPlan":
         """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
         on_progress("trimming and planning")
@@ -95,11 +94,6 @@ class PublishedFirstPlan(FirstPlan):
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "PublishedFirstPlan":
         """The first plan from a trimmed fleet and the content of a plan file."""
         return cls(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
-
-    @classmethod
-    def state_type(cls) -> type:
-        """Type of `saved_state`."""
-        return PublishedPlanState
 
     @functools.cached_property
     def plan(self) -> FleetPlan:
@@ -284,7 +278,7 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
             arrays = {name: archive[name] for name in archive.files}
         metadata = json.loads(str(arrays.pop("about")))
         _refuse_foreign_plan(metadata, scenario, path)
-        state = _rebuild_state(_FIRST_PLANS[scenario.fleet.planner].state_type(), "", arrays)
+        state = _rebuild_state(_FIRST_PLANS[scenario.fleet.planner].state_type, "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
