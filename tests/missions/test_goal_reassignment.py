@@ -123,7 +123,7 @@ def test_a_goal_without_a_feasible_successor_is_reported(monkeypatch):
     _, _, goals, (outcome,) = reassign(monkeypatch, [("c", "nearest")], refused=refused)
     assert goals == tuple(GOAL_NAMES.values())
     assert not outcome.planned
-    assert outcome.message == 'nobody can take over its goal "three" in time'
+    assert outcome.message == 'no aircraft can take over its goal "three" in time'
 
 
 def test_simultaneously_freed_goals_are_assigned_with_the_least_total_distance(monkeypatch):

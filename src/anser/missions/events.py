@@ -168,7 +168,11 @@ def reassign_goals(
 
 def _no_successor(now_s: float, departed: int, event: Event, goals: Sequence[str]) -> EventOutcome:
     return EventOutcome(
-        now_s, GOAL_TAKEN_OVER, str(event.aircraft), False, f'nobody can take over its goal "{goals[departed]}" in time'
+        now_s,
+        GOAL_TAKEN_OVER,
+        str(event.aircraft),
+        False,
+        f'no aircraft can take over its goal "{goals[departed]}" in time',
     )
 
 

@@ -244,7 +244,7 @@ class CertifiedFirstPlan(FirstPlan):
         outcome, holds = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s, on_progress)
         refusals: tuple[str, ...] = ()
         if outcome.plan is None:
-            on_progress("looking for what stands in the way")
+            on_progress("diagnosing the refusal")
             fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
             refusals = (
                 diagnose_refusal(scenario, fleet_task, outcome.leading(count))

@@ -32,7 +32,7 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight, trimmed_fleet
 
 _REPLAN_BATCH = 8  # flights of a segment that are repeated together, with replanning
-NO_PLAN = "no plan: the certified planner finds none that keeps everything"
+NO_PLAN = "no plan: the certified planner found none within the limits, the separation and the keep-outs"
 
 
 class FlightCase(NamedTuple):

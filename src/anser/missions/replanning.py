@@ -131,7 +131,7 @@ def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
     return eqx.tree_at(lambda s: s.planner, state, plan)
 
 
-NO_PLAN_MESSAGE = "no plan was found that keeps everything: the plan in force is kept"
+NO_PLAN_MESSAGE = "no new plan within the limits, the separation and the keep-outs was found: the plan in force stays"
 _ACCELERATION_M_S2 = 2.0  # reached by the F-16's engine 3 s after idling; full thrust takes about 5 s
 _take_snapshot = compiled_quickly(take_snapshot)
 _plan_exit = compiled_quickly(plan_exit)
@@ -192,8 +192,8 @@ def apply_event(
     subject = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
     outcome = _OutcomeOf(event, subject)
     if event.kind in GOAL_EVENTS:
-        return flight, state, outcome(True, "the plan is renewed towards where the goal is taken to be")
-    on_progress(f"planning on after {event.kind} at {event.time_s:g} s")
+        return flight, state, outcome(True, "periodic replanning follows the estimated goal")
+    on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
     sample = as_array(number, np.int32)
     if event.kind == "aircraft-leaves":
         departing = names.index(str(event.aircraft))
@@ -211,7 +211,11 @@ def apply_event(
     if event.kind == "thrust-lost":
         state = _with_less_thrust(state, names.index(str(event.aircraft)), event.thrust_left or 0.0)
         if not scenario.fleet.is_central:
-            return flight, state, outcome(True, "its path is renewed within what it can do, and the others wait for it")
+            return (
+                flight,
+                state,
+                outcome(True, "its path is replanned within its remaining thrust, and the others wait for it"),
+            )
     return _replan_if_needed(scenario, flight, state, number, event, outcome, on_progress)
 
 
@@ -296,12 +300,16 @@ def _replan_if_needed(
     target_times_s = _target_times(scenario, times_s, can_replan, event)
     is_unchanged = bool(np.all(target_times_s[can_replan] == times_s[can_replan]))
     if not can_replan.any():
-        return flight, state, outcome(bool(is_satisfied.all()), "nobody is left who could be planned anew")
+        return flight, state, outcome(bool(is_satisfied.all()), "no aircraft is left that could be replanned")
     if is_unchanged and is_satisfied[can_replan].all():
         certified_state = dataclasses.replace(
             plan_state, plan=dataclasses.replace(plan_state.plan, certificate=certificate)
         )
-        return flight, replace_plan(state, certified_state), outcome(True, "the plan in force keeps everything")
+        return (
+            flight,
+            replace_plan(state, certified_state),
+            outcome(True, "the plan in force still meets all requirements"),
+        )
     replanned_state = _search_plan(scenario, flight, state, snapshot, now_s, target_times_s, on_progress)
     if replanned_state is None:
         return flight, state, outcome(False, NO_PLAN_MESSAGE)
