@@ -18,8 +18,17 @@ from anser.analysis.surveys import (
     sample_count,
     select_rows,
 )
-from anser.analysis.trim_maps import COMMANDS, GRID_DIMENSIONS, TrimMap, accepted_errors, survey_limits, trim_map
-from anser.analysis.trim_points import Inversion, gains_for, resolve_airframe
+from anser.analysis.trim_maps import (
+    COMMANDS,
+    GRID_DIMENSIONS,
+    TrimMap,
+    accepted_errors,
+    command_meanings,
+    speed_scale,
+    survey_limits,
+    trim_map,
+)
+from anser.analysis.trim_points import Inversion, resolve_airframe, survey_gains
 from anser.compiling.options import compiled
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
@@ -113,7 +122,8 @@ def survey_envelope(
     """Survey an aircraft's envelope in the standard atmosphere, in still air.
 
     Each of `CONDITIONS` is trimmed at each point of the grid, and each of `COMMANDS` is flown from each trimmable
-    point, under the velocity loop with the published gains and `survey_limits`.
+    point, under the velocity loop with `survey_limits` and the gains of `survey_gains`. Speed steps of another aircraft
+    than an F-16 are in proportion to the airspeed.
 
     Parameters
     ----------
@@ -122,9 +132,9 @@ def survey_envelope(
     inversion
         Inversion of the autopilot: of the onboard model, or incremental.
     coarse
-        Grid of 3 x 5 instead of 16 x 18 points.
+        Coarse grid; for the F-16 3 x 5 instead of 16 x 18 points.
     altitudes_m, machs
-        Axes of the grid, instead of 250 m to 15 km and Mach 0.15 to 0.95.
+        Axes of the grid; None: 250 m to 15 km and Mach 0.15 to 0.95 for the F-16, see `default_axes`.
     limits
         Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s
@@ -140,19 +150,22 @@ def survey_envelope(
     count = sample_count(duration_s, step_s)
     survey = Survey(progress)
     airframe, attributes = resolve_airframe(aircraft, variant)
-    environment, gains = standard_environment(), gains_for(inversion)
-    limits = survey_limits() if limits is None else limits
+    environment = standard_environment()
     trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
+    limits = survey_limits(airframe, trims.airspeeds) if limits is None else limits
     flown = np.repeat(np.asarray(trims.points.trimmable)[:, None], len(COMMANDS), axis=1)
     point_index, command_index = np.nonzero(flown)
-    sizes = np.array([command.size for command in COMMANDS])[command_index]
-    tolerances = accepted_errors(sizes)
     trim, target = select_rows((trims.points.trim, trims.targets), point_index)
+    common_gains, row_gains = survey_gains(airframe, environment, trim, step_s, inversion)
+    scale = speed_scale(airframe, np.asarray(target.speed))
+    sizes = np.array([command.size for command in COMMANDS])[command_index]
+    sizes[:, 0] *= scale
+    tolerances = accepted_errors(sizes, scale)
     flights, outcomes = survey.fly(
         f"flying {len(point_index)} flights",
         _fly,
-        (airframe, environment, gains, limits),
-        (trim, target, sizes, tolerances),
+        (airframe, environment, common_gains, limits),
+        (trim, target, sizes, tolerances, row_gains),
         jnp.asarray(step_s),
         count,
         tolerances=tolerances,
@@ -164,7 +177,7 @@ def survey_envelope(
     coordinates = {
         **trims.coordinates("Steady flight that is left"),
         "command": ("command", np.array([c.name for c in COMMANDS]), unit_attributes("", "Step of the path command")),
-        "command_meaning": ("command", np.array([c.meaning for c in COMMANDS])),
+        "command_meaning": ("command", np.array(command_meanings(airframe))),
         **flight_coordinates(trims.surfaces),
     }
     attributes |= {"inversion": inversion, **flight_attributes(count, step_s, limits)}
@@ -174,11 +187,20 @@ def survey_envelope(
 @compiled
 def _fly(
     fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
-    rows: tuple[TrimPoint, TrimTarget, jax.Array, jax.Array],
+    rows: tuple[TrimPoint, TrimTarget, jax.Array, jax.Array, AutopilotGains | None],
     step: jax.Array,
     count: int,
 ) -> SurveySummary:
-    def fly_step(trim: TrimPoint, target: TrimTarget, size: jax.Array, tolerance: jax.Array) -> SurveySummary:
-        return survey_flight(*fixed, trim, target, size, tolerance, step, count)
+    airframe, environment, common_gains, limits = fixed
+
+    def fly_step(
+        trim: TrimPoint,
+        target: TrimTarget,
+        size: jax.Array,
+        tolerance: jax.Array,
+        row_gains: AutopilotGains | None,
+    ) -> SurveySummary:
+        gains = common_gains if row_gains is None else row_gains
+        return survey_flight(airframe, environment, gains, limits, trim, target, size, tolerance, step, count)
 
     return jax.vmap(fly_step)(*rows)

@@ -79,7 +79,7 @@ def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> Stat
     fields = [field for field, _ in state_fields_of("velocity", airframe)]
     if not bool(jnp.any(gains.attitude.integral != 0.0)):
         fields.remove("attitude_integral")
-    return (*fields, *((SENSOR_STATE_FIELDS[0],) if bool(gains.sensor_bandwidth > 0.0) else ()))
+    return (*fields, *((SENSOR_STATE_FIELDS[0],) if bool(jnp.any(gains.sensor_bandwidth > 0.0)) else ()))
 
 
 def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:

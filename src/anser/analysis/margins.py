@@ -8,14 +8,12 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.f16 import AbstractF16
 from anser.analysis.loop_margins import (
     FREQUENCY_MIN,
     NEUTRAL_POLE_TOLERANCE,
@@ -30,7 +28,7 @@ from anser.analysis.loop_margins import (
 )
 from anser.analysis.surveys import Survey, SurveyResult, limit_attributes, select_rows
 from anser.analysis.trim_maps import GRID_DIMENSIONS, TrimMap, survey_limits, trim_map
-from anser.analysis.trim_points import ConditionError, Inversion, default_gains, gains_for, map_points, resolve_airframe
+from anser.analysis.trim_points import ConditionError, Inversion, map_points, resolve_airframe, survey_gains
 from anser.compiling.options import compiled
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
@@ -284,19 +282,15 @@ def margins_at(
     """
     survey = Survey()
     airframe, attributes = resolve_airframe(aircraft, variant)
-    environment, limits = standard_environment(), _limits_around(airframe, speed_m_s)
+    environment, limits = standard_environment(), survey_limits(airframe, speed_m_s)
     target = trim_target(speed_m_s, altitude_m)
     points = map_points(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
     if not bool(points.trimmable[0]):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
-    trim = jax.tree.map(lambda leaf: leaf[0], points.trim)
-    chosen_gains = (
-        default_gains(airframe, environment, trim, step_s, inversion) if gains is None else gains_for(inversion, gains)
-    )
-    fixed = (airframe, environment, chosen_gains, limits, jnp.asarray(step_s))
-    fields = loop_state_fields(chosen_gains, airframe)
     # a batch of the survey's size: one compiled program for both
-    analysis, response = survey.evaluate("breaking the loops", _analyse, fixed, points.trim, fields, batch_size=_BATCH)
+    analysis, response = _analyse_rows(
+        survey, "breaking the loops", airframe, environment, limits, points.trim, step_s, inversion, gains
+    )
     attributes |= {"speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
     omega = ("frequency", response.omega[0], unit_attributes("rad s-1", "Frequency"))
     dataset = survey.result(
@@ -317,18 +311,6 @@ def margins_at(
     if state == "unstable":
         raise ConditionError(f"The closed loop is unstable, pole {_pole(dataset)}: there are no margins.")
     return dataset
-
-
-def _limits_around(airframe: AbstractAirframe, speed_m_s: float) -> FlightLimits:
-    """Return the survey's limits for an F-16, else half to twice the airspeed and the airframe's alpha range."""
-    limits = survey_limits()
-    if isinstance(airframe, AbstractF16):
-        return limits
-    speed_bounds = jnp.asarray(0.5 * speed_m_s, dtype=float), jnp.asarray(2.0 * speed_m_s, dtype=float)
-    limits = eqx.tree_at(lambda flight_limits: (flight_limits.speed_min, flight_limits.speed_max), limits, speed_bounds)
-    return eqx.tree_at(
-        lambda flight_limits: (flight_limits.alpha_min, flight_limits.alpha_max), limits, airframe.alpha_range
-    )
 
 
 def survey_margins(
@@ -361,18 +343,12 @@ def survey_margins(
     """
     survey = Survey(progress)
     airframe, attributes = resolve_airframe(aircraft, variant)
-    environment, limits, chosen_gains = standard_environment(), survey_limits(), gains_for(inversion, gains)
+    environment = standard_environment()
     trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
+    limits = survey_limits(airframe, trims.airspeeds)
     rows = select_rows(trims.points.trim, np.asarray(trims.points.trimmable))
-    analysis = survey.evaluate(
-        f"breaking the loops at {len(rows.alpha)} points",
-        _analyse,
-        (airframe, environment, chosen_gains, limits, jnp.asarray(step_s)),
-        rows,
-        loop_state_fields(chosen_gains, airframe),
-        batch_size=_BATCH,
-        select=lambda result: result[0],
-    )
+    description = f"breaking the loops at {len(rows.alpha)} points"
+    analysis, _ = _analyse_rows(survey, description, airframe, environment, limits, rows, step_s, inversion, gains)
     attributes |= {"inversion": inversion, **limit_attributes(limits)}
     coordinates = _names(breakpoints(airframe)) | trims.coordinates("Steady flight")
     data = _map_variables(trims, analysis, step_s)
@@ -401,18 +377,36 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
     }
 
 
+def _analyse_rows(
+    survey: Survey,
+    description: str,
+    airframe: AbstractAirframe,
+    environment: Environment,
+    limits: FlightLimits,
+    trims: TrimPoint,
+    step_s: float,
+    inversion: Inversion,
+    gains: AutopilotGains | None,
+) -> tuple[LoopAnalysis, LoopResponse]:
+    common_gains, row_gains = survey_gains(airframe, environment, trims, step_s, inversion, gains)
+    fields = loop_state_fields(common_gains if row_gains is None else row_gains, airframe)
+    fixed = (airframe, environment, common_gains, limits, jnp.asarray(step_s))
+    return survey.evaluate(description, _analyse, fixed, (trims, row_gains), fields, batch_size=_BATCH)
+
+
 @compiled
 def _analyse(
     fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, jax.Array],
-    trims: TrimPoint,
+    rows: tuple[TrimPoint, AutopilotGains | None],
     fields: StateFields,
 ) -> tuple[LoopAnalysis, LoopResponse]:
-    airframe, environment, gains, limits, step = fixed
+    airframe, environment, common_gains, limits, step = fixed
 
-    def analyse_point(trim: TrimPoint) -> tuple[LoopAnalysis, LoopResponse]:
+    def analyse_point(trim: TrimPoint, row_gains: AutopilotGains | None) -> tuple[LoopAnalysis, LoopResponse]:
+        gains = common_gains if row_gains is None else row_gains
         return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), fields)
 
-    return jax.vmap(analyse_point)(trims)
+    return jax.vmap(analyse_point)(*rows)
 
 
 def _pole(point: xr.Dataset) -> str:

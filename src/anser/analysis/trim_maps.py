@@ -7,11 +7,15 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.f16 import AbstractF16
+from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.surveys import Survey
 from anser.analysis.trim_points import map_points
 from anser.control.limits import FlightLimits
@@ -128,6 +132,9 @@ COMMANDS = (
 ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
 """Default altitudes. The lowest is not 0, the bound of the data: any command would leave the data."""
 MACHS = np.linspace(0.15, 0.95, 18)
+_COARSE_MACHS = [0, 4, 8, 13, 17]
+_F16_SPEED_M_S = 150.0
+"""Airspeed of the F-16's step tests, for which the speed steps are chosen."""
 TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
 """Accepted error: the greater of a part of the step and an absolute error, m/s and rad."""
 
@@ -149,8 +156,9 @@ def trim_map(
         An axis is not of increasing numbers, or the grid has no trimmable point.
     """
     survey.start("trimming")
-    altitudes = grid_axis("altitudes_m", altitudes_m, ALTITUDES_M[5::5] if coarse else ALTITUDES_M)
-    mach = grid_axis("machs", machs, MACHS[[0, 4, 8, 13, 17]] if coarse else MACHS)
+    default_altitudes, default_machs = default_axes(airframe, environment, coarse=coarse)
+    altitudes = grid_axis("altitudes_m", altitudes_m, default_altitudes)
+    mach = grid_axis("machs", machs, default_machs)
     speed_of_sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
     airspeeds = speed_of_sound[:, None] * mach[None, :]
     targets = steady_targets(altitudes, airspeeds, float(environment.gravity))
@@ -161,16 +169,69 @@ def trim_map(
     return TrimMap(conditions, altitudes, mach, airspeeds, targets, points, airframe.actuators.names)
 
 
-def accepted_errors(size: np.ndarray) -> np.ndarray:
-    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of a given size, (..., 3)."""
-    return np.maximum(TOLERANCE_SHARE * np.abs(size), TOLERANCE)
+def default_axes(
+    airframe: AbstractAirframe, environment: Environment, *, coarse: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the default altitudes (m) and Mach numbers of an aircraft's grid.
+
+    The altitudes are those of `ALTITUDES_M` within the aircraft's data. The Mach numbers are those of `MACHS` for an
+    F-16; otherwise they follow from the airspeeds of the aircraft's data, at the lowest altitude.
+    """
+    if isinstance(airframe, AbstractF16):
+        return ALTITUDES_M[5::5] if coarse else ALTITUDES_M, MACHS[_COARSE_MACHS] if coarse else MACHS
+    low, high = getattr(getattr(airframe, "validity", None), "altitude", (-np.inf, np.inf))
+    altitudes = ALTITUDES_M[(float(low) <= ALTITUDES_M) & (float(high) >= ALTITUDES_M)]
+    if not altitudes.size:
+        raise ValueError(f"altitudes_m: arrived None; expected altitudes within the data, {low:g} to {high:g} m")
+    slowest, fastest = valid_airspeed_range(airframe)
+    speed_of_sound = float(environment.atmosphere.at(float(altitudes[0])).speed_of_sound)
+    # within the data in spite of rounding
+    machs = np.linspace(slowest * (1 + 1e-9), fastest * (1 - 1e-9), len(MACHS)) / speed_of_sound
+    return altitudes[::5] if coarse else altitudes, machs[_COARSE_MACHS] if coarse else machs
 
 
-def survey_limits() -> FlightLimits:
+def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
+    """Return the factors of speed steps and accepted speed errors at airspeeds, m/s; 1 for an F-16."""
+    return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
+
+
+def command_meanings(airframe: AbstractAirframe) -> list[str]:
+    """Return the descriptions of `COMMANDS` for an aircraft; see `speed_scale`."""
+    if isinstance(airframe, AbstractF16):
+        return [command.meaning for command in COMMANDS]
+    return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]
+
+
+def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of a given size, (..., 3).
+
+    `scale` is the factor of the speed steps, see `speed_scale`.
+    """
+    tolerance = np.broadcast_to(TOLERANCE, np.shape(size)).copy()
+    tolerance[..., 0] *= scale
+    return np.maximum(TOLERANCE_SHARE * np.abs(size), tolerance)
+
+
+def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
     """Return limits wider than the aircraft's: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g.
 
-    A level turn at 4 g has a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path.
+    A level turn at 4 g has a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For
+    another airframe than an F-16: half the least to twice the greatest of the surveyed airspeeds (m/s), and the range
+    of alpha of the airframe's data.
     """
+    limits = _f16_limits()
+    if airframe is None or isinstance(airframe, AbstractF16):
+        return limits
+    speeds = np.asarray(airspeeds, dtype=float)
+    slowest, fastest = jnp.asarray(0.5 * speeds.min()), jnp.asarray(2.0 * speeds.max())
+    return eqx.tree_at(
+        lambda bounds: (bounds.speed_min, bounds.speed_max, bounds.alpha_min, bounds.alpha_max),
+        limits,
+        (slowest, fastest, *airframe.alpha_range),
+    )
+
+
+def _f16_limits() -> FlightLimits:
     return FlightLimits(
         speed_min=jnp.asarray(40.0),
         speed_max=jnp.asarray(340.0),

@@ -85,20 +85,43 @@ def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> Auto
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))
 
 
+def survey_gains(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    trims: TrimPoint,
+    step_s: float,
+    inversion: Inversion,
+    gains: AutopilotGains | None = None,
+) -> tuple[AutopilotGains, AutopilotGains | None]:
+    """Return gains common to stacked trims, and gains with a row per trim that replace the common gains, or None.
+
+    Common are the given or the published gains; another aircraft than an F-16 has gains derived at each trim.
+    """
+    common = gains_for(inversion, gains)
+    if gains is not None or isinstance(airframe, AbstractF16):
+        return common, None
+    bandwidths = _bandwidths(airframe, environment, trims, jnp.asarray(step_s, dtype=float))
+    rows = jax.vmap(automatic_gains)(bandwidths)
+    sensor_bandwidth = jnp.broadcast_to(common.sensor_bandwidth, len(trims.alpha))
+    return common, eqx.tree_at(lambda g: g.sensor_bandwidth, rows, sensor_bandwidth)
+
+
+@compiled
+def _bandwidths(airframe: AbstractAirframe, environment: Environment, trims: TrimPoint, step: Scalar) -> Bandwidths:
+    def bandwidths(trim: TrimPoint) -> Bandwidths:
+        condition = flight_condition(airframe, environment, 0.0, trim.state)
+        return derived_bandwidths(airframe, condition, trim.state.surfaces, trim.power, step)
+
+    return jax.vmap(bandwidths)(trims)
+
+
 def default_gains(
     airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step_s: float, inversion: Inversion
 ) -> AutopilotGains:
     """Return the default gains: published for an F-16, derived from the aircraft otherwise."""
-    if isinstance(airframe, AbstractF16):
-        return gains_for(inversion)
-    bandwidths = _bandwidths(airframe, environment, trim, jnp.asarray(step_s, dtype=float))
-    return gains_for(inversion, automatic_gains(bandwidths))
-
-
-@compiled
-def _bandwidths(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step: Scalar) -> Bandwidths:
-    condition = flight_condition(airframe, environment, 0.0, trim.state)
-    return derived_bandwidths(airframe, condition, trim.state.surfaces, trim.power, step)
+    trims = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], trim)
+    common, rows = survey_gains(airframe, environment, trims, step_s, inversion)
+    return common if rows is None else jax.tree.map(lambda leaf: leaf[0], rows)
 
 
 def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:

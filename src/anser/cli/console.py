@@ -346,13 +346,6 @@ def _option(parameter: str) -> str:
     return f"--{parameter.replace('_', '-')}"
 
 
-F16_SURVEYS_ONLY = (
-    "grid, limits and gains of this survey are the F-16's; of another aircraft anser aircraft show has the trim map, "
-    "anser margins --at and anser gallery --aircraft the autopilot"
-)
-"""Hint for surveys limited to the F-16."""
-
-
 def must_be_f16(aircraft: str, instead: str) -> None:
     """Raise RefusedError for airframes other than the F-16; `instead` describes an alternative."""
     if aircraft not in VARIANTS:

@@ -9,11 +9,9 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, VariantName
 from anser.cli.console import (
-    F16_SURVEYS_ONLY,
     RefusedError,
     columns,
     flight_point,
-    must_be_f16,
     must_be_in_range,
     must_be_known_aircraft,
     number,
@@ -61,7 +59,9 @@ def margins(
     envelope: Annotated[
         bool, typer.Option("--envelope", help="At every point of the envelope that can be flown; needs --out.")
     ] = False,
-    coarse: Annotated[bool, typer.Option("--coarse", help="With --envelope: 3 x 5 instead of 16 x 18 points.")] = False,
+    coarse: Annotated[
+        bool, typer.Option("--coarse", help="With --envelope: a coarse grid (F-16: 3 x 5 instead of 16 x 18).")
+    ] = False,
     out: Annotated[Path | None, typer.Option(help="With --envelope: new folder for dataset and maps.")] = None,
     force: Force = False,
 ) -> None:
@@ -69,7 +69,6 @@ def margins(
     must_be_known_aircraft(aircraft, variant)
     must_be_in_range("--step-s", step_s, 0.001, 0.05)
     if envelope:
-        must_be_f16(aircraft, F16_SURVEYS_ONLY)
         for option, value in (("--at", at), ("--bode", bode)):
             if value is not None:
                 raise RefusedError(f"{option}: arrived with --envelope, which is of all points; expected one of them")

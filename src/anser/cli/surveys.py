@@ -10,7 +10,6 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantName
 from anser.cli.console import (
-    F16_SURVEYS_ONLY,
     RefusedError,
     columns,
     flight_point,
@@ -44,12 +43,13 @@ def envelope(
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     inversion: Inversion = "model",
-    coarse: Annotated[bool, typer.Option("--coarse", help="A grid of 3 x 5 instead of 16 x 18 points.")] = False,
+    coarse: Annotated[
+        bool, typer.Option("--coarse", help="A coarse grid (F-16: 3 x 5 instead of 16 x 18 points).")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Survey the flight envelope: trim map, and standard commands flown from every point."""
     must_be_known_aircraft(aircraft, variant)
-    must_be_f16(aircraft, F16_SURVEYS_ONLY)
     with open_output_folder(out, force) as into, progress_bar() as tell:
         from anser.analysis.envelope import survey_envelope
         from anser.report.envelope_figures import draw_envelope

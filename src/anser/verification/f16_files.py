@@ -1,6 +1,5 @@
 """Verification of the built-in s119 F-16 by its DAVE-ML files: coefficients, thrust, and NESC case 11."""
 
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp

@@ -1,0 +1,58 @@
+"""Grid, speed steps and limits of a survey follow from the aircraft."""
+
+import numpy as np
+import pytest
+
+from anser.aircraft_files import load_airframe
+from anser.analysis.margins import survey_margins
+from anser.analysis.trim_maps import (
+    ALTITUDES_M,
+    COMMANDS,
+    MACHS,
+    TOLERANCE,
+    accepted_errors,
+    command_meanings,
+    default_axes,
+    speed_scale,
+    survey_limits,
+)
+from anser.environment import standard_environment
+
+F16, AEROSONDE = load_airframe("f16"), load_airframe("aerosonde")
+
+
+def test_the_f16_keeps_its_grid_steps_and_limits():
+    altitudes, machs = default_axes(F16, standard_environment(), coarse=False)
+    np.testing.assert_array_equal(altitudes, ALTITUDES_M)
+    np.testing.assert_array_equal(machs, MACHS)
+    assert [len(axis) for axis in default_axes(F16, standard_environment(), coarse=True)] == [3, 5]
+    np.testing.assert_array_equal(speed_scale(F16, np.array([100.0, 200.0])), 1.0)
+    assert command_meanings(F16) == [command.meaning for command in COMMANDS]
+    assert float(survey_limits(F16, (100.0, 200.0)).speed_max) == float(survey_limits().speed_max) == 340.0
+
+
+def test_another_aircraft_has_a_grid_within_its_data():
+    altitudes, machs = default_axes(AEROSONDE, standard_environment(), coarse=False)
+    speeds = machs * float(standard_environment().atmosphere.at(float(altitudes[0])).speed_of_sound)
+    assert (speeds.min(), speeds.max()) == pytest.approx((13.0, 40.0))
+    assert 13.0 < speeds.min() < speeds.max() < 40.0
+
+
+def test_another_aircraft_has_speed_steps_and_limits_in_proportion():
+    speeds = np.array([15.0, 30.0])
+    scale = speed_scale(AEROSONDE, speeds)
+    np.testing.assert_allclose(10.0 * scale, speeds / 15.0)
+    assert command_meanings(AEROSONDE)[0] == "speed +1/15 of the airspeed"
+    errors = accepted_errors(np.zeros((2, 3)), scale)
+    np.testing.assert_allclose(errors[:, 0], TOLERANCE[0] * scale)
+    np.testing.assert_allclose(errors[:, 1:], np.broadcast_to(TOLERANCE[1:], (2, 2)))
+    limits = survey_limits(AEROSONDE, speeds)
+    assert (float(limits.speed_min), float(limits.speed_max)) == (7.5, 60.0)
+    assert (limits.alpha_min, limits.alpha_max) == AEROSONDE.alpha_range
+
+
+@pytest.mark.long
+def test_the_loops_of_another_aircraft_are_stable_with_derived_gains():
+    survey = survey_margins("aerosonde", altitudes_m=(500.0, 3000.0), machs=(0.06, 0.09))
+    assert survey.counts()["unstable"] == survey.counts()["held_back"] == 0
+    assert survey.counts()["stable"] >= 8
