@@ -87,9 +87,9 @@ def test_surfaces_depend_only_on_the_measurement_and_the_slopes_of_the_model():
         demand, _ = rate_control(model, gains(0.0), memory, state.rates_b, jnp.array([0.2, 0.1, 0.0]))
         return np.asarray(demand.surfaces)
 
-    right, wrong = surfaces(jnp.zeros(3), seen=False), jnp.array([3e3, -5e3, 2e3])  # N m
-    np.testing.assert_allclose(surfaces(wrong, seen=True), right, atol=1e-9)
-    assert np.abs(surfaces(wrong, seen=False) - right).max() > 0.2 * DEGREE
+    right, wrong = surfaces(jnp.zeros(3), with_residual=False), jnp.array([3e3, -5e3, 2e3])  # N m
+    np.testing.assert_allclose(surfaces(wrong, with_residual=True), right, atol=1e-9)
+    assert np.abs(surfaces(wrong, with_residual=False) - right).max() > 0.2 * DEGREE
 
 
 def _wrong_aircraft():
