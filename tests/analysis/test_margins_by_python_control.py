@@ -3,6 +3,7 @@
 import functools
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 
@@ -18,7 +19,7 @@ from anser.analysis.loop_margins import (
     loop_response,
     loop_state_fields,
 )
-from anser.analysis.trim_points import default_gains
+from anser.analysis.trim_points import survey_gains
 from anser.control import default_limits
 from anser.environment import standard_environment
 from anser.simulation.response import LoopCase
@@ -53,7 +54,10 @@ def analysed(case: str) -> tuple[Margins, dict[str, control.StateSpace]]:
     airframe = load_airframe(name)
     point = trim(airframe, ENVIRONMENT, target)
     assert bool(point.converged)
-    gains = default_gains(airframe, ENVIRONMENT, point, STEP, "model")
+    trims = jax.tree.map(lambda leaf: leaf[None], point)
+    gains, derived_gains = survey_gains(airframe, ENVIRONMENT, trims, STEP, "model")
+    if derived_gains is not None:
+        gains = jax.tree.map(lambda leaf: leaf[0], derived_gains)
     limits = eqx.tree_at(
         lambda flight_limits: (
             flight_limits.speed_min,

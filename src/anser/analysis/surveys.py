@@ -97,7 +97,7 @@ class Survey:
         description
             Current work, for progress reports.
         program
-            Function of `fixed`, a batch of rows and `options`; returns a tree of arrays with one row per row.
+            Function of `fixed`, a batch of rows and `options`; returns a tree of arrays with one row per input row.
         fixed, rows, options
             Arguments common to the rows; tree of arrays with at least one row; further common arguments.
         batch_size
@@ -109,7 +109,7 @@ class Survey:
 
         Returns
         -------
-        Tree of NumPy arrays with one row per row.
+        Tree of NumPy arrays with one row per input row.
 
         Raises
         ------

@@ -115,15 +115,6 @@ def _bandwidths(airframe: AbstractAirframe, environment: Environment, trims: Tri
     return jax.vmap(bandwidths)(trims)
 
 
-def default_gains(
-    airframe: AbstractAirframe, environment: Environment, trim: TrimPoint, step_s: float, inversion: Inversion
-) -> AutopilotGains:
-    """Return the default gains: published for an F-16, derived from the aircraft otherwise."""
-    trims = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], trim)
-    common, rows = survey_gains(airframe, environment, trims, step_s, inversion)
-    return common if rows is None else jax.tree.map(lambda leaf: leaf[0], rows)
-
-
 def steady_trim(airframe: AbstractAirframe, environment: Environment, target: TrimTarget) -> TrimPoint:
     """Trim a steady flight. Raises ConditionError, with the nearest trim points in the message, if no trim exists."""
     trim = compiled_trim(airframe, environment, target)
