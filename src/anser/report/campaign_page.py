@@ -114,11 +114,15 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Of each main quantity the quantile nearest to 95 % with a finite bound, if any."""
+    """Quantile of each main quantity nearest to 95 %, among the quantiles with a finite bound."""
     quantiles = []
     for name in _HEADLINES:
-        bounded = [row for row in estimates["quantiles"] if row["name"] == name and row["value"] is not None]
-        quantiles += sorted(bounded, key=lambda row: abs(row["share"] - 0.95))[:1]
+        bounded = [
+            estimate
+            for estimate in estimates["quantiles"]
+            if estimate["name"] == name and estimate["value"] is not None
+        ]
+        quantiles += sorted(bounded, key=lambda estimate: abs(estimate["share"] - 0.95))[:1]
     return quantiles
 
 
@@ -180,12 +184,16 @@ def _bounds(report: CampaignReport) -> dict[str, Any]:
     by_name: dict[str, dict[float, Mapping[str, Any]]] = {}
     for estimate in quantiles:
         by_name.setdefault(estimate["name"], {})[estimate["share"]] = estimate
-    rows = [([by_share[share] for share in shares]) for by_share in by_name.values()]
+    quantities = [([by_share[share] for share in shares]) for by_share in by_name.values()]
     return {
         "bound_shares": [_percent(share) for share in shares],
         "bounds": [
-            {"name": row[0]["words"], "is_upper": row[0]["upper"], "bounds": [_bound(estimate) for estimate in row]}
-            for row in rows
+            {
+                "name": estimates[0]["words"],
+                "is_upper": estimates[0]["upper"],
+                "bounds": [_bound(estimate) for estimate in estimates],
+            }
+            for estimates in quantities
         ],
     }
 

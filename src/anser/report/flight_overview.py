@@ -70,7 +70,7 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
     """Cards with the main figures of the fleet."""
     aircraft_rows, fleet = summary["aircraft"], summary["fleet"]
     is_single = len(aircraft_rows) == 1
-    arrivals = [row["arrival_s"] for row in aircraft_rows if row["arrival_s"] is not None]
+    arrivals = [aircraft["arrival_s"] for aircraft in aircraft_rows if aircraft["arrival_s"] is not None]
     cards = []
     if arrivals:
         cards.append(("Arrival", format_number(min(arrivals), 2), "s", "" if is_single else "of the first"))
@@ -83,7 +83,7 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
         }[accuracy.kind]
         value, unit = format_duration(accuracy.value_s).split(" ")
         cards.append((name, value, unit, note))
-    misses = [(row["miss_m"], row["name"]) for row in aircraft_rows if "left_s" not in row]
+    misses = [(aircraft["miss_m"], aircraft["name"]) for aircraft in aircraft_rows if "left_s" not in aircraft]
     never_arrived = [name for miss_m, name in misses if miss_m is None]
     if never_arrived:
         others_text = f" and {len(never_arrived) - 1} more" if len(never_arrived) > 1 else ""
@@ -97,7 +97,9 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
     pair = closest_pair(dataset)
     if pair is not None and fleet["separation_min_m"] is not None:
         pair_arrivals = [
-            row["arrival_s"] for row in aircraft_rows if row["name"] in pair[2:] and row["arrival_s"] is not None
+            aircraft["arrival_s"]
+            for aircraft in aircraft_rows
+            if aircraft["name"] in pair[2:] and aircraft["arrival_s"] is not None
         ]
         phase_text = ", after arriving" if pair_arrivals and pair[1] > min(pair_arrivals) else ""
         note = f"at {format_number(pair[1], 1)} s{phase_text}: {pair[2]}, {pair[3]}"

@@ -61,9 +61,9 @@ def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
     )
 
 
-def _scale(low: float, high: float, left: float, right: float) -> Callable[[float], float]:
+def _scale(low: float, high: float, x_low: float, x_high: float) -> Callable[[float], float]:
     """Linear map from values between `low` and `high` to a horizontal position."""
-    return lambda value: left + (value - low) / (high - low) * (right - left)
+    return lambda value: x_low + (value - low) / (high - low) * (x_high - x_low)
 
 
 def _axis_ticks(values: Sequence[float], x: Callable[[float], float]) -> list[dict[str, Any]]:
