@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from anser.aircraft_files import load_airframe
-from anser.analysis import linearize, linearize_loop, modes_of
-from anser.analysis.linearization import CHANNELS, coordinates_of, state_at
+from anser.analysis import linearize_loop, modes_of
+from anser.analysis.linearization import CHANNELS, coordinates_of, linearize, state_at
 from anser.analysis.modes import inversion_poles
 from anser.control import InversionAutopilot, default_limits, published_gains
 from anser.environment import standard_environment
@@ -116,9 +116,9 @@ def test_derivatives_equal_differences_of_the_step():
             velocity_integral=three(CHANNELS["velocity"], "integral"),
             attitude_integral=three(CHANNELS["attitude"], "integral"),
             rates_integral=three(CHANNELS["rates"], "integral"),
-            attitude_filter=dataclasses.replace(start.attitude_filter, memory=three(CHANNELS["attitude"], "filter")),
-            rates_filter=dataclasses.replace(start.rates_filter, memory=three(CHANNELS["rates"], "filter")),
-            surfaces_filter=dataclasses.replace(start.surfaces_filter, memory=three(surfaces, "filter")),
+            attitude_filter=dataclasses.replace(start.attitude_filter, state=three(CHANNELS["attitude"], "filter")),
+            rates_filter=dataclasses.replace(start.rates_filter, state=three(CHANNELS["rates"], "filter")),
+            surfaces_filter=dataclasses.replace(start.surfaces_filter, state=three(surfaces, "filter")),
             surfaces_slow=three(surfaces, "slow"),
         )
 
