@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.parts.planners import IdleDeceleration
@@ -27,11 +27,13 @@ def interpolated(airspeed, load_factor):
     return np.interp(airspeed, SPEEDS, np.maximum(LEVEL - BY_LIFT * (1.0 - loaded**2), 0.05))
 
 
+@settings(deadline=None)
 @given(speed, load)
 def test_the_share_is_linear_between_entries_and_constant_beyond(at, load_factor):
     assert float(share(at, load_factor)) == pytest.approx(interpolated(at, load_factor), rel=1e-13)
 
 
+@settings(deadline=None)
 @given(speed, speed, load)
 def test_the_least_share_is_the_minimum_between_two_airspeeds(speed_a, speed_b, load_factor):
     slow, fast = sorted((speed_a, speed_b))
@@ -42,6 +44,7 @@ def test_the_least_share_is_the_minimum_between_two_airspeeds(speed_a, speed_b, 
     assert minimum <= interpolated(between, load_factor + 0.3).min() + 1e-12
 
 
+@settings(deadline=None)
 @given(speed, speed, load)
 def test_above_load_factor_1_the_drag_due_to_lift_rises_with_its_square(speed_a, speed_b, load_factor):
     slow, fast = sorted((speed_a, speed_b))
