@@ -28,7 +28,7 @@ def start_command(chunk, study, folder, out, *options):
     """Start the command in a separate process, with a chunk size."""
     program = folder / "fly.py"
     program.write_text(
-        f"import sys\nfrom anser.campaigns import flying\nflying.BATCH = {chunk}\n"
+        f"import sys\nfrom anser.campaigns import flights\nflights.BATCH = {chunk}\n"
         "from anser.cli import main\nif __name__ == '__main__':\n    sys.argv[0] = 'anser'\n    main()\n"
     )
     command = [sys.executable, program, "campaign", study, "--out", folder / out, *options]
