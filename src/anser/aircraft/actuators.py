@@ -89,11 +89,11 @@ class FirstOrderActuators(AbstractActuators):
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
     def steady_state(self, position: Vector) -> Deflections:
-        """The position alone."""
+        """State at rest: the position alone."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
-        """(limited command - position) / time constant, within the rate limits."""
+        """Rate of the position: (limited command - position) / time constant, within the rate limits."""
         unlimited_rate = (self.limit_command(command) - state.position) / self.time_constant
         return Deflections(jnp.clip(unlimited_rate, -self.rate_limit, self.rate_limit))
 
@@ -130,16 +130,16 @@ class SecondOrderActuators(AbstractActuators):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Positions, then velocities."""
+        """Names of the positions, then of the velocities."""
         return (*self.names, *(f"{name}_velocity" for name in self.names))
 
     def steady_state(self, position: Vector) -> MovingDeflections:
-        """At rest: no velocity."""
+        """State at rest: zero velocity."""
         position = jnp.asarray(position)
         return MovingDeflections(position, jnp.zeros_like(position))
 
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
-        """X'' = w^2 (limited command - x) - 2 z w x', with x' within the rate limit."""
+        """Rates of position x and velocity: x'' = w^2 (limited command - x) - 2 z w x', x' within the rate limit."""
         w = self.frequency
         free_acceleration = (
             w * w * (self.limit_command(command) - state.position) - 2.0 * self.damping * w * state.velocity

@@ -13,15 +13,9 @@ from jaxtyping import Array, Float
 from anser.aircraft.actuators import AbstractActuators
 from anser.aircraft.air_data import AirData, Validity, Wrench, is_outside, unlimited_validity
 from anser.aircraft.airframe import AbstractAirframe, MassProperties, refuse_impossible_body
-from anser.aircraft.engines import (
-    AbstractEngine,
-    EnginePower,
-    NoEngine,
-    lagged_power_rate,
-    steady_throttle,
-    throttle_for_rate,
-)
+from anser.aircraft.engines import AbstractEngine, AbstractLaggedEngine, NoEngine
 from anser.airframe_data import BodyFault, body_faults
+from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.dave_ml.elements import DaveMlError
 from anser.dave_ml.evaluator import Evaluator
 from anser.dave_ml.model import Model
@@ -64,7 +58,7 @@ def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]
     return {name: value for name, value in zip(AIR_INPUTS, values, strict=True) if name in input_names}
 
 
-class DaveMlEngine(AbstractEngine):
+class DaveMlEngine(AbstractLaggedEngine):
     """Thrust from a file as a function of the power in percent, with a first-order lag from throttle to power.
 
     Attributes
@@ -92,14 +86,6 @@ class DaveMlEngine(AbstractEngine):
     point_b: Vector3
     thrust_factor: Scalar
 
-    def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power alone."""
-        return EnginePower(jnp.asarray(power))
-
-    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """First-order lag toward 100 times the throttle, percent/s."""
-        return lagged_power_rate(state.power, throttle, self.lag)
-
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust, and the thrust moment about the centre of gravity."""
         # in SI units percent becomes a fraction
@@ -120,14 +106,6 @@ class DaveMlEngine(AbstractEngine):
         share = (thrust - rising[index]) / jnp.where(span > 0.0, span, 1.0)
         return jnp.clip(powers[index] + 10.0 * jnp.clip(share, 0.0, 1.0), 0.0, 100.0)
 
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a steady power."""
-        return steady_throttle(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle for the power rate nearest to the required rate."""
-        return throttle_for_rate(power, power_rate, self.lag)
-
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number is outside the declared range of the tables."""
         low, high = self.altitude_range
@@ -139,10 +117,9 @@ class DaveMlEngine(AbstractEngine):
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
 _MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _RATES = tuple(f"bodyAngularRate_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
-_LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 AERO_OUTPUTS = (*_FORCES, *_MOMENTS)
 """Required outputs of an aerodynamics file, besides `AERO_LENGTHS`."""
-AERO_LENGTHS = _LENGTHS
+AERO_LENGTHS = ("referenceWingArea", "referenceWingSpan", "referenceWingChord")
 STANDARD_INPUTS = (*AIR_INPUTS, *_RATES)
 """Inputs available for any aircraft; other inputs must be surfaces or have a default value."""
 _INERTIAS = (
@@ -153,7 +130,6 @@ _QUANTITIES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jyz", "Jxz")
 _CENTRE = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
 INERTIA_OUTPUTS = (*_INERTIAS, *_CENTRE, "totalMass")
 """Required outputs of an inertia file."""
-_GRAVITY_M_S2 = 9.80665
 _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.0)
 """Grid of the search for a static side force: Mach numbers up to 1.8, at sea level."""
 
@@ -314,14 +290,12 @@ def dave_ml_airframe(
         engine = propulsion
     elif propulsion is not None:
         _require("propulsion", propulsion, ENGINE_OUTPUTS)
-        altitudes = as_array(altitude_range[0]), as_array(altitude_range[1])
-        machs = as_array(mach_range[0]), as_array(mach_range[1])
         engine = DaveMlEngine(
-            propulsion.evaluator,
-            as_array(engine_lag),
-            altitudes,
-            machs,
-            mass_properties.mass * _GRAVITY_M_S2,
+            evaluator=propulsion.evaluator,
+            lag=as_array(engine_lag),
+            altitude_range=(as_array(altitude_range[0]), as_array(altitude_range[1])),
+            mach_range=(as_array(mach_range[0]), as_array(mach_range[1])),
+            extrapolation_thrust=mass_properties.mass * STANDARD_GRAVITY_M_S2,
             point_b=as_array(np.zeros(3)),
             thrust_factor=as_array(1.0),
         )

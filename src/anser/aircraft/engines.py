@@ -65,32 +65,32 @@ class NoEngine(AbstractEngine):
     """No engine: zero thrust, for gliders."""
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power as given, without effect."""
+        """State with the given power, which has no effect."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Zero."""
+        """Zero rate of power."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Zero."""
+        """Zero force and moment."""
         zero = jnp.zeros(3, jnp.result_type(air_data.V))
         return Wrench(zero, zero)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """0."""
+        """Power 0, for any thrust."""
         return jnp.zeros((), jnp.result_type(thrust, 0.0))
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """0."""
+        """Throttle 0, for any power."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """0."""
+        """Throttle 0, for any rate."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never."""
+        """Always False: there are no data."""
         return air_data.V < 0.0
 
 
@@ -100,19 +100,32 @@ def thrust_along_body_x(thrust: Scalar) -> Wrench:
     return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
 
 
-def lagged_power_rate(power: Scalar, throttle: ScalarLike, lag: Scalar) -> EnginePower:
-    """Rate of the power (percent) with a first-order lag (s): (100 throttle - power) / lag; throttle within 0..1."""
-    return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - power) / lag)
+class AbstractLaggedEngine(AbstractEngine):
+    """An engine whose power follows 100 times the throttle with a first-order lag.
 
+    Attributes
+    ----------
+    lag
+        Time constant, s.
+    """
 
-def steady_throttle(power: ScalarLike) -> Scalar:
-    """Throttle (0..1) for a steady power (percent)."""
-    return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
+    lag: eqx.AbstractVar[Scalar]
 
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """State of steady running at a power (percent)."""
+        return EnginePower(jnp.asarray(power))
 
-def throttle_for_rate(power: ScalarLike, power_rate: ScalarLike, lag: Scalar) -> Scalar:
-    """Throttle (0..1) for the available rate nearest to `power_rate` (percent/s) at a power (percent); lag in s."""
-    return jnp.clip((power + lag * power_rate) / 100.0, 0.0, 1.0)
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """Rate of the power, percent/s: (100 throttle - power) / lag, with the throttle limited to 0..1."""
+        return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Throttle for a steady power."""
+        return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Throttle for the power rate nearest to the required rate."""
+        return jnp.clip((power + self.lag * power_rate) / 100.0, 0.0, 1.0)
 
 
 def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
@@ -122,7 +135,7 @@ def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
     return Wrench(force_b=force_b, moment_b=cross(point_b, force_b) + jnp.stack([torque, zero, zero]))
 
 
-class JetEngine(AbstractEngine):
+class JetEngine(AbstractLaggedEngine):
     """Thrust interpolated between idle and full by the power, with a first-order lag from throttle to power.
 
     Attributes
@@ -147,14 +160,6 @@ class JetEngine(AbstractEngine):
         idle, full = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         return self.thrust_factor * idle, self.thrust_factor * full
 
-    def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power alone."""
-        return EnginePower(jnp.asarray(power))
-
-    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """First-order lag toward 100 times the throttle, percent/s."""
-        return lagged_power_rate(state.power, throttle, self.lag)
-
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x: idle + (full - idle) power / 100."""
         idle, full = self.idle_and_full_thrust(air_data)
@@ -167,14 +172,6 @@ class JetEngine(AbstractEngine):
         is_positive = span > 0.0
         share = (thrust - idle) / jnp.where(is_positive, span, 1.0)
         return jnp.clip(100.0 * jnp.where(is_positive, share, 0.0), 0.0, 100.0)
-
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a steady power."""
-        return steady_throttle(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle for the power rate nearest to the required rate."""
-        return throttle_for_rate(power, power_rate, self.lag)
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number is outside the thrust tables."""

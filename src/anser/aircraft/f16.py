@@ -37,11 +37,11 @@ class F16Engine(AbstractEngine):
     thrust_tables: Tables
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power alone."""
+        """State of steady running at a power (percent)."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """See `power_rate`."""
+        """Rate of the power, percent/s; see `power_rate`."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:

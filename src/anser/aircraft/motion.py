@@ -97,7 +97,7 @@ def flight_condition(
 
 
 def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """J^-1 [M - w x (J w + h)], rad/s^2 (theory section 2; [SL] eq. 1.7-5 with the spinning engine)."""
+    """Angular acceleration J^-1 [M - w x (J w + h)], rad/s^2 (theory section 2; [SL] eq. 1.7-5 with engine spin)."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
 

@@ -3,14 +3,7 @@
 import jax.numpy as jnp
 
 from anser.aircraft.air_data import AirData, Wrench
-from anser.aircraft.engines import (
-    AbstractEngine,
-    EnginePower,
-    lagged_power_rate,
-    steady_throttle,
-    throttle_for_rate,
-    thrust_at_point,
-)
+from anser.aircraft.engines import AbstractLaggedEngine, thrust_at_point
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 _TWO_PI = 2.0 * jnp.pi
@@ -18,7 +11,7 @@ _TINY = 1e-12
 """Minimum argument of a square root, for finite gradients: far below relevant squared speeds."""
 
 
-class ElectricPropeller(AbstractEngine):
+class ElectricPropeller(AbstractLaggedEngine):
     """Motor with voltage proportional to power, and a propeller with coefficients quadratic in the advance ratio.
 
     R. W. Beard, T. W. McLain, *Small Unmanned Aircraft*, chapter 4 with the authors' addendum on propellers: C_T(J) and
@@ -87,14 +80,6 @@ class ElectricPropeller(AbstractEngine):
         torque = rho * D**5 * (Q[0] * n * n + Q[1] * n * V / D + Q[2] * (V / D) ** 2)
         return self.thrust_factor * thrust, torque
 
-    def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power alone: the motor's speed has no dynamics."""
-        return EnginePower(jnp.asarray(power))
-
-    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """First-order lag toward 100 times the throttle, percent/s."""
-        return lagged_power_rate(state.power, throttle, self.lag)
-
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x, negative for a braking propeller, and the torque reaction.
 
@@ -127,16 +112,8 @@ class ElectricPropeller(AbstractEngine):
         voltage = self.resistance * (torque / K + self.no_load_current) + K * omega
         return jnp.clip(100.0 * voltage / self.voltage_max, 0.0, 100.0)
 
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a steady power."""
-        return steady_throttle(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle for the power rate nearest to the required rate."""
-        return throttle_for_rate(power, power_rate, self.lag)
-
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never: the airspeed range of the aircraft limits the quadratics."""
+        """Always False: the airspeed range of the aircraft limits the quadratics."""
         return air_data.V < 0.0
 
 
@@ -146,7 +123,7 @@ _LEAST_SHARE = 0.01
 """Minimum power relative to sea level, at altitudes where the formula gives less, to keep the inverse finite."""
 
 
-class PistonPropeller(AbstractEngine):
+class PistonPropeller(AbstractLaggedEngine):
     """Piston engine with a propeller of constant efficiency, limited by the static thrust at low speed.
 
     Shaft power falls with density as in an engine without supercharger: P = P0 (1.132 rho / rho0 - 0.132) (F. Gagg, E.
@@ -188,14 +165,6 @@ class PistonPropeller(AbstractEngine):
         slow = self.efficiency * self.shaft_power / self.static_thrust
         return self.thrust_factor * self.efficiency * power / jnp.sqrt(air_data.V**2 + slow**2), power
 
-    def steady_state(self, power: ScalarLike) -> EnginePower:
-        """The power alone."""
-        return EnginePower(jnp.asarray(power))
-
-    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """First-order lag toward 100 times the throttle, percent/s."""
-        return lagged_power_rate(state.power, throttle, self.lag)
-
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Thrust along body x and the propeller's torque reaction, proportional to the power."""
         thrust, shaft_power = self._full_throttle(air_data)
@@ -207,14 +176,6 @@ class PistonPropeller(AbstractEngine):
         """Power (0..100 percent) with the thrust nearest to `thrust` (N)."""
         return jnp.clip(100.0 * thrust / self._full_throttle(air_data)[0], 0.0, 100.0)
 
-    def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a steady power."""
-        return steady_throttle(power)
-
-    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle for the power rate nearest to the required rate."""
-        return throttle_for_rate(power, power_rate, self.lag)
-
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never: the formula is valid at any speed."""
+        """Always False: the formula is valid at any speed."""
         return air_data.V < 0.0

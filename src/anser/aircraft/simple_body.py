@@ -54,7 +54,7 @@ class SimpleBody(AbstractAirframe):
         )
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Never: the coefficients are constant."""
+        """Always False: the coefficients are constant."""
         return air_data.V < 0.0
 
 

@@ -87,20 +87,20 @@ class ScheduledFlapActuators(AbstractActuators):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Positions, then the filtered angle of attack."""
+        """Names of the positions, then of the filtered angle of attack."""
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """At rest, with the filter at the angle of attack for the given flap position at low speed."""
+        """State at rest, with the filter at the angle of attack for the given flap position at low speed."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
-        """At rest in a steady flow: flap on schedule, filter at the angle of attack."""
+        """State at rest in a steady flow: flap on schedule, filter at the angle of attack."""
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
-        """Lags within the rate limits; the flap's command is ignored."""
+        """Rates of the positions within the rate limits, and of the filter; the flap's command is ignored."""
         flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
         target = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
         unlimited_rate = (target - state.position) / self.time_constant

@@ -34,18 +34,20 @@ def _bound(description: str) -> float | None:
 class Dispersion(Table):
     """Dispersion of one scenario parameter."""
 
-    path: str = Field(min_length=1, description="where in the scenario", json_schema_extra=expects(_PATH))
-    distribution: DistributionName = choice("of its values", tuple(_KEYS))
+    path: str = Field(
+        min_length=1, description="path of the parameter in the scenario", json_schema_extra=expects(_PATH)
+    )
+    distribution: DistributionName = choice("distribution of the values", tuple(_KEYS))
     how: Literal["set", "add", "multiply"] = choice(
-        "whether a value takes the place of the scenario's, is added to it or multiplies it",
+        "whether a value replaces the scenario's value, is added to it or multiplies it",
         ("set", "add", "multiply"),
         "set",
     )
-    mean: float | None = _bound("mean; of a truncated one before it is truncated")
+    mean: float | None = _bound("mean; of a truncated distribution the mean before truncation")
     median: float | None = number("median", 0, _LARGEST, "", None, exclusive_minimum=True)
     sigma: float | None = number(
-        "standard deviation: of a log-normal one that of the natural logarithm, of a truncated one before it is "
-        "truncated",
+        "standard deviation; of a log-normal distribution that of the natural logarithm, of a truncated distribution "
+        "the value before truncation",
         0,
         _LARGEST,
         "",
@@ -59,13 +61,13 @@ class Dispersion(Table):
         None,
         min_length=1,
         strict=False,
-        description="what there is to choose from",
+        description="values to choose from",
         json_schema_extra=expects("a list of numbers, of texts or of true and false, one at least"),
     )
     weights: tuple[Annotated[float, Field(gt=0.0)], ...] | None = Field(
         None,
         strict=False,
-        description="how often each is chosen, in proportion; left out: all alike",
+        description="relative frequencies of the values; default: equal",
         json_schema_extra=expects("a list of numbers above 0, as many as there are values"),
     )
 

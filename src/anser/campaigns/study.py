@@ -41,16 +41,16 @@ class OutputSelection(Table):
         0,
         ge=0,
         le=1000,
-        description="how many of the worst flights are kept whole when the campaign ends, as anser run leaves them",
+        description="number of the worst flights archived at the end of the campaign, with the outputs of anser run",
         json_schema_extra=expects("a whole number from 0 to 1000"),
     )
     series: tuple[str, ...] = Field(
         (),
         strict=False,
-        description="variables that are kept of every flight over time",
+        description="variables stored over time for every flight",
         json_schema_extra=expects('a list of names of variables, such as ["position_error", "airspeed"]'),
     )
-    series_every_s: float = number("between two values that are kept, a whole multiple of the step", 0.001, 60, "s", 1)
+    series_every_s: float = number("period of stored values, a whole multiple of the step", 0.001, 60, "s", 1)
 
     def consistency_problems(self) -> list[Problem]:
         """Return problems of unknown and repeated variable names, and of a period without variables."""
@@ -167,29 +167,31 @@ class RareEventConfig(Table):
     """Definition of a rare event."""
 
     statistic: Literal["separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s"] = choice(
-        "whose breach is the event; of the aircraft of a fleet the worst counts", STATISTICS
+        "quantity whose breach is the event; the worst aircraft of the fleet counts", STATISTICS
     )
-    threshold: float = number("beyond which it is one", 0, 1e9, "m or s")
+    threshold: float = number("threshold of the event", 0, 1e9, "m or s")
     flights: int = Field(
         2000,
         ge=1,
         le=RARE_FLIGHTS_MAX,
-        description="of each level, in all repetitions together",
+        description="number of flights per level, over all repetitions",
         json_schema_extra=expects(f"a whole number from 1 to {RARE_FLIGHTS_MAX}"),
     )
-    level_share: float = number("of the flights of a level, the worst, from which the next begins", 0.05, 0.5, "", 0.1)
+    level_share: float = number(
+        "fraction of the worst flights of a level that start the next level", 0.05, 0.5, "", 0.1
+    )
     levels_max: int = Field(
         10,
         ge=2,
         le=20,
-        description="levels at most; the share to the power of them is about the least probability that can be found",
+        description="maximum number of levels; level_share to this power is about the lowest detectable probability",
         json_schema_extra=expects("a whole number from 2 to 20"),
     )
     repetitions: int = Field(
         5,
         ge=3,
         le=100,
-        description="that are independent of each other; from how they differ comes the interval",
+        description="number of independent repetitions, whose scatter gives the interval",
         json_schema_extra=expects("a whole number from 3 to 100"),
     )
 
@@ -227,26 +229,26 @@ class Sampling(Table):
     """Number of flights and sampling method."""
 
     method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = choice(
-        "of sampling", METHODS, "monte-carlo"
+        "sampling method", METHODS, "monte-carlo"
     )
     flights: int | None = Field(
         None,
         ge=1,
         le=FLIGHTS_MAX,
-        description="how many; with saltelli how many blocks, each of as many flights as numbers vary and two more; "
-        "left out with a grid or a table, which say it themselves",
+        description="number of flights; with saltelli the number of blocks, each with one flight per varied parameter "
+        "and two more; not with a grid or a table, which determine the number",
         json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
     )
     levels: int | None = Field(
         None,
         ge=1,
         le=1000,
-        description="values of each number on a grid: the middles of so many parts of equal probability",
+        description="number of grid values per parameter: midpoints of intervals of equal probability",
         json_schema_extra=expects("a whole number from 1 to 1000"),
     )
     file: str | None = Field(
         None,
-        description="table of the values (CSV, one column for each path), seen from the study file",
+        description="table of the values (CSV, one column for each path), relative to the study file",
         json_schema_extra=expects("the path of a CSV file in quotes"),
     )
 
@@ -275,12 +277,12 @@ class CorrelatedGroup(Table):
     paths: tuple[str, ...] = Field(
         min_length=2,
         strict=False,
-        description="of tables [[vary]]",
+        description="paths of tables [[vary]]",
         json_schema_extra=expects("a list of two paths or more"),
     )
     coefficients: tuple[Annotated[tuple[float, ...], Field(strict=False)], ...] = Field(
         strict=False,
-        description="correlation matrix of the normal numbers behind them",
+        description="correlation matrix of the underlying normal numbers",
         json_schema_extra=expects("a symmetric matrix with ones on its diagonal, a list of rows"),
     )
 
@@ -304,11 +306,11 @@ class CorrelatedGroup(Table):
 class EstimateSettings(Table):
     """Confidence level and quantiles of the estimates."""
 
-    confidence: float = number("of the intervals", 0.5, 0.999999, "", 0.95)
+    confidence: float = number("confidence level of the intervals", 0.5, 0.999999, "", 0.95)
     quantiles: tuple[float, ...] = Field(
         default=(0.5, 0.95, 0.99),
         strict=False,
-        description="shares of the flights for which bounds are told",
+        description="fractions of the flights for which bounds are estimated",
         json_schema_extra=expects("a list of numbers between 0 and 1"),
     )
 
@@ -325,17 +327,19 @@ class StoppingRule(Table):
     """Rule for stopping before the planned number of flights."""
 
     statistic: Literal["met", "miss_m", "arrival_spread_s"] = choice(
-        "whose interval is looked at: the probability that all requirements are met, or a quantile over the flights",
+        "statistic of the rule: the probability that all requirements are met, or a quantile over the flights",
         ("met", "miss_m", "arrival_spread_s"),
         "met",
     )
-    share: float = number("which quantile of miss or spread", 0, 1, "", 0.95, exclusive_minimum=True)
-    width: float = number("of the interval, in its unit", 0, 1e9, "", exclusive_minimum=True)
+    share: float = number("quantile of miss or spread", 0, 1, "", 0.95, exclusive_minimum=True)
+    width: float = number(
+        "greatest width of the interval, in the unit of the statistic", 0, 1e9, "", exclusive_minimum=True
+    )
     at_least: int = Field(
         100,
         ge=1,
         le=FLIGHTS_MAX,
-        description="flights that are flown in any case",
+        description="minimum number of flights",
         json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
     )
 
@@ -356,29 +360,31 @@ class Study(Table):
         description="name of the study, also of its output",
         json_schema_extra=expects(SLUG_EXPECTED),
     )
-    description: str = Field("", description="what it is for", json_schema_extra=expects("a text in quotes"))
+    description: str = Field("", description="purpose of the study", json_schema_extra=expects("a text in quotes"))
     scenario: str = Field(
         min_length=1,
-        description="scenario file, seen from the study file",
+        description="scenario file, relative to the study file",
         json_schema_extra=expects("the path of a scenario file in quotes"),
     )
     seed: int = Field(
         0,
         ge=0,
         le=SEED_MAX,
-        description="of all that is random: of the sampling and of each flight",
+        description="seed of the sampling and of the flights",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
-    precision: Precision = choice("in which flights are flown; they are planned in float64", PRECISIONS, "float64")
-    sampling: Sampling | None = table("of a campaign: how often and how", "a table [sampling]", None)
-    vary: tuple[Dispersion, ...] = tables("what varies", "tables [[vary]], in double brackets", at_least=0, default=())
-    correlated: tuple[CorrelatedGroup, ...] = tables(
-        "what varies together", "tables [[correlated]], in double brackets", at_least=0, default=()
+    precision: Precision = choice("precision of the flights; plans are always in float64", PRECISIONS, "float64")
+    sampling: Sampling | None = table("sampling of a campaign", "a table [sampling]", None)
+    vary: tuple[Dispersion, ...] = tables(
+        "dispersed parameters", "tables [[vary]], in double brackets", at_least=0, default=()
     )
-    rare: RareEventConfig | None = table("which event's probability is looked for", "a table [rare]", None)
-    until: StoppingRule | None = table("when fewer flights are enough", "a table [until]", None)
-    answers: EstimateSettings = table("what is asked", "a table [answers]", EstimateSettings())
-    keep: OutputSelection | None = table("what is kept beside the rows", "a table [keep]", None)
+    correlated: tuple[CorrelatedGroup, ...] = tables(
+        "correlated parameters", "tables [[correlated]], in double brackets", at_least=0, default=()
+    )
+    rare: RareEventConfig | None = table("rare event", "a table [rare]", None)
+    until: StoppingRule | None = table("stopping rule", "a table [until]", None)
+    answers: EstimateSettings = table("settings of the estimates", "a table [answers]", EstimateSettings())
+    keep: OutputSelection | None = table("stored outputs in addition to the rows", "a table [keep]", None)
 
     def consistency_problems(self) -> list[Problem]:
         """Return problems between tables."""

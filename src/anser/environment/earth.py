@@ -144,7 +144,7 @@ class FlatEarth(AbstractEarth):
         return self.gravity
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Gravity along down only; the chart is the plane itself."""
+        """Terms of the equations of motion: gravity along down only; the chart is the plane itself."""
         zero = jnp.zeros_like(self.gravity)
         return LocalEarth(
             gravity=self.gravity,
@@ -155,11 +155,11 @@ class FlatEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Difference of the positions; unchanged velocity."""
+        """Line of sight as the difference of the positions; unchanged velocity."""
         return other_n - position_n, other_velocity_n
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Sum of position and line; unchanged velocity."""
+        """Position as the sum of position and line of sight; unchanged velocity."""
         return position_n + line_n, velocity_n
 
 

@@ -52,7 +52,7 @@ class FirstOrderFilter(AbstractShapingFilter):
 
     @property
     def size(self) -> int:
-        """1."""
+        """Number of states: 1."""
         return 1
 
     def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
@@ -74,7 +74,7 @@ class DrydenTransverse(AbstractShapingFilter):
 
     @property
     def size(self) -> int:
-        """2."""
+        """Number of states: 2."""
         return 2
 
     def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:

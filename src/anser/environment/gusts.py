@@ -76,11 +76,11 @@ class NoGusts(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """0."""
+        """Number of standard normals: 0."""
         return 0
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> None:
-        """No state."""
+        """Return None: smooth air has no state."""
 
     def at(self, state: None, flow: AirFlow) -> Gust:
         """Zero gust."""
@@ -88,7 +88,7 @@ class NoGusts(AbstractGusts):
         return Gust(zero, zero)
 
     def advance(self, state: None, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> None:
-        """No state."""
+        """Return None: smooth air has no state."""
 
 
 class DiscreteGust(AbstractGusts):
@@ -113,7 +113,7 @@ class DiscreteGust(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """0."""
+        """Number of standard normals: 0."""
         return 0
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Scalar:
@@ -138,7 +138,7 @@ class SummedGusts(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """Total over the parts."""
+        """Number of standard normals, total over the parts."""
         return sum(part.normals for part in self.parts)
 
     def _shared(self, normals: Float[Array, " count"]) -> list[Array]:

@@ -22,10 +22,10 @@ from anser.environment.gust_filters import (
 from anser.environment.gusts import AbstractGusts, AirFlow, Gust
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import rotate, rotate_back, safe_hypot
+from anser.units import FOOT_M
 
 SpectrumFamily = Literal["dryden", "von-karman"]
 
-FOOT_M = 0.3048
 _LOWEST_FT, _LOW_FT, _HIGH_FT = 10.0, 1000.0, 2000.0
 _SCALE_FT = {"dryden": 1750.0, "von-karman": 2500.0}  # above 2,000 ft
 
@@ -167,12 +167,12 @@ class Turbulence(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """Total over the filters."""
+        """Number of standard normals, total over the filters."""
         along, across = self.filters
         return along.size + 2 * across.size + 1
 
     def levels(self, flow: AirFlow) -> TurbulenceLevels:
-        """Scales and intensities."""
+        """Scales and intensities at the height of the flow."""
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
