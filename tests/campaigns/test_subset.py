@@ -5,11 +5,26 @@ import pytest
 from scipy import stats
 
 from anser.campaigns import subset_simulation
-from anser.campaigns.subset import Normals, SubsetPlan, estimate, exceedance
+from anser.campaigns.subset import SubsetPlan, estimate, exceedance
 from anser.results.sampling_statistics import log_interval, wilson_interval
 
 DIMENSION = 100
 PLAN = SubsetPlan(points=200, share=0.1, levels_max=10, repetitions=8)
+
+
+class Normals:
+    """Points as plain arrays of standard normal numbers from NumPy's generator."""
+
+    def __init__(self, dimension, seed):
+        self.dimension, self.seed = dimension, seed
+
+    def sample(self, numbers):
+        generator = np.random.default_rng([self.seed, int(numbers[0])])
+        return generator.standard_normal((numbers.size, self.dimension))
+
+    def propose(self, points, keep, numbers):
+        part = keep[:, None]
+        return part * points + np.sqrt(1.0 - part**2) * self.sample(numbers)
 
 
 def linear(points, numbers=None):

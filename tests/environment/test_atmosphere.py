@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from anser.constants import AIR_HEAT_RATIO, AIR_MOLAR_MASS_KG_MOL, GAS_CONSTANT_J_MOL_K, STANDARD_GRAVITY_M_S2
 from anser.environment import StandardAtmosphere
-from anser.environment.atmosphere import geometric_from_geopotential, geopotential_from_geometric, is_within_atmosphere
+from anser.environment.atmosphere import geometric_from_geopotential, geopotential_from_geometric
 from anser.units import FOOT_M, PSF_PA, RANKINE_K, SLUG_FT3_KG_M3
 
 air_at = jax.jit(StandardAtmosphere().at)
@@ -133,13 +133,6 @@ def test_air_outside_the_standard_stays_defined():
     assert np.all(pressures >= 0.0)  # underflows to zero far out
     slopes = jax.jit(jax.vmap(jax.jacrev(StandardAtmosphere().at)))(jnp.concatenate([heights, jnp.array([-5e3, -1e5])]))
     assert all(np.all(np.isfinite(slope)) for slope in jax.tree.leaves(slopes))
-
-
-@pytest.mark.parametrize(
-    ("altitude", "within"), [(-5000.1, False), (-5000.0, True), (0.0, True), (85.9e3, True), (86.1e3, False)]
-)
-def test_the_valid_altitude_range_is_reported(altitude, within):
-    assert is_within_atmosphere(altitude) == within
 
 
 @settings(deadline=None, max_examples=30)

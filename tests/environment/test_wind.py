@@ -1,41 +1,12 @@
-"""Wind: the meteorological sense, steady wind and shear profiles."""
+"""Wind: steady wind, shear profiles, and profiles that vary in time."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from anser.environment import AbstractWind, LayeredWind, SteadyWind, VaryingWind
-from anser.environment.environment import steady_wind_from_report
-
-
-@pytest.mark.parametrize(
-    ("from_deg", "velocity_n"),
-    [(0.0, [-10.0, 0.0, 0.0]), (90.0, [0.0, -10.0, 0.0]), (180.0, [10.0, 0.0, 0.0]), (270.0, [0.0, 10.0, 0.0])],
-)
-def test_wind_directions_follow_the_meteorological_convention(from_deg, velocity_n):
-    """A north wind moves the air south, a west wind east."""
-    wind = steady_wind_from_report(10.0, from_deg)
-    np.testing.assert_allclose(wind.velocity_n, velocity_n, atol=3e-15)  # the sine of pi rounded
-
-
-def test_an_updraught_is_directed_upwards():
-    np.testing.assert_array_equal(steady_wind_from_report(0.0, 0.0, 3.0).velocity_n[2], -3.0)
-
-
-@settings(deadline=None, max_examples=30)
-@given(st.floats(0.1, 80.0), st.floats(-360.0, 360.0), st.floats(-10.0, 10.0))
-def test_the_round_trip_of_speed_and_direction_is_exact(speed, from_deg, up):
-    v_N, v_E, v_D = np.asarray(steady_wind_from_report(speed, from_deg, up).velocity_n)
-    assert np.hypot(v_N, v_E) == pytest.approx(speed, rel=1e-15)
-    assert -v_D == up
-    difference = np.degrees(np.arctan2(-v_E, -v_N)) - from_deg
-    assert np.cos(np.radians(difference)) == pytest.approx(1.0, abs=1e-15)
-    assert np.sin(np.radians(difference)) == pytest.approx(
-        0.0, abs=4e-15
-    )  # angles of up to 2 pi and 360 round by 1e-15
 
 
 def test_a_steady_wind_is_uniform_and_constant():
@@ -44,17 +15,6 @@ def test_a_steady_wind_is_uniform_and_constant():
     positions = 1e4 * jax.random.normal(jax.random.key(0), (5, 3))
     batch = jax.jit(jax.vmap(wind.at))(positions, jnp.arange(5.0))
     np.testing.assert_array_equal(batch, np.tile([3.0, -4.0, 0.5], (5, 1)))
-
-
-def test_winds_support_gradients_and_batches():
-    slopes = jax.jacrev(lambda speed, from_deg: steady_wind_from_report(speed, from_deg).velocity_n, argnums=(0, 1))(
-        10.0, 270.0
-    )
-    np.testing.assert_allclose(slopes[0], [0.0, 1.0, 0.0], atol=1e-15)
-    # Veering from west by one degree turns the flow to the right: southwards.
-    np.testing.assert_allclose(slopes[1], [-10.0 * np.pi / 180.0, 0.0, 0.0], atol=1e-15)
-    winds = jax.vmap(steady_wind_from_report)(jnp.array([5.0, 7.0]), jnp.array([0.0, 180.0]))
-    np.testing.assert_allclose(winds.velocity_n, [[-5.0, 0.0, 0.0], [7.0, 0.0, 0.0]], atol=1e-15)
 
 
 def test_layers_are_interpolated_linearly_and_constant_beyond():

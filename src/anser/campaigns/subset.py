@@ -35,31 +35,6 @@ class SampleSpace(Protocol):
         ...
 
 
-class Normals:
-    """Points as plain arrays of standard normal numbers from NumPy's generator.
-
-    Attributes
-    ----------
-    dimension
-        Numbers per point.
-    seed
-        Seed of the generator.
-    """
-
-    def __init__(self, dimension: int, seed: int) -> None:
-        self.dimension, self.seed = dimension, seed
-
-    def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """See `SampleSpace`; for consecutive numbers."""
-        generator = np.random.default_rng([self.seed, int(numbers[0])])
-        return generator.standard_normal((numbers.size, self.dimension))
-
-    def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """See `SampleSpace`."""
-        part = keep[:, None]
-        return part * points + np.sqrt(1.0 - part**2) * self.sample(numbers)
-
-
 @dataclass(frozen=True)
 class SubsetPlan:
     """Numbers of points, levels and repetitions.

@@ -16,7 +16,7 @@ from anser.constants import (
     SEA_LEVEL_TEMPERATURE_K,
     STANDARD_GRAVITY_M_S2,
 )
-from anser.shapes import Flag, Scalar, ScalarLike
+from anser.shapes import Scalar, ScalarLike
 
 AIR_GAS_CONSTANT_J_KG_K = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
 
@@ -41,10 +41,9 @@ class AbstractAtmosphere(eqx.Module):
 class StandardAtmosphere(AbstractAtmosphere):
     """U.S. Standard Atmosphere 1976, geometric altitudes from -5 km to 86 km.
 
-    Outside this range, reported by `is_within_atmosphere`, the air stays well defined: below -5 km it is the air at -5
-    km; above 86 km (84.852 km geopotential) the temperature is constant and the pressure falls exponentially. The
-    temperature is the molecular-scale temperature; the kinetic temperature of the standard differs above 80 km only, by
-    up to 0.04 %.
+    Outside this range the air stays well defined: below -5 km it is the air at -5 km; above 86 km (84.852 km
+    geopotential) the temperature is constant and the pressure falls exponentially. The temperature is the
+    molecular-scale temperature; the kinetic temperature of the standard differs above 80 km only, by up to 0.04 %.
     """
 
     def at(self, altitude: ScalarLike) -> Air:
@@ -84,12 +83,6 @@ def geometric_from_geopotential(altitude: ScalarLike) -> Scalar:
     """Geometric altitude, m, of a geopotential altitude, m. Source: [USSA76] eq. (19)."""
     h = jnp.asarray(altitude)
     return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)
-
-
-def is_within_atmosphere(altitude: ScalarLike) -> Flag:
-    """Whether the standard atmosphere is defined at a geometric altitude in m: from -5 km to 84.852 km geopotential."""
-    z = jnp.asarray(altitude)
-    return (z >= _LOWEST_M) & (geopotential_from_geometric(z) <= _BASES_M[-1])
 
 
 _LOWEST_M = -5000.0

@@ -11,7 +11,6 @@ from anser.environment.atmosphere import AbstractAtmosphere, StandardAtmosphere
 from anser.environment.earth import AbstractEarth, FlatEarth, somigliana
 from anser.numerics.arrays import as_array
 from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.units import DEG_RAD
 
 
 class AbstractWind(eqx.Module):
@@ -90,23 +89,6 @@ def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, 
     return jnp.concatenate([jnp.ones_like(breakpoints[:1]), parts]) - jnp.concatenate(
         [parts, jnp.zeros_like(breakpoints[:1])]
     )
-
-
-def steady_wind_from_report(speed_m_s: ScalarLike, from_deg: ScalarLike, up_m_s: ScalarLike = 0.0) -> SteadyWind:
-    """Steady wind from the quantities of a weather report.
-
-    Parameters
-    ----------
-    speed_m_s
-        Horizontal speed, m/s.
-    from_deg
-        Direction from which the wind blows, degrees clockwise from true north: 270 is a west wind, moving east.
-    up_m_s
-        Vertical speed, m/s, up positive.
-    """
-    bearing = jnp.asarray(from_deg) * DEG_RAD
-    speed = jnp.asarray(speed_m_s)
-    return SteadyWind(jnp.stack([-speed * jnp.cos(bearing), -speed * jnp.sin(bearing), -jnp.asarray(up_m_s)]))
 
 
 class Environment(eqx.Module):
