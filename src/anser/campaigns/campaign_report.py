@@ -42,8 +42,6 @@ def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands
 
     Parameters
     ----------
-    store
-        Campaign store.
     flights
         Numbers of the completed flights to include.
     """
@@ -118,8 +116,6 @@ def write_campaign(
 
     Parameters
     ----------
-    store
-        Campaign store.
     worst
         Number of the worst flights to replay and draw; 0: no replays and no map.
     background

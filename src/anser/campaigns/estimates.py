@@ -108,8 +108,6 @@ def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> Campa
     ----------
     data
         Completed flights, from `CampaignStore.dataset`.
-    flights
-        Number of planned flights.
     study
         Study with the confidence level and the quantiles.
     """

@@ -98,10 +98,6 @@ def fly_campaign(
 
     Parameters
     ----------
-    store
-        Campaign store.
-    processes
-        Number of concurrent processes.
     progress
         Called with a message and the completed fraction of the flights, 0..1.
     cluster

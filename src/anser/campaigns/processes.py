@@ -53,10 +53,6 @@ def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None
 
     Parameters
     ----------
-    scenario
-        Base scenario.
-    batch
-        Flights per compiled call.
     series
         Variables stored over time; None: none.
     """
@@ -161,8 +157,6 @@ def fly_concurrently(
         Worker processes; None: this process.
     fly
         Function of a task, importable by the workers.
-    tasks
-        Arguments, submitted in this order.
     concurrency
         Number of tasks submitted at a time.
     folder

@@ -220,19 +220,6 @@ def fly_points(
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield values of points by batch, with the index of the batch's first point: stored ones, then new ones.
 
-    Parameters
-    ----------
-    store
-        Store of the values.
-    executor
-        Worker processes; None: this process.
-    points
-        Points of consecutive flights.
-    start
-        Number of the first flight.
-    fly
-        Whether to fly missing batches.
-
     Raises
     ------
     StoreError

@@ -35,10 +35,6 @@ def replay_differences(
 
     Parameters
     ----------
-    store
-        Campaign store.
-    number
-        Number of a complete flight.
     summary, met
         Summary of the replay, and whether every requirement was met.
 
@@ -80,8 +76,6 @@ def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tup
 
     Parameters
     ----------
-    store
-        Store of a finished campaign.
     progress
         Called with a message and the completed fraction, 0..1.
 

@@ -21,8 +21,6 @@ def sample_study(study: Study, table_columns: Mapping[str, np.ndarray]) -> dict[
 
     Parameters
     ----------
-    study
-        Validated study.
     table_columns
         Columns of the study's table of values, by path.
     """

@@ -87,10 +87,6 @@ def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influence
     ----------
     data
         Completed flights, from `CampaignStore.dataset`; for Saltelli sampling only complete blocks are used.
-    study
-        Study of the campaign.
-    varied
-        Paths of the varied parameters.
     """
     if study.block > 1:
         return _sobol(data.isel(flight=_whole_blocks(data["flight"].values, study.block)), study, varied)

@@ -57,12 +57,6 @@ def count_converged_chunks(
 
     Parameters
     ----------
-    study
-        Study with the stopping rule.
-    is_complete
-        Whether each chunk is complete.
-    chunk
-        Flights per chunk.
     values
         Values of the rule's statistic, one per flight; infinite for the worst possible outcome.
     unconverged
@@ -153,16 +147,10 @@ class CampaignStore(AbstractFlightStore):
 
         Parameters
         ----------
-        folder
-            Folder without a store.
-        study, scenario
-            Study and base scenario.
         applied
             Values for each flight, by path in the scenario.
         seeds
             Seed of each flight.
-        chunk
-            Flights per chunk.
 
         Raises
         ------
@@ -197,8 +185,6 @@ class CampaignStore(AbstractFlightStore):
 
         Parameters
         ----------
-        folder
-            Folder of the campaign.
         verify_chunks
             Whether to verify the chunks in addition to the constant files.
 
@@ -418,13 +404,6 @@ def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> tuple[str, ...]:
     """Rebuild damaged metadata, coordinates, seeds and sampled values of a store, if the result matches the checksums.
-
-    Parameters
-    ----------
-    folder
-        Folder of the campaign.
-    study, scenario, applied, seeds
-        As in `CampaignStore.create`.
 
     Returns
     -------

@@ -182,8 +182,6 @@ class StoreChecksums:
 
         Parameters
         ----------
-        chunk
-            Number of a chunk with a record.
         is_verified
             Selects the files to verify, by path in the store.
         """
@@ -227,8 +225,6 @@ def chunk_files(array: str, chunk: int, grid: tuple[int, ...]) -> Iterable[str]:
     ----------
     array
         Path of the array in the store.
-    chunk
-        Index of the chunk.
     grid
         Number of chunks along each dimension of the array.
     """

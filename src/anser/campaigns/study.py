@@ -86,12 +86,8 @@ def refuse_series(
     ----------
     keep
         Output selection of the study; None: no selection.
-    source
-        Name of the study.
     scenarios
         One or more of the scenarios to be flown.
-    varied
-        Paths of the varied parameters.
 
     Raises
     ------
