@@ -7,11 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from anser.campaigns.store_integrity import FORMAT, UNCHECKED_FORMAT, AbstractFlightStore, StoreError
+from anser.campaigns.store_integrity import (
+    FORMAT,
+    UNCHECKED_FORMAT,
+    AbstractFlightStore,
+    StoreError,
+    damage_as_store_error,
+)
 from anser.campaigns.study import Study, validate_study
 from anser.config.errors import ScenarioError
 from anser.files import new_file, new_folder
-from anser.results.checksums import DamagedFileError, add_checksum, append_checksum, read_document, verify_checksum
+from anser.results.checksums import add_checksum, append_checksum, read_document, verify_checksum
 from anser.results.documents import version_attributes, write_json
 from anser.scenario.schema import Scenario, validate
 
@@ -100,12 +106,11 @@ class RareStore(AbstractFlightStore):
     def _read(self, path: Path) -> np.ndarray:
         """Return the verified values of a batch."""
         try:
-            verified = verify_checksum(path)
+            with damage_as_store_error():
+                verified = verify_checksum(path)
             if verified != (self.format == FORMAT):
                 raise StoreError(f"{path}: arrived a batch without its checksum; expected it as anser wrote it")
             content = np.load(path)
-        except DamagedFileError as error:
-            raise StoreError(str(error)) from None
         except StoreError:
             raise
         except (OSError, ValueError, EOFError) as error:
@@ -142,7 +147,5 @@ def _read_config(folder: Path) -> tuple[dict[str, Any], bool]:
     path = folder / _CONFIG_FILE
     if not path.is_file():
         raise StoreError(f"{folder}: arrived a folder without {_CONFIG_FILE}; expected that of a rare event")
-    try:
+    with damage_as_store_error():
         return read_document(path)
-    except DamagedFileError as error:
-        raise StoreError(str(error)) from None

@@ -4,7 +4,6 @@ Arrays are preallocated and written in whole chunks; a chunk is complete when it
 stopping rule of the study (number of chunks at which the estimate is converged) and the repair of damaged base files.
 """
 
-import contextlib
 import json
 import os
 import shutil
@@ -36,10 +35,11 @@ from anser.campaigns.store_integrity import (
     StoreChecksums,
     StoreError,
     chunk_files,
+    damage_as_store_error,
 )
 from anser.campaigns.study import Study, select_series, validate_study
 from anser.config.errors import ScenarioError
-from anser.results.checksums import DamagedFileError, file_digest
+from anser.results.checksums import file_digest
 from anser.results.documents import version_attributes
 from anser.results.flight_rows import FlightRow, tabulate_flights, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, wilson_interval
@@ -197,7 +197,7 @@ class CampaignStore(AbstractFlightStore):
             raise StoreError(f"{folder}: arrived a folder without {STORE_FOLDER}; expected that of a campaign")
         checksums = StoreChecksums(folder, STORE_FOLDER)
         if checksums.has_records:
-            with _damage_as_store_error():
+            with damage_as_store_error():
                 checksums.refuse_damaged_base()
         try:
             group = zarr.open_group(folder / STORE_FOLDER, mode="r+")
@@ -392,14 +392,6 @@ class CampaignStore(AbstractFlightStore):
         return array
 
 
-@contextlib.contextmanager
-def _damage_as_store_error() -> Iterator[None]:
-    try:
-        yield
-    except DamagedFileError as error:
-        raise StoreError(str(error)) from None
-
-
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> tuple[str, ...]:
@@ -418,10 +410,8 @@ def repair_base(
     checksums = StoreChecksums(folder, STORE_FOLDER)
     if not checksums.has_records:
         return ()
-    try:
+    with damage_as_store_error():
         problems, chunk = checksums.base_problems(), checksums.base_number("chunk")
-    except DamagedFileError as error:
-        raise StoreError(str(error)) from None
     if not problems:
         return ()
     with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as temporary_folder:

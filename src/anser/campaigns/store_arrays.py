@@ -139,13 +139,7 @@ def create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scena
     coordinates = {"flight": ("flight", np.arange(flights), {"long_name": "Number of the flight"})}
     coordinates |= record_coordinates(times_s, names)
     for name, (dimension, values, attributes) in coordinates.items():
-        series_group.create_array(
-            name,
-            data=values,
-            chunks=values.shape,
-            fill_value=None,
-            attributes={**attributes, "_ARRAY_DIMENSIONS": [dimension]},
-        )
+        _put_whole(series_group, name, values, (dimension,), attributes)
     piece = max(1, min(times_s.size, _PIECE // (chunk * len(names))))
     for key in selection.keys:
         variable = catalogue_variable(key)

@@ -25,6 +25,15 @@ class StoreError(ValueError):
 
 
 @contextlib.contextmanager
+def damage_as_store_error() -> Iterator[None]:
+    """Convert a DamagedFileError of the block to a StoreError."""
+    try:
+        yield
+    except DamagedFileError as error:
+        raise StoreError(str(error)) from None
+
+
+@contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder; the operating system releases the lock when the process ends.
 
