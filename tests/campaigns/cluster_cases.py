@@ -39,27 +39,27 @@ class Worker:
 
     def __init__(self, address, options, is_restarted):
         command = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny"]
-        self._words, self._options, self._again = [*command, "--no-dashboard"], options, is_restarted
-        self._process = self._begun()
-        threading.Thread(target=self._look_after, daemon=True).start()
+        self._command, self._options, self._is_restarted = [*command, "--no-dashboard"], options, is_restarted
+        self._process = self._start()
+        threading.Thread(target=self._restart_after_death, daemon=True).start()
 
     def kill(self):
         """Kill the worker permanently."""
-        self._again = False
+        self._is_restarted = False
         self._process.kill()
 
-    def _begun(self):
-        return subprocess.Popen(self._words, stderr=subprocess.DEVNULL, **self._options)
+    def _start(self):
+        return subprocess.Popen(self._command, stderr=subprocess.DEVNULL, **self._options)
 
-    def _look_after(self):
+    def _restart_after_death(self):
         self._process.wait()
-        while self._again:
-            self._process = self._begun()
+        while self._is_restarted:
+            self._process = self._start()
             self._process.wait()
 
 
 @contextlib.contextmanager
-def begun_cluster(path=(str(TESTS), *sys.path), is_restarted=False):
+def start_cluster(path=(str(TESTS), *sys.path), is_restarted=False):
     """Start a scheduler and one worker with a module path; yield the address, the scheduler and the worker."""
     options = {"env": {**os.environ, "PYTHONPATH": os.pathsep.join(path)}, "stdout": subprocess.DEVNULL}
     command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]

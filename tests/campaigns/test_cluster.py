@@ -7,7 +7,7 @@ import pytest
 
 from anser.campaigns import StoreError, cluster
 from anser.campaigns.cluster import fly_on_cluster
-from campaigns.cluster_cases import begun_cluster, deadly, marked, slow
+from campaigns.cluster_cases import deadly, marked, slow, start_cluster
 
 
 @pytest.fixture(autouse=True)
@@ -20,7 +20,7 @@ def files(folder):
 
 
 def test_a_dead_scheduler_ends_the_campaign_and_completed_chunks_remain(tmp_path, capfd):
-    with begun_cluster() as (address, scheduler, _):
+    with start_cluster() as (address, scheduler, _):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1, 2])
         assert next(chunks) == 0
         scheduler.kill()
@@ -34,7 +34,7 @@ def test_a_dead_scheduler_ends_the_campaign_and_completed_chunks_remain(tmp_path
 
 @pytest.mark.long
 def test_a_cluster_without_the_module_is_refused(tmp_path):
-    with begun_cluster(path=()) as (address, _, _):
+    with start_cluster(path=()) as (address, _, _):
         message = (
             r"arrived a scheduler or worker without anser \(No module named 'campaigns'\); expected it installed there"
         )
@@ -44,7 +44,7 @@ def test_a_cluster_without_the_module_is_refused(tmp_path):
 
 @pytest.mark.long
 def test_a_scheduler_without_answer_ends_the_campaign(tmp_path, monkeypatch):
-    with begun_cluster() as (address, scheduler, _):
+    with start_cluster() as (address, scheduler, _):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
         monkeypatch.setattr(cluster, "_ANSWER_S", 2.0)
@@ -55,7 +55,7 @@ def test_a_scheduler_without_answer_ends_the_campaign(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_a_cluster_without_workers_ends_the_campaign_after_a_while(tmp_path, monkeypatch):
-    with begun_cluster() as (address, _, worker):
+    with start_cluster() as (address, _, worker):
         chunks = fly_on_cluster(address, slow, tmp_path, [0, 1])
         assert next(chunks) == 0
         monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
@@ -67,7 +67,7 @@ def test_a_cluster_without_workers_ends_the_campaign_after_a_while(tmp_path, mon
 @pytest.mark.long
 def test_a_chunk_that_kills_workers_is_abandoned_and_other_chunks_are_flown(tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_RETRIES", 1)
-    with begun_cluster(is_restarted=True) as (address, _, _):
+    with start_cluster(is_restarted=True) as (address, _, _):
         with pytest.raises(StoreError, match="arrived chunk 1, whose workers died 8 times"):
             list(fly_on_cluster(address, deadly, tmp_path, list(range(8))))
         assert files(tmp_path) == ["0", "2", "3", "4", "5", "6", "7", "deaths"]

@@ -23,14 +23,14 @@ def made_up_flights(monkeypatch):
     monkeypatch.setattr(flights, "BATCH", CHUNK)
 
 
-def begun(folder, **changes):
+def new_store(folder, **changes):
     folder.mkdir()
     study = study_of(**{"sampling": {"flights": FLIGHTS}, **changes})
     return create_store(folder, study, THREE, {})
 
 
 def test_every_flight_has_a_row_with_the_applied_values(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     messages = []
     fly_campaign(store, progress=lambda message, part: messages.append((message, part)))
     data = store.dataset()
@@ -48,10 +48,10 @@ def test_every_flight_has_a_row_with_the_applied_values(tmp_path):
 
 
 def test_an_interrupted_campaign_is_resumed_bit_identically(tmp_path, monkeypatch):
-    whole = begun(tmp_path / "whole")
+    whole = new_store(tmp_path / "whole")
     fly_campaign(whole)
     rng = np.random.default_rng(3)
-    store = begun(tmp_path / "parts")
+    store = new_store(tmp_path / "parts")
     interrupted = 0
     while not store.chunk_is_complete.all():
         remaining = int(rng.integers(0, 3))
@@ -75,7 +75,7 @@ def test_an_interrupted_campaign_is_resumed_bit_identically(tmp_path, monkeypatc
 
 
 def test_a_chunk_without_its_record_is_flown_again(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     fly_campaign(store)
     whole = store.dataset()
     store._checksums.forget_chunk(2)
@@ -88,7 +88,7 @@ def test_a_chunk_without_its_record_is_flown_again(tmp_path):
 
 def test_an_invalid_scenario_is_a_failed_flight_with_a_reason(tmp_path):
     wide = {"path": "wind.speed_m_s", "distribution": "uniform", "low": -20.0, "high": 20.0}
-    store = begun(tmp_path / "out", vary=[wide])
+    store = new_store(tmp_path / "out", vary=[wide])
     fly_campaign(store)
     data, estimates = store.dataset(), Campaign(store).estimates()
     bad = data["wind.speed_m_s"].values < 0.0
@@ -103,7 +103,7 @@ def test_an_invalid_scenario_is_a_failed_flight_with_a_reason(tmp_path):
 
 
 def test_estimates_count_failures_as_the_worst(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     fly_campaign(store)
     data, estimates = store.dataset(), Campaign(store).estimates()
     began = data["reason"].values == ""
@@ -118,7 +118,7 @@ def test_estimates_count_failures_as_the_worst(tmp_path):
 
 
 def test_a_different_study_scenario_or_version_is_refused(tmp_path, monkeypatch):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     study = study_of(sampling={"flights": FLIGHTS})
     values = flights.applied_values(study, THREE, {})
     store.refuse_unless_same(study, THREE, values)
@@ -142,11 +142,11 @@ def test_a_different_study_scenario_or_version_is_refused(tmp_path, monkeypatch)
 def test_insufficient_disk_space_is_refused_before_flying(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 1000})())
     with pytest.raises(StoreError, match=r"0\.001 MB free; expected 0\."):
-        begun(tmp_path / "out")
+        new_store(tmp_path / "out")
 
 
 def test_a_replayed_flight_is_compared_with_its_row(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     fly_campaign(store)
     number = int(np.flatnonzero(store.dataset()["met"].values)[0])
     (flight_row,) = made_up([flights.FlightCase(flight_scenario(store, number))])
@@ -168,7 +168,7 @@ def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
     monkeypatch.setattr(flights, "fly_many", noted)
     for precision in ("float64", "float32"):
         flown.clear()
-        store = begun(tmp_path / precision, precision=precision)
+        store = new_store(tmp_path / precision, precision=precision)
         fly_campaign(store)
         assert set(flown) == {precision}
         assert store.dataset().attrs["precision"] == precision
@@ -189,7 +189,7 @@ def test_an_unsupported_precision_is_refused_before_flying(tmp_path):
 
 
 def test_a_campaign_leaves_no_processes(tmp_path):
-    fly_campaign(begun(tmp_path / "out"))
+    fly_campaign(new_store(tmp_path / "out"))
     assert not multiprocessing.active_children()
 
 
@@ -197,7 +197,7 @@ KEEP = {"series": ["position_error", "speed_limited"], "series_every_s": 0.5}
 
 
 def test_series_of_every_flight_are_stored_in_float32(tmp_path):
-    store = begun(tmp_path / "out", keep=KEEP)
+    store = new_store(tmp_path / "out", keep=KEEP)
     fly_campaign(store)
     data, series = store.dataset(), Campaign(store).series
     assert dict(series.sizes) == {"flight": FLIGHTS, "aircraft": 3, "time": 301}
@@ -218,7 +218,7 @@ def test_series_of_every_flight_are_stored_in_float32(tmp_path):
 
 
 def test_series_are_resumed_with_the_campaign(tmp_path):
-    whole, store = begun(tmp_path / "whole", keep=KEEP), begun(tmp_path / "parts", keep=KEEP)
+    whole, store = new_store(tmp_path / "whole", keep=KEEP), new_store(tmp_path / "parts", keep=KEEP)
     fly_campaign(whole)
     flights.fly_chunk(store.folder, 1)
     assert store.series()["flight"].values.tolist() == list(range(CHUNK, 2 * CHUNK))
@@ -233,7 +233,7 @@ def test_series_are_resumed_with_the_campaign(tmp_path):
 
 
 def test_a_campaign_without_series_raises_an_error(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     with pytest.raises(StoreError, match=r"arrived a campaign without series; expected one of a study that keeps some"):
         store.series()
 
@@ -272,6 +272,6 @@ def test_series_that_some_flights_have_are_kept(tmp_path):
 
 def test_the_required_disk_space_includes_series(tmp_path, monkeypatch):
     monkeypatch.setattr(campaigns.store.shutil, "disk_usage", lambda folder: type("Free", (), {"free": 200_000})())
-    begun(tmp_path / "without")
+    new_store(tmp_path / "without")
     with pytest.raises(StoreError, match="MB free; expected"):
-        begun(tmp_path / "with", keep=KEEP)
+        new_store(tmp_path / "with", keep=KEEP)

@@ -14,7 +14,7 @@ UNLIMITED = 9223372036854771712  # as version 1 writes that there is no limit
 def machine(tmp_path):
     """Simulated kernel files: 8 GB available, and the control groups of the process."""
 
-    def made(groups, **files):
+    def write_files(groups, **files):
         (tmp_path / "proc/self").mkdir(parents=True)
         (tmp_path / "proc/meminfo").write_text(f"MemTotal: 16000000 kB\nMemAvailable:  {8 * GB // 1024} kB\n")
         (tmp_path / "proc/self/cgroup").write_text(groups)
@@ -24,7 +24,7 @@ def machine(tmp_path):
             path.write_text(f"{text}\n")
         return tmp_path
 
-    return made
+    return write_files
 
 
 def test_the_memory_without_groups_is_that_of_the_kernel(machine):

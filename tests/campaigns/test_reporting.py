@@ -29,7 +29,7 @@ def made_up_flights(monkeypatch):
 
 
 @pytest.fixture
-def again(monkeypatch):
+def replays(monkeypatch):
     """Replace replays by synthetic flights; return the list of replayed scenarios."""
     numbers, (dataset, summary) = [], make_flight()
 
@@ -53,14 +53,14 @@ def again(monkeypatch):
     return numbers
 
 
-def begun(folder, **changes):
+def new_store(folder, **changes):
     folder.mkdir()
     changes = {"sampling": {"flights": FLIGHTS}, "vary": [WIND, AIR], **changes}
     return create_store(folder, study_of(**changes), THREE, {})
 
 
 def flown(folder, **changes):
-    store = begun(folder, **changes)
+    store = new_store(folder, **changes)
     fly_campaign(store)
     return store
 
@@ -112,7 +112,7 @@ def test_the_page_shows_the_estimates(tmp_path):
 
 
 def test_a_partial_campaign_is_marked_with_its_number_of_flights(tmp_path):
-    store = begun(tmp_path / "out")
+    store = new_store(tmp_path / "out")
     flying.fly_chunk(store.folder, 1)
     write_campaign(store, worst=0)
     assert "<b>Partial: 20 of 60 flights.</b>" in page_of(store)
@@ -127,7 +127,7 @@ def test_a_campaign_stopped_by_its_rule_is_not_partial(tmp_path):
     assert "After 20 of 60 flights the interval was as narrow as the study asks." in page_of(store)
 
 
-def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, again):
+def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, replays):
     store = flown(tmp_path / "out")
     messages = []
     write_campaign(store, worst=2, background=4, progress=lambda message, part: messages.append((message, part)))
@@ -136,11 +136,11 @@ def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, again):
     worst = [int(k) for k in np.argsort(-misses)[:2]]
     page = page_of(store)
     assert re.findall(r'class="worst-track" data-flight="(\d+)"', page) == [str(number) for number in worst]
-    assert page.count("<title>flight ") == len(again)
-    assert len(again) == 6
+    assert page.count("<title>flight ") == len(replays)
+    assert len(replays) == 6
     assert "did not come out as in the campaign" not in page
-    assert [scenario.seed for scenario in again[:2]] == data["seed"].values[worst].tolist()
-    assert messages[0] == (f"flying {len(again)} flights again", 0.0)
+    assert [scenario.seed for scenario in replays[:2]] == data["seed"].values[worst].tolist()
+    assert messages[0] == (f"flying {len(replays)} flights again", 0.0)
     assert messages[-1] == ("writing", None)
 
 
@@ -239,16 +239,16 @@ def test_a_saltelli_campaign_reports_its_independent_flights(tmp_path):
     assert "one in its place would be made up" in page
 
 
-def test_the_worst_flights_are_archived_once(tmp_path, again):
+def test_the_worst_flights_are_archived_once(tmp_path, replays):
     store = flown(tmp_path / "out", keep={"worst": 3})
     folders = archive_worst(store)
     data = store.dataset()
     misses = np.where(data["reason"].values == "", data["miss_m"].max("aircraft").values, -np.inf)
     assert [folder.name for folder in folders] == [f"flight-{k:06d}" for k in np.argsort(-misses)[:3]]
-    assert len(again) == 3
+    assert len(replays) == 3
     assert archive_worst(store) == folders
-    assert len(again) == 3
+    assert len(replays) == 3
     write_campaign(store, worst=3, background=0)  # those kept are read, none is flown again
-    assert len(again) == 3
+    assert len(replays) == 3
     assert page_of(store).count('class="worst-track"') == 3
     assert archive_worst(flown(tmp_path / "none")) == ()

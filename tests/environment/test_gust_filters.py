@@ -99,7 +99,7 @@ def test_the_variance_is_the_integral_of_the_spectrum(name):
     np.testing.assert_allclose(np.trapezoid(sampled_spectrum(FILTERS[name], 0.05, w), w), variance, rtol=2e-3)
 
 
-def realised(shaping, span, count, samples, seed=3):
+def simulate_sequences(shaping, span, count, samples, seed=3):
     """Sequences of a filter, (count, samples)."""
     normals = np.random.default_rng(seed).normal(size=(samples + 1, shaping.size, count))
 
@@ -127,7 +127,7 @@ def test_realisations_have_the_spectrum_of_the_filter(name, count, samples):
     Windowed (Hann) against leakage; the expected periodogram is the sampled spectrum seen through the window.
     """
     shaping = FILTERS[name]
-    sequences = realised(shaping, SPAN, count, samples)
+    sequences = simulate_sequences(shaping, SPAN, count, samples)
     variance = matrices(shaping, SPAN)
     expected = variance[2] @ variance[3] @ variance[2]
     # effective samples: the way in scales, about

@@ -20,13 +20,13 @@ def power(coefficients):
     return sum((c * comb(n, k) * u**k * complement ** (n - k) for k, c in enumerate(coefficients)), Polynomial([0.0]))
 
 
-def drawn(degree, seed=0):
+def random_coefficients(degree, seed=0):
     return np.random.default_rng(100 * degree + seed).normal(size=(BATCH, degree + 1))
 
 
 @pytest.mark.parametrize(("m", "n"), [(0, 3), (1, 1), (4, 3), (5, 5)])
 def test_the_product_equals_the_product_of_polynomials(m, n):
-    a, b = drawn(m), drawn(n, 1)
+    a, b = random_coefficients(m), random_coefficients(n, 1)
     products = np.asarray(bernstein.product(jnp.asarray(a), jnp.asarray(b)))
     assert products.shape == (BATCH, m + n + 1)
     for c, p, q in zip(products, a, b, strict=True):
@@ -36,7 +36,7 @@ def test_the_product_equals_the_product_of_polynomials(m, n):
 
 @pytest.mark.parametrize(("degree", "higher"), [(0, 4), (2, 2), (4, 7)])
 def test_elevation_changes_only_the_degree(degree, higher):
-    a = drawn(degree)
+    a = random_coefficients(degree)
     elevated = np.asarray(bernstein.elevate(jnp.asarray(a), higher))
     assert elevated.shape == (BATCH, higher + 1)
     for c, p in zip(elevated, a, strict=True):
@@ -50,7 +50,7 @@ def test_a_degree_cannot_fall():
 
 @pytest.mark.parametrize("degree", [0, 3, 6])
 def test_bounds_hold_and_are_attained_for_monotone_polynomials(degree):
-    a = drawn(degree)
+    a = random_coefficients(degree)
     low, high = (np.asarray(x) for x in bernstein.bounds(jnp.asarray(a)))
     for p, lower, upper in zip(a, low, high, strict=True):
         values = power(p)(U)
@@ -77,7 +77,7 @@ def test_bounds_converge_with_the_square_of_the_interval():
 
 
 def test_the_product_supports_jit_vmap_and_gradient():
-    a, b, change = (jnp.asarray(drawn(*arguments)) for arguments in ((5, 0), (3, 1), (5, 2)))
+    a, b, change = (jnp.asarray(random_coefficients(*arguments)) for arguments in ((5, 0), (3, 1), (5, 2)))
     expected = bernstein.product(a, b)
     np.testing.assert_allclose(jax.jit(bernstein.product)(a, b), expected, atol=1e-12)  # rounding
     np.testing.assert_allclose(jax.vmap(bernstein.product)(a, b), expected, atol=1e-12)

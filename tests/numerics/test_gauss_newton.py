@@ -49,7 +49,7 @@ EVEN = BlockTridiagonal(jnp.tile(jnp.eye(SIZE), (GROUPS, 1, 1)), jnp.zeros((GROU
 TARGETS = np.random.default_rng(5).uniform(0.2, 6.0, (8, GROUPS * SIZE))
 
 
-def fitted(steps, required_count=99, enough=0.0):
+def fit(steps, required_count=99, enough=0.0):
     zeros = jnp.zeros((GROUPS, SIZE))
     unknown = Normal(jnp.asarray(jnp.inf), zeros, EVEN)
 
@@ -67,11 +67,11 @@ def fitted(steps, required_count=99, enough=0.0):
 
 @pytest.fixture(scope="module")
 def costs():
-    return {steps: np.asarray(fitted(steps).at.cost) for steps in (1, 3, 9, 40)}
+    return {steps: np.asarray(fit(steps).at.cost) for steps in (1, 3, 9, 40)}
 
 
 def test_searches_find_the_solution_of_scipy(costs):
-    searches = fitted(40)
+    searches = fit(40)
     for k, targets in enumerate(TARGETS):
         expected = least_squares(
             lambda y, targets=targets: np.asarray(chain(targets, jnp.asarray(y).reshape(GROUPS, SIZE))),
@@ -87,12 +87,12 @@ def test_costs_never_increase_and_the_best_searches_are_returned(costs):
     for steps, fewer_steps in ((3, 1), (9, 3), (40, 9)):
         assert np.all(costs[steps] <= costs[fewer_steps])
     assert np.all(costs[9] < costs[1])
-    np.testing.assert_array_equal(best_searches(fitted(9), 3).at.cost, np.sort(costs[9])[:3])
+    np.testing.assert_array_equal(best_searches(fit(9), 3).at.cost, np.sort(costs[9])[:3])
 
 
 def test_the_batch_stops_at_the_required_count_of_sufficient_costs(costs):
     enough = float(np.sort(costs[3])[2])
-    final_costs = np.asarray(fitted(40, required_count=3, enough=enough).at.cost)
+    final_costs = np.asarray(fit(40, required_count=3, enough=enough).at.cost)
     assert np.sum(final_costs <= enough) >= 3
     np.testing.assert_array_equal(final_costs, costs[3])
 

@@ -36,7 +36,7 @@ def test_folded_keys_equal_those_of_jax(seed, value):
     np.testing.assert_array_equal(fold_key(np.array([0, seed], dtype=np.uint32), np.asarray(value)), expected)
 
 
-def drawn(flight, aircraft, number):
+def draw_normals(flight, aircraft, number):
     source = flight_randomness(5, 3).for_aircraft(aircraft)
     return source.normals(AIR, number, 7) + 0.0 * flight
 
@@ -50,12 +50,12 @@ def test_numbers_alone_and_in_a_batch_are_bit_identical():
 
 
 def check_the_same_numbers():
-    batch = jax.jit(jax.vmap(lambda a, k: drawn(0.0, a, k)))(jnp.arange(64) % 8, jnp.arange(64) * 37)
-    alone = np.stack([jax.jit(drawn)(0.0, jnp.asarray(k % 8), jnp.asarray(k * 37)) for k in range(64)])
+    batch = jax.jit(jax.vmap(lambda a, k: draw_normals(0.0, a, k)))(jnp.arange(64) % 8, jnp.arange(64) * 37)
+    alone = np.stack([jax.jit(draw_normals)(0.0, jnp.asarray(k % 8), jnp.asarray(k * 37)) for k in range(64)])
     np.testing.assert_array_equal(batch, alone)
 
     def scanned(carry, k):
-        return carry, drawn(carry, jnp.asarray(2), k * 37)
+        return carry, draw_normals(carry, jnp.asarray(2), k * 37)
 
     _, in_time = jax.lax.scan(scanned, 0.0, jnp.arange(64))
     np.testing.assert_array_equal(np.asarray(in_time)[2::8], alone[2::8])
