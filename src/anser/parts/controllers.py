@@ -36,8 +36,10 @@ class AbstractGuidance(eqx.Module):
         instant
             Time, step and random numbers of this sample.
 
-        Returns ------- The command has the type expected by the aircraft's controller; for an aircraft with a goal,
-        also during the hold, a `PathCommand`.
+        Returns
+        -------
+        The command has the type expected by the aircraft's controller; for an aircraft with a goal, also during the
+        hold, a `PathCommand`.
         """
 
 

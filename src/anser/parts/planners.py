@@ -57,8 +57,10 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
     speed
         Airspeed, m/s.
 
-    Returns ------- Time to go, s, and whether an interception exists. If the goal outruns the aircraft, the time is a
-    finite placeholder: the range divided by the sum of both speeds.
+    Returns
+    -------
+    Time to go, s, and whether an interception exists. If the goal outruns the aircraft, the time is a finite
+    placeholder: the range divided by the sum of both speeds.
 
     Notes
     -----
