@@ -123,8 +123,10 @@ def write_campaign(
     progress
         Called with a message and the completed fraction, 0..1.
 
-    Returns ------- Paths of the written files: `report.html`, for two or more flights `campaign.svg` and
-    `campaign.png`, and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
+    Returns
+    -------
+    Paths of the written files: `report.html`, for two or more flights `campaign.svg` and `campaign.png`, and with
+    pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
 
     Raises
     ------

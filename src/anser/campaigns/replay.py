@@ -38,8 +38,10 @@ def replay_differences(
     summary, met
         Summary of the replay, and whether every requirement was met.
 
-    Returns ------- For each differing quantity the greatest difference over its scale, if above `REPLAY_TOLERANCES`;
-    for texts the stored text.
+    Returns
+    -------
+    For each differing quantity the greatest difference over its scale, if above `REPLAY_TOLERANCES`; for texts the
+    stored text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)

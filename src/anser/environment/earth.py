@@ -118,8 +118,10 @@ class AbstractEarth(eqx.Module):
         other_velocity_n
             Rate of change of the second point's chart coordinates (3,), m/s.
 
-        Returns ------- Straight line from the observer to the second point (3,), m, and the second point's velocity
-        over ground (3,), m/s, both in the NED axes of the observer.
+        Returns
+        -------
+        Straight line from the observer to the second point (3,), m, and the second point's velocity over ground (3,),
+        m/s, both in the NED axes of the observer.
         """
 
     @abc.abstractmethod

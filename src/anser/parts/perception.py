@@ -64,10 +64,12 @@ def measure_line_of_sight(
     vehicle_velocity_n, goal_velocity_n
         NED, m/s, both over the ground.
 
-    Notes ----- Theory section 7. On the exact vertical the azimuth is undefined; the direction of the horizontal
-    relative velocity is used, so the azimuth rate is zero and the elevation rate contains the whole motion. Elsewhere
-    the azimuth rate uses the rounded elevation, so `goal_from_line_of_sight` recovers the velocity to rounding however
-    close the vertical is.
+    Notes
+    -----
+    Theory section 7. On the exact vertical the azimuth is undefined; the direction of the horizontal relative velocity
+    is used, so the azimuth rate is zero and the elevation rate contains the whole motion. Elsewhere the azimuth rate
+    uses the rounded elevation, so `goal_from_line_of_sight` recovers the velocity to rounding however close the
+    vertical is.
     """
     relative, rate = goal_position_n - vehicle_position_n, goal_velocity_n - vehicle_velocity_n
     distance, horizontal_distance = norm(relative), norm(relative[:2])

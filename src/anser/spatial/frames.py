@@ -97,8 +97,10 @@ def ned_from_ecef_point(
     reference_latitude, reference_longitude, reference_height
         Geodetic coordinates of the tangent plane's origin: rad, rad, m above the ellipsoid.
 
-    Returns ------- (3,), NED of the tangent plane, m; exact, unlike the flat-Earth map of `flat_from_geodetic`, which
-    follows the Earth's curvature.
+    Returns
+    -------
+    (3,), NED of the tangent plane, m; exact, unlike the flat-Earth map of `flat_from_geodetic`, which follows the
+    Earth's curvature.
     """
     origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
     return rotate(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_e - origin_e)

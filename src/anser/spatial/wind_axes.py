@@ -22,8 +22,10 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     """Airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
 
-    Returns ------- V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest V, alpha and beta are 0 with
-    zero gradients. Beta is ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
+    Returns
+    -------
+    V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest V, alpha and beta are 0 with zero gradients.
+    Beta is ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
     """
     U, V_y, W = velocity_air_b[0], velocity_air_b[1], velocity_air_b[2]
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
