@@ -53,6 +53,19 @@ def test_a_second_process_neither_traces_nor_compiles(store, monkeypatch):
     assert store.files() == [stored]
 
 
+def test_programs_with_the_same_operations_on_other_arguments_are_kept_apart(store):
+    """Code from outside the package: both functions triple one of two arguments of one shape."""
+    pairs = [
+        (compiled(lambda first, second: 3.0 * first), VECTOR),
+        (compiled(lambda first, second: 3.0 * second), MATRIX[0]),
+    ]
+    for _ in range(2):  # compiled, then loaded
+        for function, argument in pairs:
+            np.testing.assert_array_equal(function(VECTOR, MATRIX[0]), 3.0 * argument)
+        forget_programs()
+    assert len(store.files()) == 2
+
+
 def test_a_stored_program_accepts_numpy_arrays(store):
     matrix, vector = np.asarray(MATRIX), np.asarray(VECTOR)
     expected = solved()(matrix, vector)

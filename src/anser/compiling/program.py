@@ -439,12 +439,10 @@ class Program(Generic[_P, _R]):
             results.append(structure.unflatten([_shape_of(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves]))
             return [leaf for leaf in leaves if eqx.is_array(leaf)]
 
-        lowered, options, store = (
-            jax.jit(flat).lower(arrays),
-            self._options(),
-            _active_stores[0] if _active_stores else None,
-        )
+        options, store = self._options(), _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static, options)
+        # The operations identify a program only together with its arguments, so the lowered text must have them all.
+        lowered = jax.jit(flat, keep_unused=key is None).lower(arrays)
         shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
         def make() -> _LoadedProgram:
