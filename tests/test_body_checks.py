@@ -37,7 +37,7 @@ def test_the_faults_agree_with_the_principal_moments(values):
     J = np.array([[a, -d, -e], [-d, b, -f], [-e, -f, c]])
     smallest, middle, greatest = np.linalg.eigvalsh(J)
     margins = np.array([smallest, smallest + middle - greatest])
-    if np.abs(margins).min() > 1e-5:  # not where the tolerance of the check decides
+    if np.abs(margins).min() > 1e-4:  # the check allows minors of -1e-9, products of two moments
         assert (body_faults(MASS, J.tolist()) == []) == bool((margins > 0).all())
 
 
