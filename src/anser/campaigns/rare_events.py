@@ -290,7 +290,10 @@ def _repetitions(
 def _limit_state(
     store: RareStore, flights: RareFlights, executor: Executor | None, report: Progress, *, fly: bool
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return the limit-state function of the walks, which flies points and reports progress."""
+    """Return the function that gives points of random numbers their values, from stored or new flights.
+
+    The function reports progress; with `fly=False` a missing flight is an error.
+    """
     plan, flown_count, level = flights.plan, 0, 0
 
     def values(points: np.ndarray, numbers: np.ndarray) -> np.ndarray:

@@ -46,14 +46,9 @@ GOAL_FORM_TEXTS = {
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Form of each aircraft's goal, a key of `GOAL_FORM_TEXTS`; "goal" if the scenario gives no kind of goal.
+    """Symbol of each aircraft's goal in the scene, by kind and median speed: ship, buoy, drifting or flying.
 
-    Parameters
-    ----------
-    dataset
-        The flight, with the recorded goal positions of each aircraft.
-    scenario
-        Scenario carried by the dataset; may be empty.
+    The symbol of a goal of unknown kind is "goal".
     """
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}

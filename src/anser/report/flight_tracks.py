@@ -161,7 +161,7 @@ def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) 
 
 
 def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int:
-    """Index of the last time before the arrival with the aircraft's first goal."""
+    """Index of the last sample, up to the arrival, at which the aircraft still flies to its first goal."""
     return int(np.argmax(np.append(_has_new_goal(sheet, line_style), True))) - 1
 
 

@@ -364,7 +364,10 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
-    """Path limits with a fraction of the bank, climb rate and load factor in excess of 1; altitudes stay unchanged."""
+    """Path limits with a fraction of the bank, bank rate and climb rate, and of the load factor's part above 1.
+
+    Airspeeds are as given, altitudes those of `limits`.
+    """
     return PathLimits(
         speed_min=as_array(speed_min_m_s),
         speed_max=as_array(speed_max_m_s),

@@ -102,7 +102,7 @@ class Flight(eqx.Module):
 
     @property
     def count(self) -> int:
-        """Number of aircraft."""
+        """Number of aircraft, padding aircraft included."""
         return sum(len(group.members) for group in self.groups)
 
     @property

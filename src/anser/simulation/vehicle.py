@@ -33,7 +33,7 @@ class Faults(eqx.Module):
     sensor_time
         Time of a failure of the goal sensor.
     departure_time
-        Time at which the aircraft leaves the fleet: it continues straight on, and the fleet no longer waits for it.
+        Time at which the aircraft leaves the fleet and flies its exit path; the fleet no longer waits for it.
     """
 
     thrust_time: Scalar

@@ -96,7 +96,7 @@ class CertifiedPlanner(AbstractPlanner):
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
         """Search for a plan with a common arrival time, with holds up to the latest arrival; not traceable by JAX.
 
-        For other arrival rules, and for the reason of a refusal, see `search_plan`.
+        For other arrival rules see `search_plan`; `anser.missions.refusal` tells the reason of a refusal.
 
         Raises
         ------

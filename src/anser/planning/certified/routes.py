@@ -226,9 +226,10 @@ class Route(eqx.Module):
 
 
 def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Greatest curvature (1/m) and sharpness (1/m^2) of a turn of `scale` times the least radius at full speed.
+    """Greatest curvature (1/m), and greatest change of curvature along the path (sharpness, 1/m^2), of a turn.
 
-    The ramps keep their length, so that a wider turn needs the same time for them, and a slower aircraft more.
+    The turn is `scale` times as wide as the tightest one. Both limits are divided by `scale`, so that the parts in
+    which the curvature grows and decays keep their length.
     """
     return endpoints.curvature_max / scale, endpoints.sharpness / scale
 

@@ -346,7 +346,7 @@ def _window_times(
 
 
 def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Times of the first arrival at which every aircraft can arrive, s."""
+    """Intervals (s) for the time of the first arrival such that every aircraft, later by its offset, can arrive."""
     common: Intervals = [(0.0, float("inf"))]
     for intervals, offset in zip(arrivals, offsets_s, strict=True):
         first_arrivals = [(a - offset, b - offset) for a, b in intervals]
@@ -395,7 +395,7 @@ class SearchOutcome:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Arrival times and candidates of one attempt, and the mask of failed aircraft."""
+    """Attempt of the search: arrival times, the tried set of candidate kinds, and the aircraft without a path or hold."""
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -519,11 +519,11 @@ def search(
     fixed_paths: FixedPaths | None = None,
     intervals: int | None = None,
 ) -> SearchOutcome:
-    """Find a plan whose certificate satisfies every constraint.
+    """Find a plan whose limits, separation and keep-outs are all proven by its certificate.
 
-    First the preferred times of the rule, with few candidates; then the earliest feasible times after them; then the
-    times at which each aircraft alone can arrive, with increasingly thorough candidates; for the earliest plan,
-    finally, times before the plan found.
+    Arrival times are tried in this order: the times that the arrival rule of `request` prefers, with few candidate
+    paths per aircraft; the earliest feasible times after them; the times at which each aircraft alone can arrive, with
+    increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
 
     Parameters
     ----------

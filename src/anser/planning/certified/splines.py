@@ -378,7 +378,7 @@ def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) ->
 
 
 def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
-    """Whether the last velocity over the ground points along a prescribed course, not opposite."""
+    """Whether the ground velocity at the arrival points along the prescribed course; true without such a course."""
     is_free = jnp.all(jnp.any(start.frame != 0.0, axis=0))
     return is_free | (start.frame[:2, 0] @ velocity_n[:2] > 0.0)
 

@@ -209,7 +209,7 @@ def _rotate(heading: Scalar, vector: Float[Array, "2 ..."]) -> Float[Array, "2 .
 
 
 def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Derivative of a vector by its direction."""
+    """Vector turned by 90 deg from North towards East: its derivative with respect to its direction angle."""
     return jnp.stack([-vector[1], vector[0]])
 
 

@@ -91,10 +91,11 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Add bends to a trajectory; end points, end directions and times are unchanged.
+    """Add a lateral and a vertical bend to a trajectory; end points, end directions and times are unchanged.
 
-    A lateral bend kappa = b_4 duration^4, m, shifts the middle by kappa/16 along `lateral_n`, a vertical bend,
-    c_4 duration^4, upwards. The result has the published time law; `with_even_speed` replaces it.
+    A bend (m) is the coefficient of the fourth power of the path parameter (0 to 1): kappa = b_4 duration^4 laterally,
+    c_4 duration^4 vertically. The middle of the path moves by a sixteenth of the bend, along `lateral_n` or upwards.
+    The result has the published time law; `with_even_speed` replaces it.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
