@@ -41,7 +41,7 @@ def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_co
     Result of `anser.simulation.fly`.
     """
     number = as_array(sample, np.int32)
-    partial: dict[str, Any] = {} if step_count is None else {"flown": as_array(step_count, np.int32)}
+    partial: dict[str, Any] = {} if step_count is None else {"active_steps": as_array(step_count, np.int32)}
     segment = fly_segment(without_replanning(flight), state, number, **partial)
     if flight.planner.replan_needed(segment[0].planner):
         segment = fly_segment(flight, state, number, **partial)

@@ -395,7 +395,7 @@ class SearchOutcome:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Attempt of the search: arrival times, the tried set of candidate kinds, and the aircraft without a path or hold."""
+    """Attempt of the search: arrival times, the set of candidate kinds, and the aircraft without a path or hold."""
 
     times: ArrivalTimes
     candidate_set: CandidateSet
