@@ -1,4 +1,4 @@
-"""Quantities that every planner shares: limits, paths in time, separation, holds."""
+"""Planners, and the quantities that every planner shares: limits, paths in time, separation, holds."""
 
 import lazy_loader
 

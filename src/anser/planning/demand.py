@@ -1,7 +1,7 @@
-"""Demand of a motion on the aircraft in coordinated flight, without side force in body axes.
+"""Demand of a motion on an aircraft in coordinated flight: airspeed, and forces of wings and engine per mass.
 
-The certificate bounds the same quantities between the knots, as ratios of polynomials: see
-`anser.planning.certified.path_bounds`.
+Coordinated means without side force in body axes. These functions evaluate single points of a path; the certificate
+bounds the same quantities between the knots, see `anser.planning.certified.path_bounds`.
 """
 
 import equinox as eqx
@@ -16,7 +16,7 @@ _SPEED_MIN = 1e-6  # m/s: keeps results finite in vertical flight
 
 
 class Demand(eqx.Module):
-    """Airspeed, and the force of wings and engine minus drag, per mass, along three axes of the motion.
+    """Airspeed, and the specific force (wings and engine minus drag, per mass) along three axes of the motion.
 
     Attributes
     ----------
@@ -42,18 +42,22 @@ class Demand(eqx.Module):
 
     @property
     def normal(self) -> Scalar:
-        """Force normal to the velocity, m/s^2: load factor times gravity."""
+        """Specific force normal to the velocity, m/s^2: load factor times gravity."""
         return jnp.sqrt(self.side**2 + self.lift**2)
 
     @property
     def smooth_normal(self) -> Scalar:
-        """Smooth upper bound of `normal`, differentiable at 0."""
+        """Smooth upper bound of `normal`, m/s^2, differentiable where the force is 0."""
         return jnp.sqrt(self.side**2 + self.lift**2 + 1e-6)
 
     def excess(
         self, bank: ScalarLike, normal: ScalarLike, acceleration: ScalarLike, deceleration: ScalarLike
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Excess over limits of bank (tangent), normal force, and force along the velocity; negative within limits."""
+        """Return how far the demand exceeds three limits; negative within a limit.
+
+        The excess of the bank angle (limit `bank`, rad) is a difference of tangents; those of the force normal to the
+        velocity (limit `normal`) and of the force along it (`acceleration`, `deceleration`) are in m/s^2.
+        """
         return (
             jnp.abs(self.side) - self.lift * bank,
             self.smooth_normal - normal,
@@ -62,12 +66,12 @@ class Demand(eqx.Module):
 
 
 def coordinated_demand(level: Scalar, climb: Scalar, side: Scalar, forward: Scalar, up: Scalar) -> Demand:
-    """Demand of a motion in components along and across the course.
+    """Compute the demand of a motion that is resolved along and across its course.
 
     Parameters
     ----------
     level, climb
-        Horizontal and vertical airspeed, up positive, m/s.
+        Horizontal airspeed, and vertical airspeed, up positive, m/s.
     side, forward
         Horizontal acceleration across the course, right positive, and along the course, m/s^2.
     up
@@ -80,9 +84,10 @@ def coordinated_demand(level: Scalar, climb: Scalar, side: Scalar, forward: Scal
 def demand(
     air_velocity_n: Vector3, acceleration_n: Vector3, gravity: ScalarLike, level_min: float = _SPEED_MIN
 ) -> Demand:
-    """Demand of a velocity relative to the air (m/s) with an acceleration over the ground (m/s^2), both NED.
+    """Compute the demand of a motion with a velocity relative to the air (NED, m/s).
 
-    `level_min`, m/s, is added to the horizontal airspeed as the root of the sum of squares.
+    `acceleration_n` is the acceleration over the ground (NED, m/s^2). The horizontal airspeed is replaced by
+    sqrt(horizontal^2 + level_min^2), so that vertical flight has finite derivatives.
     """
     north, east, down = air_velocity_n
     level = jnp.sqrt(north**2 + east**2 + level_min**2)
@@ -92,17 +97,20 @@ def demand(
 
 
 def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Greatest force normal to the velocity within the load factor, per mass, m/s^2."""
+    """Greatest specific force normal to the velocity, m/s^2, that the load factor limit allows."""
     return jnp.minimum(limits.load_factor_max, _LOAD_FACTOR_UNLIMITED) * gravity
 
 
 def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Greatest `Demand.side` within bank angle and load factor, for a lift between two values, m/s^2."""
+    """Greatest `Demand.side`, m/s^2, that bank angle and load factor allow.
+
+    The lift is between `lift_min` and `lift_max`, m/s^2.
+    """
     by_bank = jnp.maximum(lift_min, _FORCE_MIN) * jnp.tan(limits.bank_max)
     side_square = normal_force_max(limits, gravity) ** 2 - lift_max**2
     return jnp.minimum(by_bank, jnp.sqrt(jnp.maximum(side_square, _FORCE_MIN**2)))
 
 
 def turn_radius(speed: ScalarLike, bank: ScalarLike, gravity: ScalarLike) -> Scalar:
-    """Radius of a level turn at a bank angle (rad) and an airspeed (m/s), m."""
+    """Radius, m, of a level turn at a bank angle (rad) and an airspeed (m/s)."""
     return speed**2 / (gravity * jnp.tan(bank))

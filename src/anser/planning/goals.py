@@ -12,10 +12,13 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class GoalMotion(eqx.Module):
-    """Motion of a goal: at rest, from the first waypoint time along the waypoints, then at constant velocity."""
+    """Motion of a goal: at rest before the first waypoint time, then straight from waypoint to waypoint.
+
+    After the last waypoint the goal moves at a constant velocity.
+    """
 
     times: Float[Array, " waypoints"]
-    """Time at each waypoint, s; not decreasing, equal only for padding."""
+    """Time at each waypoint, s, in ascending order; waypoints repeated for padding have equal times."""
     positions_n: Float[Array, "waypoints 3"]
     """Waypoints, NED, m."""
     velocity_after_n: Vector3
@@ -34,7 +37,7 @@ class GoalMotion(eqx.Module):
         return self.positions_n[0] + travelled + jnp.maximum(time - self.times[-1], 0.0) * self.velocity_after_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity at a time, NED, m/s; at a waypoint, the velocity of the leg that begins."""
+        """Velocity at a time, NED, m/s; at a waypoint, the velocity of the leg that starts there."""
         on_leg = (time >= self.times[:-1]) & (time < self.times[1:])
         on_path = jnp.sum(jnp.where(on_leg[:, None], self._leg_velocities(), 0.0), axis=0)
         return jnp.where(time >= self.times[-1], self.velocity_after_n, on_path)
@@ -80,7 +83,7 @@ def waypoint_goal(
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Repeat the last waypoint up to `count` waypoints: the same motion, in a shape for stacking.
+    """Return the same motion with `count` waypoints, by repeating the last one, so that goals can be stacked.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Limits of a path: values, the catalogue for checks, refusals, tables and labels, and descriptions of paths."""
+"""Flight limits of a path: their values, and the catalogue of limits for checks, refusals, tables and labels.
+
+Also short descriptions of a path's shape for the printed plan.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,33 +20,33 @@ _ALTITUDE_RELAXATION_M = 1000.0  # change of an altitude limit where other limit
 
 
 class PathLimits(eqx.Module):
-    """Limits of a trajectory."""
+    """Flight limits of a planned path of one aircraft; stacked, of a fleet."""
 
     speed_min: Scalar
-    """Airspeed, m/s."""
+    """Least airspeed, m/s."""
     speed_max: Scalar
-    """Airspeed, m/s."""
+    """Greatest airspeed, m/s."""
     bank_max: Scalar
     """Bank angle of a sustained turn, rad, below pi/2."""
     climb_rate_max: Scalar
-    """Vertical speed relative to the air, up or down, m/s."""
+    """Greatest vertical speed relative to the air, up or down, m/s."""
     altitude_min: Scalar
-    """m."""
+    """Least altitude, m."""
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """m."""
+    """Greatest altitude, m."""
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """1."""
+    """Greatest load factor, 1 in level flight."""
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Limit of V_dot + g sin(gamma), the engine force minus drag, m/s^2; with `idle`, valid up to load factor 1."""
+    """Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1."""
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Limit of the deceleration with idle engine, positive, m/s^2; with `idle`, level at the start airspeed."""
+    """Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed."""
     idle: IdleDeceleration | None = None
-    """Change of the drag with airspeed and load factor, relative to `deceleration_max`; None: constant drag."""
+    """How the deceleration with idle engine changes with airspeed and load factor; None: it is constant."""
     bank_rate_max: Scalar | None = None
-    """Limit of the bank rate, rad/s; planned paths respect the limit without certificate. None: no limit."""
+    """Greatest bank rate, rad/s; paths are planned within it, but the certificate does not prove it. None: no limit."""
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
-        """Greatest acceleration and deceleration at an airspeed (m/s) and a load factor, m/s^2."""
+        """Return the greatest acceleration and deceleration, m/s^2, at an airspeed (m/s) and a load factor."""
         if self.idle is None:
             return self.acceleration_max, self.deceleration_max
         rise, share = self.idle.rise(speed, load_factor), self.idle.share(speed, load_factor)
@@ -51,7 +54,7 @@ class PathLimits(eqx.Module):
 
 
 def acceleration_limits(limits: PathLimits) -> tuple[Scalar, Scalar]:
-    """Both limits along the path, as a selector for `eqx.tree_at`."""
+    """Return `acceleration_max` and `deceleration_max`, the leaves that `eqx.tree_at` replaces."""
     return limits.acceleration_max, limits.deceleration_max
 
 
@@ -65,7 +68,7 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of a path.
+    """One limit of a path: which extreme of which variable it bounds, and how it is named and displayed.
 
     Attributes
     ----------
@@ -79,6 +82,8 @@ class Limit:
         Bounded variable, by key in `anser.variables`.
     extreme
         Function that computes the extreme along an axis.
+    description
+        Description of the extreme in tables and labels.
     heading
         Short column heading; empty: the description.
     violation
@@ -123,7 +128,9 @@ class Limit:
         return self.extreme is np.min
 
     def excess(self, value: Scalar, limit: Scalar) -> Scalar:
-        """Relative excess of an extreme over the limit (of tangents for angles); not positive within the limit.
+        """How far an extreme exceeds the limit, relative to the limit; at most 0 within the limit.
+
+        For angles, tangents are compared. An infinite limit is never exceeded.
 
         Parameters
         ----------
@@ -141,7 +148,7 @@ class Limit:
         return jnp.where(is_unlimited, -1.0, (value - finite) / jnp.maximum(jnp.abs(finite), 1.0))
 
     def relaxed(self, limit: Scalar, factor: ScalarLike) -> Scalar:
-        """Limit relaxed by a factor; 1: unchanged."""
+        """Return the limit relaxed by a factor; the factor 1 leaves it unchanged."""
         if self.suffix == "m":
             change = _ALTITUDE_RELAXATION_M * (factor - 1.0)
             return limit - change if self.is_lower_bound else limit + change
@@ -211,7 +218,7 @@ RELAXED_TOGETHER = {
         ("floor and ceiling", ("altitude_min", "altitude_max")),
     )
 }
-"""Possible causes of an infeasible plan, with the limits that are relaxed to test the cause."""
+"""Possible causes of an infeasible plan, each with the limits that are relaxed together to test the cause."""
 
 
 NOMINAL_BEND_M = 1.0

@@ -8,16 +8,20 @@ from anser.shapes import Scalar
 
 
 class Separation(eqx.Module):
-    """Required separation of two aircraft: horizontal or vertical, m; 0: no requirement."""
+    """Required distances between two aircraft, m: either the horizontal or the vertical one must be kept.
+
+    0 means no requirement in this direction.
+    """
 
     horizontal: Scalar
     vertical: Scalar
 
 
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
-    """Ratio of distance to separation, the larger of both directions; 1 is sufficient, infinite without requirement.
+    """Ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
 
-    Horizontal and vertical distance, m, are NumPy or JAX arrays; separations as in `Separation`.
+    At least 1 means separated; infinite if nothing is required. `level` and `height` are the horizontal and vertical
+    distances, `horizontal` and `vertical` the required ones, m; NumPy or JAX arrays.
     """
     xp = level.__array_namespace__()
     is_required, is_vertical = horizontal > 0.0, vertical > 0.0
@@ -27,12 +31,14 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
 
 
 def closest_fraction(begin: Any, change: Any, square_min: float = 1e-200) -> Any:
-    """Fraction (0 to 1) of the way between two offsets with the shortest offset; 0 for a constant offset.
+    """Fraction (0 to 1) at which the straight line from one relative position to another is closest to zero.
+
+    Returns 0 if the relative position does not change.
 
     Parameters
     ----------
     begin, change
-        First offset and its change, (..., axis), m; NumPy or JAX arrays.
+        First relative position and its change, (..., axis), m; NumPy or JAX arrays.
     square_min
         Lower bound of the squared change, m^2; keeps derivatives finite.
     """

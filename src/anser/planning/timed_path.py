@@ -1,4 +1,7 @@
-"""4-D trajectory of an aircraft: quintics in time through knots with position, velocity and acceleration."""
+"""Planned path of an aircraft in space and time, piecewise quintic.
+
+The knots carry position, velocity and acceleration.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -16,12 +19,14 @@ _LENGTH_RULE = gauss_legendre(4)  # per cell, in which the airspeed hardly chang
 def hermite_quintic(
     begin: Float[Array, "3 3"], end: Float[Array, "3 3"], span: ScalarLike, u: ScalarLike
 ) -> Float[Array, "3 3"]:
-    """Value, first and second time derivative of the quintic between two states.
+    """Value and first two time derivatives of the quintic that joins two states.
+
+    Returns the rows value, first and second derivative; columns are the axes.
 
     Parameters
     ----------
     begin, end
-        Position, velocity and acceleration (order, axis) at both ends.
+        Position, velocity and acceleration at both ends, shape (derivative, axis); m, m/s, m/s^2.
     span
         Time between the states, s, positive.
     u
@@ -78,7 +83,10 @@ class TimedPath(AbstractReference):
         return self.times[-1] - self.times[0]
 
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
-        """Value, slope and second derivative of a sum of knots; linear before the start and after the end."""
+        """Evaluate the sum of knot tables (air path, drift) at a time (s): value, slope and second derivative.
+
+        Linear before the start and after the end.
+        """
         # Not jnp.clip, whose derivative at the bounds is one half.
         clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
         # The last cells may be empty: the end is that of the last non-empty cell. A comparison with all knots is ten
@@ -99,19 +107,22 @@ class TimedPath(AbstractReference):
         return jnp.where(jnp.abs(outside) <= time_rounding(clipped), inside, extrapolated)
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time."""
+        """Position, velocity and acceleration over the ground at a time (s)."""
         return PathPoint(*self._at(time, self.air_n, self.drift_n))
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air, NED, m/s."""
+        """Velocity relative to the air at a time (s), NED, m/s."""
         return self._at(time, self.air_n)[1]
 
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-        """Path through the air and drift, each as (order, axis), at a time."""
+        """Return the air path and the drift at a time (s).
+
+        Each has the rows position, velocity and acceleration over the NED axes; m, m/s, m/s^2.
+        """
         return self._at(time, self.air_n), self._at(time, self.drift_n)
 
     def air_length(self, from_time: ScalarLike = -jnp.inf) -> Scalar:
-        """Length of the path through the air, in space, from a time (s) on, m."""
+        """Three-dimensional length of the rest of the air path, m, from a time (s) to the arrival."""
 
         def cell_length(begin: Knots, end: Knots, start: Scalar, stop: Scalar) -> Scalar:
             span = stop - start

@@ -1,4 +1,8 @@
-"""Arrival times open to an aircraft: necessary conditions, reachable intervals, search for the earliest time."""
+"""Which arrival times an aircraft can meet: necessary conditions, reachable intervals, search for the earliest time.
+
+A time is admissible if it meets the necessary conditions, and reachable if the aircraft alone has a path for it.
+Durations are times from the start of the plan to the arrival.
+"""
 
 from collections.abc import Generator, Sequence
 from typing import Literal
@@ -115,10 +119,10 @@ def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Sca
 
 
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
-    """Least time for the change of altitude at the greatest rate of climb or descent, s; infinite if impossible.
+    """Least time, s, in which each aircraft can change from its start altitude to that of its rendezvous.
 
-    A lower bound for any path shape. The build-up of the climb rate is left out, because a small change of altitude
-    needs a small rate only: the bound is zero for a level rendezvous and continuous there.
+    Infinite if impossible. A lower bound for any path shape: the build-up of the climb rate is left out, because a
+    small change of altitude needs a small rate only. The bound is zero for a level rendezvous and continuous there.
     """
     rate = np.asarray(tasks.limits.climb_rate_max) + _strongest_wind(tasks, airspace)[1]
     fall = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:, 2]
@@ -129,7 +133,10 @@ def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray
 def may_arrive(
     tasks: AircraftTask, airspace: Airspace, aircraft: Int[np.ndarray, " pairs"], durations: Float[np.ndarray, " pairs"]
 ) -> Bool[np.ndarray, " pairs"]:
-    """Check the necessary conditions of a duration (s): distance, height, and a rendezvous outside the keep-outs."""
+    """Whether each pair of aircraft and duration (s) meets the necessary conditions for an arrival.
+
+    The conditions: distance, height, and a rendezvous outside the keep-outs. `aircraft` are indices into the tasks.
+    """
     limits, t = tasks.limits, durations[:, None]
     line = (np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[aircraft] + t * np.asarray(
         tasks.goal_velocity_n
@@ -151,10 +158,10 @@ def may_arrive(
 def arrival_distances_max(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> tuple[Float[np.ndarray, "n aircraft aircraft"], Float[np.ndarray, "n aircraft aircraft"]]:
-    """Greatest possible distances between two aircraft at the earlier arrival, for any path shape.
+    """Greatest possible distances between two aircraft when the first of them arrives, whatever their paths.
 
-    The aircraft with the later arrival (durations in s) can be away from its rendezvous by the distance flown until
-    then.
+    The aircraft with the later arrival (durations in s) can then be away from its rendezvous by at most the distance
+    that it flies until its own arrival.
 
     Returns
     -------
@@ -181,7 +188,10 @@ def arrival_distances_max(
 def arrival_conflicts(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
-    """Pairs of aircraft (by their durations, s) that necessarily violate the separation at the earlier arrival."""
+    """Mask of the pairs of aircraft that violate the separation when the first of them arrives, whatever their paths.
+
+    `durations` are in s.
+    """
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = arrival_distances_max(tasks, airspace, durations)
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
@@ -194,16 +204,17 @@ _WINDOW_SAMPLES = 12  # grid points per window
 _GRID_NEIGHBOURS = 3  # distance in grid steps from a reachable time within which costlier candidates are tried
 _GROUND_SPEED_FACTOR = 1.4  # greatest closing speed over airspeed, with a tail wind and an approaching goal
 COARSE_INTERVALS = 128
-"""Intervals of the paths in the reachability test: a coarse first look, not a certificate."""
+"""Number of intervals of the paths in the reachability test: a coarse first look, not a certificate."""
 
 
 @compiled_by_older_generator(static_argnames=("intervals",))
 def direct_times(
     tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
-    """Time of the shortest direct path at a mean airspeed (m/s), s, and whether the iteration converged.
+    """Compute the flight time (s) of each aircraft's shortest direct path at a mean airspeed (m/s).
 
-    A fixed-point iteration: the goal moves and the air drifts during the flight.
+    The second result tells whether the fixed-point iteration converged; it iterates because the goal moves and the air
+    drifts during the flight.
     """
 
     def solve_task(task: AircraftTask, speed: Scalar) -> tuple[Scalar, Array]:
@@ -235,7 +246,10 @@ def _reachable_at(
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether an aircraft of the first `count` tasks, flying alone, can arrive after its duration (s); else False."""
+    """Whether each of the first `count` aircraft, flying alone, can arrive after its duration (s).
+
+    False for aircraft beyond `count`.
+    """
 
     def check_reachable(k: Count, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # Sequential: a batch would take as long, and a partly filled batch longer.
@@ -254,7 +268,10 @@ def reachable(
     intervals: int = COARSE_INTERVALS,
     levels: Sequence[CandidateSet] = (ALONE_STANDARD, ALONE_TURN_LEG_PATHS),
 ) -> Bool[np.ndarray, " pairs"]:
-    """Whether the selected aircraft, alone in the airspace, can arrive after a duration (s)."""
+    """Whether each pair of aircraft and duration (s) has a path for the aircraft alone in the airspace.
+
+    `aircraft` are indices into the tasks; `levels` are the candidate sets to try, from the cheapest on.
+    """
     reached = np.zeros(aircraft.size, dtype=bool)
     admissible = may_arrive(tasks, airspace, aircraft, durations)
     for candidate_set in levels:
@@ -280,9 +297,11 @@ def _open_times(
     grid: Float[np.ndarray, "active n"],
     splines_for: Literal["none", "unreached", "all"],
 ) -> Bool[np.ndarray, "active n"]:
-    """Reachable times of a grid: standard candidates at every time, costlier candidates in growing neighbourhoods.
+    """Mask of the reachable times of a grid, (aircraft, time).
 
-    Splines are also searched for "all" aircraft, or only for the "unreached" aircraft without a reachable time.
+    The standard candidates are tried at every time. The costlier ones are tried near times that are reachable or
+    inadmissible, in growing neighbourhoods, or at every time if an aircraft has no reachable time. Splines are searched
+    for "all" aircraft, or only for "unreached" ones: aircraft without a reachable time.
     """
     aircraft = np.repeat(fleet, grid.shape[1]).reshape(grid.shape)
     inside = reachable(tasks, airspace, aircraft.ravel(), grid.ravel(), levels=(ALONE_STANDARD,)).reshape(grid.shape)
@@ -315,12 +334,12 @@ def arrival_sets(
     count: int = 40,
     rounds: int = 6,
 ) -> list[list[tuple[float, float]]]:
-    """Intervals of reachable arrival times up to a latest time (s after the start), for each aircraft.
+    """Return each aircraft's intervals of reachable arrival times, s after the start, up to a latest time.
 
-    The grid is geometric from the earliest conceivable time on, or uniform within each aircraft's window. Every edge
-    is refined by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than the grid can be
-    missed. With splines, the spline generator is also tried where the other generators fail; in windows always for an
-    aircraft without any reachable time.
+    The grid of `count` times is geometric from the earliest conceivable time on, or uniform within each aircraft's
+    window. Every edge is refined by bisection to a `2**rounds`-th of the grid's spacing. Gaps and islands narrower than
+    the grid can be missed. With `with_splines`, the spline generator is also tried where the other generators fail; in
+    windows always for an aircraft without any reachable time.
     """
     if windows_s is not None:
         low = windows_s[:, 0]

@@ -1,4 +1,8 @@
-"""Candidates: paths by which an aircraft can be at its rendezvous at a given time; delivery as timed paths."""
+"""Candidates: paths by which an aircraft can be at its rendezvous at a given time.
+
+A candidate is a route (turns and legs, horizontal) with a profile (altitude and airspeed over time), or a spline. The
+chosen candidates are delivered as timed paths.
+"""
 
 import functools
 from collections.abc import Callable
@@ -39,7 +43,10 @@ _CLOSE_S = 0.02  # closer knots are merged, because accelerations from differenc
 
 
 def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
-    """Equal intervals and the given times (s), in order, none closer than `_CLOSE_S` unless equal."""
+    """Knot times of a path, s, in order: equal intervals and the times `marks`.
+
+    A time less than `_CLOSE_S` after the previous one is set equal to it.
+    """
     even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
@@ -52,9 +59,10 @@ def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> F
 
 
 def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) -> TimedPath:
-    """Timed path from a start time (s), with knots at equal intervals and at every kink of curvature, climb or speed.
+    """Convert a profile and a route to a timed path from a start time (s).
 
-    The table's length equals the route's to a part in a million; the airspeed absorbs the difference.
+    Knots are at equal intervals and at every kink of curvature, climb or speed. The profile's length equals the route's
+    to a part in a million; the airspeed absorbs the difference.
     """
     duration = table.profile.duration
     marks = jax.vmap(table.time_at)(horizontal.marks[1:-1] * (table.length / jnp.maximum(horizontal.length, 1.0)))
@@ -118,7 +126,7 @@ class Candidates(eqx.Module):
     total_turn, speed
         Sum of the absolute turn angles, rad, and mean airspeed, m/s.
     tracks
-        Positions at the times of the fleet's clock.
+        Positions at the sample times that are common to the fleet.
     penetration
         Depth inside keep-outs, m.
     routes
@@ -155,7 +163,7 @@ class Candidates(eqx.Module):
 
 
 class _Routed(NamedTuple):
-    """Candidates of turns and legs; fields as in `Candidates`."""
+    """Candidates made of turns and legs (no splines); the fields have the meaning that they have in `Candidates`."""
 
     generator: Count
     valid: Flag
@@ -184,7 +192,10 @@ def _routed_candidate(
 def routed_candidates(
     task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, candidate_set: CandidateSet
 ) -> tuple[_Routed, TabulatedProfile]:
-    """Detours and turn-and-leg paths of one aircraft for a duration (s), and their profiles; stacked."""
+    """Generate the detours and turn-and-leg paths of one aircraft for a duration (s).
+
+    Returns the candidates, stacked, and the profiles to which their `routes.profile` is an index, stacked.
+    """
     duration = jnp.asarray(duration, dtype=float)
     timed = timed_profiles(task, airspace, duration, intervals, candidate_set)
     numbers = jnp.arange(len(candidate_set.speeds))
@@ -219,7 +230,11 @@ def _detours(
     kind: Count,
     side: Count,
 ) -> _Routed:
-    """The direct path of one word, or the detour from it of the target length; tightest and widest turns."""
+    """Candidates from one direct path: detours of one `kind` to one `side` with the profile's length.
+
+    `word` is the index of the direct path in `timed.direct`. A `kind` of `RACETRACK` gives racetracks instead. Stacked:
+    with the tightest turns and, if the set asks for them, with wide turns.
+    """
     endpoints, target_length = timed.endpoints, timed.table.length
     base, wide = jax.tree.map(lambda leaf: leaf[word], (timed.direct, timed.wide_directs))
     shape, sense = detour(jnp.minimum(kind, DETOUR_KINDS - 1), side), side.astype(float)
@@ -241,7 +256,10 @@ def _detours(
 def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Count]
 ) -> _Routed:
-    """Turn-and-leg paths of the target length. They may bend to either side: only for a task without a side."""
+    """Generate turn-and-leg paths with the length of a profile, stacked.
+
+    They may bend to either side, and are valid only for a task without a prescribed side.
+    """
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)
@@ -303,14 +321,14 @@ def fleet_candidates(
     candidate_set: CandidateSet,
     extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> Candidates:
-    """All candidates of a fleet, with their tracks on one time grid up to the last arrival.
+    """Generate all candidates of a fleet, with their tracks at common sample times up to the last arrival.
 
     Parameters
     ----------
     durations
         Time to each rendezvous, s.
     intervals, instants
-        Number of equal intervals of the paths and of the time grid.
+        Number of equal intervals of the paths and number of sample times.
     extra_for
         Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
     """

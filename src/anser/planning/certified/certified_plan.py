@@ -39,14 +39,17 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """Index of each aircraft's chosen candidate, and whether that candidate is within the aircraft's limits."""
+    """Index of each aircraft's chosen candidate, and whether the candidate is within the aircraft's limits."""
 
     chosen: Int[Array, " aircraft"]
     valid: Bool[Array, " aircraft"]
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
-    """Choose one candidate per aircraft; the aircraft choose in the given order."""
+    """Choose one candidate per aircraft so that the paths are clear of each other.
+
+    The aircraft choose in the given order, see the module docstring.
+    """
     cost = candidates.cost + jnp.where(candidates.valid, 0.0, _INVALID_COST)
     cost = cost + jnp.where(candidates.penetration > 0.0, _CONFLICT_COST + candidates.penetration, 0.0)
     fleet, count = cost.shape
@@ -140,12 +143,12 @@ def place_candidates(candidates: Candidates, separation: Separation, order: Int[
 
 
 def choice_order(candidates: Candidates) -> Int[Array, " aircraft"]:
-    """Order of choosing: aircraft with the fewest valid candidates first."""
+    """Order in which the aircraft choose: those with the fewest valid candidates first."""
     return jnp.argsort(jnp.sum(candidates.valid & (candidates.penetration <= 0.0), axis=1))
 
 
 TIMES_PER_INTERVAL = 4
-"""Intervals of the certificate's distances per interval between a path's equally spaced knots."""
+"""Number of intervals, for the certificate's distances, in each interval between a path's equally spaced knots."""
 
 
 class Certificate(eqx.Module):
@@ -171,14 +174,14 @@ class Certificate(eqx.Module):
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft satisfies every constraint except the separation from other aircraft."""
+        """Whether each aircraft keeps its limits and the keep-outs; separation is not considered."""
         xp = namespace(self)
         excess, clearance = xp.asarray(self.excess), xp.asarray(self.keep_out_clearance)
         return xp.all(excess <= _ROUNDING, axis=1) & xp.all(clearance >= -_ROUNDING_M, axis=1)
 
     @property
     def satisfied(self) -> Bool[Array, " aircraft"]:
-        """Whether each aircraft satisfies every constraint."""
+        """Whether each aircraft keeps its limits, the keep-outs and the separation."""
         xp = namespace(self)
         return self.satisfied_individually & xp.all(xp.asarray(self.clearance_ratio) >= 1.0 - _ROUNDING, axis=1)
 
@@ -221,7 +224,7 @@ class CertifiedPlan(eqx.Module):
     speeds: Float[Array, " aircraft"]
 
     def leading(self, count: int) -> "CertifiedPlan":
-        """Plan of the first `count` aircraft; for arrays outside a traced function."""
+        """Plan of the first `count` aircraft; only for arrays outside of traced functions."""
         plan = first_rows(self, count)
         return eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, plan.certificate.clearance_ratio[:, :count])
 
@@ -243,12 +246,12 @@ class FixedPaths(eqx.Module):
 
 
 def fleet_bounds(paths: TimedPath, airspace: Airspace) -> PathBounds:
-    """Bounds of stacked paths."""
+    """Compute the bounds of each of the stacked paths."""
     return jax.vmap(path_bounds, in_axes=(0, None, None))(paths, airspace.wind, airspace.gravity)
 
 
 def within_limits(bounds: PathBounds, limits: PathLimits) -> Bool[Array, " aircraft"]:
-    """Whether stacked bounds satisfy each aircraft's limits."""
+    """Whether each aircraft's path, given its bounds, keeps the aircraft's limits."""
     return jnp.all(jax.vmap(excess)(bounds, limits) <= _ROUNDING, axis=1)
 
 
@@ -260,10 +263,10 @@ def certify(
     from_time: ScalarLike = -jnp.inf,
     bounds: PathBounds | None = None,
 ) -> Certificate:
-    """Certificate of stacked paths with `intervals` equal intervals between the knots of each path.
+    """Certify stacked paths, each with `intervals` equal intervals between its knots.
 
-    Limits are checked over the whole paths, distances from `from_time` (s) on. `bounds` saves the computation of the
-    paths' bounds.
+    Limits are checked over the whole paths, distances only from the time `from_time` (s) on. `bounds` are the bounds of
+    the paths if already computed.
     """
     bounds = fleet_bounds(paths, airspace) if bounds is None else bounds
     over = jax.vmap(excess)(bounds, tasks.limits)
@@ -309,12 +312,16 @@ def plan_fleet_at(
     extra_for: Bool[Array, " aircraft"] | None = None,
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
-    """Plan a fleet from a start time (s), with the given duration to each rendezvous (s).
+    """Plan a fleet from a start time (s): choose candidates with the given durations (s) and certify them.
+
+    A duration is the time from the start to the rendezvous of one aircraft.
 
     Parameters
     ----------
     intervals
         Number of equal intervals between the knots of a path.
+    candidate_set
+        Candidates to generate for each aircraft.
     extra_for
         Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
     fixed_paths
@@ -367,7 +374,7 @@ def _with_fixed_paths(
     durations: Float[Array, " aircraft"],
     intervals: int,
 ) -> Candidates:
-    """Replace the candidates of aircraft with a fixed path by that path."""
+    """Replace every candidate of an aircraft that has a fixed path by this path."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
 
     def tracked(path: TimedPath) -> Track:
@@ -397,10 +404,11 @@ def _choose_best_placement(
     active: Bool[Array, " aircraft"],
     rounds: int,
 ) -> CertifiedPlan:
-    """Plan with the fewest failing aircraft; candidates that fail the certificate are replaced, round by round.
+    """Choose and certify repeatedly, and return the plan with the fewest failing aircraft.
 
-    An aircraft also loses its `withdrawn` candidates at its first rejection. Candidates are checked at discrete times;
-    the certificate also bounds the motion in between and may find a slightly violated limit.
+    After each round, candidates that fail the certificate are excluded: they are checked at discrete times only, while
+    the certificate also bounds the motion in between and may find a slightly violated limit. An aircraft also loses its
+    `withdrawn` candidates at its first rejection.
     """
     fleet = jnp.arange(valid.shape[0])
 
@@ -426,5 +434,8 @@ plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_s
 
 
 def choose_interval_count(duration_s: float) -> int:
-    """Number of equal intervals for a path's duration: a power of two, 64 to 2048, of at most 2 s each if possible."""
+    """Number of equal intervals for a path of a duration (s): a power of two from 64 to 2048.
+
+    The least number with intervals of at most 2 s; a path of more than 4096 s has 2048 longer intervals.
+    """
     return next((intervals for intervals in (64, 128, 256, 512, 1024) if 2.0 * intervals >= duration_s), 2048)

@@ -3,6 +3,8 @@
 Over a short interval a path stays within acceleration x interval^2 / 8 of the chord between its ends, and two straight
 motions have their least distance in closed form. In a large fleet, bounding cylinders give a lower bound first (the
 broad phase), and the exact distance is computed for the nearest pairs only.
+
+A clearance ratio is the ratio of distance to required separation: at least 1 means separated.
 """
 
 from collections.abc import Callable
@@ -55,7 +57,7 @@ def _magnitude_min(begin: Float[Array, "*b"], end: Float[Array, "*b"]) -> Float[
 
 
 def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separation) -> Float[Array, "*batch"]:
-    """Least ratio of distance to separation between two paths: 1 is just enough.
+    """Lower bound of the ratio of distance to separation between two paths over time; at least 1 means separated.
 
     In each interval the larger of the horizontal and the vertical ratio counts; infinite without a required separation.
     Batches broadcast; the ranks must agree.
@@ -71,7 +73,7 @@ def pair_clearance_ratio(subject: Track, neighbour: Track, separation: Separatio
 def clearance_from_keep_outs(
     track: Track, times: Float[Array, " instants"], volumes: KeepOuts
 ) -> Float[Array, " volumes"]:
-    """Least distance of a path from each volume, m; negative inside."""
+    """Lower bound of a path's distance from each keep-out, m; negative inside."""
 
     def volume_clearance(volume: KeepOuts) -> Scalar:
         offset = track.positions_n[:, :2] - volume.position_n[None, :] - times[:, None] * volume.velocity_n[None, :]
@@ -85,14 +87,17 @@ def clearance_from_keep_outs(
 
 
 def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
-    """Greatest distance of a path from its chord, m, from acceleration bounds (m/s^2) and the interval's length (s)."""
+    """Greatest distance, m, of a path from its chord in each interval.
+
+    `acceleration` is the bound of the acceleration in the interval, m/s^2, `step` the interval's duration, s.
+    """
     return acceleration * step**2 / 8
 
 
 INTERVALS_PER_CYLINDER = 4
 """Intervals per bounding cylinder; divides every number of intervals in use."""
 EXACT_PAIRS = 24
-"""Number of neighbours of an aircraft with exact clearance; a smaller fleet is computed exactly throughout."""
+"""Number of nearest neighbours for which an aircraft's clearance is exact; in a smaller fleet every pair is exact."""
 _CYLINDER_TINY = (
     1e-9  # m^2: keeps the derivatives of roots finite; added to radii as well, so that the bound stays a lower bound
 )
@@ -121,7 +126,10 @@ class BoundingCylinders(eqx.Module):
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Cylinders of a track or of a batch of tracks, of `size` intervals each."""
+    """Compute one bounding cylinder for every `size` consecutive intervals of a track, or of each track of a batch.
+
+    Raises ValueError if `size` does not divide the number of intervals.
+    """
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
         raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
@@ -142,7 +150,10 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 
 
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Cylinders for `fleet_clearance_ratio`; empty for a small fleet, whose clearance is computed exactly."""
+    """Bounding cylinders of the tracks of a fleet of `fleet` aircraft, for `fleet_clearance_ratio`.
+
+    Without cylinders for a small fleet, whose clearance is computed exactly.
+    """
     if fleet > EXACT_PAIRS:
         return bounding_cylinders(tracks, size)
     empty = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
@@ -170,7 +181,7 @@ def fleet_clearance_ratio(
     neighbours: Bool[Array, " aircraft"],
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
-    """Clearance ratio between one path and each path of a fleet, see `pair_clearance_ratio`, or a lower bound of it.
+    """Clearance ratio between one path and each path of a fleet: exact for near neighbours, else a lower bound.
 
     Parameters
     ----------
@@ -179,13 +190,14 @@ def fleet_clearance_ratio(
     fleet
         Bounding cylinders of the fleet's paths, stacked.
     tracks_of
-        Function from aircraft indices to stacked paths.
+        Function that returns the stacked tracks for aircraft indices.
     neighbours
         Mask of the aircraft to compare with; the ratio is infinite elsewhere.
 
     Returns
     -------
-    Exact ratio for the `EXACT_PAIRS` nearest cylinders, the cylinders' bound elsewhere.
+    Ratio as in `pair_clearance_ratio` for the `EXACT_PAIRS` aircraft whose cylinders are nearest, the cylinders' lower
+    bound elsewhere.
     """
     count = neighbours.shape[0]
 
@@ -233,7 +245,7 @@ class ProfileSamples(eqx.Module):
 
 
 def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) -> ProfileSamples:
-    """Samples of a tabulated profile at times (s after its start)."""
+    """Evaluate a profile at times (s after its start)."""
 
     def sample(t: Scalar) -> ProfileSamples:
         inside = jnp.clip(t, 0.0, table.profile.duration)
@@ -248,11 +260,11 @@ def sample_profile(table: TabulatedProfile, times: Float[Array, " instants"]) ->
 
 
 class _Instant(eqx.Module):
-    """A candidate at one time."""
+    """Position and acceleration of a candidate at one time."""
 
     position_n: Vector3
     acceleration: Scalar
-    """Size of the acceleration over the ground, m/s^2."""
+    """Magnitude of the acceleration over the ground, m/s^2."""
     within_limits: Flag
     """Whether bank angle, load factor, and acceleration and deceleration along the path are within limits."""
 
@@ -260,7 +272,7 @@ class _Instant(eqx.Module):
 def _instant(
     sample: ProfileSamples, horizontal: Route, scale: Scalar, limits: PathLimits, gravity: ScalarLike
 ) -> _Instant:
-    """One sample of a profile along a route of `scale` times the length of the profile's path."""
+    """Evaluate a candidate at one sample of its profile; the route is `scale` times as long as the profile's path."""
     route_position, heading, curvature = horizontal.at(scale * sample.length)
     direction = cis(heading)
     level = route_position + sample.since_end * sample.speed * direction
@@ -293,7 +305,7 @@ def route_track(
     gravity: ScalarLike,
     active: ScalarLike = 1.0,
 ) -> tuple[Track, Flag]:
-    """Track of a candidate with a route at the sample times (s), and whether its limits are satisfied there.
+    """Track of a candidate made of a route and a profile, at sample times (s); and whether it keeps its limits there.
 
     `speed` is the mean airspeed, m/s; `active` is 0 for an ignored aircraft. Limits of altitude, airspeed and climb
     belong to the profile and are not checked again.
@@ -320,7 +332,7 @@ def path_track(
     times: Float[Array, " instants"],
     from_time: ScalarLike = -jnp.inf,
 ) -> Track:
-    """Track of a delivered path at equally spaced times (s), with a rigorous acceleration bound in each interval.
+    """Track of a timed path at equally spaced times (s), with a rigorous acceleration bound in each interval.
 
     `accelerations` bounds the acceleration in each cell of the path, m/s^2; `active` is 0 for an ignored aircraft. The
     time before `from_time` (s) and before the path's start is not included.

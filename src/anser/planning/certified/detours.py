@@ -1,9 +1,9 @@
 """Detours: direct paths of two turns and detours from them with a target length, with tight or with wide turns.
 
-A direct path turns, flies straight and turns; the senses of the two turns give four words (as for Dubins' paths, except
-that curvature ramps add length). A detour leaves the straight line by an angle: the lengths of its two groups of
-parallel legs follow linearly from the endpoint, and the angle follows from the target length. If the legs are long
-enough, turns are widened to reduce the bank angle.
+A direct path turns, flies straight and turns. Its word gives the senses of the two turns, as for Dubins' paths, so that
+there are four words; curvature ramps at the turns add length to Dubins' paths. A detour leaves the straight line by an
+angle: the lengths of its two groups of parallel legs follow linearly from the endpoint, and the angle follows from the
+target length. If the legs are long enough, turns are widened to reduce the bank angle.
 """
 
 import equinox as eqx
@@ -50,27 +50,27 @@ _ANGLE_COUNT = 16
 _STEPS = 10
 _REAIM_STEPS, _LONGEST_STEP = 6, 0.3  # starting from a nearby path; rad
 _LENGTH_TOLERANCE = 1e-6
-"""Relative tolerance of a length; the airspeed absorbs the difference."""
+"""Tolerance of a path's length, relative to the length; the airspeed absorbs the difference."""
 _LENGTH_MAX = 1e12
 _END_TOLERANCE = 1e-8  # greatest miss distance of a direct path, relative to its length
 _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """The direct path of one Dubins word: a turn, a straight line, a turn.
+    """Direct path of one Dubins word: a turn, a straight line, a turn.
 
     Attributes
     ----------
     heading
         Heading of the straight part, rad.
     angles
-        First and last turn, rad.
+        Angles of the first and the last turn, rad, right positive.
     straight, length
         Length of the straight part and of the whole path, m.
     exists
         Whether the path reaches its end.
     scales
-        Scales of the two turns, see `turn_limits`.
+        Radius of each turn in units of the tightest turn's radius.
     """
 
     heading: Scalar
@@ -82,7 +82,7 @@ class DirectPath(eqx.Module):
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
-    """Values of four turns: those of the first and the last turn, and `inner` for the middle two."""
+    """Values for the four turns of a detour: `outer` for the first and the last turn, `inner` for the two between."""
     return jnp.concatenate([outer[:1], jnp.full(2, inner), outer[1:]])
 
 
@@ -99,7 +99,10 @@ def _word_angles(
 def _aim(
     endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"]
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Length of the straight part, miss distance to the right of the end, and length of the whole path."""
+    """Compute where a direct path with given turns ends.
+
+    Returns the length of the straight part, the miss distance to the right of the end, and the length of the path, m.
+    """
     initial = roll_out(endpoints)
     turns, turn_length, headings = chain_turns(
         endpoints, initial.heading, _four_values(angles), _four_values(scales, 1.0)
@@ -114,7 +117,7 @@ def _aim_error(angle: Scalar, data: tuple[PathEndpoints, Float[Array, "2"], Floa
 
 
 def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath:
-    """The shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
+    """Find the shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
     start_heading = roll_out(endpoints).heading
     width = FULL_TURN / _HEADING_COUNT
     # The grid starts slightly before the current heading, so that straight flight lies inside.
@@ -133,14 +136,17 @@ def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath
 
 
 def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
-    """Derivatives of the two turn angles by heading: the first turn grows with it, the last turn shrinks."""
+    """Derivatives of the two turn angles with respect to the heading of the straight part.
+
+    1 for the first turn, -1 for the last turn, or 0 for the last turn if the end heading is free.
+    """
     return jnp.where(endpoints.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
 
 
 def _make_direct(
     endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """The direct path with the given turns; invalid if it misses its end."""
+    """Build the direct path with the given turn angles (rad) and scales; invalid if it misses its end."""
     straight_length, miss, length = _aim(endpoints, angles, scales)
     exists = may_exist & (jnp.abs(miss) <= _END_TOLERANCE * jnp.abs(length) + 1e-6) & (straight_length >= 0.0)
     heading, straight = roll_out(endpoints).heading + angles[0], jnp.maximum(straight_length, 0.0)
@@ -148,7 +154,10 @@ def _make_direct(
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
-    """Correct a direct path for other endpoints or turn scales, by the secant method."""
+    """Adapt a direct path to other endpoints or turn scales.
+
+    The heading of its straight part is found anew, by the secant method.
+    """
     angle_rates = _angle_rates(endpoints)
 
     def miss(x: Scalar) -> Scalar:
@@ -171,10 +180,18 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 
 
 class Detour(eqx.Module):
-    """Shape of a detour; arrays, so that a batch of detours is one computation.
+    """Shape of a detour as arrays, so that a batch of detours of different kinds is one computation.
 
-    Values of the legs as in `HEADINGS`, `FIRST_PARTS`, `SECOND_PARTS`, `FIXED_PARTS` (positive headings: right side),
-    and the greatest angle of the search, rad.
+    Attributes
+    ----------
+    headings
+        Heading of each leg relative to the direct path's straight part, in units of the detour's angle; right positive.
+    first_parts, second_parts
+        Coefficients of the two unknown lengths in each leg's length.
+    fixed_parts
+        Fraction of the straight part's length that is added to each leg.
+    angle_max
+        Greatest angle of the search, rad.
     """
 
     headings: Float[Array, "3"]
@@ -185,7 +202,7 @@ class Detour(eqx.Module):
 
 
 def detour(kind: Count | int, side: ScalarLike) -> Detour:
-    """Detour of a kind (0 to DETOUR_KINDS - 1) to a side (+1 right, -1 left)."""
+    """Return the shape of a detour of one kind (0 to DETOUR_KINDS - 1) to one side (+1 right, -1 left)."""
     headings, *parts_and_limit = (
         jnp.asarray(table)[kind] for table in (HEADINGS, FIRST_PARTS, SECOND_PARTS, FIXED_PARTS, ANGLE_MAX)
     )
@@ -201,7 +218,7 @@ def _turn_angles(base: DirectPath, detour: Detour, angle: ScalarLike, end_free: 
 def _legs(
     endpoints: PathEndpoints, base: DirectPath, detour: Detour, scales: Float[Array, "4"], angle: ScalarLike
 ) -> tuple[Float[Array, "3"], Scalar]:
-    """Lengths of the three legs and of the whole path, m; a negative length is invalid."""
+    """Compute the lengths of a detour's three legs and of the whole path, m; a negative leg length is invalid."""
     initial = roll_out(endpoints)
     angles = _turn_angles(base, detour, angle, endpoints.end_free)
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
@@ -229,9 +246,10 @@ def solve_detour(
     target_length: ScalarLike,
     scales: Float[Array, "4"] | None = None,
 ) -> TurnsAndLegs:
-    """Detour from a direct path with a target length (m), of the least angle, within a part in a million.
+    """Find the detour of least angle that has a target length (m), to a part in a million.
 
-    `scales` are the scales of the turns, see `turn_limits`; None: the tightest turns.
+    `base` is the direct path from which it departs; `scales` are the turn radii in units of the tightest turn's (None:
+    the tightest turns).
     """
     target_length = jnp.asarray(target_length, dtype=float)
     scales = jnp.ones(4) if scales is None else scales
@@ -267,9 +285,10 @@ _LEG_M = 4000.0  # greatest leg of a racetrack: a longer target length adds laps
 def solve_racetrack(
     endpoints: PathEndpoints, base: DirectPath, side: Scalar, target_length: ScalarLike, scale: ScalarLike = 1.0
 ) -> TurnsAndLegs:
-    """A racetrack to a side (+1 right), then a direct path: reaches any target length (m) of at least one lap more.
+    """Path of a target length (m): laps of a racetrack to a side (+1 right), then a direct path.
 
-    `scale` widens the turns, see `turn_limits`. Laps after the first are full turns, so that the legs stay short.
+    Exists for any target length that leaves at least one lap. `scale` is the turn radius in units of the tightest
+    turn's. Laps after the first are full turns, so that the legs stay short.
     """
     target_length = jnp.asarray(target_length, dtype=float)
     curvature, sharpness = turn_limits(endpoints, scale)
@@ -287,9 +306,9 @@ def solve_racetrack(
 
 
 GENTLE_BANK = 0.0873
-"""Bank angle of the widest turn, rad (5 deg): a wider turn takes long without a noticeable benefit."""
+"""Bank angle of the widest turn, rad (5 deg): an even wider turn takes longer without a noticeable benefit."""
 WIDTHS = (1.0, 0.6, 0.3)
-"""Powers of the widest scales in the search, the widest turns first."""
+"""Exponents of the widest possible scales that are tried for the turns, the widest turns first."""
 _PART_OF_LEG, _PART_OF_STRAIGHT = (
     0.4,
     0.2,
@@ -301,7 +320,10 @@ _CORNER_MAX = 2.4  # rad: the corner of a greater turn is far away or does not e
 def _widest_scales(
     endpoints: PathEndpoints, angles: Float[Array, " turns"], lengths: Float[Array, " turns"]
 ) -> Float[Array, " turns"]:
-    """Scales that move the start and end of turns (rad) farther from the corners by given lengths, m."""
+    """Scales of the widest turns by `angles` (rad) for which the legs have room.
+
+    A turn may start and end farther from its corner than the tightest turn by `lengths`, m.
+    """
     size = jnp.abs(angles)
     corner = jnp.tan(0.5 * jnp.minimum(size, _CORNER_MAX)) / endpoints.curvature_max
     scales = 1.0 + lengths / jnp.maximum(corner, 1e-9)
@@ -311,19 +333,19 @@ def _widest_scales(
 def widen_direct(endpoints: PathEndpoints, base: DirectPath, width: ScalarLike) -> DirectPath:
     """Direct path of the same word, with turns as wide as the length of the straight part allows.
 
-    `width` is the power of the widest scales: 0 leaves the turns at their tightest.
+    `width` is an exponent of the widest possible scales: 1 for the widest turns, 0 for the tightest.
     """
     widest = _widest_scales(endpoints, base.angles, _PART_OF_STRAIGHT * jnp.broadcast_to(base.straight, (2,)))
     return reaim(endpoints, base, widest**width)
 
 
 def widen_directs(endpoints: PathEndpoints, base: DirectPath) -> DirectPath:
-    """Direct paths of all `WIDTHS`, stacked."""
+    """Return the direct path with turns of each of the `WIDTHS`, stacked."""
     return jax.vmap(lambda width: widen_direct(endpoints, base, width))(jnp.array(WIDTHS))
 
 
 def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLegs:
-    """The first valid path of a stack; without any, the fallback."""
+    """Return the first valid path of a stack, or the fallback if none is valid."""
     picked = jax.tree.map(lambda leaf: leaf[jnp.argmax(options.exists)], options)
     return jax.tree.map(lambda a, b: jnp.where(jnp.any(options.exists), a, b), picked, fallback)
 
@@ -331,9 +353,10 @@ def _first_existing(options: TurnsAndLegs, fallback: TurnsAndLegs) -> TurnsAndLe
 def widen_detour(
     endpoints: PathEndpoints, wide: DirectPath, detour: Detour, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
-    """A detour of a target length (m) with turns as wide as the legs allow; `tight` if wider turns do not fit.
+    """Widen a detour of a target length (m) as far as its legs allow; return `tight` if wider turns do not fit.
 
-    `wide` is the direct path with turns of all widths, see `widen_directs`; `tight` the detour with the tightest turns.
+    `wide` is the direct path with turns of all widths, see `widen_directs`; `tight` is the detour with the tightest
+    turns.
     """
     legs_before, legs_after = jnp.append(tight.legs[:1], tight.legs), jnp.append(tight.legs, tight.legs[-1:])
     widest = _widest_scales(endpoints, tight.angles, _PART_OF_LEG * jnp.minimum(legs_before, legs_after))
@@ -351,7 +374,7 @@ def widen_detour(
 def widen_racetrack(
     endpoints: PathEndpoints, wide: DirectPath, side: Scalar, target_length: ScalarLike, tight: TurnsAndLegs
 ) -> TurnsAndLegs:
-    """A racetrack of a target length (m) with turns as wide as one lap allows; arguments as for `widen_detour`."""
+    """Widen a racetrack of a target length (m) as far as one lap allows; arguments as for `widen_detour`."""
 
     def solve_width(base: DirectPath) -> TurnsAndLegs:
         ramps = 2.0 * smooth_turn(jnp.pi, *turn_limits(endpoints, 1.0)).ramp
@@ -363,7 +386,7 @@ def widen_racetrack(
 
 
 def greatest_curvature(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Scalar:
-    """Greatest curvature of the turns of a path, 1/m."""
+    """Greatest curvature, 1/m, among the turns of a path."""
     tight = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns: Array = jax.vmap(lambda angle, *turn_tightness: jnp.abs(smooth_turn(angle, *turn_tightness).peak))(
         solved.angles, *tight
@@ -372,7 +395,7 @@ def greatest_curvature(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Scalar
 
 
 def greatest_bank_rate(path: TimedPath, gravity: ScalarLike) -> Scalar:
-    """Greatest rate of the bank angle in coordinated flight along a path, from eight samples per cell, rad/s."""
+    """Greatest bank rate, rad/s, along a path in coordinated flight, from eight samples per cell."""
 
     def bank(time: Scalar) -> Scalar:
         return demand(path.air_velocity_n(time), path.at(time).acceleration_n, gravity).bank

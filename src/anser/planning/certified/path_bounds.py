@@ -1,4 +1,4 @@
-"""Bounds of the flight quantities along a delivered path, valid between the knots too.
+"""Bounds of airspeed, bank angle, load factor and other quantities along a timed path, valid between the knots too.
 
 Each cell of the path is a polynomial in time. Its Bernstein coefficients bound position, velocity, acceleration and
 their products; interval arithmetic gives the bounds of the remaining quantities. The bounds are rigorous except for
@@ -65,10 +65,10 @@ class PathBounds(eqx.Module):
     cell_load_factors: Float[Array, "cells 2"]
 
     def along_at_start(self, limits: PathLimits) -> tuple[Any, Any]:
-        """Equivalent acceleration and deceleration at the aircraft's start, in level flight, m/s^2.
+        """Convert the greatest acceleration and deceleration to equal demands in level flight at the start, m/s^2.
 
-        They satisfy the limits at the start if and only if the path satisfies the limits at every airspeed and load
-        factor.
+        The limits depend on airspeed and load factor. The converted values satisfy the limits at the start if and only
+        if the path satisfies the limits at every airspeed and load factor.
         """
         idle, xp = limits.idle, namespace(self, limits)
         if idle is None:
@@ -113,7 +113,7 @@ def _square(a: Float[Array, "cells axes n"]) -> Cells:
 def _wind_error(
     wind: AbstractWind, down: Cells, slope: Float[Array, "cells 3 5"], drifting: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Bound of |slope of the drift - wind| per cell."""
+    """Upper bound of |slope of the drift - wind|, m/s, in each cell."""
     if isinstance(wind, SteadyWind):
         difference = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
         return jnp.where(drifting, safe_sqrt(jnp.sum(difference**2, axis=1)), 0.0)
@@ -196,13 +196,13 @@ def _bank_and_load(
 
 
 def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Float[Array, " cells"]:
-    """Upper bound of a ratio of polynomials; 1 in cells that are not sound."""
+    """Upper bound of a ratio of polynomials per cell; 1 in cells that are not `sound`."""
     safe = jnp.where(sound[:, None] & (lower > 0.0), lower, 1.0)
     return jnp.where(sound, jnp.max(upper / safe, axis=1), 1.0)
 
 
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
-    """Bounds of a path in a wind (steady or layered) under a gravity (m/s^2).
+    """Compute the bounds of a path in a wind (steady or layered) under a gravity (m/s^2).
 
     Notes
     -----
@@ -263,9 +263,10 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
 def _ratio_to_root_max(
     upper: Cells, square: Cells, slow: Float[Array, " cells"], fast: Float[Array, " cells"]
 ) -> Float[Array, " cells"]:
-    """Upper bound of a polynomial divided by the root of another, `slow` <= root <= `fast`; 0 if the ratio is negative.
+    """Upper bound, per cell, of a polynomial divided by the root of another; 0 if the ratio is negative.
 
-    For any m the root of s is at least 2 m s / (m^2 + s), a close bound if m is close to the root.
+    The root is between `slow` and `fast`. For any m the root of s is at least 2 m s / (m^2 + s), a close bound if m is
+    close to the root.
     """
     middle = 0.5 * (slow + fast)
     scaled = square / (middle**2)[:, None]
@@ -276,7 +277,7 @@ def _ratio_to_root_max(
 
 
 def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, Array]:
-    """Bounds of a length from its square's coefficients, widened by an error."""
+    """Lower and upper bound of a length, per cell, from the coefficients of its square, widened by an error."""
     low, high = bernstein.bounds(square)
     return jnp.maximum(safe_sqrt(low) - error, 0.0), safe_sqrt(high) + error
 
@@ -284,7 +285,7 @@ def _root_bounds(square: Cells, error: Float[Array, " cells"]) -> tuple[Array, A
 def excess(
     bounds: PathBounds, limits: PathLimits, limits_checked: tuple[Limit, ...] = CERTIFIED_LIMITS
 ) -> Float[Array, " limits"]:
-    """Relative excess of a path's bounds over each limit; at most 0 if the limit is satisfied."""
+    """How far the bounds of a path exceed each limit, relative to the limit; at most 0 if the limit is satisfied."""
     along: dict[str, Any] = dict(
         zip(("acceleration_max", "deceleration_max"), bounds.along_at_start(limits), strict=True)
     )

@@ -96,7 +96,8 @@ class CertifiedPlanner(AbstractPlanner):
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
         """Search for a plan with a common arrival time, with holds up to the latest arrival; not traceable by JAX.
 
-        For other arrival rules see `search_plan`; `anser.missions.refusal` tells the reason of a refusal.
+        `anser.missions` calls `search_plan` instead, which takes any arrival rule; `anser.missions.refusal` finds the
+        reason for a missing plan.
 
         Raises
         ------
@@ -111,10 +112,9 @@ class CertifiedPlanner(AbstractPlanner):
         return CertifiedPlanState(outcome.plan, jnp.asarray(FIRST_PLAN), holds, tasks.limits)
 
     def resolve_limits(self, performance: Performance) -> PathLimits:
-        """Limits with the accelerations available from the engine, unless prescribed.
+        """Complete the limits with the accelerations that the engine allows, less the reserve, unless prescribed.
 
-        At full thrust this is the acceleration at the start; at idle it depends on airspeed and load factor. The
-        `acceleration_reserve` is subtracted.
+        At full thrust this is the acceleration at the start; at idle it depends on airspeed and load factor.
         """
 
         def resolve(prescribed: Array, available: Array) -> Array:
@@ -134,7 +134,7 @@ class CertifiedPlanner(AbstractPlanner):
         return eqx.tree_at(lambda resolve: resolve.idle, limits, idle, is_leaf=lambda leaf: leaf is None)
 
     def correction_limits(self, limits: PathLimits) -> PathLimits:
-        """Limits of a path corrected in flight: the limits of a new path plus the `acceleration_reserve`."""
+        """Return the limits of a path corrected in flight: those of a new path plus the `acceleration_reserve`."""
         return eqx.tree_at(
             acceleration_limits, limits, replace_fn=lambda limit: limit / (1.0 - self.acceleration_reserve)
         )
@@ -147,10 +147,25 @@ class CertifiedPlanner(AbstractPlanner):
         end_time: float,
         on_progress: Callable[[str], None] = lambda message: None,
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
-        """A first plan with its holds; without a plan, the holds of the closest attempt, if any.
+        """Search for a first plan and its holds.
 
-        The search starts at a time (s), with tasks from `aircraft_tasks`; the holds keep the separation up to the end
-        of the flight, `end_time` (s). `on_progress` receives progress messages.
+        Parameters
+        ----------
+        time
+            Start of the search, s.
+        tasks
+            Tasks from `aircraft_tasks`.
+        request
+            Arrival rule.
+        end_time
+            End of the flight, s, up to which the holds keep the separation.
+        on_progress
+            Callback for progress messages.
+
+        Returns
+        -------
+        Outcome of the search, and the holds. Without a plan: the holds of the closest attempt, None if no attempt was
+        feasible up to the arrivals. For the reasons of a missing plan, see `anser.missions.refusal`.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
 
@@ -200,7 +215,7 @@ class CertifiedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> CertifiedPlanState:
-        """Correct, replace or retain the plan, see `replan_certified`; a new plan gets new holds."""
+        """Correct, replace or keep the plan, see `replan_certified`; a new plan gets new holds."""
         tasks = self.aircraft_tasks(reports, planner_state.limits)
         result = replan_certified(
             planner_state.plan,
@@ -258,7 +273,7 @@ class CertifiedPlanner(AbstractPlanner):
         )
 
     def aircraft_tasks(self, reports: AircraftReport, limits: PathLimits) -> AircraftTask:
-        """Planning problem of each aircraft, assumed in steady straight flight, as at the start."""
+        """Return the planning problem of each aircraft; steady straight flight is assumed, as at the start."""
         return AircraftTask(
             position_n=reports.position_n,
             air_velocity_n=reports.air_velocity_n,

@@ -16,7 +16,7 @@ from anser.planning.limits import PathLimits
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 
 CURVATURE_FRACTION = 0.98
-"""Fraction of the curvature allowed by bank and load factor; certificate and fit need the remainder."""
+"""Fraction of the curvature allowed by bank and load factor that profiles use; certificate and fit need the rest."""
 _RULE = gauss_legendre(4)
 _FADE_S = 3.0  # duration in which the initial acceleration fades out
 CLIMB_ACCELERATION = 1.0  # m/s^2: a tenth of g, with little effect on the bank angle
@@ -27,7 +27,7 @@ _LEVEL_OFF_ROUNDS = 3
 _DETOUR_RATE, _DETOUR_ACCELERATION = 3.44, 24.0  # greatest slope and second derivative of 64 (s (1 - s))^3
 _FADING_RATE = 0.053  # greatest slope of t^2/2 (1 - t)^4
 KINKS = 5
-"""Number of jumps of a third derivative of a profile."""
+"""Number of times at which a third derivative of a profile jumps."""
 _SQUARE_MIN = 1.0  # (m/s)^2: keeps the horizontal airspeed of a vertical path finite; such a path is refused
 
 
@@ -44,7 +44,7 @@ class ProfileState(eqx.Module):
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed over time.
+    """Altitude and airspeed over time, for a given duration.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class Profile(eqx.Module):
     altitude_0, climb_0, climb_1
         Initial altitude, m; initial and final vertical speed over the ground, m/s.
     climb_dot_0, speed_dot_0
-        Initial accelerations, m/s^2.
+        Initial rates of the vertical speed and of the airspeed, m/s^2.
     plateau, climb_ramp
         Vertical speed in the middle, m/s, and duration of the change to and from it, s.
     detour
@@ -81,7 +81,7 @@ class Profile(eqx.Module):
 
     @property
     def kinks(self) -> Float[Array, "5"]:
-        """Times with a jump of a third derivative, s after the start."""
+        """Times at which a third derivative jumps, s after the start."""
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
         late = self.duration - jnp.stack([self.climb_ramp, self.speed_ramp_2])
         return jnp.concatenate([jnp.stack([self.climb_ramp, self.speed_ramp, fade]), late])
@@ -105,7 +105,7 @@ class Profile(eqx.Module):
 
     @property
     def climb_bounds(self) -> tuple[Scalar, Scalar]:
-        """Bounds of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
+        """Upper bounds of the magnitudes of the vertical speed over the ground, m/s, and of its rate, m/s^2."""
         end_speed_max = jnp.maximum(jnp.abs(self.climb_0), jnp.abs(self.climb_1))
         change = jnp.maximum(jnp.abs(self.plateau - self.climb_0), jnp.abs(self.climb_1 - self.plateau))
         fade = jnp.minimum(_FADE_S, 0.5 * self.duration)
@@ -117,7 +117,7 @@ class Profile(eqx.Module):
         return climb, rate
 
     def at(self, t: ScalarLike) -> ProfileState:
-        """State `t` seconds after the start."""
+        """Altitude, airspeed and their rates `t` seconds after the start."""
         ramp, total = self.climb_ramp, self.duration
         rise, rise_dot, risen = _smoothstep(t / ramp)
         fall, fall_dot, fallen = _smoothstep((t - total + ramp) / ramp)
@@ -148,7 +148,7 @@ class Profile(eqx.Module):
 
 
 def _smoothstep(u: ScalarLike) -> tuple[Scalar, Scalar, Scalar]:
-    """Smoothstep from 0 to 1, with its slope and its integral."""
+    """Value, slope and integral from 0 of the smoothstep from 0 to 1."""
     v = jnp.clip(u, 0.0, 1.0)
     return v * v * (3 - 2 * v), 6 * v * (1 - v), v**3 * (1 - 0.5 * v) + jnp.maximum(u - 1.0, 0.0)
 
@@ -179,7 +179,7 @@ Rates = tuple[ScalarLike, ScalarLike]
 
 
 def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES) -> Scalar:
-    """Duration of a change of airspeed (m/s), s, at the greatest rates of gain and loss (m/s^2)."""
+    """Duration, s, of a change of airspeed (m/s) at the greatest rates of gain and loss (`rates`, m/s^2)."""
     rate = jnp.where(jnp.asarray(end) > begin, rates[0], rates[1])
     return jnp.clip(1.5 * jnp.abs(end - begin) / rate, _SHORTEST_RAMP_S, 0.8 * duration)
 
@@ -187,7 +187,7 @@ def speed_ramp(begin: ScalarLike, end: ScalarLike, duration: ScalarLike, rates: 
 def mean_to_last_speed(
     mean: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Final airspeed of the profile with one change of airspeed and a given mean airspeed (m/s).
+    """Final airspeed, m/s, with which a profile with one change of airspeed has a given mean airspeed (m/s).
 
     The final change is d / (1 - ramp / (2 duration)), with d the change of the mean; the ramp is proportional to the
     final change, which gives a quadratic equation.
@@ -204,7 +204,7 @@ def mean_to_last_speed(
 def last_to_mean_speed(
     final_speed: ScalarLike, speed_0: ScalarLike, duration: ScalarLike, rates: Rates = _SPEED_RATES
 ) -> Scalar:
-    """Mean airspeed of a profile that ends at an airspeed (m/s)."""
+    """Mean airspeed, m/s, of a profile with one change of airspeed that ends at `final_speed` (m/s)."""
     return final_speed + 0.5 * speed_ramp(speed_0, final_speed, duration, rates) / duration * (speed_0 - final_speed)
 
 
@@ -218,10 +218,22 @@ def make_profile(
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Profile between two altitudes (m) and vertical speeds over the ground (m/s), with a detour in altitude (m).
+    """Make the profile between two altitudes (m) and two vertical speeds over the ground (m/s).
 
-    `speeds` are the initial, middle and final airspeed, m/s; `rates` the greatest rates of gain and loss of airspeed,
-    and `climb_dot_0` and `speed_dot_0` the initial accelerations, m/s^2.
+    Parameters
+    ----------
+    duration
+        Duration, s.
+    altitudes, climbs
+        Initial and final altitude, m; initial and final vertical speed over the ground, m/s.
+    climb_dot_0, speed_dot_0
+        Initial rates of the vertical speed and of the airspeed, m/s^2.
+    detour
+        Greatest additional altitude in the middle, m.
+    speeds
+        Initial, middle and final airspeed, m/s.
+    rates
+        Greatest rates of gain and loss of airspeed, m/s^2.
     """
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
@@ -280,11 +292,11 @@ class TabulatedProfile(eqx.Module):
         return self.drifts_n[..., -1, :]
 
     def rates(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
-        """Horizontal airspeed, m/s, and wind, NED, m/s."""
+        """Horizontal airspeed, m/s, and wind, NED, m/s, `t` seconds after the start."""
         return horizontal_speed(self.profile, self.wind, t)
 
     def flown_at(self, t: ScalarLike) -> tuple[Scalar, Vector3]:
-        """Horizontal length flown, m, and displacement of the air, NED, m, at a time after the start (s)."""
+        """Horizontal length flown through the air, m, and displacement of the air, NED, m, after `t` seconds."""
         count = self.lengths.shape[0] - 1
         step = self.profile.duration / count
         k = jnp.clip(jnp.floor(t / step).astype(jnp.int32), 0, count - 1)
@@ -313,7 +325,10 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
 
 
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal length flown, m, and displacement of the air, NED, m, in a span of time (s) without a kink."""
+    """Horizontal length flown through the air, m, and displacement of the air, NED, m, from `begin` for `span` seconds.
+
+    The span contains no kink of the profile.
+    """
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)
@@ -334,9 +349,10 @@ def tabulate(profile: Profile, wind: AbstractWind, intervals: int) -> TabulatedP
 
 
 def profile_excess(table: TabulatedProfile, limits: PathLimits, gravity: ScalarLike) -> Float[Array, "6"]:
-    """Greatest excess of a profile over each limit at the grid times; negative: margin.
+    """How far a profile exceeds its limits at the grid times: six greatest excesses, negative within the limit.
 
-    Airspeed too low and too high (m/s), climb rate (m/s), altitude too low and too high (m), acceleration (m/s^2).
+    In order: airspeed below and above its limits (m/s), climb rate (m/s), altitude below and above its limits (m),
+    acceleration along the path (m/s^2).
     """
     profile = table.profile
     times = profile.duration * jnp.linspace(0.0, 1.0, table.lengths.shape[0])

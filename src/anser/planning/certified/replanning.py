@@ -1,6 +1,7 @@
 """Replanning in flight: correction or replacement of a certified plan, and the exit path of a departing aircraft.
 
-Velocity and acceleration stay continuous throughout.
+The compiled planner calls `replan_certified` periodically; the replanning after an event, outside the loop, is
+`anser.missions.replanning`. Velocity and acceleration stay continuous throughout.
 """
 
 from collections.abc import Callable
@@ -41,9 +42,9 @@ SIGNIFICANT_DEVIATIONS = 3.0
 """Shift of a rendezvous, in standard deviations of the goal's estimate, that justifies a new plan. A smaller shift may
 well be reversed by the next measurements."""
 CORRECTION_FRACTIONS = (1.0, 0.75, 0.5, 0.25)
-"""Fractions of a correction to try, the greatest first, if no new plan is found."""
+"""Fractions of a correction that are tried if the whole correction is infeasible and no new plan is found."""
 DELAY_FRACTIONS = (0.0, 0.03, 0.08, 0.15)
-"""Delays of the arrivals to try if arrival times are free, as fractions of the longest time to go."""
+"""Delays that are tried if arrival times are free, as fractions of the longest time to go."""
 
 
 def interval_count(paths: TimedPath) -> int:
@@ -54,7 +55,7 @@ def interval_count(paths: TimedPath) -> int:
 def correct_path(
     path: TimedPath, task: AircraftTask, time: ScalarLike, to_go: ScalarLike | None = None, lead: ScalarLike = 0.0
 ) -> TimedPath:
-    """The same path, corrected smoothly from a knot on to end at the expected rendezvous; C2 everywhere.
+    """Bend a path smoothly, from a knot on, so that it ends at the rendezvous expected now; C2 everywhere.
 
     The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly. The task has
     the currently measured goal; `time` (s) is on the path's clock.
@@ -86,14 +87,14 @@ def correct_path(
 
 
 def rendezvous_offset_n(path: TimedPath, task: AircraftTask, to_go: ScalarLike) -> Vector3:
-    """Offset from the end of a path to the rendezvous expected after a time (s), NED, m."""
+    """Offset from the end of a path to the rendezvous expected `to_go` seconds from now, NED, m."""
     return task.meeting_n(to_go) - path.air_n[-1, 0] - path.drift_n[-1, 0]
 
 
 def rendezvous_has_moved(
     path: TimedPath, task: AircraftTask, covariance: Float[Array, "6 6"], to_go: ScalarLike
 ) -> Flag:
-    """Whether the distance of a rendezvous from the end of a path exceeds the uncertainty of its goal.
+    """Whether the rendezvous is farther from the end of the path than the uncertainty of its goal explains.
 
     The threshold is `SIGNIFICANT_DEVIATIONS` standard deviations of the goal's position at the arrival, along the
     offset. The task has the currently measured goal; `to_go` is the time to the arrival, s.
@@ -112,7 +113,10 @@ def rendezvous_has_moved(
 
 
 def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> AircraftTask:
-    """The task from the planned state at a time: velocity and acceleration continue without a jump."""
+    """Return the task with its start moved to the planned state at a time (s).
+
+    Velocity and acceleration of a new path thus continue without a jump.
+    """
     air, drift = path.states_n(time)
     return eqx.tree_at(
         lambda t: (t.position_n, t.air_velocity_n, t.air_acceleration_n),
@@ -158,7 +162,7 @@ def arrival_delays(
 
 
 class AttemptLadder(eqx.Module):
-    """Attempts at a new plan in flight: the allowed delays with the limits of a new path, then with relaxed limits.
+    """Order of the attempts at a new plan in flight: each allowed delay with the limits of a new path, then wider ones.
 
     Attributes
     ----------
@@ -180,7 +184,7 @@ class AttemptLadder(eqx.Module):
     def first_success(
         self, try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]], initial: _Plan
     ) -> tuple[Flag, _Plan, Scalar]:
-        """Try plans until the first success.
+        """Attempt plans in order until the first success.
 
         Parameters
         ----------
@@ -191,7 +195,7 @@ class AttemptLadder(eqx.Module):
 
         Returns
         -------
-        Success, the last plan, and its delay, s.
+        Success, the plan of the last attempt, and its delay, s.
         """
         relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
         attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
@@ -213,7 +217,17 @@ class AttemptLadder(eqx.Module):
 
 
 class ReplanningResult(eqx.Module):
-    """A plan, its status (index into `REPLANNING_MESSAGES`), and whether a necessary replanning failed."""
+    """Result of `replan_certified`.
+
+    Attributes
+    ----------
+    plan
+        Plan in force.
+    status
+        Index into `REPLANNING_MESSAGES`.
+    replan_needed
+        Whether a new plan was needed that `allow_replanning` forbids.
+    """
 
     plan: CertifiedPlan
     status: Count
@@ -232,7 +246,7 @@ def replan_certified(
     covariances: Float[Array, "aircraft 6 6"] | None = None,
     correction_limits: PathLimits | None = None,
 ) -> ReplanningResult:
-    """Replan from the planned state, towards the currently measured goals.
+    """Correct or replace a plan so that it leads to the currently measured goals.
 
     Parameters
     ----------
@@ -256,9 +270,13 @@ def replan_certified(
 
     Returns
     -------
-    The first feasible plan of: the current plan, corrected to the expected rendezvous; a new plan from the planned
-    positions, velocities and accelerations, with the limits of a new path, then of a corrected path; the current plan,
-    with each path corrected as far as its limits allow; the current plan unchanged.
+    The first feasible of these plans:
+
+    1. the current plan, corrected to the expected rendezvous;
+    2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;
+    3. the same with the limits of a corrected path;
+    4. the current plan, with each path corrected as far as its limits allow;
+    5. the current plan unchanged.
     """
     intervals = interval_count(plan.paths)
     active = tasks.active > 0.0
@@ -353,7 +371,7 @@ def _recertify(
     under_way: Bool[Array, " aircraft"],
     bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
-    """The plan with new paths, certified from the current time on."""
+    """Replace the paths and arrival times of a plan and certify it from the current time (s) on."""
     tasks_under_way = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
     certificate = certify(paths, tasks_under_way, airspace, intervals, time, bounds)
     remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
@@ -384,10 +402,11 @@ def exit_path(
     wind: AbstractWind,
     gravity: ScalarLike,
 ) -> TimedPath:
-    """Exit path from the planned position at a time to another time (s), with as many knots as the planned path.
+    """Path on which an aircraft leaves the fleet: from its planned position at `start_time` to `end_time` (s).
 
-    Velocity and acceleration continue without a jump; the aircraft levels off, turns by an angle (rad, right positive)
-    from its current course through the air at a bank of at most 40 deg, and keeps its level airspeed.
+    It has as many knots as the planned path. Velocity and acceleration continue without a jump; the aircraft levels
+    off, turns by an angle (rad, right positive) from its current course through the air at a bank of at most 40 deg,
+    and keeps its level airspeed.
     """
     air, drift = path.states_n(start_time)
     position_n, velocity_n, acceleration_n = air[0] + drift[0], air[1], air[2]
@@ -438,7 +457,7 @@ def _blend(u: Scalar) -> Scalar:
 def _integrated(
     times: Float[Array, " knots"], slopes: Float[Array, "knots 3"], rates: Float[Array, "knots 3"]
 ) -> Float[Array, "knots 3"]:
-    """Integral from the first knot on, from values and slopes at the knots, by Hermite's rule."""
+    """Integrate over time from the first knot on, from slopes and their rates at the knots, by Hermite's rule."""
     span = (times[1:] - times[:-1])[:, None]
     steps = 0.5 * span * (slopes[1:] + slopes[:-1]) + span**2 / 12.0 * (rates[:-1] - rates[1:])
     return jnp.concatenate([jnp.zeros((1, 3)), jnp.cumsum(steps, axis=0)])

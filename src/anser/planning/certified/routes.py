@@ -1,7 +1,8 @@
 """Routes: the horizontal part of a path, made of turns with linear curvature ramps and of straight legs.
 
-Horizontal vectors are complex numbers, north + i east; a positive turn is to the right. A turn is a ramp of curvature
-up from zero (a clothoid), an arc and the ramp down; a turn too small for the full curvature has no arc.
+Horizontal vectors are complex numbers, north + i east; a positive turn is to the right. A turn is a ramp, on which the
+curvature grows linearly with length from zero (a clothoid), an arc of constant curvature, and a ramp back to zero. The
+rate of the curvature on a ramp, in 1/m^2, is its sharpness. A turn too small for the full curvature has no arc.
 """
 
 import math
@@ -25,7 +26,7 @@ _ODD = tuple((-1) ** k / (math.factorial(2 * k + 1) * (4 * k + 3)) for k in reve
 
 
 def cis(angle: ScalarLike) -> Plane:
-    """Direction of a heading (rad), as a unit vector."""
+    """Unit vector in the direction of a heading (rad)."""
     return jax.lax.complex(jnp.cos(angle), jnp.sin(angle))
 
 
@@ -56,7 +57,7 @@ class Turn(eqx.Module):
 
 
 def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarLike) -> Turn:
-    """The shortest turn by an angle (rad) within a curvature (1/m) and a sharpness, its rate along the path (1/m^2)."""
+    """Return the shortest turn by an angle (rad) with limits on curvature (1/m) and sharpness (1/m^2)."""
     size = jnp.abs(angle)
     full = curvature_max / sharpness
     root = jnp.sqrt(jnp.where(size > 0.0, size, 1.0) / sharpness)
@@ -67,10 +68,10 @@ def smooth_turn(angle: ScalarLike, curvature_max: ScalarLike, sharpness: ScalarL
 
 
 def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
-    """Displacement along a clothoid from zero curvature, in the frame of its straight end, m.
+    """Displacement along a ramp of a length (m), as north + i east if the straight end points north, m.
 
-    The integral of exp(i sharpness u^2 / 2) over a length (m), by its power series; a positive rate of curvature
-    (1/m^2) bends to the right.
+    The integral of exp(i sharpness u^2 / 2) over the length, by its power series; a positive sharpness (1/m^2) bends to
+    the right.
     """
     x = 0.5 * sharpness * jnp.square(length)
     square = x * x
@@ -81,14 +82,18 @@ def along_ramp(length: ScalarLike, sharpness: ScalarLike) -> Plane:
 
 
 def along_arc(length: ScalarLike, curvature: ScalarLike) -> Plane:
-    """Displacement along an arc (or a straight line) in the frame of its start, m."""
+    """Displacement along an arc or a straight line of a length (m), as north + i east if the start points north, m."""
     half = 0.5 * curvature * length
     straight = jnp.abs(half) < 1e-8
     return length * jnp.where(straight, 1.0, jnp.sin(half) / jnp.where(straight, 1.0, half)) * cis(half)
 
 
 def displacement(turn: Turn, sharpness: ScalarLike) -> Plane:
-    """Displacement of a whole turn in the frame of its start, m."""
+    """Displacement of a whole turn (ramp, arc, ramp), m.
+
+    A complex number: the real part is along the initial heading, the imaginary part to the right. `sharpness`: rate of
+    the curvature on the ramps, 1/m^2.
+    """
     sign = jnp.where(turn.angle < 0.0, -1.0, 1.0)
     ramp = along_ramp(turn.ramp, sign * sharpness)
     bent = 0.5 * turn.ramp * turn.peak
@@ -133,16 +138,16 @@ class PathEndpoints(eqx.Module):
 
 
 class TurnsAndLegs(eqx.Module):
-    """Four turns with three legs between them; also a stack of such paths.
+    """Four turns with three straight legs between them: the unknowns of a route; also a stack of such paths.
 
     Attributes
     ----------
     angles
         Turn angles, rad, right positive.
     scales
-        Scales of the turns, see `turn_limits`.
+        Radius of each turn in units of the tightest turn's radius, see `turn_limits`.
     legs
-        Lengths, m.
+        Lengths of the legs, m.
     exists
         Whether the solution is valid.
     """
@@ -154,7 +159,15 @@ class TurnsAndLegs(eqx.Module):
 
 
 class RollOut(eqx.Module):
-    """First point of straight flight, after the fastest possible end of the initial turn."""
+    """First point of straight flight after the initial turn is ended as fast as possible.
+
+    Attributes
+    ----------
+    length
+        Length flown until then, m.
+    position, heading
+        Position, north + i east, m, and heading, rad.
+    """
 
     length: Scalar
     position: Plane
@@ -162,7 +175,7 @@ class RollOut(eqx.Module):
 
 
 def roll_out(endpoints: PathEndpoints) -> RollOut:
-    """Shortest way out of the turn in which a path begins."""
+    """Find where an aircraft that starts in a turn can first fly straight."""
     sign = jnp.where(endpoints.curvature < 0.0, -1.0, 1.0)
     length = jnp.abs(endpoints.curvature) / endpoints.sharpness
     heading = endpoints.heading + 0.5 * endpoints.curvature * length
@@ -226,16 +239,16 @@ class Route(eqx.Module):
 
 
 def turn_limits(endpoints: PathEndpoints, scale: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Greatest curvature (1/m), and greatest change of curvature along the path (sharpness, 1/m^2), of a turn.
+    """Return the limits of curvature (1/m) and sharpness (1/m^2) for a turn `scale` times as wide as the tightest.
 
-    The turn is `scale` times as wide as the tightest one. Both limits are divided by `scale`, so that the parts in
+    Sharpness is the rate of the curvature along the path. Both limits are divided by `scale`, so that the parts in
     which the curvature grows and decays keep their length.
     """
     return endpoints.curvature_max / scale, endpoints.sharpness / scale
 
 
 def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
-    """Route of four turns with legs between them."""
+    """Build the route of four turns with legs between them from its start."""
     initial, angles = roll_out(endpoints), solved.angles
     curvatures, sharpest = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, solved.scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
@@ -275,7 +288,11 @@ def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
 def chain_turns(
     endpoints: PathEndpoints, heading: ScalarLike, angles: Float[Array, " turns"], scales: Float[Array, " turns"]
 ) -> tuple[Plane, Scalar, Float[Array, " turns"]]:
-    """Displacement (m) and length of four consecutive turns (rad; `turn_limits`), and the heading after each turn."""
+    """Total displacement (m) and total length (m) of consecutive turns, and the heading (rad) after each turn.
+
+    `heading` is the initial heading, `angles` are the turn angles (rad), `scales` the radii in units of the tightest
+    turn's (see `turn_limits`).
+    """
     curvatures, sharpness = jax.vmap(turn_limits, in_axes=(None, 0))(endpoints, scales)
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpness)
     headings = heading + jnp.cumsum(angles)
