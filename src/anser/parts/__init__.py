@@ -1,4 +1,4 @@
-"""Interfaces of the closed loop's parts, and the signals that pass between them."""
+"""Interfaces of the closed loop's parts (sensors, estimators, guidance, controllers, planners), and their signals."""
 
 import lazy_loader
 

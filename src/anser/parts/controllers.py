@@ -13,17 +13,17 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class AbstractGuidance(eqx.Module):
-    """Source of the commands of one aircraft; concrete subclasses are final."""
+    """Interface of guidance, which commands one aircraft. Subclass this class directly, not a concrete guidance."""
 
     @abc.abstractmethod
     def init(self, belief: Belief, instant: Instant) -> Any:
-        """State of the guidance before the first sample."""
+        """Return the guidance's state before the first sample."""
 
     @abc.abstractmethod
     def command(
         self, guidance_state: Any, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, Any]:
-        """Command for the controller, the planned position (NED, m), and the guidance state after this sample.
+        """Return the command for the controller, the planned position (NED, m), and the new guidance state.
 
         Parameters
         ----------
@@ -44,22 +44,25 @@ class AbstractGuidance(eqx.Module):
 
 
 class AbstractController(eqx.Module):
-    """Controller of one aircraft; concrete subclasses are final."""
+    """Interface of controllers, which turn commands into controls. Subclass this class directly, not a concrete one."""
 
     @abc.abstractmethod
     def init(self, state: AircraftState, attitude: Vector3) -> Any:
-        """State of a controller after a long time in steady flight at the given (mu, alpha, beta), rad."""
+        """Return the controller's state after a long time in steady flight; `attitude` is (mu, alpha, beta), rad."""
 
     @abc.abstractmethod
     def control(
         self, controller_state: Any, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, Any, Any]:
-        """Controls held over a sampling period (s), signals for the record, and the controller state after this sample.
+        """Return the controls for the coming sampling period, the signals to record, and the new controller state.
 
-        The signals are None, or have a method `variables()` that returns values of `anser.variables.CATALOGUE` by key.
+        `step` is the sampling period, s.
+
+        The signals are None, or an object with a method `variables()` that returns a dictionary from keys of
+        `anser.variables.CATALOGUE` to values.
         """
 
 
 def signal_variables(signals: Any) -> dict[str, Array]:
-    """Variables of a controller's signals for the record; empty for a controller without signals."""
+    """Return the recorded variables of a controller's signals by key; empty for a controller without signals."""
     return {} if signals is None else signals.variables()

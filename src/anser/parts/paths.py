@@ -16,7 +16,7 @@ _ROUNDINGS = 1e4
 
 
 def time_rounding(time: ScalarLike) -> float:
-    """Greatest rounding error between two equal times of a flight, s: 0 in float64, 1.2 ms in float32.
+    """Return the greatest difference that rounding makes between two equal times, s: 0 in float64, 1.2 ms in float32.
 
     The start of a path must not count as earlier than the path, where nothing accelerates: float32 rounds a time of ten
     minutes by 0.03 ms, and a time of four hours by 0.5 ms.
@@ -44,7 +44,7 @@ class PathPoint(eqx.Module):
 
 
 class AbstractReference(eqx.Module):
-    """A reference motion that guidance can follow."""
+    """Interface of a reference motion: position, velocity and acceleration as functions of time, for guidance."""
 
     @abc.abstractmethod
     def at(self, time: ScalarLike) -> PathPoint:
@@ -64,7 +64,7 @@ class AbstractReference(eqx.Module):
 
 
 class PathCommand(eqx.Module):
-    """Commanded velocity in polar form, with the rates of its components."""
+    """Command to the velocity loop: speed, path angle and course, with their time derivatives."""
 
     V: Scalar
     """Speed, m/s."""
@@ -75,13 +75,13 @@ class PathCommand(eqx.Module):
     V_dot: Scalar
     """Rate of the speed, m/s^2."""
     gamma_dot: Scalar
-    """rad/s."""
+    """Rate of the path angle, rad/s."""
     chi_dot: Scalar
-    """rad/s."""
+    """Rate of the course, rad/s."""
 
 
 def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
-    """Polar form of a velocity and of its rate of change.
+    """Convert a velocity and its time derivative to speed, path angle and course with their rates.
 
     Parameters
     ----------
@@ -91,11 +91,8 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
     acceleration_n
         Time derivative of the velocity, NED, m/s^2.
 
-    Notes
-    -----
-    Theory section 6, "Commands along a "
-    "trajectory"; the path angle uses atan2 instead of asin, which loses digits and the
-    derivative near the vertical.
+    Notes ----- Theory section 6, "Commands along a trajectory". The path angle uses atan2, because asin loses digits
+    and has no derivative near the vertical.
     """
     north, east, up = velocity_n[0], velocity_n[1], -velocity_n[2]
     north_dot, east_dot, up_dot = acceleration_n[0], acceleration_n[1], -acceleration_n[2]
@@ -117,7 +114,7 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
 
 
 def rescale_command(command: PathCommand, scale: Vector3) -> PathCommand:
-    """Command after multiplication of the velocity components by `scale` (3,), a constant.
+    """Multiply the velocity of a command by `scale` (3,), a constant factor for each NED component.
 
     Converts a command between the coordinates of a chart and velocities over the ground.
     """

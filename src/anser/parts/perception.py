@@ -1,7 +1,8 @@
-"""Interfaces of sensors and estimators, and the signals between sensors, estimators and guidance.
+"""Interfaces of an aircraft's sensors and estimator, and the signals between sensors, estimator and guidance.
 
-The instant, the truth, line of sight and readings, and the aircraft's own estimate (belief) of its state and its
-goal's.
+The signals are the instant, the truth, the readings, and the belief (the aircraft's own estimate of its state and its
+goal's). `Reading` lists all measurements: a new kind of measurement needs a new field there, and an estimator that uses
+the field. Implementations are in `anser.sensing`.
 """
 
 import abc
@@ -35,15 +36,18 @@ class LineOfSight(eqx.Module):
     elevation: Scalar
     """Up positive, rad; -pi/2 with the goal straight below."""
     range_rate: Scalar
-    """m/s."""
+    """Rate of the range, m/s."""
     azimuth_rate: Scalar
     """Rate of the azimuth, rad/s; unbounded near the vertical, where range * cos(elevation) * rate stays bounded."""
     elevation_rate: Scalar
-    """rad/s."""
+    """Rate of the elevation, rad/s."""
 
 
 def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3]:
-    """Rows of theory's M, in NED: along the line of sight, towards rising azimuth, towards rising elevation."""
+    """Return three unit vectors (NED): along the line of sight, towards rising azimuth, towards rising elevation.
+
+    They are the rows of the matrix M of the theory.
+    """
     ca, sa, ce, se = jnp.cos(azimuth), jnp.sin(azimuth), jnp.cos(elevation), jnp.sin(elevation)
     return (
         jnp.stack([ca * ce, sa * ce, -se]),
@@ -55,7 +59,7 @@ def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3
 def measure_line_of_sight(
     vehicle_position_n: Vector3, vehicle_velocity_n: Vector3, goal_position_n: Vector3, goal_velocity_n: Vector3
 ) -> LineOfSight:
-    """Line of sight of an ideal sensor on the aircraft.
+    """Compute the line of sight from an aircraft to its goal, without measurement errors.
 
     Parameters
     ----------
@@ -98,7 +102,7 @@ def measure_line_of_sight(
 def goal_from_line_of_sight(
     sight: LineOfSight, vehicle_position_n: Vector3, vehicle_velocity_n: Vector3
 ) -> tuple[Vector3, Vector3]:
-    """Goal position (NED, m) and velocity over the ground (NED, m/s) from line of sight and vehicle motion.
+    """Compute the goal's position (NED, m) and velocity over the ground (NED, m/s) from the line of sight to it.
 
     Exact without noise (theory section 7): M is orthonormal, so the inverse is the transpose.
     """
@@ -159,7 +163,7 @@ class Instant(eqx.Module):
         return numbers.astype(self.step.dtype)
 
     def uniforms(self, part: int, count: int, *, once: bool = False) -> Array:
-        """Uniform random numbers between 0 and 1; otherwise as `normals`."""
+        """Uniform random numbers between 0 and 1 for a part, shape (count,); parameters and errors as for `normals`."""
         numbers = self._source().uniforms(part, INITIAL_SAMPLE if once else self.number, count)
         return numbers.astype(self.step.dtype)
 
@@ -184,13 +188,13 @@ class Truth(eqx.Module):
     airframe
         The airframe that flies.
     state, condition
-        State of the aircraft, with air data, forces and moments in this state.
+        True state of the aircraft; and air data, forces and moments in this state.
     goal
         Motion of the goal; None for an aircraft without a goal.
     goal_sensor_works
         False after the loss of the goal sensor.
     disturbance
-        Gust in addition to the mean wind, and loss of thrust.
+        Disturbance of the aircraft's motion: gusts in addition to the mean wind, and loss of thrust.
     """
 
     airframe: AbstractAirframe
@@ -202,7 +206,7 @@ class Truth(eqx.Module):
 
 
 class GoalReading(eqx.Module):
-    """One measurement of a goal, or an empty reading.
+    """One measurement of a goal by a sensor with errors, or an empty reading.
 
     Attributes
     ----------
@@ -214,9 +218,9 @@ class GoalReading(eqx.Module):
     measured
         Flags of the measured components; all false at a sample without a measurement.
     number
-        Sample of the measurement; the reading may arrive later.
+        Number of the sample at which the measurement was made; the reading may arrive at a later sample.
     kind
-        "sight" or "report".
+        "sight": the values are a line of sight; "report": the values are the goal's reported motion.
     """
 
     values: Float[Array, "6"]
@@ -232,7 +236,8 @@ class Fix(eqx.Module):
     Attributes
     ----------
     position_n, velocity_n
-        NED, m in the Earth's chart and m/s over the ground; the last fix between two fixes.
+        Position (m, in the Earth's chart) and velocity over the ground (m/s), NED; between two fixes, those of the
+        earlier fix.
     is_new
         Whether the fix belongs to this sample.
     """
@@ -243,18 +248,19 @@ class Fix(eqx.Module):
 
 
 class Reading(eqx.Module):
-    """Readings of all sensors of one aircraft at one instant.
+    """All measurements of one aircraft at one instant; the input of its estimator.
 
     Attributes
     ----------
     state
-        State of the aircraft as measured.
+        Measured state of the aircraft.
     condition
         Air data at the measured state, with the forces and moments of the true airframe in this state.
     specific_force_b
         Specific force at the centre of gravity, body axes, m/s^2.
     sight
-        Line of sight to the goal with all rates at every sample; None without a goal or with a less capable sensor.
+        Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
+        errors (see `goal`).
     goal
         Measurement of a goal sensor with errors; None for an ideal sensor.
     fix
@@ -262,7 +268,7 @@ class Reading(eqx.Module):
     velocity_air_b
         Velocity through the air as measured by pitot tube and vanes, body axes, m/s; None: the velocity in `condition`.
     goal_sensor_works
-        As in `Truth`: the aircraft detects a failure of its goal sensor.
+        False after the loss of the goal sensor: the aircraft detects this failure.
     """
 
     state: AircraftState
@@ -293,7 +299,7 @@ class Belief(eqx.Module):
     goal
         Estimated position and velocity of the goal; None without a goal.
     uncertainty
-        Uncertainty of both estimates; None if both are exact.
+        Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
     """
 
     airframe: AbstractAirframe
@@ -334,31 +340,35 @@ GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
 class AbstractSensors(eqx.Module):
-    """Sensors of one aircraft; concrete subclasses are final."""
+    """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete one.
+
+    A single sensor has no interface: the sensors in `anser.sensing` are parts of `NoisySensors`, the set of sensors
+    with errors.
+    """
 
     @abc.abstractmethod
     def init(self, truth: Truth, instant: Instant) -> Any:
-        """State of the sensors before the first sample, after a long time in the present flight condition."""
+        """Return the sensors' state before the first sample, as after a long time in the present flight condition."""
 
     @abc.abstractmethod
     def read(self, sensor_state: Any, truth: Truth, instant: Instant) -> tuple[Reading, Any]:
-        """Readings of this sample, and the sensor state after this sample."""
+        """Return the readings of this sample, and the sensors' new state."""
 
 
 class AbstractEstimator(eqx.Module):
-    """Estimator of one aircraft; concrete subclasses are final."""
+    """Interface of the estimator of one aircraft. Subclass this class directly, not a concrete estimator."""
 
     @abc.abstractmethod
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> Any:
-        """State of the estimator before the first sample."""
+        """Return the estimator's state before the first sample."""
 
     @abc.abstractmethod
     def estimate(
         self, estimator_state: Any, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, Any]:
-        """Belief at this sample, and the estimator state after this sample; `airframe` is the true airframe."""
+        """Return the belief at this sample, and the estimator's new state; `airframe` is the true airframe."""
 
 
 def velocity_over_ground_n(condition: FlightCondition, state: AircraftState) -> Vector3:
-    """Velocity over the ground, NED, m/s."""
+    """Compute the velocity over the ground, NED, m/s."""
     return rotate_back(condition.R_bn, state.velocity_b)

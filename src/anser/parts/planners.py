@@ -1,6 +1,7 @@
-"""Interface of a planner.
+"""Interface of planners, and their inputs and outputs.
 
-Inputs are the aircraft's reports, performance and rendezvous; the output is a plan for every aircraft.
+Inputs are a report of every aircraft (with its rendezvous) and its performance; the output is a plan for every
+aircraft.
 """
 
 import abc
@@ -20,7 +21,10 @@ from anser.spatial.vectors import norm, safe_sqrt, unit_vector
 
 
 class Rendezvous(eqx.Module):
-    """Geometry of the meeting with the goal; all values are arrays, so other numbers do not recompile."""
+    """Rendezvous point relative to the goal, and the prescribed directions of arrival.
+
+    All values are arrays, so a change of the numbers needs no new compilation.
+    """
 
     stand_off_n: Vector3
     """Position relative to the goal, NED, m (300 m above the goal is (0, 0, -300))."""
@@ -35,7 +39,7 @@ class Rendezvous(eqx.Module):
 def make_rendezvous(
     stand_off_n: Vector3, course: ScalarLike | None = None, path_angle: ScalarLike | None = None
 ) -> Rendezvous:
-    """Rendezvous; final course and path angle over the ground (rad) are prescribed unless None."""
+    """Build a rendezvous; course and path angle over the ground at arrival (rad) are prescribed unless None."""
     return Rendezvous(
         stand_off_n,
         as_array(0.0 if course is None else course),
@@ -46,7 +50,7 @@ def make_rendezvous(
 
 
 def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: ScalarLike) -> tuple[Scalar, Flag]:
-    """Shortest time of interception of a point in steady motion, on a straight line at constant airspeed.
+    """Compute the shortest time in which an aircraft on a straight line at constant airspeed meets a moving point.
 
     Parameters
     ----------
@@ -84,7 +88,7 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
 def final_air_velocity(
     rendezvous: Rendezvous, line_n: Vector3, speed: ScalarLike, wind_n: Vector3
 ) -> tuple[Vector3, Flag]:
-    """Velocity relative to the air at arrival.
+    """Compute the velocity relative to the air at arrival, for the prescribed direction over the ground.
 
     Parameters
     ----------
@@ -122,19 +126,22 @@ _LEAST = 0.05  # relative to the deceleration at the start: a minimum that is al
 
 
 class IdleDeceleration(eqx.Module):
-    """Drag less idle thrust per mass, relative to a reference deceleration; stacked for a fleet.
+    """Deceleration with idle thrust in level flight, relative to a reference deceleration; stacked for a fleet.
 
-    Linear in airspeed between the entries, constant beyond the first and the last. Drag due to lift is proportional to
-    the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of equal length.
+    The deceleration is (drag minus idle thrust) / mass.
+
+    The table is linear in airspeed between its entries and constant beyond the first and the last. Drag due to lift is
+    proportional to the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of
+    equal length.
 
     Attributes
     ----------
     speeds
         Airspeeds, rising, m/s.
     level
-        Relative deceleration in level flight, load factor 1, at each airspeed.
+        Relative deceleration in level flight (load factor 1) at each airspeed.
     by_lift
-        Contribution of the drag due to lift, not negative.
+        Part of `level` that is due to lift, at each airspeed; not negative.
     """
 
     speeds: Float[Array, "*aircraft entries"]
@@ -142,33 +149,33 @@ class IdleDeceleration(eqx.Module):
     by_lift: Float[Array, "*aircraft entries"]
 
     def share(self, speed: Any, load_factor: Any) -> Any:
-        """Guaranteed relative deceleration; the increase by a load factor above 1 does not count."""
+        """Return the relative deceleration that is guaranteed: a load factor above 1 counts as 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._unloaded_entries(array_module, load_factor), speed)
 
     def least_share(self, slow: Any, fast: Any, load_factor: Any) -> Any:
-        """Minimum of `share` between two airspeeds, for this load factor or any greater one."""
+        """Return the minimum of `share` between two airspeeds (m/s), for load factors from `load_factor` up."""
         array_module = namespace(self, slow, fast, load_factor)
         return -self._maximum(array_module, -self._unloaded_entries(array_module, load_factor), slow, fast)
 
     def rise(self, speed: Any, load_factor: Any) -> Any:
-        """Increase of the relative deceleration by a load factor above 1."""
+        """Return the increase of the relative deceleration due to a load factor above 1; 0 up to 1."""
         array_module = namespace(self, speed, load_factor)
         return self._interpolate(array_module, self._load_increases(array_module, load_factor), speed)
 
     def greatest_rise(self, slow: Any, fast: Any, load_factor: Any) -> Any:
-        """Maximum of `rise` between two airspeeds, for this load factor or any smaller one."""
+        """Return the maximum of `rise` between two airspeeds (m/s), for load factors up to `load_factor`."""
         array_module = namespace(self, slow, fast, load_factor)
         return self._maximum(array_module, self._load_increases(array_module, load_factor), slow, fast)
 
     def _unloaded_entries(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Relative decelerations of the entries at a load factor, at most 1, along a new last axis."""
+        """Return the relative deceleration of every table entry at min(load factor, 1); last axis entries."""
         level, by_lift = (_expand_entries(load_factor, entries) for entries in (self.level, self.by_lift))
         unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
         return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)
 
     def _load_increases(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Increases of the entries by load factors above 1, along a new last axis."""
+        """Return the increase of every table entry due to a load factor above 1; the last axis is the entries."""
         loaded = array_module.maximum(load_factor, 1.0) ** 2 - 1.0
         return array_module.expand_dims(loaded, -1) * _expand_entries(load_factor, self.by_lift)
 
@@ -179,7 +186,7 @@ class IdleDeceleration(eqx.Module):
         return entries[..., 0] + array_module.sum(parts * (entries[..., 1:] - entries[..., :-1]), axis=-1)
 
     def _maximum(self, array_module: ModuleType, entries: Any, slow: Any, fast: Any) -> Any:
-        """Maximum between two airspeeds: at an endpoint, or at an entry in between."""
+        """Return the maximum of a table between two airspeeds: at either bound, or at an entry between them."""
         speeds = _expand_entries(slow, self.speeds)
         inside = (speeds > array_module.expand_dims(slow, -1)) & (speeds < array_module.expand_dims(fast, -1))
         endpoint_maximum = array_module.maximum(
@@ -191,7 +198,7 @@ class IdleDeceleration(eqx.Module):
 
 
 def _expand_entries(values: Any, entries: Any) -> Any:
-    """Entries along a new last axis, next to the axes of the values."""
+    """Shape table entries so that they broadcast along a new last axis of `values`."""
     return entries.reshape((1,) * np.ndim(values) + entries.shape)
 
 
@@ -209,7 +216,7 @@ class AircraftReport(eqx.Module):
     goal_position_n, goal_velocity_n
         Estimated motion of the goal, NED, m and m/s over the ground.
     rendezvous
-        Geometry of the meeting with the goal.
+        Rendezvous point relative to the goal, and prescribed directions of arrival.
     active
         Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
     goal_covariance
@@ -228,12 +235,12 @@ class AircraftReport(eqx.Module):
 
 
 class Performance(eqx.Module):
-    """Performance of one aircraft along its path from steady flight at the start; stacked for a fleet.
+    """Acceleration and deceleration that one aircraft can reach along its path; stacked for a fleet.
 
     Attributes
     ----------
     deceleration, acceleration
-        With idle and with full thrust in level flight, m/s^2.
+        Deceleration with idle thrust and acceleration with full thrust, in level flight at the start airspeed, m/s^2.
     idle
         Relative idle deceleration at other airspeeds and load factors.
     """
@@ -244,14 +251,14 @@ class Performance(eqx.Module):
 
 
 class NetworkView(eqx.Module):
-    """Data that an aircraft of a fleet without a centre shares with the fleet; stacked for a fleet.
+    """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet.
 
     Attributes
     ----------
     lag
         Delay of the aircraft's clock, s.
     rate
-        Rate of the clock.
+        Rate of the aircraft's clock: 1 is the rate of true time.
     hears
         Aircraft whose messages arrived at the last exchange.
     offers
@@ -274,18 +281,18 @@ class AircraftPlan(eqx.Module):
     arrival_time
         Time of arrival at the rendezvous, s.
     status
-        Index into `PLAN_MESSAGES`; 0 means success.
+        Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
     length
         Length of the path, m.
     lateral_bend
         Parameter of the published paths, m; NaN for other paths.
     replanning
-        Origin of the plan: index into `REPLANNING_MESSAGES`.
+        Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
     hold
         Motion after the arrival; None: the aircraft's hold.
     hold_reach
-        Greatest extent of the hold around a goal that deviates from its predicted motion, m; None: as in
-        `hold_reference`.
+        Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
+        the hold is not moved (see `hold_reference`).
     network
         Data of a fleet without a centre; otherwise None.
     """
@@ -302,7 +309,11 @@ class AircraftPlan(eqx.Module):
 
 
 class AbstractPlanner(eqx.Module):
-    """Planner of a fleet; concrete subclasses are final. The planner state (`planner_state`) is a pytree of arrays.
+    """Interface of the planner of a fleet. Subclass this class directly, not a concrete planner.
+
+    The planner state (`planner_state`) is a pytree of arrays. `anser.simulation.flight` calls `plans` and `observe` at
+    every step and `replan` when a replanning is due, in compiled code: these methods must return the same structure,
+    shapes and dtypes each time.
 
     Inactive aircraft are masked: they get no plan and do not constrain the others.
 
@@ -317,19 +328,28 @@ class AbstractPlanner(eqx.Module):
 
     @abc.abstractmethod
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:
-        """Planner state with the first plan, from stacked reports at a time, s."""
+        """Make the first plan from the stacked reports at `time` (s); return the planner state that contains it.
+
+        Called by `anser.simulation.start.start_flight` only.
+        """
 
     def initial_state(self, plan_state: Any, randomness: AbstractRandomness | None) -> Any:
-        """State of the planner at time 0 with a first plan made before the flight; by default the plan itself."""
+        """Return the planner state at time 0 for a first plan `plan_state` made before the flight.
+
+        By default, `plan_state` is the planner state.
+        """
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether a new plan was due that a planner without replanning could not make; by default never."""
+        """Whether a new plan was needed while `allow_replanning` is false; the caller then repeats the steps with it.
+
+        By default never.
+        """
         return as_array(False, bool)
 
     @abc.abstractmethod
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
-        """Planner state with a new plan, from stacked reports at a time, s."""
+        """Make a new plan from the stacked reports at `time` (s), if possible; return the new planner state."""
 
     @abc.abstractmethod
     def observe(
@@ -340,7 +360,7 @@ class AbstractPlanner(eqx.Module):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> Any:
-        """Planner state after one more step of flight.
+        """Update the planner state after one step of flight, whether a plan was made or not.
 
         Parameters
         ----------
@@ -354,4 +374,4 @@ class AbstractPlanner(eqx.Module):
 
     @abc.abstractmethod
     def plans(self, planner_state: Any) -> AircraftPlan:
-        """Current plan; leading axis aircraft."""
+        """Return the plan in force of every aircraft, stacked; leading axis aircraft."""

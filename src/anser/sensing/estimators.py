@@ -1,4 +1,4 @@
-"""Estimators of one aircraft: unfiltered readings, or filters of the aircraft's motion, the air and the goal."""
+"""Estimators of one aircraft: one uses the readings directly, one filters the aircraft's, air's and goal's motion."""
 
 from typing import Any
 
@@ -44,7 +44,7 @@ class DirectEstimator(AbstractEstimator):
     model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> GoalState | None:
-        """Goal motion from the first line of sight; None without a goal."""
+        """Return the goal's motion computed from the first line of sight; None without a goal."""
         if reading.sight is None:
             return None
         velocity_n = velocity_over_ground_n(reading.condition, reading.state)
@@ -53,7 +53,10 @@ class DirectEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: GoalState | None, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, GoalState | None]:
-        """Belief equal to the reading; after a sensor failure the goal is predicted in steady motion."""
+        """Return the belief that equals the reading, and the goal's motion.
+
+        After a failure of the goal sensor, the goal is predicted with constant velocity.
+        """
         condition, model = reading.condition, airframe if self.model is None else self.model
         if self.model is not None:
             condition = flight_condition(self.model, instant.environment, instant.time, reading.state)
@@ -64,22 +67,23 @@ class DirectEstimator(AbstractEstimator):
 
 
 def goal_or_prediction(measured: GoalState, previous: GoalState, reading: Reading, instant: Instant) -> GoalState:
-    """Measured goal motion, or steady motion since the last sample if the goal sensor has failed."""
+    """Return the measured goal motion, or `previous` extrapolated at constant velocity if the sensor has failed."""
     predicted = GoalState(previous.position_n + instant.step * previous.velocity_n, previous.velocity_n)
     return jax.tree.map(lambda new, old: jnp.where(reading.goal_sensor_works, new, old), measured, predicted)
 
 
 def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector3, velocity_n: Vector3) -> GoalState:
-    """Position and velocity of a goal in the Earth's chart, from the line of sight and the vehicle's motion.
+    """Compute a goal's position and velocity in the Earth's chart from the line of sight and the aircraft's motion.
 
-    `position_n` is the vehicle's position in the chart (3,), m; `velocity_n` its velocity over ground (3,), NED, m/s.
+    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` its velocity over the ground (3,), NED,
+    m/s.
     """
     line_n, goal_velocity_n = goal_from_line_of_sight(sight, jnp.zeros_like(velocity_n), velocity_n)
     return GoalState(*earth.motion_on_chart(position_n, line_n, goal_velocity_n))
 
 
 class Briefing(eqx.Module):
-    """Goal motion at the start as briefed before the flight, with a random error.
+    """Briefing before the flight: the goal's position and velocity at the start, told with a random error.
 
     Attributes
     ----------
@@ -95,7 +99,7 @@ class Briefing(eqx.Module):
     velocity_sigma: Scalar
 
     def sample(self, instant: Instant) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
-        """Briefed position and velocity with random errors, and the standard deviations."""
+        """Draw the briefed position and velocity (NED, m and m/s); also return their standard deviations."""
         axes = jnp.array([1.0, 1.0, _VERTICAL])
         sigmas = jnp.concatenate([self.position_sigma * axes, self.velocity_sigma * axes])
         truth = jnp.concatenate([self.position_n, self.velocity_n])
@@ -106,7 +110,10 @@ _VERTICAL = 0.1  # vertical over horizontal uncertainty of a goal
 
 
 class TrackingState(eqx.Module):
-    """Filter states; None for a part with exact sensors, except `goal`: the last measured goal motion."""
+    """States of the filters of a `TrackingEstimator`.
+
+    A filter that is left out has the state None, except that of the goal: then `goal` is the last measured goal motion.
+    """
 
     vehicle: NavigationState | None
     air: AirMotion | None
@@ -114,7 +121,7 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Filters of the vehicle's motion, the air and the goal; each filter is optional.
+    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional.
 
     Attributes
     ----------
@@ -125,7 +132,7 @@ class TrackingEstimator(AbstractEstimator):
     goal
         Filter of the goal; None: the line of sight is exact, relative to the estimated vehicle position.
     briefing
-        Prior of the goal; required with a goal filter.
+        Knowledge of the goal before the first measurement; required with a goal filter.
     model
         Nominal airframe; None: the true airframe.
     """
@@ -137,7 +144,7 @@ class TrackingEstimator(AbstractEstimator):
     model: AbstractAirframe | None = None
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
-        """Filter states after the first reading."""
+        """Return the filters' states after the first reading."""
         state, condition, wind = reading.state, reading.condition, instant.environment.wind
         vehicle = goal = None
         if self.vehicle is not None:
@@ -156,7 +163,7 @@ class TrackingEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: TrackingState, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, TrackingState]:
-        """Belief and filter states after a reading."""
+        """Return the belief at a sample and the filters' new states."""
         state, condition, step = reading.state, reading.condition, instant.step
         airframe = airframe if self.model is None else self.model
         vehicle, air, goal, uncertainty, seen_goal = (

@@ -1,6 +1,6 @@
-"""Kalman filters of a goal.
+"""Kalman filters that estimate a goal's motion from its measurements.
 
-Filters with one motion model or several interacting ones, and the handover of a track to another aircraft.
+A filter has one motion model or several interacting ones. `hand_over_goal` passes the estimate to another aircraft.
 """
 
 import abc
@@ -27,7 +27,7 @@ _TURN_SIGMA = 0.05  # rad/s, prior standard deviation of the turn rate
 
 
 class VehicleMotion(eqx.Module):
-    """Estimated vehicle position, NED, m in the Earth's chart, and velocity over the ground, m/s."""
+    """Estimated motion of the aircraft: position (m, in the Earth's chart) and velocity over the ground (m/s), NED."""
 
     position_n: Vector3
     velocity_n: Vector3
@@ -43,9 +43,8 @@ class GoalEstimate(eqx.Module):
     is_measured
         Whether a measurement arrived at this sample.
     nis
-        Normalised innovation squared of the last measurement, divided by its dimension.
-    status
-        `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
+        Normalised innovation squared of the last measurement, divided by its dimension. status `GOAL_KNOWN`,
+        `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
     """
 
     mean: Float[Array, "6"]
@@ -56,28 +55,31 @@ class GoalEstimate(eqx.Module):
 
 
 class AbstractGoalFilter(eqx.Module):
-    """A filter of one goal; concrete subclasses are final."""
+    """Interface of the filter of one goal. Subclass this class directly, not a concrete filter."""
 
     @abc.abstractmethod
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Any:
-        """Filter state before the first measurement, from a prior of position and velocity (NED, m and m/s)."""
+        """Return the filter state before the first measurement.
+
+        `mean` and `sigmas` are the prior position and velocity and their standard deviations (NED, m and m/s).
+        """
 
     @abc.abstractmethod
     def step(
         self, filter_state: Any, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> tuple[Any, GoalEstimate]:
-        """Filter state after the readings of a sample, and the goal estimate at this sample."""
+        """Return the filter state after the goal reading of a sample, and the estimate at this sample."""
 
 
 class GoalTrack(eqx.Module):
-    """State of a goal filter between two samples; leading axis models.
+    """State of a `GoalFilter` between two samples; means, covariances and shares have the leading axis models.
 
     Attributes
     ----------
     means, covariances
         Estimate of each motion model at the time of the latest measurement, or at the start.
     shares
-        Probabilities of the models.
+        Probability of each model; the sum is 1.
     number
         Sample number of the latest measurement.
     count
@@ -85,7 +87,8 @@ class GoalTrack(eqx.Module):
     nis, nis_mean
         Normalised innovation squared of the last measurement and its fading mean, divided by the dimension.
     vehicle_motion
-        Vehicle motion at recent samples for delayed measurements: leading axis slots, sample number modulo slots.
+        Motion of the aircraft at the latest samples, for delayed measurements; sample number k is stored in row k
+        modulo the number of rows (slots).
     """
 
     means: Float[Array, "models n"]
@@ -99,7 +102,7 @@ class GoalTrack(eqx.Module):
 
 
 class GoalFilter(AbstractGoalFilter):
-    """Kalman filter of a goal in NED axes, extended or unscented; several models interact (IMM).
+    """Kalman filter of a goal's motion in NED axes, extended or unscented, with one model or several (IMM).
 
     A delayed measurement is processed at its own time if it is the latest so far. An out-of-sequence measurement is
     predicted from the estimate propagated back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace
@@ -122,7 +125,8 @@ class GoalFilter(AbstractGoalFilter):
     points
         Sigma points of the unscented filter.
     slots
-        Number of stored samples, at least the greatest delay of a measurement; 0: no measurement is delayed.
+        Number of stored samples of the aircraft's motion, at least the greatest delay of a measurement in samples; 0:
+        no measurement is delayed.
     """
 
     models: tuple[AbstractMotionModel, ...]
@@ -134,7 +138,10 @@ class GoalFilter(AbstractGoalFilter):
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:
-        """See `AbstractGoalFilter`; the turn rate starts at 0 with a standard deviation of 3 deg/s."""
+        """Return the state before the first measurement, from the prior `mean` and `sigmas` (NED, m and m/s).
+
+        A turn rate starts at 0 with a standard deviation of 3 deg/s.
+        """
         zero, vehicle_motion, models = jnp.asarray(0, dtype=jnp.int32), None, len(self.models)
         if self.slots:
             vehicle_motion = VehicleMotion(jnp.zeros((self.slots, 3)), jnp.zeros((self.slots, 3)))
@@ -176,7 +183,7 @@ class GoalFilter(AbstractGoalFilter):
         return updated, GoalEstimate(mean, covariance, is_measured, updated.nis, self._status(updated, covariance))
 
     def predict(self, track: GoalTrack, elapsed: ScalarLike) -> tuple[Float[Array, "6"], Float[Array, "6 6"]]:
-        """Mean and covariance of position and velocity a time (s) after the latest measurement."""
+        """Predict mean and covariance of position and velocity (NED) `elapsed` seconds after the last measurement."""
         pairs = [
             self._predict_model(model, track.means[k], track.covariances[k], elapsed)
             for k, model in enumerate(self.models)
@@ -191,7 +198,7 @@ class GoalFilter(AbstractGoalFilter):
     def update(
         self, track: GoalTrack, reading: GoalReading, vehicle_motion: VehicleMotion, instant: Instant
     ) -> GoalTrack:
-        """Track after a measurement: mixing, prediction, update, and new model probabilities."""
+        """Process one measurement: mix the models, predict, update, and compute new model probabilities."""
         elapsed = (reading.number - track.number) * instant.step
         forward, back = jnp.maximum(elapsed, 0.0), jnp.minimum(elapsed, 0.0)
         means, covariances, shares = self._mix_models(track, forward)
@@ -237,7 +244,10 @@ class GoalFilter(AbstractGoalFilter):
         )
 
     def _mix_models(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
-        """State of each model mixed with the models before a change, and the predicted model probabilities."""
+        """Mixing step of the IMM: return mixed means, mixed covariances and predicted model probabilities.
+
+        `span` is the time since the latest measurement, s.
+        """
         count = len(self.models)
         if count == 1:
             return track.means, track.covariances, track.shares
@@ -260,7 +270,7 @@ class GoalFilter(AbstractGoalFilter):
 
 
 def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Mean and covariance of a mixture."""
+    """Return the mean (n,) and covariance (n, n) of a mixture of models with the probabilities `shares`."""
     if means.shape[0] == 1:
         return means[0], covariances[0]
     mean = jnp.sum(shares[:, None] * means, axis=0)
@@ -273,7 +283,10 @@ def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[F
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """Error-free measurement of a goal with the given position and velocity (NED, m and m/s)."""
+    """Compute the error-free measurement of a goal at `state` (position and velocity, NED, m and m/s).
+
+    The six values are of the kind of `reading`: a line of sight or a report.
+    """
     if reading.kind == "report":
         return state
     goal = GoalState(state[:3], state[3:])
@@ -283,7 +296,7 @@ def predicted_measurement(
 
 
 def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Array, "6"]:
-    """Measured minus predicted values; angles wrapped to -pi..pi."""
+    """Return measured minus predicted values, in the units of the reading; angles are wrapped to -pi..pi."""
     difference = reading.values - predicted
     if reading.kind == "sight":
         difference = jnp.where(_ANGLES, difference - 2 * jnp.pi * jnp.round(difference / (2 * jnp.pi)), difference)
@@ -291,11 +304,11 @@ def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Arra
 
 
 def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
-    """Sensor and estimator states of an aircraft that takes over the goal of another aircraft.
+    """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
-    The goal filter continues from the giver's track; delayed measurements of the former goal are dropped; the '
-    'receiver's
-    navigation state stays.
+    The states of goal sensor and goal filter are copied from the giver (`GoalTrack`, `GoalState` and
+    `MeasurementQueue`); delayed measurements of the receiver's former goal are dropped. The receiver's navigation state
+    stays.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Goal sensors with errors, latency, field of view and dropouts, and the complete set of an aircraft's noisy sensors.
+"""A goal sensor with errors, latency, field of view and dropouts; and an aircraft's complete set of noisy sensors.
 
-Error models of civil sensors: nothing is decoded or received.
+The sensor is an error model added to the true motion; no signal of a real sensor is decoded.
 """
 
 import math
@@ -27,7 +27,7 @@ _COS_MIN = 0.02  # smallest cosine of the elevation: the azimuth error is bounde
 
 
 class FieldOfView(eqx.Module):
-    """Field of view of a sensor.
+    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range.
 
     Attributes
     ----------
@@ -44,14 +44,14 @@ class FieldOfView(eqx.Module):
     range_max: Scalar
 
     def sees(self, R_bn: Array, line_n: Vector3) -> Flag:
-        """Whether a point at the end of a line from the aircraft (NED, m) is in the field of view."""
+        """Whether a point is in the field of view; `line_n` is the vector from the aircraft to the point, NED, m."""
         distance = safe_norm(line_n)
         along = jnp.sum(self.axis_b * rotate(R_bn, line_n)) / jnp.maximum(distance, 1e-9)
         return (distance <= self.range_max) & (along >= jnp.cos(jnp.minimum(self.half_angle, jnp.pi)) - 1e-12)
 
 
 class MeasurementQueue(eqx.Module):
-    """Delayed measurements that have not arrived; leading axis slots.
+    """Measurements that were made but have not arrived yet; leading axis: places (slots) of the queue.
 
     Attributes
     ----------
@@ -77,13 +77,13 @@ class GoalSensorState(eqx.Module):
 
 
 class GoalSensor(eqx.Module):
-    """One sensor of a goal.
+    """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`.
 
     Attributes
     ----------
     sigmas
-        Standard deviations of the errors, as in `GoalReading`; an angle's error is measured across the line of sight,
-        so the azimuth error is greater by 1 / cos(elevation).
+        Standard deviations of the errors of the six values of `GoalReading`, same order and units. An angle's error is
+        measured across the line of sight, so the azimuth error is greater by 1 / cos(elevation).
     range_share
         Additional range error, as a fraction of the range.
     bias_sigmas
@@ -133,7 +133,7 @@ class GoalSensor(eqx.Module):
     def read(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[GoalReading, GoalSensorState]:
-        """Reading that arrives at a sample, and the sensor state after the sample."""
+        """Return the reading that arrives at this sample (empty if none does), and the new sensor state."""
         is_sampled = is_due(instant, self.period)
         outage, measurement, delay = select_if_any(
             is_sampled,
@@ -148,7 +148,7 @@ class GoalSensor(eqx.Module):
     def _sample(
         self, sensor_state: GoalSensorState, truth: Truth, instant: Instant
     ) -> tuple[Flag, GoalReading, Scalar]:
-        """Outage flag at a measurement time, the measurement, and its latency, s."""
+        """Make a measurement; return the outage flag, the measurement (empty if lost), and its latency, s."""
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS)[
             _NORMALS:
         ]  # the generator's lanes after those of the normals
@@ -191,7 +191,7 @@ class GoalSensor(eqx.Module):
     def _exchange(
         self, queue: MeasurementQueue, measurement: GoalReading, instant: Instant, delay: Scalar
     ) -> tuple[GoalReading, MeasurementQueue]:
-        """Put a measurement into the queue and take out the next one, if it has arrived."""
+        """Put a measurement into the queue; return the next one due (empty if none has arrived) and the new queue."""
         is_new, never = jnp.any(measurement.measured), jnp.iinfo(jnp.int32).max
         free_slot = jnp.argmin(queue.waiting)
         is_free_slot = jnp.arange(self.slots) == free_slot
@@ -214,7 +214,7 @@ class GoalSensor(eqx.Module):
 
 
 def queue_slots(latency_max_s: float, period_s: float) -> int:
-    """Capacity of the queue of delayed measurements: 0 without latency, otherwise a power of two from 2 on."""
+    """Return the capacity needed for delayed measurements: 0 without latency, otherwise a power of two, at least 2."""
     if latency_max_s <= 0.0:
         return 0
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
@@ -226,7 +226,9 @@ def _line_to_goal(truth: Truth, earth: AbstractEarth) -> Vector3:
 
 
 class NoisySensors(AbstractSensors):
-    """Vehicle sensors (satellite navigation, inertial sensors, air data) and the goal sensor.
+    """Complete set of sensors of an aircraft: vehicle sensors with errors, and a goal sensor with errors.
+
+    The vehicle sensors are satellite navigation, inertial sensors and air data.
 
     Attributes
     ----------
@@ -240,12 +242,12 @@ class NoisySensors(AbstractSensors):
     goal: GoalSensor | None = None
 
     def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
-        """States of both sensor groups before the first sample."""
+        """Return the states of vehicle sensors and goal sensor before the first sample."""
         vehicle = None if self.vehicle is None else self.vehicle.init(truth, instant)
         return vehicle, None if self.goal is None else self.goal.init(truth, instant)
 
     def read(self, sensor_state: tuple[Any, Any], truth: Truth, instant: Instant) -> tuple[Reading, tuple[Any, Any]]:
-        """Readings of both sensor groups."""
+        """Return the readings of vehicle sensors and goal sensor at this sample, and their new states."""
         vehicle, goal = sensor_state
         force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_line_of_sight(truth, instant.environment.earth) if self.goal is None else None

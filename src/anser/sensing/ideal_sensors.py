@@ -32,7 +32,7 @@ class IdealSensors(AbstractSensors):
         """The sensors have no state."""
 
     def read(self, sensor_state: None, truth: Truth, instant: Instant) -> tuple[Reading, None]:
-        """Reading equal to the truth."""
+        """Return the reading that equals the truth."""
         specific_force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
         sight = true_line_of_sight(truth, instant.environment.earth)
         return Reading(
@@ -41,7 +41,7 @@ class IdealSensors(AbstractSensors):
 
 
 def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None:
-    """Line of sight to the goal; None for an aircraft without a goal."""
+    """Return the exact line of sight to the goal; None for an aircraft without a goal."""
     if truth.goal is None:
         return None
     velocity_n = velocity_over_ground_n(truth.condition, truth.state)
@@ -49,16 +49,17 @@ def true_line_of_sight(truth: Truth, earth: AbstractEarth) -> LineOfSight | None
 
 
 def line_of_sight(earth: AbstractEarth, position_n: Vector3, velocity_n: Vector3, goal: GoalState) -> LineOfSight:
-    """Line of sight to a goal in the chart, straight in space, in the NED axes at the vehicle's position.
+    """Compute the line of sight to a goal: straight through space, in the NED axes at the aircraft's position.
 
-    `position_n` is the vehicle's position in the chart (3,), m; `velocity_n` its velocity over ground (3,), NED, m/s.
+    `position_n` is the aircraft's position in the chart (3,), m; `velocity_n` its velocity over the ground (3,), NED,
+    m/s.
     """
     line_n, goal_over_ground_n = earth.sight(position_n, goal.position_n, goal.velocity_n)
     return measure_line_of_sight(jnp.zeros_like(velocity_n), velocity_n, line_n, goal_over_ground_n)
 
 
 def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
-    """Range (m), azimuth and elevation (rad), and their rates, in the order of `GoalReading`."""
+    """Stack a line of sight in the order of `GoalReading`: range (m), azimuth, elevation (rad), and the three rates."""
     return jnp.stack(
         [
             sight.range,
@@ -72,7 +73,7 @@ def line_of_sight_values(sight: LineOfSight) -> Float[Array, "6"]:
 
 
 class SensorSample(eqx.Module):
-    """Sensor values at one instant: vehicle state, specific force (m/s^2), line of sight to the goal."""
+    """Values of one instant that `DelayedSensors` stores: state, specific force (body axes, m/s^2), line of sight."""
 
     state: AircraftState
     specific_force_b: Vector3
@@ -80,12 +81,15 @@ class SensorSample(eqx.Module):
 
 
 class SampleRing(eqx.Module):
-    """Ring buffer of the latest samples: sample number n is in row n modulo the number of rows."""
+    """Ring buffer of the latest samples.
+
+    `buffer` is a pytree whose arrays have the leading axis rows; sample number n is in row n modulo the number of rows.
+    """
 
     buffer: Any
 
     def with_sample(self, number: Count, sample: Any) -> "SampleRing":
-        """Ring with a new sample, which replaces the oldest."""
+        """Return the ring with sample `number` added in place of the oldest."""
 
         def put(buffer: Array, value: Array) -> Array:
             return buffer.at[number % buffer.shape[0]].set(value)
@@ -93,7 +97,10 @@ class SampleRing(eqx.Module):
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
     def delayed_sample(self, number: Count, periods: ScalarLike) -> Any:
-        """Sample `periods` (0 to rows - 2, may be fractional) before sample `number`; linear interpolation."""
+        """Interpolate the sample taken `periods` sampling periods before sample `number`.
+
+        `periods` may be fractional, 0 to rows - 2.
+        """
         whole = jnp.floor(periods)
         fraction = periods - whole
         newer = number - whole.astype(number.dtype)
@@ -126,13 +133,13 @@ class DelayedSensors(AbstractSensors):
     period: float = eqx.field(static=True)
 
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
-        """Ring filled with the present sample, as after a long time in the present flight condition."""
+        """Return a ring filled with the present sample, as after a long time in the present flight condition."""
         count = math.ceil(self.delay_max / self.period - 1e-9) + 2
         sample = _sample(truth, instant)
         return SampleRing(jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (count, *jnp.shape(leaf))), sample))
 
     def read(self, sensor_state: SampleRing, truth: Truth, instant: Instant) -> tuple[Reading, SampleRing]:
-        """Reading of the time `delay` ago."""
+        """Return the reading as it was `delay` seconds ago, and the ring with the present sample added."""
         sensor_state = sensor_state.with_sample(instant.number, _sample(truth, instant))
         periods = self.delay / instant.step
         delayed = sensor_state.delayed_sample(instant.number, periods)

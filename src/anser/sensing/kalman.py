@@ -1,4 +1,4 @@
-"""Kalman updates for nonlinear measurements: extended, with a derivative, and unscented, with sigma points."""
+"""Kalman updates for nonlinear measurements: extended (with the derivative) and unscented (with sigma points)."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -14,7 +14,7 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Measurement(NamedTuple):
-    """Independent measurements of a state.
+    """Simultaneous measurements of a state with independent errors; input of the updates.
 
     Attributes
     ----------
@@ -32,7 +32,7 @@ class Measurement(NamedTuple):
 
 
 class KalmanUpdate(NamedTuple):
-    """Mean and covariance after a measurement, normalised innovation squared, and log likelihood."""
+    """Result of an update: mean, covariance, normalised innovation squared, and log likelihood of the measurement."""
 
     mean: Float[Array, " n"]
     covariance: Float[Array, "n n"]
@@ -43,7 +43,7 @@ class KalmanUpdate(NamedTuple):
 def extended_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement
 ) -> KalmanUpdate:
-    """Update of the extended Kalman filter by sequential scalar measurements, equivalent to a simultaneous update.
+    """Extended Kalman update by one scalar measurement after the other, equivalent to a simultaneous update.
 
     All derivatives are taken at the predicted mean. The covariance update is the Joseph form, multiplied out.
     """
@@ -80,7 +80,11 @@ class SigmaPoints(NamedTuple):
     kappa: float = 0.0
 
     def weights(self, count: int) -> tuple[float, np.ndarray, np.ndarray]:
-        """Squared distance scale of the points, and weights for mean and covariance, for `count` states."""
+        """Return the scale of the covariance, the weights for the mean, and the weights for the covariance.
+
+        `count` is the number of states n. The points lie at the columns of the root of scale * covariance; the weights
+        have shape (2 n + 1,).
+        """
         scale = self.alpha**2 * (count + self.kappa)
         mean_weights = np.full(2 * count + 1, 0.5 / scale)
         mean_weights[0] = 1.0 - count / scale
@@ -102,7 +106,7 @@ def unscented_prediction(
     noise: Float[Array, "n n"],
     points: SigmaPoints,
 ) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
-    """Mean and covariance of a function of a random state, with additive noise."""
+    """Predict mean and covariance after the motion `moved`; `noise` is the covariance of the process noise."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     images = jax.vmap(moved)(points.generate(mean, covariance))
     predicted_mean = jnp.sum(mean_weights[:, None] * images, axis=0)
@@ -115,7 +119,7 @@ def unscented_prediction(
 def unscented_update(
     mean: Float[Array, " n"], covariance: Float[Array, "n n"], measurement: Measurement, points: SigmaPoints
 ) -> KalmanUpdate:
-    """Update of the unscented Kalman filter by all measurements at once."""
+    """Unscented Kalman update by all measurements at once."""
     mean_weights, covariance_weights = (weights.astype(mean.dtype) for weights in points.weights(mean.shape[0])[1:])
     sigma_points = points.generate(mean, covariance)
     innovations, measured = jax.vmap(measurement.innovation)(sigma_points), measurement.measured
@@ -149,7 +153,7 @@ def unscented_update(
 
 
 def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Lower Cholesky factor of a small positive definite matrix, column by column; zero pivots stay zero."""
+    """Return the lower Cholesky factor of a small positive semidefinite matrix; columns with a zero pivot are zero."""
     count = matrix.shape[0]
     indices = jnp.arange(count)
 
@@ -164,7 +168,7 @@ def cholesky(matrix: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def _solve_lower(root: Float[Array, "m m"], right_hand_side: Float[Array, "m k"]) -> Float[Array, "m k"]:
-    """Solution X of L X = B for a lower triangular L."""
+    """Solve L X = B for X, with the lower triangular L = `root` and B = `right_hand_side`."""
     indices = jnp.arange(right_hand_side.shape[0])
 
     def row(k: Count, solution: Float[Array, "m k"]) -> Float[Array, "m k"]:

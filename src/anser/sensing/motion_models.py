@@ -14,26 +14,32 @@ _SMALL = 1e-3  # turn angle, rad, below which sine and cosine integrals use seri
 
 
 class AbstractMotionModel(eqx.Module):
-    """A motion model; concrete subclasses are final. States: position, velocity (NED, m and m/s), turn rate (rad/s)."""
+    """Interface of motion models. States: position, velocity (NED, m and m/s), and turn rate (rad/s) if modelled.
+
+    Subclass this class directly, not a concrete model.
+    """
 
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """Number of states: 6, or 7 with the turn rate."""
+        """Return the number of states: 6, or 7 with the turn rate."""
 
     @abc.abstractmethod
     def predict_state(self, state: Float[Array, " n"], span: ScalarLike) -> Float[Array, " n"]:
-        """State after a time (s), negative for the past, without noise."""
+        """Predict the state `span` seconds later (earlier if negative), without process noise."""
 
     @abc.abstractmethod
     def process_noise(self, span: ScalarLike) -> Float[Array, "n n"]:
-        """Covariance of the process noise over a time, s."""
+        """Return the covariance of the process noise accumulated over `span` seconds."""
 
     @abc.abstractmethod
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Covariance after a time (s), F P F^T + Q with the derivative F of `predict_state` at the mean."""
+        """Predict the covariance `span` seconds later.
+
+        It is F P F^T + Q, with the derivative F of `predict_state` at the mean and the process noise Q.
+        """
 
 
 class SteadyMotion(AbstractMotionModel):

@@ -1,4 +1,4 @@
-"""Navigation: a Kalman filter of satellite fixes and inertial measurements, and a filter of wind and gusts."""
+"""Filters of the aircraft's own motion (from satellite fixes and inertial sensors) and of wind and gusts."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the navigation filter.
+    """State of the `NavigationFilter`: estimates and covariance.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class NavigationFilter(eqx.Module):
     period: Scalar
 
     def init(self, fix: Fix, acceleration_n: Vector3) -> NavigationState:
-        """State after the first fix."""
+        """Return the filter state after the first fix."""
         slow, noise = self.slow_sigma**2, self.noise_sigma**2
         speed, zero = self.velocity_sigma**2, jnp.zeros(3)
         blocks = [[slow + noise, zero, -slow], [zero, speed, zero], [-slow, zero, slow]]
@@ -81,7 +81,10 @@ class NavigationFilter(eqx.Module):
     def step(
         self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
     ) -> NavigationState:
-        """State after one sampling period (s) with the acceleration (NED, m/s^2) and the fix at its end."""
+        """Predict over one sampling period (s), correct by the fix if it is new, and return the new filter state.
+
+        `acceleration_n` is the measured acceleration (NED, m/s^2).
+        """
         velocity_change_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
         velocity_n = filter_state.velocity_n + velocity_change_n
         position_n = filter_state.position_n + chart_scale * step * (filter_state.velocity_n + 0.5 * velocity_change_n)
@@ -93,7 +96,11 @@ class NavigationFilter(eqx.Module):
 
     def _correct(self, filter_state: NavigationState, fix: Fix) -> NavigationState:
         def axis(state: Vector3, covariance: Matrix33, fixed: Float[Array, "2"], sigmas: Vector3) -> Any:
-            """Correction in one axis, from the fix's position and velocity and the three standard deviations."""
+            """Correct the state of one axis by a fix.
+
+            `fixed` is the fix's position (m) and velocity (m/s) along the axis; `sigmas` are the standard deviations of
+            slow error, position noise and velocity noise.
+            """
             decay, span = jnp.exp(-self.period / self.slow_time), self.period
             error_variance, position_variance, velocity_variance = sigmas**2
             zero = jnp.zeros_like(span)
@@ -121,7 +128,10 @@ class NavigationFilter(eqx.Module):
 def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """Update by a scalar measurement, `value` = `observation` . state + error, in Joseph form, multiplied out."""
+    """Kalman update by a scalar measurement, value = observation . state + error.
+
+    The covariance update is the Joseph form, multiplied out.
+    """
     cross_covariance = times3(covariance, observation)
     innovation_variance = jnp.sum(cross_covariance * observation) + variance
     # zero variance: measurement and state are both exact and equal
@@ -136,12 +146,15 @@ def _update_scalar(
 
 
 def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
-    """Transition of a matrix's rows: position and velocity over a time (s), and the decay of the slow error."""
+    """Multiply a matrix by the transition matrix of (position, velocity, slow error) over `span` seconds.
+
+    `decay` is the factor of the slow error.
+    """
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 
 
 def acceleration_n(R_bn: Matrix33, specific_force_b: Vector3, earth: LocalEarth) -> Vector3:
-    """Rate of the velocity over the ground in local NED axes, from the accelerometers' specific force, m/s^2."""
+    """Compute the rate of the ground velocity (NED, m/s^2) from the accelerometers' specific force."""
     return rotate_back(R_bn, specific_force_b) + earth.apparent_gravity_n
 
 
@@ -169,7 +182,7 @@ class AirFilter(eqx.Module):
     gust_time: Scalar
 
     def init(self, wind_n: Vector3) -> AirMotion:
-        """State with the forecast mean wind."""
+        """Return the initial state: the forecast mean wind (NED, m/s) and no gust."""
         return AirMotion(wind_n, jnp.zeros(3))
 
     def step(
@@ -180,7 +193,7 @@ class AirFilter(eqx.Module):
         velocity_air_b: Vector3,
         step: ScalarLike,
     ) -> AirMotion:
-        """State after one more sampling period, s.
+        """Return the filter state after one more sampling period.
 
         Parameters
         ----------

@@ -1,7 +1,6 @@
-"""Sensors of the vehicle's motion.
+"""Sensors of the aircraft's own motion: satellite navigation, inertial sensors and air data, with errors.
 
-Errors of satellite navigation, inertial sensors and air data, and the dropout and error processes common to all
-sensors.
+Also the random processes that all sensors share: dropouts (`Dropouts`) and correlated errors (`gauss_markov`).
 """
 
 import equinox as eqx
@@ -38,11 +37,14 @@ class Dropouts(eqx.Module):
     outage_mean: Scalar
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
-        """Whether an outage exists at the start, from a uniform random number between 0 and 1."""
+        """Draw whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Whether an outage exists after a time (s): the exact transition of the chain."""
+        """Draw whether an outage exists `elapsed` seconds later; `uniform` is a random number between 0 and 1.
+
+        Exact transition probabilities of the continuous-time chain.
+        """
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
         good_share = jnp.maximum(1.0 - self.outage_share, 1e-12)
@@ -51,14 +53,16 @@ class Dropouts(eqx.Module):
         return jnp.asarray(uniform) < probability
 
     def is_lost(self, outage: Flag, uniform: ScalarLike) -> Flag:
-        """Whether a measurement is lost."""
+        """Draw whether a measurement is lost: always in an outage, otherwise with the probability of a single loss."""
         return outage | (jnp.asarray(uniform) < self.probability)
 
 
 def gauss_markov(
     error: Float[Array, "..."], sigma: ScalarLike, time_constant: ScalarLike, elapsed: ScalarLike, normals: Array
 ) -> Float[Array, "..."]:
-    """First-order Gauss-Markov error after a time (s), driven by standard normal numbers; exact and stationary.
+    """Advance a first-order Gauss-Markov error by `elapsed` seconds, driven by standard normal numbers.
+
+    The step is exact, and a stationary error stays stationary.
 
     `sigma` is the standard deviation, `time_constant` (s) the constant of the exponential autocorrelation.
     """
@@ -72,7 +76,7 @@ _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
-    """Errors of position and velocity from satellite navigation.
+    """Error parameters of satellite navigation (position and velocity).
 
     Attributes
     ----------
@@ -96,7 +100,7 @@ class SatelliteNavigation(eqx.Module):
 
 
 class InertialSensors(eqx.Module):
-    """Errors of attitude, rates and specific force.
+    """Error parameters of the inertial sensors (attitude, body rates, specific force).
 
     Attributes
     ----------
@@ -117,7 +121,7 @@ class InertialSensors(eqx.Module):
 
 
 class AirDataSensors(eqx.Module):
-    """Errors of pitot tube and vanes.
+    """Error parameters of pitot tube and vanes.
 
     Attributes
     ----------
@@ -134,7 +138,7 @@ class AirDataSensors(eqx.Module):
 
 
 class VehicleSensorErrors(eqx.Module):
-    """Errors of one aircraft's vehicle sensors between two samples.
+    """State of `VehicleSensors` between two samples: the present errors, and the last fix.
 
     Attributes
     ----------
@@ -155,7 +159,7 @@ class VehicleSensorErrors(eqx.Module):
 
 
 class VehicleReading(eqx.Module):
-    """Readings of the vehicle sensors at one sample; see `Reading`."""
+    """Measurements of `VehicleSensors` at one sample; `NoisySensors` copies them into a `Reading`."""
 
     quaternion: Quaternion
     rates_b: Vector3
@@ -165,14 +169,17 @@ class VehicleReading(eqx.Module):
 
 
 class VehicleSensors(eqx.Module):
-    """Satellite navigation, inertial sensors and air data of one aircraft."""
+    """Satellite navigation, inertial sensors and air data of one aircraft; a part of `NoisySensors`.
+
+    Not itself an `AbstractSensors`, although it has the same methods.
+    """
 
     satellite: SatelliteNavigation
     inertial: InertialSensors
     air_data: AirDataSensors
 
     def init(self, truth: Truth, instant: Instant) -> VehicleSensorErrors:
-        """Errors before the first sample: stationary Gauss-Markov errors, and the biases of this flight."""
+        """Draw the errors before the first sample: stationary Gauss-Markov errors, and the biases of this flight."""
         normals = instant.normals(VEHICLE_SENSORS, _NORMALS, once=True)
         satellite, inertial, air = self.satellite, self.inertial, self.air_data
         velocity_n = velocity_over_ground_n(truth.condition, truth.state)
@@ -188,7 +195,7 @@ class VehicleSensors(eqx.Module):
     def read(
         self, sensor_state: VehicleSensorErrors, truth: Truth, instant: Instant
     ) -> tuple[VehicleReading, VehicleSensorErrors]:
-        """Readings of a sample, and the errors after the sample."""
+        """Return the measurements of this sample, and the errors after it."""
         normals, inertial, air = instant.normals(VEHICLE_SENSORS, _NORMALS), self.inertial, self.air_data
         # the initial random numbers apply to the first sample
         attitude_b = gauss_markov(
@@ -219,7 +226,10 @@ class VehicleSensors(eqx.Module):
         return reading, errors
 
     def _new_fix(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
-        """Slow error, position and velocity of a fix, from the slow error one period earlier."""
+        """Draw a new fix; return its slow error (m), position (m) and velocity (m/s), NED.
+
+        `slow_n` is the slow error of the fix one period earlier, m.
+        """
         satellite, normals = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
         next_slow_n = gauss_markov(
             slow_n, satellite.position_sigma, satellite.correlation_time, satellite.period, normals[0:3]
@@ -231,13 +241,13 @@ class VehicleSensors(eqx.Module):
 
 
 def is_due(instant: Instant, period: Scalar) -> Array:
-    """Whether a sample falls on a multiple of a period (s), which is a multiple of the sampling period."""
+    """Whether the instant's sample is a multiple of `period` (s), itself a multiple of the sampling period."""
     period_samples = jnp.maximum(jnp.round(period / instant.step).astype(instant.number.dtype), 1)
     return instant.number % period_samples == 0
 
 
 def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
-    """Attitude rotated about the body axes by small angles (roll, pitch, yaw; rad).
+    """Rotate an attitude by small angles about the body axes x, y and z (rad).
 
     The rotation angle is 2 arctan(|angles| / 2), within 1e-6 of |angles| up to 0.2 deg and within 1e-4 up to 2 deg.
     """
@@ -246,6 +256,6 @@ def tilt_attitude(quaternion: Quaternion, angles_b: Vector3) -> Quaternion:
 
 
 def _air_velocity_b(V: Scalar, alpha: Scalar, beta: Scalar) -> Vector3:
-    """Velocity through the air in body axes from airspeed, angle of attack and sideslip."""
+    """Compute the velocity through the air (body axes, m/s) from airspeed (m/s), angle of attack and sideslip (rad)."""
     level = V * jnp.cos(beta)
     return jnp.stack([level * jnp.cos(alpha), V * jnp.sin(beta), level * jnp.sin(alpha)])

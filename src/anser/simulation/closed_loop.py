@@ -57,7 +57,7 @@ STATUS_MESSAGES: tuple[str, ...] = (
 
 
 def is_breakaway(status: Any) -> Any:
-    """Whether a status (or array of statuses) means that the aircraft has left the plan for the hold."""
+    """Whether the status code (or each of an array of codes) is a breakaway: the plan was abandoned for the hold."""
     has_left_plan = (status == BREAKAWAY) | (status == TOO_NEAR) | (status == PLAN_TOO_NEAR)
     return has_left_plan | (status == GOAL_UNSEEN) | (status == GOAL_LOST)
 
@@ -71,7 +71,7 @@ def is_off_plan(status: Any) -> Any:
 
 
 def plan_status(status: Any, planned: Any) -> Any:
-    """Status code, replaced by the plan's status (index into `PLAN_MESSAGES`) while no other event has occurred."""
+    """Return the plan's status code while the aircraft's own code is 0 (no event), otherwise the aircraft's code."""
     return jnp.where(status == FLYING, planned.astype(status.dtype), status)
 
 
@@ -79,7 +79,7 @@ APPROACH, FROZEN, HOLD = range(3)
 
 
 class Perception(eqx.Module):
-    """One aircraft at one sample, before the commands: truth, belief, and updated states of sensors and estimator."""
+    """Result of `perceive` for one aircraft at one sample: truth, belief, new states of sensors and estimator."""
 
     truth: Truth
     belief: Belief
@@ -89,7 +89,7 @@ class Perception(eqx.Module):
 
 
 def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
-    """True situation of an aircraft at an instant, from the states of the aircraft and of the gusts."""
+    """Return the truth that the sensors measure: aircraft, air data, goal and disturbances at an instant."""
     time = instant.time
     disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.faults.thrust(time))
     condition = flight_condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
@@ -106,14 +106,14 @@ def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
 
 
 def for_aircraft(instant: Instant, index: Count) -> Instant:
-    """Instant with the random numbers of one aircraft."""
+    """Return the instant with the random numbers of the aircraft with fleet index `index`."""
     if instant.randomness is None:
         return instant
     return eqx.tree_at(lambda i: i.randomness, instant, instant.randomness.for_aircraft(index))
 
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
-    """State of an aircraft that has been in steady flight until the instant."""
+    """Return the initial state of an aircraft in the steady flight `trim`, with every part's state settled."""
     index = jnp.asarray(index, dtype=jnp.int32)
     instant = for_aircraft(instant, index)
     flow = air_flow(trim.state, instant)
@@ -137,7 +137,7 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
 
 
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:
-    """Sense and estimate."""
+    """Read the sensors and update the estimator at one sample."""
     instant = for_aircraft(instant, state.index)
     local_state = to_local_state(instant.environment, state.aircraft)
     flow = air_flow(local_state, instant)
@@ -169,7 +169,7 @@ def act(
     plan
         The aircraft's plan; None without a planner. Required for an aircraft with a mission.
     freeze
-        Time before the arrival during which the plan is frozen, s: for the record.
+        Time before the arrival during which the plan is frozen, s; sets the recorded phase only.
     """
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
@@ -225,7 +225,7 @@ def act(
 def _vehicle_status(
     vehicle: Vehicle, status: Count, belief: Belief, plan: AircraftPlan, instant: Instant, freeze: ScalarLike
 ) -> Count:
-    """Status with the events inside the aircraft: departure from the fleet, or a goal without usable estimate."""
+    """Return the status code, updated for a departure from the fleet and for a goal without usable estimate."""
     time = instant.time
     has_departed = (status == FLYING) & vehicle.faults.has_departed(time)
     status = jnp.where(has_departed, LEFT_FLEET, status).astype(status.dtype)
@@ -248,7 +248,7 @@ def _approach_goal(
     instant: Instant,
     freeze: ScalarLike,
 ) -> tuple[GoalApproach, Count]:
-    """Position relative to the goal, and the status with break-off events.
+    """Return the approach to the goal, and the status code, updated for a breakaway.
 
     Both guards overrule plan and guidance: the height needed to end the descent, and the least distance to the true
     goal.

@@ -21,7 +21,7 @@ _SQUARE_MIN = 1e-30  # m^2: keeps derivatives finite for a constant offset
 
 
 class AirspeedStatistics(eqx.Module):
-    """Airspeed statistics of the aircraft up to now: integral over time (m), minimum and maximum (m/s)."""
+    """Airspeed of each aircraft since the start: time integral (m), minimum (m/s) and maximum (m/s)."""
 
     integral: Float[Array, " aircraft"]
     minimum: Float[Array, " aircraft"]
@@ -30,7 +30,10 @@ class AirspeedStatistics(eqx.Module):
     def over_interval(
         self, part: Array, length_s: ScalarLike, start_speed: Array, end_speed: Array
     ) -> "AirspeedStatistics":
-        """Add a part (0..1) of one interval, with the airspeed linear from `start_speed` to `end_speed`."""
+        """Add the first `part` (fraction, 0..1) of an interval of `length_s` seconds.
+
+        The airspeed (m/s) changes linearly from `start_speed` to `end_speed` over the whole interval.
+        """
         end = start_speed + part * (end_speed - start_speed)
         return AirspeedStatistics(
             self.integral + 0.5 * part * length_s * (start_speed + end),
@@ -40,7 +43,7 @@ class AirspeedStatistics(eqx.Module):
 
 
 class FleetSummary(eqx.Module):
-    """Results of a flight, accumulated sample by sample; leading axis aircraft except for the separations.
+    """Results of a flight, updated at every sample; one value per aircraft, except the separations (one per fleet).
 
     Attributes
     ----------
@@ -54,7 +57,7 @@ class FleetSummary(eqx.Module):
         Greatest position error up to the pass, while the plan is flown, m (the hold has no planned position); -inf if
         the plan was never flown.
     speeds_on_plan, position_error_on_plan
-        The same quantities up to `off_plan_time`, or up to now.
+        The same quantities up to `off_plan_time`, or up to the latest sample while the plan is flown.
     off_plan_time
         Time of the first sample with an `is_off_plan` status, s; infinite before.
     clearance_min
@@ -95,7 +98,9 @@ class _PreviousSample(NamedTuple):
 
 
 class SummaryRecorder(AbstractRecorder):
-    """Recorder of the running summary, without rows. The recorder's state is the summary and the previous sample.
+    """Recorder that keeps only a summary of the flight so far and stores no time history.
+
+    The recorder's state is the pair (summary, previous sample).
 
     Attributes
     ----------
@@ -217,7 +222,7 @@ class SummaryRecorder(AbstractRecorder):
 
 
 def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:
-    """New leaves for the aircraft with a true condition, old leaves otherwise."""
+    """Select the new values for aircraft whose condition is true, and the old values otherwise."""
     return jax.tree.map(lambda new_leaf, old_leaf: jnp.where(condition, new_leaf, old_leaf), new, old)
 
 
@@ -238,12 +243,12 @@ def _summary_inputs(sample: AircraftSample) -> dict[str, Array]:
 
 
 def _offset_length(start_n: Array, end_n: Array, part: Array) -> Array:
-    """Length of the offset after a part of the way between two offsets, m; rows (n, 3)."""
+    """Interpolate between two offsets (n, 3) at the fraction `part` and return the lengths (n,), m."""
     return jax.vmap(safe_norm)(start_n + part[:, None] * (end_n - start_n))
 
 
 def _interval_separation(start_n: Array, end_n: Array) -> Scalar:
-    """Least distance of any two aircraft over one interval, m."""
+    """Return the least distance (m) between any two aircraft during an interval in which all move straight."""
     count = end_n.shape[0]
     if count < 2:
         return jnp.asarray(jnp.inf)

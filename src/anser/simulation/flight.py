@@ -1,4 +1,4 @@
-"""Flight of a fleet: constant data, state between two steps, and the closed loop of the aircraft with replanning."""
+"""Flight of a fleet: its definition, its state between two steps, and the functions that fly it and replan."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -59,11 +59,7 @@ class Timing(eqx.Module):
 class AircraftGroup(eqx.Module):
     """Aircraft group: aircraft of the same structure, flown as one batch.
 
-    Attributes
-    ----------
-    starts
-        Steady flight at the start; leading axis members.
-    start_positions_n
+    Attributes ---------- starts Steady flight at the start (trim targets); leading axis members. start_positions_n
         Positions at the start, NED, m.
     is_real
         True for aircraft of the fleet; false for padding aircraft, which never fly.
@@ -114,7 +110,7 @@ class Flight(eqx.Module):
         return tuple(names_by_index[index] for index in range(self.count))
 
     def aircraft(self, index: int) -> tuple[Vehicle, TrimTarget, Vector3]:
-        """Return the aircraft with a fleet index, the steady flight at its start, and its start position, NED, m.
+        """Return one aircraft by fleet index, the trim target at its start, and its start position (NED, m).
 
         Raises
         ------
@@ -219,7 +215,7 @@ def select_group_rows(fleet_rows: Any, group: AircraftGroup, count: int) -> Any:
 
 
 def statuses(flight: Flight, state: FlightState) -> tuple[Array, Bool[Array, " aircraft"]]:
-    """Status of each aircraft, and whether the aircraft is stopped."""
+    """Return each aircraft's status code and whether it is stopped, both in fleet order."""
     return merge_groups(flight, [(group_state.status, group_state.stopped) for group_state in state.vehicles])
 
 
@@ -229,7 +225,7 @@ _ROUNDING_M = 1e-3  # rounding tolerance of plans that end exactly at the least 
 
 
 def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> AircraftReport:
-    """Report of an aircraft with a mission to the planner."""
+    """Make an aircraft's report to the planner from its belief; the aircraft must have a mission."""
     belief, mission = perception.belief, vehicle.mission
     if belief.goal is None or mission is None:
         raise ValueError("only an aircraft with a goal reports to a planner")
@@ -252,7 +248,7 @@ def aircraft_report(vehicle: Vehicle, perception: Perception, active: Flag) -> A
 def fleet_reports(
     flight: Flight, state: FlightState, instant: Instant, *, one_kernel: bool = False
 ) -> tuple[list[Perception], AircraftReport]:
-    """Perceptions of the aircraft, by group, and the reports to the planner; leading axis aircraft."""
+    """Read all sensors; return the perceptions by group, and the reports to the planner in fleet order."""
     kernel = as_single_kernel if one_kernel else lambda function: function
 
     def perceive_one(vehicle: Vehicle, vehicle_state: VehicleState) -> Perception:
@@ -274,7 +270,10 @@ def fleet_reports(
 def plans_too_near(
     flight: Flight, plans: AircraftPlan, reports: AircraftReport, time: ScalarLike
 ) -> Bool[Array, " aircraft"]:
-    """Flag plans that end closer to the goal, extrapolated at constant velocity, than the least rendezvous distance."""
+    """Flag aircraft whose plan ends nearer to the goal than the least distance allowed.
+
+    The goal's position at the arrival is extrapolated from the report at constant velocity.
+    """
     earth = flight.environment.earth
 
     def ends_too_near(vehicle: Vehicle, plan: AircraftPlan, report: AircraftReport) -> Flag:
@@ -297,7 +296,7 @@ def plans_too_near(
 def _replan_if_due(
     flight: Flight, state: FlightState, number: Count, reports: AircraftReport
 ) -> tuple[Any, Bool[Array, " aircraft"]]:
-    """Planner state, replanned if due, and flags of the refused new plans."""
+    """Replan if the sample is due; return the planner state, and flags of new plans that end too near the goal."""
     timing, planner = cast_to_precision(flight.timing, float), flight.planner
     time = number * timing.step
     plans = planner.plans(state.planner)
@@ -317,7 +316,7 @@ def _replan_if_due(
 def send_to_hold(
     flight: Flight, vehicles: Sequence[VehicleState], refused: Bool[Array, " aircraft"]
 ) -> tuple[VehicleState, ...]:
-    """Set the status of aircraft with a refused plan, so that they fly to the hold."""
+    """Set the status of aircraft whose plan ends too near the goal (`refused`), so that they fly to the hold."""
 
     def updated_state(state: VehicleState, no_plan: Array) -> VehicleState:
         is_sent = no_plan & ~state.stopped & ~is_breakaway(state.status)
@@ -365,7 +364,7 @@ def fly(
     one_kernel: bool = False,
     active_steps: Count | None = None,
 ) -> tuple[FlightState, Any, Any]:
-    """Fly a number of steps.
+    """Fly a fleet for `count` steps and record it.
 
     Pure: can be compiled, batched over flights and states with `vmap`, differentiated, or run on a GPU. Do not batch
     `first_step` or `timing`, because planning would then run at every step.

@@ -1,4 +1,4 @@
-"""Recorders: signals of one aircraft or a fleet at one sample, the recorded variables, and the time between rows."""
+"""Recorders: samples of an aircraft or a fleet, the variables recorded from them, and the loop that stores rows."""
 
 import abc
 from collections.abc import Callable, Sequence
@@ -69,9 +69,9 @@ _CONTROLLER_FLAGS = (
 
 
 def record(sample: "AircraftSample") -> dict[str, Array]:
-    """One row of the history of one aircraft, SI units and radians, keyed as in `anser.variables.catalogue`.
+    """Return one aircraft's variables at one sample, keyed as in `anser.variables.catalogue`; SI units and radians.
 
-    The control surfaces are those of the airframe. Commands missing in the controller's signals are NaN; missing limit
+    The control surfaces are those of the airframe. Where the controller gives no signals, commands are NaN and limit
     flags are false.
     """
     truth, state, condition = sample.truth, sample.truth.state, sample.truth.condition
@@ -211,9 +211,14 @@ class GoalApproach(eqx.Module):
     rendezvous_n
         Rendezvous position, NED, m.
     to_goal_n, to_rendezvous_n
-        Straight lines through space from the aircraft, NED, m.
+        Vectors from the aircraft to the goal and to the rendezvous, straight through space, NED, m.
+    clearance
+        Ground clearance of the present motion.
+    plan
+        The aircraft's plan.
     phase
-        `APPROACH`, `FROZEN` or `HOLD`.
+        `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
+        breakaway.
     """
 
     goal: GoalState
@@ -256,16 +261,20 @@ class AircraftSample(eqx.Module):
 
 
 class FleetSample(eqx.Module):
-    """Samples of a fleet by aircraft groups, with a leading axis over members; and the members' fleet indices."""
+    """Signals of a fleet at one instant.
+
+    `groups` holds one stacked sample per aircraft group (leading axis: aircraft of the group); `members` holds the
+    fleet indices of these aircraft.
+    """
 
     groups: tuple[AircraftSample, ...]
     members: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def rows(self, aircraft_variables: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
-        """Variables of the aircraft, computed by a function of one sample, in fleet order.
+        """Apply `aircraft_variables` to every aircraft's sample; return its variables in fleet order.
 
-        For several groups, the result has the variables common to the groups, plus the control surfaces of any group,
-        with NaN for aircraft without the surface.
+        If there are several groups, the result has the variables that all groups have, and every control surface of any
+        group; a surface that an aircraft lacks is NaN.
         """
         group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
@@ -284,7 +293,9 @@ class FleetSample(eqx.Module):
 
 
 class AbstractRecorder(eqx.Module):
-    """Selects and stores the data of a flight; concrete recorders are final.
+    """Interface of recorders, which select and store the data of a flight.
+
+    Subclass this class directly, not a concrete recorder.
 
     A sample is the `AircraftSample` of an aircraft flown alone, or the `FleetSample` of a fleet.
 
@@ -298,19 +309,19 @@ class AbstractRecorder(eqx.Module):
 
     @abc.abstractmethod
     def init(self, aircraft: int) -> Any:
-        """Recorder state before the first sample."""
+        """Return the recorder's state before the first sample; `aircraft` is the number of aircraft."""
 
     @abc.abstractmethod
     def update(self, recorder_state: Any, sample: Any, instant: Instant) -> Any:
-        """Recorder state after one more sample."""
+        """Return the recorder's state after one more sample."""
 
     @abc.abstractmethod
     def output(self, sample: Any, instant: Instant) -> Any:
-        """Row of one sample, as arrays; None: no rows."""
+        """Return the row to store for one sample, a pytree of arrays; None if the recorder stores no rows."""
 
 
 class History(AbstractRecorder):
-    """Variables of a fleet over time.
+    """Recorder of variables of a fleet over time; one row every `stride` samples.
 
     Attributes
     ----------
@@ -355,7 +366,7 @@ def scan_steps(
     recorder_state: Any,
     active_steps: Count | None = None,
 ) -> tuple[Any, Any, Any]:
-    """Run steps and record rows.
+    """Run `count` steps in one compiled loop and record a row every `stride` samples.
 
     Parameters
     ----------

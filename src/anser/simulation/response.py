@@ -28,7 +28,7 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """Aircraft, autopilot and trim point of a response.
+    """Input of a step response: aircraft, autopilot gains and limits, and the trim point at the start.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class LoopCase(eqx.Module):
 
 
 class ConstantCommand(AbstractGuidance):
-    """Guidance with a constant command."""
+    """Guidance that always gives the same command, `value`."""
 
     value: Any
 
@@ -59,12 +59,12 @@ class ConstantCommand(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[Any, Vector3, None]:
-        """The constant command; the reference position is the aircraft's own."""
+        """Return `value` as the command, and the aircraft's own position as reference position."""
         return self.value, belief.state.position_n, None
 
 
 class Response(eqx.Module):
-    """Record of one response, one row per step.
+    """Time histories of one step response; leading axis samples.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Response(eqx.Module):
 
 
 def step_response(case: LoopCase, size: Vector3, count: int, loop: Loop) -> Response:
-    """Fly a step away from trim, commanded to one loop, for `count` sampling periods.
+    """Fly from trim with a step command to one loop, for `count` sampling periods, and return the time histories.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def loop_flight(case: LoopCase, value: Vector3, count: int, loop: Loop, recorder
 
 
 class ResponseRecorder(AbstractRecorder):
-    """Records the outputs and controls of one loop at every sample."""
+    """Recorder of one loop's outputs and of the controls, at every sample; its rows form a `Response`."""
 
     loop: Loop = eqx.field(static=True)
     stride: int = eqx.field(static=True, default=1)
@@ -124,14 +124,14 @@ class ResponseRecorder(AbstractRecorder):
         """The recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> Response:
-        """Row of one sample."""
+        """Return the outputs, surfaces, throttle and power at one sample."""
         state = sample.truth.state
         measured = loop_outputs(sample.belief, self.loop)
         return Response(instant.time, measured, state.surfaces, sample.controls.throttle, state.power)
 
 
 def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike) -> PathCommand | LoopCommand:
-    """Command to a loop: values of the channels and their rates.
+    """Build the command object for a loop from the values of its three channels and their rates.
 
     The throttle (0..1) is constant unless the velocity loop is commanded.
     """
@@ -139,26 +139,26 @@ def loop_command(loop: Loop, value: Vector3, rate: Vector3, throttle: ScalarLike
 
 
 def exact_belief(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Belief:
-    """Exact belief of an aircraft without a goal, at time 0: airframe and state are known."""
+    """Return the belief that equals the truth, at time 0, of an aircraft without a goal."""
     condition = flight_condition(airframe, environment, 0.0, state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
     return Belief(airframe, state, condition, specific_force_b, sight=None, goal=None)
 
 
 def trimmed_autopilot_state(trim: TrimPoint) -> AutopilotState:
-    """State of an autopilot in steady flight at a trim point."""
+    """Return the autopilot's state after a long time in steady flight at a trim point."""
     attitude = jnp.stack([trim.mu, trim.alpha, trim.beta])
     return initial_autopilot_state(attitude, trim.state.rates_b, trim.state.surfaces)
 
 
 def believed_motion(belief: Belief) -> PathMotion:
-    """Path and attitude angles in an aircraft's belief."""
+    """Compute path and attitude angles from the estimated state in a belief."""
     condition, mass = belief.condition, belief.airframe.mass_properties.mass
     return path_motion(condition, condition.wrench.force_b, belief.state.velocity_b, mass, condition.earth.gravity)
 
 
 def loop_outputs(belief: Belief, loop: Loop) -> Vector3:
-    """Outputs of a loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)."""
+    """Return the three outputs of a loop: (P, Q, R) rad/s, (mu, alpha, beta) rad, or (V, gamma, chi) m/s and rad."""
     if loop == "rates":
         return belief.state.rates_b
     motion = believed_motion(belief)
@@ -210,7 +210,7 @@ def step_metrics(
     surface_limits: tuple[Vector, Vector],
     band: ScalarLike = 0.05,
 ) -> StepMetrics:
-    """Metrics of the response to a step at the first sample.
+    """Compute rise time, overshoot and the other `StepMetrics` of a response to a step at the first sample.
 
     Parameters
     ----------
@@ -252,7 +252,10 @@ def step_metrics(
 
 
 def _crossing_time(time: Float[Array, " steps"], progress: Float[Array, "steps 3"], level: float) -> Vector3:
-    """First time at which each channel reaches a level, linear between samples; infinite if never."""
+    """Return the first time (s) at which each channel of `progress` reaches `level`; infinite if never.
+
+    Values between samples are interpolated linearly.
+    """
 
     def channel_crossing(channel: Float[Array, " steps"]) -> Scalar:
         is_reached = channel >= level

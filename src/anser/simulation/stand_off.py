@@ -1,4 +1,4 @@
-"""Stand-off guard: whether an aircraft is or will soon be nearer to its goal than the least rendezvous distance."""
+"""Stand-off guard: whether an aircraft is, or will soon be, nearer to its goal than the least distance allowed."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +25,7 @@ def must_break_away(
     acceleration: ScalarLike,
     turn: ScalarLike,
 ) -> Flag:
-    """Whether an aircraft must break off at once.
+    """Whether an aircraft must abandon its plan for the hold at once, because it comes too near its goal.
 
     An aircraft must break off if it is nearer than the least distance. It must also break off if straight flight would
     lead well inside the least distance and the turn into the hold, flown later, would pass the goal with less than the
@@ -69,7 +69,10 @@ def _turn_distances(
     ground_speed: Scalar,
     turn: ScalarLike,
 ) -> Float[Array, " legs"]:
-    """Least distance from the goal on the legs of a half turn away after a straight leg, chords of equal angles, m."""
+    """Return the least distance (m) to the goal on each leg of an escape: a straight leg, then half a turn.
+
+    The turn is approximated by chords of equal angles.
+    """
     ahead_n = velocity_n.at[2].set(0.0) / ground_speed
     right_n = turn * jnp.stack([-ahead_n[1], ahead_n[0], jnp.zeros_like(ground_speed)])
     radius, start = ground_speed / rate, jnp.zeros(1, rate.dtype)

@@ -31,7 +31,7 @@ class TrimmedFleet(eqx.Module):
     Attributes
     ----------
     trims
-        Trim points by aircraft group; leading axis members.
+        Trim points by aircraft group; leading axis: aircraft of the group.
     is_trimmed
         Whether a steady flight within the limits exists; leading axis aircraft.
     vehicles
@@ -39,7 +39,7 @@ class TrimmedFleet(eqx.Module):
     reports
         Reports to the planner; leading axis aircraft.
     performance
-        Performance along the path; leading axis aircraft.
+        Acceleration and deceleration along the path; leading axis aircraft.
     """
 
     trims: tuple[TrimPoint, ...]
@@ -81,7 +81,8 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
 def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
     """Trim every aircraft at its start and compute the first plan, at time 0.
 
-    For planners with a first plan in one compiled program. The certified planner searches: see `anser.missions`.
+    The first plan is `flight.planner.first_plan`, in one compiled program. `anser.missions` does not use it for the
+    certified planner, whose search also gives the reason of a refusal.
     """
     fleet = trimmed_fleet(flight)
     return initialize_flight(
@@ -90,7 +91,7 @@ def start_flight(flight: Flight) -> tuple[FlightState, TrimmedFleet]:
 
 
 def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> FlightState:
-    """State of a flight at time 0 with the planner's state, including the first plan.
+    """Return the state of a flight at time 0 from the trimmed fleet and the planner's state, which has the first plan.
 
     An aircraft with a plan that ends too near to its goal goes to its hold instead, see `PLAN_TOO_NEAR`.
     """

@@ -1,4 +1,4 @@
-"""Survey flights of one aircraft: from trim to commanded values, with running extremes instead of a record."""
+"""Survey flights: a step command to one aircraft in trim, of which only extremes and metrics are kept."""
 
 from typing import NamedTuple
 
@@ -44,14 +44,14 @@ AUTOPILOT_LIMITS = (
 """Limits of an autopilot command; `unloading` is the lift withheld while the bank error exceeds 60 deg, `surfaces` and
 `surface_rates` are the stops and the rate limits of the actuators."""
 TABLE_AXES = ("alpha", "beta", "altitude", "mach")
-"""Arguments of the airframe's data."""
+"""Axes of the airframe's data tables, in the order of `left_time`."""
 
 BETA_BOUND = 2.0 * DEG_RAD
 """Acceptable sideslip, rad."""
 
 
 class SurveySummary(eqx.Module):
-    """Summary of one flight. Channels are (V, gamma, chi), m/s and rad; surfaces are the airframe's.
+    """Metrics of one survey flight. Channels are (V, gamma, chi) in m/s and rad; surfaces are the airframe's.
 
     Attributes
     ----------
@@ -66,15 +66,15 @@ class SurveySummary(eqx.Module):
     beta_max
         Largest magnitude of the sideslip, rad.
     alpha_min, alpha_max
-        Angle of attack, rad.
+        Least and greatest angle of attack, rad.
     load_factor_min, load_factor_max
-        Minus body z force over weight.
+        Least and greatest load factor: minus body z force over weight.
     surface_share
         Largest deflection of each surface, as a fraction of the travel from the middle to the stop.
     surface_rate_share, body_rate_share
         Largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's limit.
     limited_time, limited_late
-        Time at the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in the last tenth.
+        Time at each of the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth.
     limited_before_slip
         Time at the limits before the sideslip first exceeds `BETA_BOUND`, s.
     left_time
@@ -104,7 +104,7 @@ class SurveySummary(eqx.Module):
 
 
 class SurveySample(NamedTuple):
-    """Inputs of the summary at one instant."""
+    """Values of one sample that `add_sample` adds to the summary."""
 
     time: ScalarLike
     error: Vector3
@@ -146,7 +146,10 @@ def empty_summary(surface_count: int) -> SurveySummary:
 def add_sample(
     summary: SurveySummary, sample: SurveySample, size: Vector3, tolerance: Vector3, step: ScalarLike, late: Flag
 ) -> SurveySummary:
-    """Add a sample; until the end `final_error` is a sum and `settling_time` the last time outside the tolerance."""
+    """Add a sample to the running summary; `late` marks the last tenth of the flight.
+
+    Until `finish_summary`, `final_error` is a sum and `settling_time` is the last time outside the tolerance.
+    """
     stepped = size != 0.0
     magnitude = jnp.abs(sample.error)
     overshoot = jnp.where(stepped, -sample.error / jnp.where(stepped, size, 1.0), 0.0)
@@ -180,7 +183,7 @@ _COS_UNLOADING = 0.5
 
 
 def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCommand:
-    """Command of the steady flight, with its turn, plus a step of (V, gamma, chi), m/s and rad."""
+    """Return the path command at `time` (s): the steady flight `target`, its turn continued, plus the step `size`."""
     zero = jnp.zeros(())
     return PathCommand(
         target.speed + size[0],
@@ -193,12 +196,12 @@ def step_command(target: TrimTarget, size: Vector3, time: ScalarLike) -> PathCom
 
 
 def final_part_start(count: int) -> int:
-    """First of the `count` samples in the final part of a flight."""
+    """Return the number of the first sample that belongs to the last tenth of a flight of `count` samples."""
     return round((1.0 - _FINAL_FRACTION) * count)
 
 
 def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike, count: int) -> SurveySummary:
-    """Final summary of a flight, from the running summary: mean of the late errors, and settling time."""
+    """Convert the running summary into the final one: mean of the late errors, and settling time."""
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(state)]))
     end_time = (count - 1) * step
     return eqx.tree_at(
@@ -215,7 +218,7 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 def take_sample(
     sample: AircraftSample, environment: Environment, time: ScalarLike, limits: FlightLimits, start: FlightCondition
 ) -> SurveySample:
-    """Sample of an aircraft's motion and of the active limits of its autopilot.
+    """Extract the values for the summary from an aircraft's sample, including the active autopilot limits.
 
     Parameters
     ----------
@@ -250,10 +253,10 @@ def take_sample(
 
 
 def outside_axes(airframe: AbstractAirframe, condition: FlightCondition, inside: FlightCondition) -> Bool[Array, "4"]:
-    """Flag the `TABLE_AXES` along which a condition is outside the airframe's data; the condition `inside` is within.
+    """Flag the `TABLE_AXES` along which a condition is outside the airframe's data.
 
-    The airframe reports only "outside". Altitude and Mach number are distinguished by setting one of them to the value
-    of `inside`.
+    The airframe reports only "outside". Altitude and Mach number are distinguished by replacing one of them by the
+    value of `inside`, a condition within the data.
     """
     data, inside_data = condition.air_data, inside.air_data
 
@@ -273,7 +276,7 @@ def outside_axes(airframe: AbstractAirframe, condition: FlightCondition, inside:
 
 
 def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSignals) -> Bool[Array, "8"]:
-    """Flags of the active `AUTOPILOT_LIMITS`, except the last."""
+    """Flag each of the `AUTOPILOT_LIMITS` that is active, except the last (surface rates)."""
     data, thrust, attitude = belief.condition.air_data, signals.thrust, signals.attitude
     thrust_max = belief.airframe.engine.propulsion(100.0, data).force_b[0]
     bank, alpha, _ = attitude.angles
@@ -294,7 +297,7 @@ def _active_limits(belief: Belief, limits: FlightLimits, signals: AutopilotSigna
 
 
 class SteppedPath(AbstractGuidance):
-    """Guidance of a steady flight, with its turn, plus a step of (V, gamma, chi), m/s and rad, from time 0."""
+    """Guidance of a survey flight: the steady flight, its turn continued, plus a step of (V, gamma, chi) at time 0."""
 
     target: TrimTarget
     size: Vector3
@@ -305,20 +308,24 @@ class SteppedPath(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Command with the course turning as before the step; the reference position is the aircraft's own."""
+        """Velocity command after the step; a turn continues at its rate before the step.
+
+        The reference position is the aircraft's own.
+        """
         return step_command(self.target, self.size, instant.time), belief.state.position_n, None
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder of the running summary of one flight, without rows.
+    """Recorder that keeps only the running summary of a survey flight; it stores no rows.
 
     Attributes
     ----------
+    limits
+        Limits of the autopilot.
     start
-        Condition at the start, inside the airframe's data.
+        Flight condition at the start, within the range of the airframe's data.
     size, tolerance
-        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad.
-    count
+        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad. count
         Number of samples of the flight.
     surfaces
         Number of control surfaces.
@@ -360,7 +367,7 @@ def survey_flight(
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
 ) -> SurveySummary:
-    """Fly a step of the path command from steady flight with the velocity loop, and summarize the flight.
+    """Fly a step of the path command from steady flight with the velocity loop, and return the flight's metrics.
 
     The command is the steady flight, with its turn, plus the step: (V, gamma, chi) jump at time 0 and the course
     continues to turn. The memory needed does not depend on the duration.

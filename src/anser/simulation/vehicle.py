@@ -24,16 +24,18 @@ from anser.spatial.rotations import normalize
 
 
 class Faults(eqx.Module):
-    """Faults of one aircraft by start time, s; infinite: never.
+    """Thrust loss, sensor failure and departure from the fleet of one aircraft, each by its time; infinite: never.
+
+    The scenario's events set the times when the flight is built (`anser.scenario.build.build_faults`).
 
     Attributes
     ----------
     thrust_time, thrust_ratio
-        Time of a thrust loss, and the remaining fraction of the thrust (0..1).
+        Time of a thrust loss, s, and fraction of the thrust that remains afterwards (0..1).
     sensor_time
-        Time of a failure of the goal sensor.
+        Time of a failure of the goal sensor, s.
     departure_time
-        Time at which the aircraft leaves the fleet and flies its exit path; the fleet no longer waits for it.
+        Time at which the aircraft leaves the fleet and flies its exit path, s; the fleet no longer waits for it.
     """
 
     thrust_time: Scalar
@@ -42,15 +44,15 @@ class Faults(eqx.Module):
     departure_time: Scalar
 
     def thrust(self, time: ScalarLike) -> Scalar:
-        """Remaining fraction of the thrust."""
+        """Return the fraction of the thrust available at a time (s): 1 before a loss."""
         return jnp.where(time >= self.thrust_time, self.thrust_ratio, 1.0)
 
     def goal_sensor_works(self, time: ScalarLike) -> Flag:
-        """Whether the goal sensor works."""
+        """Whether the goal sensor works at a time, s."""
         return jnp.asarray(time < self.sensor_time)
 
     def has_departed(self, time: ScalarLike) -> Flag:
-        """Whether the aircraft has left the fleet."""
+        """Whether the aircraft has left the fleet by a time, s."""
         return jnp.asarray(time >= self.departure_time)
 
 
@@ -69,7 +71,9 @@ def advance(
     step: ScalarLike,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """State after one step (s), by the classical Runge-Kutta method; the quaternion is normalized after the step.
+    """Integrate the equations of motion over one step (s) by the classical Runge-Kutta method.
+
+    The quaternion is normalized after the step.
 
     Controls and disturbance (None: no disturbance) are constant over the step.
     """
@@ -102,7 +106,7 @@ class Mission(eqx.Module):
 
     @property
     def distance_min(self) -> Scalar:
-        """Least distance to the goal, m: a limit of the product's scope that no setting can lower."""
+        """Return the least distance allowed to the goal, m; fixed by the kind of goal, no setting can lower it."""
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
@@ -111,22 +115,24 @@ class Mission(eqx.Module):
 
 
 class Vehicle(eqx.Module):
-    """One aircraft, made of interchangeable parts; user-defined parts are possible.
+    """One aircraft of the closed loop, made of interchangeable parts; user-defined parts are possible.
 
     Attributes
     ----------
     airframe
         The true airframe.
     sensors, estimator
-        From the truth to the aircraft's belief.
+        Sensors measure the truth; the estimator computes the aircraft's belief from the readings.
     guidance
-        Source of the commands; with a mission, until the arrival.
+        Source of the commands; for an aircraft with a mission, until the hold begins.
     controller
-        From commands to controls.
+        Computes surfaces and throttle from the command.
     mission
-        None: no goal, no break-off, no planner.
+        Goal, rendezvous and hold; None: the aircraft has no goal and needs no planner.
     gusts
         Gusts in addition to the mean wind.
+    faults
+        Thrust loss, sensor failure and departure, by time.
     """
 
     airframe: AbstractAirframe
