@@ -13,16 +13,18 @@ from anser.variables import STANDARD_SURFACES
 
 
 class AbstractActuators(eqx.Module):
-    """Actuators of any number of control surfaces; the state is specific to the class, but has an attribute `position`.
+    """Interface of the actuators of any number of control surfaces.
+
+    Each class defines its own actuator state; every state has an attribute `position` (rad).
 
     Attributes
     ----------
     time_constant
-        Lag from command to position, for inversion by a controller, s, shape (surfaces,).
+        Lag from command to position, s, shape (surfaces,); controllers use it to invert the actuators.
     lower, upper
         Position limits, rad, shape (surfaces,).
     rate_limit
-        rad/s, shape (surfaces,).
+        Greatest speed of the surfaces, rad/s, shape (surfaces,).
     names
         Distinct names of the surfaces.
     """
@@ -35,23 +37,26 @@ class AbstractActuators(eqx.Module):
 
     @abc.abstractmethod
     def steady_state(self, position: Vector) -> Any:
-        """State at rest at a position (rad)."""
+        """Return the actuator state at rest at a position (rad)."""
 
     @abc.abstractmethod
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
-        """Time derivative of the state for a command (rad), in the state's structure."""
+        """Return the time derivative of the actuator state under a command (rad), in the state's structure."""
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
-        """Replace the positions (rad) of scheduled surfaces, without command, by the steady values for the air data."""
+        """Return the positions (rad) with scheduled surfaces replaced by their steady values in the air data.
+
+        A scheduled surface follows the air data instead of a command, for example a leading-edge flap.
+        """
         return position
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> Any:
-        """State at rest in a steady flow, with scheduled surfaces at the values for the air data."""
+        """Return the actuator state at rest in a steady flow; scheduled surfaces follow the air data."""
         return self.steady_state(self.scheduled_position(position, air_data))
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """Whether each surface is commanded by the controller; the remaining surfaces follow a schedule."""
+        """Whether each surface is commanded by the controller (True) or follows a schedule (False)."""
         return (True,) * len(self.names)
 
     @property
@@ -61,20 +66,20 @@ class AbstractActuators(eqx.Module):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the state's elements, in leaf order."""
+        """Names of the elements of the actuator state, in the order of the pytree's leaves."""
         return self.names
 
     def limit_command(self, command: Vector) -> Vector:
-        """Command within the position limits, rad."""
+        """Return the command (rad) limited to the position limits."""
         return jnp.clip(command, self.lower, self.upper)
 
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
-        """Command (rad, within the position limits) for a required surface rate (rad/s): the inverse of the lag."""
+        """Return the command (rad, within the position limits) that moves the surfaces at a required rate (rad/s)."""
         return self.limit_command(position + self.time_constant * rate)
 
 
 class Deflections(eqx.Module):
-    """State of first-order actuators: `position`, rad, shape (surfaces,)."""
+    """State of first-order actuators: `position` of the surfaces, rad, shape (surfaces,)."""
 
     position: Vector
 
@@ -89,11 +94,11 @@ class FirstOrderActuators(AbstractActuators):
     names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
     def steady_state(self, position: Vector) -> Deflections:
-        """State at rest: the position alone."""
+        """Return the state at rest: the position alone."""
         return Deflections(jnp.asarray(position))
 
     def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
-        """Rate of the position: (limited command - position) / time constant, within the rate limits."""
+        """Return the rate of the position (rad/s): (limited command - position) / time constant, rate-limited."""
         unlimited_rate = (self.limit_command(command) - state.position) / self.time_constant
         return Deflections(jnp.clip(unlimited_rate, -self.rate_limit, self.rate_limit))
 
@@ -106,7 +111,7 @@ class MovingDeflections(eqx.Module):
 
 
 class SecondOrderActuators(AbstractActuators):
-    """Actuators with second-order dynamics and limited speed.
+    """Actuators with second-order dynamics (natural frequency and damping) and a rate limit.
 
     Attributes
     ----------
@@ -125,7 +130,7 @@ class SecondOrderActuators(AbstractActuators):
 
     @property
     def time_constant(self) -> Float[Array, " surfaces"]:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Lag in slow motion: 2 damping / frequency, s."""
+        """Lag behind a slowly moving command, s: 2 damping / frequency."""
         return 2.0 * self.damping / self.frequency
 
     @property
@@ -134,12 +139,15 @@ class SecondOrderActuators(AbstractActuators):
         return (*self.names, *(f"{name}_velocity" for name in self.names))
 
     def steady_state(self, position: Vector) -> MovingDeflections:
-        """State at rest: zero velocity."""
+        """Return the state at rest: the given position and zero velocity."""
         position = jnp.asarray(position)
         return MovingDeflections(position, jnp.zeros_like(position))
 
     def rate(self, state: MovingDeflections, command: Vector, air_data: AirData) -> MovingDeflections:
-        """Rates of position x and velocity: x'' = w^2 (limited command - x) - 2 z w x', x' within the rate limit."""
+        """Return the rates of position x (rad) and velocity: x'' = w^2 (limited command - x) - 2 z w x', x' limited.
+
+        w is the natural frequency, z the damping ratio.
+        """
         w = self.frequency
         free_acceleration = (
             w * w * (self.limit_command(command) - state.position) - 2.0 * self.damping * w * state.velocity

@@ -41,7 +41,7 @@ class AirData(eqx.Module):
 
 
 def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData:
-    """Air data from the air-relative velocity in body axes (m/s), the altitude (m) and the local air."""
+    """Compute the air data from the air-relative velocity in body axes (m/s), the altitude (m) and the local air."""
     V, alpha, beta = flow_angles(velocity_air_b)
     return AirData(
         V=V,
@@ -55,9 +55,9 @@ def air_data(velocity_air_b: Vector3, altitude: ScalarLike, air: Air) -> AirData
 
 
 class Validity(eqx.Module):
-    """Ranges in which the data are valid, infinite if unlimited.
+    """Ranges in which an airframe's data are valid: (minimum, maximum) of each quantity, infinite if unlimited.
 
-    True airspeed (m/s), geometric altitude (m) and Mach number, minimum and maximum.
+    True airspeed in m/s, geometric altitude in m, and Mach number.
     """
 
     airspeed: tuple[Scalar, Scalar]
@@ -74,7 +74,7 @@ class Validity(eqx.Module):
 
 
 def unlimited_validity() -> Validity:
-    """Validity without limits."""
+    """Return the validity of data without limits."""
     limits = as_array(-math.inf), as_array(math.inf)
     return Validity(limits, limits, limits)
 
@@ -85,7 +85,7 @@ def is_outside(value: Scalar, limits: tuple[Scalar, Scalar]) -> Flag:
 
 
 class Disturbance(eqx.Module):
-    """Gust and thrust loss of one aircraft, constant over a sampling period.
+    """Gust and thrust loss acting on one aircraft; constant over a sampling period.
 
     Attributes
     ----------
@@ -100,5 +100,5 @@ class Disturbance(eqx.Module):
 
 
 def no_disturbance() -> Disturbance:
-    """Smooth air and full thrust."""
+    """Return the disturbance of smooth air and full thrust."""
     return Disturbance(Gust(as_array([0.0] * 3), as_array([0.0] * 3)), as_array(1.0))

@@ -17,25 +17,25 @@ from anser.shapes import Flag, Matrix33, Quaternion, Scalar, Vector, Vector3
 
 
 class AircraftState(eqx.Module):
-    """State of one aircraft in the local NED axes, over any Earth.
+    """State of one aircraft relative to the local NED axes, over a flat or a round Earth.
 
-    Integrated directly over a flat Earth; derived from the integrated state over a round Earth
-    (`anser.aircraft.motion`).
+    Over a flat Earth this state is integrated directly. Over a round Earth an `EarthFixedState` is integrated, and this
+    state is computed from it (`anser.aircraft.motion`).
 
     Attributes
     ----------
     position_n
-        North, East, Down in the Earth's chart, m; altitude is minus the third component.
+        North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
     velocity_b
-        (U, V, W) over ground in body axes, m/s.
+        Velocity (U, V, W) over ground in body axes, m/s.
     quaternion
-        (q0, q1, q2, q3), scalar first, NED to body.
+        Attitude (q0, q1, q2, q3), scalar first, from NED to body axes.
     rates_b
-        (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
+        Body rates (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
     actuators
-        State of the airframe's actuators, with an attribute `position`.
+        State of the airframe's actuators, with an attribute `position` (rad).
     engine
-        State of the airframe's engine, with an attribute `power`.
+        State of the airframe's engine, with an attribute `power` (percent).
     """
 
     position_n: Vector3
@@ -52,7 +52,7 @@ class AircraftState(eqx.Module):
 
     @property
     def power(self) -> Scalar:
-        """Engine power, percent of maximum."""
+        """Engine power: the engine's setting in percent of its maximum, not watts."""
         return self.engine.power
 
 
@@ -64,16 +64,16 @@ class Controls(eqx.Module):
 
 
 class MassProperties(eqx.Module):
-    """Mass and inertia.
+    """Mass and inertia of an aircraft.
 
     Attributes
     ----------
     mass
-        kg.
+        Mass, kg.
     inertia_b, inertia_inverse_b
         Inertia matrix about the centre of gravity in body axes, kg m^2, and the inverse matrix.
     spin_momentum_b
-        Angular momentum of spinning parts (engine), kg m^2/s.
+        Angular momentum of spinning parts (engine) in body axes, kg m^2/s.
     """
 
     mass: Scalar
@@ -83,18 +83,18 @@ class MassProperties(eqx.Module):
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe; concrete subclasses are final.
+    """Interface of an airframe: subclass this class directly; concrete airframes are not subclassed.
 
     Attributes
     ----------
     mass_properties
-        See `MassProperties`.
+        Mass, inertia and angular momentum of the engine.
     actuators
         Dynamics, limits and names of the control surfaces.
     engine
-        Thrust, lag and the inverses of both.
+        Thrust, lag from throttle to power, and the inverse functions for controllers.
     alpha_range, beta_range
-        Valid range of angle of attack and of sideslip, rad.
+        Valid range (minimum, maximum) of angle of attack and of sideslip, rad.
     """
 
     mass_properties: eqx.AbstractVar[MassProperties]
@@ -113,7 +113,10 @@ class AbstractAirframe(eqx.Module):
 
     @abc.abstractmethod
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Aerodynamic force and moment for the given air data, body rates (rad/s) and deflections (rad)."""
+        """Compute the aerodynamic force (N) and the moment about the centre of gravity (N m), in body axes.
+
+        Inputs: air data, body rates relative to the air (rad/s) and deflections in the order of the surfaces (rad).
+        """
 
     @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -121,7 +124,7 @@ class AbstractAirframe(eqx.Module):
 
 
 _LENGTHS = ("span", "wing_area", "mean_chord")
-"""Attributes of airframes with such reference quantities."""
+"""Attributes of an airframe that hold reference lengths or the wing area and must be positive."""
 
 
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:

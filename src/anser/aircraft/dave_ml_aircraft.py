@@ -27,9 +27,9 @@ from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 _THRUST = tuple(f"thrustBodyForce_{axis}" for axis in "XYZ")
 _TORQUE = tuple(f"thrustBodyMoment_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 ENGINE_OUTPUTS = (*_THRUST, *_TORQUE)
-"""Required outputs of a propulsion file."""
+"""Variables that a propulsion file must define: thrust force and moment along the body axes."""
 ENGINE_POWER = "powerLeverAngle"
-"""Input of a propulsion file for the power, percent."""
+"""Name of the propulsion file's input for the engine power, percent."""
 AIR_INPUTS = (
     "trueAirspeed",
     "angleOfAttack",
@@ -39,12 +39,12 @@ AIR_INPUTS = (
     "dynamicPressure",
     "airDensity",
 )
-"""Inputs of a file that describe the air data."""
+"""Names of the inputs of a DAVE-ML file that describe the air data."""
 _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
-    """Return the values of `AIR_INPUTS` that are inputs of a file, SI units and rad."""
+    """Return the values of those `AIR_INPUTS` that a file uses, by name; SI units and rad."""
     values = (
         air_data.V,
         air_data.alpha,
@@ -87,7 +87,7 @@ class DaveMlEngine(AbstractLaggedEngine):
     thrust_factor: Scalar
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust, and the thrust moment about the centre of gravity."""
+        """Compute the thrust force (N) and the thrust moment about the centre of gravity (N m) at a power (percent)."""
         # in SI units percent becomes a fraction
         within = jnp.clip(power, 0.0, 100.0)
         inputs = {**air_inputs(self.evaluator, air_data), ENGINE_POWER: within / 100.0}
@@ -97,7 +97,10 @@ class DaveMlEngine(AbstractLaggedEngine):
         return Wrench(force_b, self.thrust_factor * moment_b + cross(self.point_b, force_b))
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) with the thrust nearest to `thrust` (N), by linear interpolation every ten percent."""
+        """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N).
+
+        The thrust is computed every ten percent of power and interpolated linearly.
+        """
         powers = jnp.asarray(_POWER_GRID, air_data.V.dtype)
         thrusts = jax.vmap(lambda power: self.propulsion(power, air_data).force_b[0])(powers)
         rising = jax.lax.cummax(thrusts)
@@ -135,7 +138,9 @@ _ALPHAS, _SPEEDS_M_S, _POWERS = 41, (20.0, 60.0, 200.0, 600.0), (0.0, 50.0, 100.
 
 
 class DaveMlAircraft(AbstractAirframe):
-    """Aerodynamics from a file: coefficients in body axes about the file's moment reference centre.
+    """Airframe with the aerodynamics of a DAVE-ML file.
+
+    The file's coefficients are in body axes; its moments refer to the moment reference centre.
 
     Attributes
     ----------
@@ -152,7 +157,7 @@ class DaveMlAircraft(AbstractAirframe):
     validity
         Valid range of airspeed, altitude and Mach number.
     inputs
-        Input of the file driven by each surface.
+        Name of the file's input for each surface, in the order of the surfaces.
     has_static_side_force
         Whether a side force without sideslip, rates and deflections is possible.
     """
@@ -175,11 +180,14 @@ class DaveMlAircraft(AbstractAirframe):
 
     @property
     def symmetric(self) -> bool:
-        """Negation of `has_static_side_force`."""
+        """Whether the side force is zero without sideslip, rates and deflections."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
-        """CX, CY, CZ, Cl, Cm, Cn of the file times the factors, moments about the reference centre."""
+        """Return the file's CX, CY, CZ, Cl, Cm, Cn times `coefficient_factors`.
+
+        The moments refer to the moment reference centre, not to the centre of mass.
+        """
         limited_air_data = eqx.tree_at(lambda d: d.V, air_data, jnp.maximum(air_data.V, self.airspeed_min))
         inputs = {
             **air_inputs(self.evaluator, limited_air_data),
@@ -190,7 +198,10 @@ class DaveMlAircraft(AbstractAirframe):
         return self.coefficient_factors * jnp.stack([outputs[name] for name in AERO_OUTPUTS])
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) less the centre of mass cross the force."""
+        """Compute the force (N) and the moment about the centre of mass (N m), in body axes.
+
+        Force F = qbar S (CX, CY, CZ); moment qbar S (b Cl, c Cm, b Cn) - r x F, where r is `centre_b`.
+        """
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
         force_b = scale * c[:3]
@@ -344,18 +355,18 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
 def dave_ml_body_faults(
     aerodynamics: Model | None, inertia: Model | None, inertia_inputs: Mapping[str, float]
 ) -> list[tuple[str, DaveMlError]]:
-    """Return physically impossible reference lengths, masses and inertias of files.
+    """List the reference lengths, masses and moments of inertia of DAVE-ML files that are physically impossible.
 
     Parameters
     ----------
     aerodynamics, inertia
-        As in `dave_ml_airframe`, with the required variables; None: no file.
+        Models of the aerodynamics file and of the inertia file; None: no file.
     inertia_inputs
         Inputs of `inertia`, in the units of the file.
 
     Returns
     -------
-    For each fault "aerodynamics" or "inertia", and an error with the position in the file.
+    For each fault the name of the file, "aerodynamics" or "inertia", and an error with the position in the file.
     """
     located_faults: list[tuple[str, DaveMlError]] = []
     if aerodynamics is not None:
@@ -385,7 +396,7 @@ def _fault(model: Model, name: str, fault: BodyFault) -> DaveMlError:
 
 
 def _si(model: Model, names: Sequence[str], inputs: Mapping[str, float]) -> dict[str, float]:
-    """Values of variables in SI units."""
+    """Compute variables of a model in SI units, by name."""
     values = model.evaluate(inputs, names)
     return {name: float(value) * model.evaluator.unit(name).factor for name, value in values.items()}
 
@@ -396,7 +407,10 @@ def _inertia_matrix(si: Mapping[str, float]) -> np.ndarray:
 
 
 def _read_mass_properties(inertia: Model, inputs: Mapping[str, float]) -> tuple[MassProperties, Vector3]:
-    """Mass, inertia and centre of mass by a file."""
+    """Return the mass properties of an inertia file, and the centre of mass.
+
+    The centre of mass is relative to the moment reference centre, body axes, m.
+    """
     si = _si(inertia, INERTIA_OUTPUTS, inputs)
     inertia_b = _inertia_matrix(si)
     properties = MassProperties(

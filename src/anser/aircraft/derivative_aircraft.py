@@ -72,11 +72,11 @@ class DerivativeAircraft(AbstractAirframe):
 
     @property
     def symmetric(self) -> bool:
-        """Negation of `has_static_side_force`."""
+        """Whether the side force is zero without sideslip, rates and deflections."""
         return not self.has_static_side_force
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "6"]:
-        """`COEFFICIENTS` about the reference point.
+        """Compute CL, CD, CY, Cl, Cm, Cn (`COEFFICIENTS`); the moments refer to the reference point.
 
         Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
         aircraft at rest finite. Stall and drag: [BM] section 4.2; the lift due to angle of attack fades into the lift
@@ -104,13 +104,19 @@ class DerivativeAircraft(AbstractAirframe):
         return jnp.concatenate([jnp.stack([lift, drag]), total[2:]])
 
     def flow_separation(self, alpha: Scalar) -> Scalar:
-        """Degree of flow separation, 0..1: sigma of [BM] equation 4.10, in a form without overflow."""
+        """Return the weight of the flat plate in the lift, 0 (attached flow) to 1 (separated flow).
+
+        The function sigma of [BM] equation 4.10, written without overflow.
+        """
         M, alpha0 = self.stall_sharpness, self.stall_alpha
         above, below = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
         return above + below - above * below
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Lift and drag rotated by alpha, and side force; moments transferred to the centre of gravity."""
+        """Compute the force (N) and the moment about the centre of gravity (N m), in body axes.
+
+        Lift and drag are rotated into body axes by alpha alone; moments are transferred from the reference point.
+        """
         CL, CD, CY, Cl, Cm, Cn = self.coefficients(air_data, rates_b, surfaces)
         sa, ca = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)
         scale = air_data.qbar * self.wing_area

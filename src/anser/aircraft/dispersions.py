@@ -1,6 +1,6 @@
-"""Dispersed aircraft: deviations from published data.
+"""Dispersed aircraft: airframes whose data deviate from the published values.
 
-Mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
+Dispersed are mass, inertia, centre of gravity, actuators, thrust and aerodynamic coefficients.
 """
 
 from typing import TypeVar, cast
@@ -23,12 +23,12 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """Dispersion of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change.
+    """Deviations of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change.
 
     Attributes
     ----------
     thrust, mass
-        Factors.
+        Factors on thrust and mass.
     second_moments
         Positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
     actuator_bandwidth
@@ -45,7 +45,7 @@ class BodyDispersion(eqx.Module):
 
 
 def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vector3) -> MassProperties:
-    """Scale the mass, and the second moments of mass along the body axes.
+    """Return mass properties with the mass and the second moments of mass (along body x, y, z) scaled by factors.
 
     The second moments are the integrals of x^2, y^2 and z^2 over the mass; Jxx is the sum of the second and third, and
     so on. A product of inertia is scaled by the square root of both factors: the body is stretched along its axes, so
@@ -92,7 +92,7 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
 
 
 def _scale_bandwidth(actuators: AbstractActuators, factor: Scalar) -> AbstractActuators:
-    """Scale the bandwidth of actuators.
+    """Return actuators with the bandwidth multiplied by a factor.
 
     Raises
     ------
@@ -107,7 +107,10 @@ def _scale_bandwidth(actuators: AbstractActuators, factor: Scalar) -> AbstractAc
 
 
 def _scale_thrust(engine: AbstractEngine, thrust: Scalar, shift_b: Vector3) -> AbstractEngine:
-    """Scale the thrust of an engine, and refer its position to a centre of gravity moved by -`shift_b` (m).
+    """Return an engine with scaled thrust and with its thrust point relative to the new centre of gravity.
+
+    `thrust` is a factor; `shift_b` (m) points from the new centre of gravity to the former. Only the classes named here
+    are supported: a new class of engine must be added.
 
     Raises
     ------
@@ -142,7 +145,7 @@ class DerivativeDispersion(eqx.Module):
 
 
 def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: DerivativeDispersion) -> DerivativeAircraft:
-    """Return an aircraft of the same structure with dispersed data."""
+    """Return a copy of the aircraft, of the same structure, whose data deviate by `dispersion`."""
     forward_b = jnp.stack([dispersion.body.cg_shift * aircraft.mean_chord, *jnp.zeros(2)])
     changed = eqx.tree_at(
         lambda a: (a.derivatives, a.cg_offset_b),
@@ -157,7 +160,7 @@ def dispersed_derivative_aircraft(aircraft: DerivativeAircraft, dispersion: Deri
 def dispersed_dave_ml_aircraft(
     aircraft: DaveMlAircraft, coefficients: Float[Array, "6"], body: BodyDispersion
 ) -> DaveMlAircraft:
-    """Return an aircraft of the same structure with dispersed data.
+    """Return a copy of the aircraft, of the same structure, whose data deviate by the given factors.
 
     Parameters
     ----------
@@ -166,7 +169,7 @@ def dispersed_dave_ml_aircraft(
     coefficients
         Factors on CX, CY, CZ, Cl, Cm, Cn about the moment reference centre of the file.
     body
-        Dispersion of mass, actuators and thrust.
+        Deviations of mass, inertia, actuators and thrust.
     """
     forward_b = jnp.stack([body.cg_shift * aircraft.mean_chord, *jnp.zeros(2)])
     return eqx.tree_at(
@@ -205,13 +208,13 @@ class F16Dispersion(eqx.Module):
 
 
 def no_dispersion() -> F16Dispersion:
-    """Published data without deviations."""
+    """Return the F-16's dispersion without any deviation from the published data."""
     unity = jnp.ones(())
     return F16Dispersion(jnp.ones(len(F16_COEFFICIENTS)), unity, unity, jnp.ones(3), unity, jnp.zeros(()))
 
 
 def dispersed_f16(f16: AnyF16, dispersion: F16Dispersion) -> AnyF16:
-    """Return an F-16 of the same class and structure with dispersed data.
+    """Return a copy of the F-16, of the same class and structure, whose data deviate by `dispersion`.
 
     A factor scales a table or coefficient as a whole, hence its contribution to the build-up; the table arguments are
     unchanged. The c.g. terms in Cm and Cn follow the shift.

@@ -22,39 +22,46 @@ class EnginePower(eqx.Module):
 
 
 class AbstractEngine(eqx.Module):
-    """An engine with its propeller, if any; the state depends on the class and has an attribute `power`, percent.
+    """Interface of an engine, propeller included.
 
-    Thrust is a function of power and air data; a controller uses the inverse functions.
+    The engine's `power` is its setting in percent of maximum, not watts. Each class defines its own engine state; every
+    state has an attribute `power`. Thrust is a function of power and air data; controllers use the inverse functions.
+
+    A new class flies in any airframe. To give it deviations of thrust, a description or a table in aircraft files,
+    extend `anser.aircraft.dispersions`, `anser.analysis.airframes` or `anser.aircraft_files`.
     """
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the state's elements, in leaf order."""
+        """Names of the elements of the engine state, in the order of the pytree's leaves."""
         return ("power",)
 
     @abc.abstractmethod
     def steady_state(self, power: ScalarLike) -> Any:
-        """State of steady running at a power (percent)."""
+        """Return the engine state of steady running at a power (percent)."""
 
     @abc.abstractmethod
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Time derivative of the state at a throttle (0..1), in the state's structure."""
+        """Return the time derivative of the engine state at a throttle (0..1), in the state's structure."""
 
     @abc.abstractmethod
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust force and moment at a power (percent)."""
+        """Compute the thrust force (N) and its moment about the centre of gravity (N m) at a power (percent)."""
 
     @abc.abstractmethod
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Available power (percent) with the thrust along body x nearest to `thrust` (N)."""
+        """Return the power (0..100 percent) whose thrust along body x is nearest to `thrust` (N)."""
 
     @abc.abstractmethod
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle (0..1) for steady running at a power (percent)."""
+        """Return the throttle (0..1) at which the engine runs steadily at a power (percent)."""
 
     @abc.abstractmethod
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle (0..1) for the available power rate nearest to `power_rate` (percent/s) at the current power."""
+        """Return the throttle (0..1) that changes the current `power` (percent) at `power_rate` (percent/s).
+
+        If the engine cannot reach this rate, the throttle gives the nearest possible rate.
+        """
 
     @abc.abstractmethod
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -65,28 +72,28 @@ class NoEngine(AbstractEngine):
     """No engine: zero thrust, for gliders."""
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """State with the given power, which has no effect."""
+        """Return a state with the given power, which produces no thrust."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Zero rate of power."""
+        """Return a zero rate of power."""
         return EnginePower(jnp.zeros_like(state.power))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Zero force and moment."""
+        """Return zero force and moment."""
         zero = jnp.zeros(3, jnp.result_type(air_data.V))
         return Wrench(zero, zero)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power 0, for any thrust."""
+        """Return 0 percent for any thrust."""
         return jnp.zeros((), jnp.result_type(thrust, 0.0))
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle 0, for any power."""
+        """Return throttle 0 for any power."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle 0, for any rate."""
+        """Return throttle 0 for any rate."""
         return jnp.zeros((), jnp.result_type(power, 0.0))
 
     def outside_tables(self, air_data: AirData) -> Flag:
@@ -95,13 +102,13 @@ class NoEngine(AbstractEngine):
 
 
 def thrust_along_body_x(thrust: Scalar) -> Wrench:
-    """Thrust (N) along body x through the centre of gravity."""
+    """Return the force and moment of a thrust (N) along body x through the centre of gravity."""
     zero = jnp.zeros_like(thrust)
     return Wrench(force_b=jnp.stack([thrust, zero, zero]), moment_b=jnp.stack([zero, zero, zero]))
 
 
 class AbstractLaggedEngine(AbstractEngine):
-    """An engine whose power follows 100 times the throttle with a first-order lag.
+    """An engine whose power (percent) follows 100 times the throttle with a first-order lag.
 
     Attributes
     ----------
@@ -112,31 +119,34 @@ class AbstractLaggedEngine(AbstractEngine):
     lag: eqx.AbstractVar[Scalar]
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """State of steady running at a power (percent)."""
+        """Return the engine state of steady running at a power (percent)."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Rate of the power, percent/s: (100 throttle - power) / lag, with the throttle limited to 0..1."""
+        """Return the rate of the power, percent/s: (100 throttle - power) / lag, with the throttle limited to 0..1."""
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a steady power."""
+        """Return the throttle (0..1) that holds a power (percent)."""
         return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Throttle for the power rate nearest to the required rate."""
+        """Return the throttle (0..1) whose power rate is nearest to `power_rate` (percent/s) at the current power."""
         return jnp.clip((power + self.lag * power_rate) / 100.0, 0.0, 1.0)
 
 
 def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
-    """Thrust (N) along body x at a point relative to the centre of gravity (m), and a torque about body x (N m)."""
+    """Return force and moment of a thrust (N) along body x at a point, plus a torque about body x (N m).
+
+    `point_b` is relative to the centre of gravity, body axes, m; the moment is about the centre of gravity.
+    """
     zero = jnp.zeros_like(thrust)
     force_b = jnp.stack([thrust, zero, zero])
     return Wrench(force_b=force_b, moment_b=cross(point_b, force_b) + jnp.stack([torque, zero, zero]))
 
 
 class JetEngine(AbstractLaggedEngine):
-    """Thrust interpolated between idle and full by the power, with a first-order lag from throttle to power.
+    """Jet engine: thrust interpolated between idle and full by the power, which follows the throttle with a lag.
 
     Attributes
     ----------
@@ -156,7 +166,7 @@ class JetEngine(AbstractLaggedEngine):
     thrust_factor: Scalar
 
     def idle_and_full_thrust(self, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Thrust (N) at 0 and at 100 percent of power."""
+        """Return the thrust (N) at 0 and at 100 percent of power."""
         idle, full = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         return self.thrust_factor * idle, self.thrust_factor * full
 
@@ -166,7 +176,7 @@ class JetEngine(AbstractLaggedEngine):
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) with the thrust nearest to `thrust` (N)."""
+        """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N)."""
         idle, full = self.idle_and_full_thrust(air_data)
         span = full - idle
         is_positive = span > 0.0

@@ -37,11 +37,11 @@ class F16Engine(AbstractEngine):
     thrust_tables: Tables
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """State of steady running at a power (percent)."""
+        """Return the engine state of steady running at a power (percent)."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """Rate of the power, percent/s; see `power_rate`."""
+        """Return the rate of the power, percent/s, at a throttle (0..1); see `power_rate`."""
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -49,12 +49,12 @@ class F16Engine(AbstractEngine):
         return thrust_along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
-        """Commanded power (percent) at a throttle, limited to 0..1 ([SL] TGEAR)."""
+        """Return the commanded power (percent) at a throttle, limited to 0..1 ([SL] TGEAR)."""
         t = jnp.clip(throttle, 0.0, 1.0)
         return jnp.where(t <= 0.77, 64.94 * t, 217.38 * t - 117.38)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Throttle for a commanded power (percent): the inverse of the gearing.
+        """Return the throttle (0..1) for a commanded power (percent): the inverse of `gearing`.
 
         The published gearing falls by 0.0012 percent at throttle 0.77; powers in this gap are assigned to the upper
         branch.
@@ -70,14 +70,14 @@ class F16Engine(AbstractEngine):
         return jnp.where(power < 50, low, high)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (percent, 0..100) with the thrust nearest to `thrust` (N): the inverse of the thrust tables."""
+        """Return the power (percent, 0..100) whose thrust is nearest to `thrust` (N), from the thrust tables."""
         idle, military, maximum = self.thrust_tables(air_data.altitude, air_data.mach)[0]
         dry = 50 * (thrust - idle) / jnp.maximum(military - idle, 1.0)
         wet = 50 + 50 * (thrust - military) / jnp.maximum(maximum - military, 1.0)
         return jnp.clip(jnp.where(thrust < military, dry, wet), 0.0, 100.0)
 
     def power_rate(self, power: ScalarLike, power_command: ScalarLike) -> Scalar:
-        """Engine lag, percent per second ([SL] PDOT and RTAU)."""
+        """Return the rate of the power (percent/s) for a power command, by the engine's lag ([SL] PDOT, RTAU)."""
         is_afterburning, afterburner_commanded = power >= 50, power_command >= 50
         target = jnp.where(
             afterburner_commanded,
@@ -89,11 +89,11 @@ class F16Engine(AbstractEngine):
         return jnp.where(is_afterburning, 5.0, slow) * gap
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """See `power_command_for_rate`."""
+        """Return the throttle (0..1) for a required power rate (percent/s); see `power_command_for_rate`."""
         return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
 
     def power_command_for_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Power command (percent, 0..100) for a required power rate (percent/s): the inverse of the lag.
+        """Return the power command (percent, 0..100) for a required power rate (percent/s): the inverse of the lag.
 
         With afterburner the rate constant is 5 1/s; otherwise 1 1/s for commands up to 25 percent above the power.
         Larger steps slow the engine's spool-up, so the command is limited to +25 percent. Around 50 percent the
@@ -140,14 +140,14 @@ class AbstractF16(AbstractAirframe):
 
     @abc.abstractmethod
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Force and moment coefficients for the given air data, body rates (rad/s) and deflections (rad)."""
+        """Compute force and moment coefficients from air data, body rates (rad/s) and deflections (rad)."""
 
     @abc.abstractmethod
     def with_coefficients_scaled(self, factors: Float[Array, " coefficients"]) -> "AbstractF16":
-        """Return the aircraft with `F16_COEFFICIENTS` multiplied by factors."""
+        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor."""
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force qbar S (CX, CY, CZ) and moment qbar S (b Cl, c Cm, b Cn)."""
+        """Compute the force qbar S (CX, CY, CZ), N, and the moment qbar S (b Cl, c Cm, b Cn), N m."""
         c = self.coefficients(air_data, rates_b, surfaces)
         scale = air_data.qbar * self.wing_area
         return Wrench(
@@ -175,10 +175,10 @@ TABLE_COEFFICIENTS = (
     ("CX0", "Cm0"),
     ("Clda", "Cldr", "Cnda", "Cndr", "Cl0", "Cn0"),
 )
-"""Coefficients in each group of `F16.tables`, in order."""
+"""Names of the coefficients in each group of `F16.tables`, in order."""
 _GROUPS = (*TABLE_COEFFICIENTS, ("CYb", "CYda", "CYdr"), ("CZde",))
 F16_COEFFICIENTS = tuple(itertools.chain(*_GROUPS))
-"""Coefficients of the build-up (theory section 4), in `F16.tables`, `side_force` and `normal_force_elevator`."""
+"""Names of all coefficients of the build-up (theory section 4): those of `F16.tables`, then of the linear terms."""
 _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
@@ -223,7 +223,7 @@ class F16(AbstractF16):
         return True
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Force and moment coefficients (theory section 4).
+        """Compute the force and moment coefficients (theory section 4).
 
         Rates are made dimensionless with b/2V and c/2V, where V is at least 1 m/s, to keep the coefficients of an
         aircraft at rest finite.
@@ -254,7 +254,10 @@ class F16(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":
-        """Return the aircraft with `F16_COEFFICIENTS` multiplied by factors, applied to whole tables."""
+        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor.
+
+        A factor multiplies a whole table.
+        """
         splits = np.cumsum([len(names) for names in _GROUPS])[:-1]
         *tables, side_force, normal_force = jnp.split(factors, splits)
         return eqx.tree_at(
@@ -386,7 +389,10 @@ def range_from_deg(range_deg: Sequence[float]) -> tuple[Scalar, Scalar]:
 
 
 def f16_mass_properties(airframe: Mapping[str, Any], mass: float, *, spinning: bool) -> MassProperties:
-    """Mass (kg) and inertia from a data file's `airframe`, and the engine's angular momentum if `spinning`."""
+    """Return mass properties from a mass (kg) and the data file's section `airframe`.
+
+    If `spinning`, the engine's angular momentum is included.
+    """
     J = {name: value * SLUG_FT2_KG_M2 for name, value in airframe["inertia_slug_ft2"].items()}
     inertia_b = np.array([[J["Jxx"], 0.0, -J["Jxz"]], [0.0, J["Jyy"], 0.0], [-J["Jxz"], 0.0, J["Jzz"]]])
     spin = airframe["engine_angular_momentum_slug_ft2_s"] * SLUG_FT2_KG_M2 if spinning else 0.0

@@ -28,20 +28,20 @@ from anser.spatial.rotations import (
 
 
 class FlightCondition(eqx.Module):
-    """Quantities derived from one state at one time, computed once.
+    """Air data, forces and moments of one aircraft at one time, computed once for all users of a step.
 
     Attributes
     ----------
     R_bn
-        Rotation NED to body.
+        Rotation matrix from NED to body axes.
     wind_n
-        Mean wind over ground, without gusts, m/s.
+        Mean wind over ground, without gusts, NED, m/s.
     air_data
-        See `AirData`; includes gusts.
+        Air data, gusts included.
     earth
         Terms of the equations of motion from the Earth model.
     aerodynamic, propulsive
-        Forces and moments on the aircraft.
+        Forces (N) and moments about the centre of gravity (N m), body axes.
     """
 
     R_bn: Matrix33
@@ -53,7 +53,7 @@ class FlightCondition(eqx.Module):
 
     @property
     def wrench(self) -> Wrench:
-        """Total force and moment without gravity."""
+        """Total of the aerodynamic and propulsive force (N) and moment (N m); gravity is not included."""
         return self.aerodynamic + self.propulsive
 
 
@@ -65,7 +65,7 @@ def flight_condition(
     rates_air_b: Vector3 | None = None,
     disturbance: Disturbance | None = None,
 ) -> FlightCondition:
-    """Air data, forces and moments of a state at a time (s).
+    """Compute air data, forces and moments of a state at a time (s).
 
     The air rotates with the Earth, so aerodynamic damping depends on the body rates relative to the Earth, neither on
     the rates relative to the travelling NED axes nor on the inertial rates. `rates_air_b`, rad/s, overrides the value
@@ -97,13 +97,16 @@ def flight_condition(
 
 
 def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """Angular acceleration J^-1 [M - w x (J w + h)], rad/s^2 (theory section 2; [SL] eq. 1.7-5 with engine spin)."""
+    """Return the angular acceleration J^-1 [M - w x (J w + h)], body axes, rad/s^2.
+
+    Source: theory section 2; [SL] eq. 1.7-5 with engine spin.
+    """
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_inverse_b, moment_b - cross(rates_b, momentum_b))
 
 
 def moment_for_acceleration(mass_properties: MassProperties, rates_b: Vector3, acceleration_b: Vector3) -> Vector3:
-    """Moment for an angular acceleration (rad/s^2): the inverse of `angular_acceleration`, N m."""
+    """Return the moment (N m) that gives an angular acceleration (rad/s^2): the inverse of `angular_acceleration`."""
     momentum_b = times3(mass_properties.inertia_b, rates_b) + mass_properties.spin_momentum_b
     return times3(mass_properties.inertia_b, acceleration_b) + cross(rates_b, momentum_b)
 
@@ -116,9 +119,10 @@ def state_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AircraftState:
-    """Time derivative of the state over a flat Earth, in the state's structure; round: `earth_fixed_derivative`.
+    """Return the time derivative of the state over a flat Earth, in the state's structure.
 
-    Wind enters only through the air-relative velocity, which is exact for a steady wind.
+    Wind enters only through the air-relative velocity, which is exact for a steady wind. For a round Earth see
+    `earth_fixed_derivative`.
     """
     condition = flight_condition(airframe, environment, time, state, disturbance=disturbance)
     wrench = condition.wrench
@@ -135,20 +139,20 @@ def state_derivative(
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft over a round Earth, without singularities at poles or date line.
+    """State of one aircraft in Earth-fixed axes, integrated over a round Earth; regular at poles and date line.
 
     Attributes
     ----------
     position_e
         Position of the centre of gravity, ECEF, m.
     velocity_b
-        (U, V, W) relative to the rotating Earth in body axes, m/s.
+        Velocity (U, V, W) relative to the rotating Earth in body axes, m/s.
     quaternion
-        (q0, q1, q2, q3), scalar first, ECEF to body.
+        Attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes.
     rates_b
         Inertial angular velocity in body axes, rad/s.
     actuators, engine
-        As in `AircraftState`.
+        States of the actuators and of the engine.
     """
 
     position_e: Vector3
@@ -197,7 +201,10 @@ def local_state(earth: RotatingEarth, state: EarthFixedState) -> AircraftState:
 
 
 def _quaternion_ned_from_ecef(lat: Scalar, lon: Scalar) -> Quaternion:
-    """Quaternion of `rotation_ned_from_ecef`: rotation by the longitude, then from the pole by the latitude."""
+    """Return the quaternion of `rotation_ned_from_ecef` at a geodetic latitude and longitude (rad).
+
+    A rotation by the longitude, then from the pole by the latitude.
+    """
     return quaternion_from_euler(jnp.zeros_like(lat), -lat - 0.5 * jnp.pi, lon)
 
 
@@ -216,7 +223,7 @@ def earth_fixed_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> EarthFixedState:
-    """Time derivative of the state over the environment's round Earth, in the state's structure.
+    """Return the time derivative of the state over the environment's round Earth, in the state's structure.
 
     p_e' = R_eb v_b; v_b' = F/m + R_be g(p_e) - (w_bi + R_be w_E) x v_b with g = gravitation - w_E x (w_E x p_e);
     q' from w_bi - R_be w_E; w_bi' = J^-1 [M - w_bi x (J w_bi + h)]. Source: [SL] eq. 1.7-18.
@@ -240,7 +247,7 @@ def earth_fixed_derivative(
 
 
 MotionState = AircraftState | EarthFixedState
-"""Integrated state: local over a flat Earth, Earth-fixed over a round Earth."""
+"""State that the simulation integrates: `AircraftState` over a flat Earth, `EarthFixedState` over a round Earth."""
 
 AnyMotionState = TypeVar("AnyMotionState", bound=MotionState)
 
@@ -266,7 +273,7 @@ def motion_derivative(
     controls: Controls,
     disturbance: Disturbance | None = None,
 ) -> AnyMotionState:
-    """Time derivative of an integrated state, in the same structure."""
+    """Return the time derivative of an integrated state over the environment's Earth, in the state's structure."""
     if isinstance(state, AircraftState):
         return cast(AnyMotionState, state_derivative(airframe, environment, time, state, controls, disturbance))
     return cast(AnyMotionState, earth_fixed_derivative(airframe, environment, time, state, controls, disturbance))

@@ -53,13 +53,13 @@ class ElectricPropeller(AbstractLaggedEngine):
     thrust_factor: Scalar
 
     def _torque_terms(self, air_data: AirData) -> tuple[Scalar, Scalar, Scalar]:
-        """Coefficients of Omega^2, Omega and 1 in the propeller's torque, N m."""
+        """Return the coefficients of Omega^2, Omega and 1 in the propeller's torque (N m), Omega in rad/s."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         C = self.torque_polynomial
         return rho * D**5 / _TWO_PI**2 * C[0], rho * D**4 / _TWO_PI * C[1] * V, rho * D**3 * C[2] * V**2
 
     def motor_speed(self, power: ScalarLike, air_data: AirData) -> Scalar:
-        """Angular velocity at a power (percent), rad/s, from the balance of motor and propeller torque."""
+        """Return the angular velocity (rad/s) at which motor and propeller torque balance, at a power (percent)."""
         a, b, c = self._torque_terms(air_data)
         K, R = self.motor_constant, self.resistance
         b = b + K * K / R
@@ -72,7 +72,7 @@ class ElectricPropeller(AbstractLaggedEngine):
         return jnp.maximum(jnp.where(b_is_negative, root_if_negative, root_if_positive), 0.0)
 
     def thrust_and_torque(self, power: ScalarLike, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Thrust (N) and propeller torque (N m) at a power of 0..100 percent."""
+        """Return the thrust (N) and the propeller torque (N m) at a power of 0..100 percent."""
         rho, D, V = air_data.density, self.diameter, air_data.V
         n = self.motor_speed(power, air_data) / _TWO_PI
         T, Q = self.thrust_polynomial, self.torque_polynomial
@@ -93,7 +93,7 @@ class ElectricPropeller(AbstractLaggedEngine):
         return thrust_at_point(thrust + slope * (power - available_power), -self.direction * torque, self.point_b)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) with the thrust nearest to `thrust` (N), in closed form.
+        """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N), in closed form.
 
         At very low propeller speed (advance ratio beyond the minimum of C_T n^2) thrust decreases with speed; the
         returned power is on the increasing branch.
@@ -113,14 +113,14 @@ class ElectricPropeller(AbstractLaggedEngine):
         return jnp.clip(100.0 * voltage / self.voltage_max, 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Always False: the airspeed range of the aircraft limits the quadratics."""
+        """Always False: no tables; the airspeed range of the aircraft bounds the use of the quadratic polynomials."""
         return air_data.V < 0.0
 
 
 _SEA_LEVEL_DENSITY_KG_M3 = 1.225
 _FRICTION = 0.132
 _LEAST_SHARE = 0.01
-"""Minimum power relative to sea level, at altitudes where the formula gives less, to keep the inverse finite."""
+"""Least fraction of the sea-level power: keeps the inverse finite at altitudes for which the formula gives less."""
 
 
 class PistonPropeller(AbstractLaggedEngine):
@@ -159,21 +159,21 @@ class PistonPropeller(AbstractLaggedEngine):
     thrust_factor: Scalar
 
     def _full_throttle(self, air_data: AirData) -> tuple[Scalar, Scalar]:
-        """Thrust (N) and shaft power (W) at 100 percent."""
+        """Return the thrust (N) and the shaft power (W) at a setting of 100 percent."""
         share = (1.0 + _FRICTION) * air_data.density / _SEA_LEVEL_DENSITY_KG_M3 - _FRICTION
         power = self.shaft_power * jnp.maximum(share, _LEAST_SHARE)
         slow = self.efficiency * self.shaft_power / self.static_thrust
         return self.thrust_factor * self.efficiency * power / jnp.sqrt(air_data.V**2 + slow**2), power
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x and the propeller's torque reaction, proportional to the power."""
+        """Compute thrust along body x (N) and torque reaction (N m), both proportional to the power (percent)."""
         thrust, shaft_power = self._full_throttle(air_data)
         return thrust_at_point(
             thrust * power / 100.0, self.torque_per_power * shaft_power * power / 100.0, self.point_b
         )
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Power (0..100 percent) with the thrust nearest to `thrust` (N)."""
+        """Return the power (0..100 percent) whose thrust is nearest to `thrust` (N)."""
         return jnp.clip(100.0 * thrust / self._full_throttle(air_data)[0], 0.0, 100.0)
 
     def outside_tables(self, air_data: AirData) -> Flag:

@@ -1,4 +1,4 @@
-"""Rigid bodies with constant drag and rate damping, without controls or engine: vehicles of the NESC cases."""
+"""Rigid bodies with constant drag and rate damping, without controls or engine: the bodies of the NESC cases."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,16 +16,16 @@ from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class SimpleBody(AbstractAirframe):
-    """A body with constant drag coefficient and linear rate damping.
+    """A body with a constant drag coefficient and with moments proportional to the rates (damping).
 
     Attributes
     ----------
     area, span, chord
-        Reference area (m^2), and lengths (m) for roll and yaw, and for pitch.
+        Reference area (m^2), reference length for roll and yaw (m), and reference length for pitch (m).
     drag_coefficient
-        CD, drag over qbar S, opposite to the velocity through the air.
+        CD, drag over qbar S; the drag is opposite to the velocity through the air.
     damping
-        Clp, Cmq, Cnr per unit p b/2V, q c/2V, r b/2V.
+        Derivatives Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V.
     speed_min
         Lower limit of the speed in p b/2V, m/s, for finite damping at rest.
     """
@@ -43,7 +43,10 @@ class SimpleBody(AbstractAirframe):
     speed_min: Scalar
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Drag against the motion and damping moments; `rates_b` relative to the air. Source: [NESC] cases 1 to 10."""
+        """Compute the drag (N) and the damping moments (N m), body axes. Source: [NESC] cases 1 to 10.
+
+        `rates_b` are the body rates relative to the air, rad/s.
+        """
         ca, sa, cb, sb = (f(x) for x in (air_data.alpha, air_data.beta) for f in (jnp.cos, jnp.sin))
         scale = air_data.qbar * self.area
         lengths = jnp.stack([self.span, self.chord, self.span])

@@ -37,9 +37,9 @@ class SuspectPoint(NamedTuple):
     value
         Tabulated value; nan for "all".
     score
-        Size of the departure, in units of the surrounding scatter: see `suspect_points`.
+        Departure of the entry, in units of the surrounding scatter: see `suspect_points`.
     neighbours
-        Locations in the same row with related departures.
+        Locations in the same table row whose departures probably stem from this entry.
     """
 
     table: str
@@ -169,7 +169,7 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Departures of the entries by test, in units of the surrounding noise; 0 without neighbours."""
+    """Compute the departure of each entry in each test, in units of the surrounding noise; 0 without neighbours."""
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
     for end, inner in ((0, 1), (-1, -2)):
@@ -188,7 +188,7 @@ def _departures(table: GriddedTable) -> np.ndarray:
 
 
 def _departure_from_line(points: np.ndarray, values: np.ndarray, axis: int) -> np.ndarray:
-    """Values less the linear interpolation between neighbours along an axis; nan at the ends."""
+    """Return the values less the linear interpolation between their neighbours along an axis; nan at the ends."""
     leading = np.moveaxis(values, axis, 0)
     shape = (-1,) + (1,) * (values.ndim - 1)
     share = ((points[1:-1] - points[:-2]) / (points[2:] - points[:-2])).reshape(shape)
@@ -204,14 +204,14 @@ def _departure_from_mirror(values: np.ndarray) -> np.ndarray:
 
 
 def _noise(departure: np.ndarray, values: np.ndarray, spread_share: float, digit: float) -> np.ndarray:
-    """Noise around each row along the first axis; never 0."""
+    """Estimate the noise around each row along the first axis, in the unit of `values`; never 0."""
     windows = [slice(max(0, k - _NEIGHBOURS), k + _NEIGHBOURS + 1) for k in range(values.shape[0])]
     noise = np.array([_median(np.abs(departure[window])) + spread_share * np.std(values[window]) for window in windows])
     return (noise + digit + 1e-12).reshape((-1,) + (1,) * (values.ndim - 1))
 
 
 def _column_noise(departure: np.ndarray) -> np.ndarray:
-    """Noise of each column and its mirror image relative to the median, at least 1."""
+    """Return the noise of each column and its mirror image, divided by the median over the columns; at least 1."""
     column_medians = np.array([_median(np.abs(departure[:, [j, -1 - j]])) for j in range(departure.shape[1])])
     factor = np.maximum(column_medians / (_median(np.abs(departure)) + 1e-12), 1.0)
     return factor.reshape((1, -1) + (1,) * (departure.ndim - 2))
@@ -223,7 +223,7 @@ def _median(values: np.ndarray) -> float:
 
 
 def _last_digit(values: np.ndarray, digits: Sequence[int] = range(7)) -> float:
-    """Unit of the last decimal digit of nine tenths of the values."""
+    """Return the unit of the last decimal digit to which nine tenths of the values are given."""
     for count in digits:
         scaled = values * 10.0**count
         if np.mean(np.abs(scaled - np.round(scaled)) < 1e-6 * 10.0**count) >= 0.9:

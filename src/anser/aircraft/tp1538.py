@@ -1,6 +1,6 @@
-"""The F-16 of NASA TP-1538 in full.
+"""The F-16 with the complete data of NASA TP-1538.
 
-Scheduled leading-edge flap, alpha -20 to 90 deg, asymmetric coefficients.
+Leading-edge flap on a schedule, alpha from -20 to 90 deg, asymmetric coefficients.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,12 +33,12 @@ _FLAP = 3
 
 
 class ScheduledFlap(eqx.Module):
-    """State of `ScheduledFlapActuators`.
+    """State of `ScheduledFlapActuators`: positions of all four surfaces, and the state of the flap's schedule.
 
     Attributes
     ----------
     position
-        Elevator, aileron, rudder, leading-edge flap, rad, shape (4,).
+        Positions of elevator, aileron, rudder and leading-edge flap, rad, shape (4,).
     alpha_lag
         Angle of attack through the schedule's low-pass filter, rad.
     """
@@ -82,7 +82,7 @@ class ScheduledFlapActuators(AbstractActuators):
 
     @property
     def is_commanded(self) -> tuple[bool, ...]:
-        """True except for the flap."""
+        """Whether each surface is commanded by the controller: True except for the flap."""
         return (True, True, True, False)
 
     @property
@@ -91,16 +91,16 @@ class ScheduledFlapActuators(AbstractActuators):
         return (*self.names, "alpha_lag")
 
     def steady_state(self, position: Vector) -> ScheduledFlap:
-        """State at rest, with the filter at the angle of attack for the given flap position at low speed."""
+        """Return the state at rest; the filter has the angle of attack that gives the flap position at low speed."""
         position = jnp.asarray(position)
         return ScheduledFlap(position, (position[_FLAP] - self.offset) / self.gain)
 
     def steady_state_in_flow(self, position: Vector, air_data: AirData) -> ScheduledFlap:
-        """State at rest in a steady flow: flap on schedule, filter at the angle of attack."""
+        """Return the state at rest in a steady flow: flap on schedule, filter at the angle of attack."""
         return ScheduledFlap(self.scheduled_position(position, air_data), jnp.asarray(air_data.alpha))
 
     def rate(self, state: ScheduledFlap, command: Vector, air_data: AirData) -> ScheduledFlap:
-        """Rates of the positions within the rate limits, and of the filter; the flap's command is ignored."""
+        """Return the rates of positions (rate-limited) and filter; the command of the flap is ignored."""
         flap = self._flap(2.0 * air_data.alpha - state.alpha_lag, air_data)
         target = self.limit_command(jnp.concatenate([command[:_FLAP], flap[None]]))
         unlimited_rate = (target - state.position) / self.time_constant
@@ -109,12 +109,12 @@ class ScheduledFlapActuators(AbstractActuators):
         )
 
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
-        """Replace the flap position, rad, by the steady value of the schedule."""
+        """Return the positions (rad) with the flap at the steady value of its schedule."""
         flap = jnp.clip(self._flap(air_data.alpha, air_data), self.lower[_FLAP], self.upper[_FLAP])
         return jnp.concatenate([position[:_FLAP], flap[None]])
 
     def _flap(self, led_alpha: ScalarLike, air_data: AirData) -> Scalar:
-        """Scheduled flap deflection, rad, before limiting to the stops."""
+        """Return the scheduled flap deflection (rad) before it is limited to the stops."""
         pressure_ratio = _STATIC_PRESSURE_SHARE * air_data.mach**2
         scheduled = self.gain * led_alpha - self.compression * pressure_ratio + self.offset
         return jnp.where(air_data.alpha > self.alpha_down, self.upper[_FLAP], scheduled)
@@ -167,7 +167,7 @@ class F16TP1538(AbstractF16):
     tables: Tables
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:
-        """Force and moment coefficients: the build-up of TP-1538.
+        """Compute the force and moment coefficients by the build-up of TP-1538.
 
         `surfaces` are elevator, aileron, rudder and leading-edge flap, rad. Rates are made dimensionless with b/2V and
         c/2V, where V is at least 1 m/s, to keep the coefficients finite at rest.
@@ -211,10 +211,10 @@ class F16TP1538(AbstractF16):
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":
-        """Return the aircraft with `F16_COEFFICIENTS`, including flap increments, multiplied by factors.
+        """Return a copy of the aircraft with each of `F16_COEFFICIENTS` multiplied by its factor.
 
-        CX0 and Cm0 are functions of angle of attack, sideslip and elevator, CZ0 and CYb of angle of attack and
-        sideslip; CZde is the elevator's increment of CZ.
+        The flap's increments are scaled too. CX0 and Cm0 are functions of angle of attack, sideslip and elevator, CZ0
+        and CYb of angle of attack and sideslip; CZde is the elevator's increment of CZ.
         """
         factors_by_group = [factors[np.array([F16_COEFFICIENTS.index(n) for n in names])] for names in TP1538_FUNCTIONS]
         *cells, effectiveness = self.tables.cells
@@ -294,7 +294,7 @@ def _tables(data: Mapping[str, Any]) -> Tables:
         return points[data["tables"][name]["axes"][2]]
 
     def faded(increment: np.ndarray) -> np.ndarray:
-        """Extend an increment with the flap at 0 to the full range of angles of attack by zeros."""
+        """Extend an increment (flap at 0, measured up to 45 deg) by zeros to the full range of alpha."""
         return np.concatenate([increment, np.zeros((len(alphas) - len(flap_alphas), *increment.shape[1:]))])
 
     def on_all_elevators(name: str) -> np.ndarray:

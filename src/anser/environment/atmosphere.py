@@ -31,11 +31,11 @@ class Air(eqx.Module):
 
 
 class AbstractAtmosphere(eqx.Module):
-    """An atmosphere that depends on altitude only."""
+    """Interface of an atmosphere whose air depends on altitude only."""
 
     @abc.abstractmethod
     def at(self, altitude: ScalarLike) -> Air:
-        """Air at a geometric altitude above mean sea level in m."""
+        """Return the air at a geometric altitude above mean sea level (m)."""
 
 
 class StandardAtmosphere(AbstractAtmosphere):
@@ -76,13 +76,13 @@ class StandardAtmosphere(AbstractAtmosphere):
 
 
 def geopotential_from_geometric(altitude: ScalarLike) -> Scalar:
-    """Geopotential altitude, m, of a geometric altitude, m. Source: theory section 3, [USSA76] eq. (18)."""
+    """Convert a geometric to a geopotential altitude, both in m. Source: theory section 3, [USSA76] eq. (18)."""
     z = jnp.asarray(altitude)
     return GEOPOTENTIAL_RADIUS_M * z / (GEOPOTENTIAL_RADIUS_M + z)
 
 
 def geometric_from_geopotential(altitude: ScalarLike) -> Scalar:
-    """Geometric altitude, m, of a geopotential altitude, m. Source: [USSA76] eq. (19)."""
+    """Convert a geopotential to a geometric altitude, both in m. Source: [USSA76] eq. (19)."""
     h = jnp.asarray(altitude)
     return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)
 
@@ -95,7 +95,10 @@ _LAPSES_K_M = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
 
 
 def _layers() -> np.ndarray:
-    """Constants of each layer in a row, for one gather; base pressures are chained from sea level for continuity."""
+    """Return the constants of the atmosphere's layers, one layer per row.
+
+    Base pressures are computed upwards from sea level, so that the pressure is continuous.
+    """
     hydrostatic = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K
     layers = []
     temperature, pressure = SEA_LEVEL_TEMPERATURE_K, SEA_LEVEL_PRESSURE_PA

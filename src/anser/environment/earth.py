@@ -35,9 +35,9 @@ from anser.spatial.wgs84 import (
 
 
 def somigliana(latitude: ScalarLike) -> Scalar:
-    """Gravity on the WGS-84 ellipsoid, m/s^2, at a geodetic latitude in rad.
+    """Return the gravity on the WGS-84 ellipsoid (m/s^2, down) at a geodetic latitude (rad).
 
-    Normal gravity: gravitation and centrifugal acceleration together, down. Source: theory section 1, [WGS84].
+    Normal gravity: gravitation and centrifugal acceleration together. Source: theory section 1, [WGS84].
     """
     xp = namespace(latitude)
     s2 = xp.sin(latitude) ** 2
@@ -47,7 +47,7 @@ def somigliana(latitude: ScalarLike) -> Scalar:
 def gravitation_j2(
     position_e: Vector3, gravitational_parameter: ScalarLike, oblateness_j2: ScalarLike, equatorial_radius: ScalarLike
 ) -> Vector3:
-    """Gravitation of an oblate Earth, without centrifugal acceleration.
+    """Compute the gravitation of an oblate Earth, without centrifugal acceleration.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def gravitation_j2(
 
     Returns
     -------
-    (3,), ECEF axes, m/s^2. Source: [SL] eq. 1.6-14; [NESC].
+    Gravitational acceleration (3,), ECEF axes, m/s^2. Source: [SL] eq. 1.6-14; [NESC].
     """
     r2 = jnp.sum(position_e * position_e)
     strength = gravitational_parameter / (r2 * jnp.sqrt(r2))
@@ -71,7 +71,7 @@ def gravitation_j2(
 
 
 class LocalEarth(eqx.Module):
-    """Terms of the equations of motion at one position and velocity, in local NED axes.
+    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class LocalEarth(eqx.Module):
     transport_rate_n
         Angular velocity of the travelling NED axes relative to the Earth, rad/s.
     chart_scale
-        Rate of the chart's coordinates (north, east, down) per velocity along NED.
+        Rates of the chart's coordinates (north, east, down) divided by the velocity along north, east, down.
     """
 
     gravity: Scalar
@@ -96,7 +96,10 @@ class LocalEarth(eqx.Module):
 
 
 class AbstractEarth(eqx.Module):
-    """An Earth with a chart (local map); positions are (north, east, down) from an origin, m; altitude is up."""
+    """Interface of an Earth model with a chart, the local map in which positions are given.
+
+    Chart positions are (north, east, down) from the chart's origin, m; altitude is up.
+    """
 
     @property
     @abc.abstractmethod
@@ -105,7 +108,7 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Terms of the equations of motion at a chart position (3,), m, for a velocity over ground (3,), NED, m/s."""
+        """Compute the terms of the equations of motion at a chart position (m) and velocity over ground (NED, m/s)."""
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
@@ -126,7 +129,11 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Chart position and rate of a point seen from a position: the inverse of `sight`."""
+        """Return the chart position and its rate of a point seen from a position: the inverse of `sight`.
+
+        `line_n` is the line of sight (m) and `velocity_n` the point's velocity over ground (m/s), both in the
+        observer's NED axes.
+        """
 
 
 class FlatEarth(AbstractEarth):
@@ -135,7 +142,7 @@ class FlatEarth(AbstractEarth):
     Attributes
     ----------
     gravity
-        m/s^2.
+        Gravity, m/s^2, along down.
     """
 
     gravity: Scalar
@@ -146,7 +153,7 @@ class FlatEarth(AbstractEarth):
         return self.gravity
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Terms of the equations of motion: gravity along down only; the chart is the plane itself."""
+        """Return the terms of the equations of motion: gravity along down, zero rates, chart scale 1."""
         zero = jnp.zeros_like(self.gravity)
         return LocalEarth(
             gravity=self.gravity,
@@ -157,11 +164,11 @@ class FlatEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Line of sight as the difference of the positions; unchanged velocity."""
+        """Return the difference of the positions as the line of sight, and the unchanged velocity."""
         return other_n - position_n, other_velocity_n
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Position as the sum of position and line of sight; unchanged velocity."""
+        """Return the sum of position and line of sight, and the unchanged velocity."""
         return position_n + line_n, velocity_n
 
 
@@ -201,29 +208,29 @@ class RotatingEarth(AbstractEarth):
         return self.local_earth(zero, zero).gravity
 
     def geodetic(self, position_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-        """Latitude and longitude, rad, and height, m, of a chart position."""
+        """Return latitude and longitude (rad) and height (m) of a chart position."""
         return geodetic_from_flat(position_n, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
     def ecef_from_chart(self, position_n: Vector3) -> Vector3:
-        """Earth-fixed position (3,), m, of a chart position."""
+        """Convert a chart position to an Earth-fixed position (3,), both in m."""
         return ecef_from_geodetic(*self.geodetic(position_n), self.ellipsoid)
 
     def chart_from_ecef(self, position_e: Vector3) -> Vector3:
-        """Chart position (3,), m, of an Earth-fixed position, m."""
+        """Convert an Earth-fixed position to a chart position (3,), both in m."""
         lat, lon, h = geodetic_from_ecef(position_e, self.ellipsoid)
         return flat_from_geodetic(lat, lon, h, self.latitude, self.longitude, 0.0, self.ellipsoid)
 
     def effective_gravity_e(self, position_e: Vector3) -> Vector3:
-        """Gravitation and centrifugal acceleration (3,), ECEF axes, m/s^2, at an Earth-fixed position, m."""
+        """Return gravitation plus centrifugal acceleration (3,), ECEF axes, m/s^2, at an Earth-fixed position (m)."""
         out_e = jnp.stack([position_e[0], position_e[1], jnp.zeros_like(position_e[2])])
         return self.gravitation_e(position_e) + self.rotation_rate * self.rotation_rate * out_e
 
     def gravitation_e(self, position_e: Vector3) -> Vector3:
-        """Gravitation alone (3,), ECEF axes, m/s^2, at an Earth-fixed position, m."""
+        """Return the gravitation alone (3,), ECEF axes, m/s^2, at an Earth-fixed position (m)."""
         return gravitation_j2(position_e, self.gravitational_parameter, self.oblateness_j2, self.ellipsoid.a)
 
     def local_earth(self, position_n: Vector3, velocity_n: Vector3) -> LocalEarth:
-        """Effective gravity, Coriolis acceleration, rotation of the axes and the chart's scale.
+        """Compute effective gravity, Coriolis acceleration, rotation of the NED axes and the chart's scale.
 
         Source: [SL] eq. 1.7-18 to 1.7-20 in NED axes.
         """
@@ -252,14 +259,14 @@ class RotatingEarth(AbstractEarth):
         )
 
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Straight line through space and velocity over ground, both in the observer's axes."""
+        """Return the straight line through space and the velocity over ground, both in the observer's NED axes."""
         R_ne, other_R_ne = self._axes(position_n), self._axes(other_n)
         line_e = self.ecef_from_chart(other_n) - self.ecef_from_chart(position_n)
         velocity_n = other_velocity_n / self.local_earth(other_n, jnp.zeros_like(other_n)).chart_scale
         return rotate(R_ne, line_e), rotate(R_ne, rotate_back(other_R_ne, velocity_n))
 
     def motion_on_chart(self, position_n: Vector3, line_n: Vector3, velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Chart position and rate of the endpoint of a straight line."""
+        """Return the chart position of the line's far end, and the rate of this position."""
         R_ne = self._axes(position_n)
         other_n = self.chart_from_ecef(self.ecef_from_chart(position_n) + rotate_back(R_ne, line_n))
         other_velocity_n = rotate(self._axes(other_n), rotate_back(R_ne, velocity_n))
@@ -271,14 +278,14 @@ class RotatingEarth(AbstractEarth):
 
 
 def wgs84_earth(latitude: ScalarLike, longitude: ScalarLike) -> RotatingEarth:
-    """Rotating WGS-84 Earth with J2 gravitation, with the chart around a geodetic position (rad)."""
+    """Build the rotating WGS-84 Earth with J2 gravitation, with the chart's origin at a geodetic position (rad)."""
     return _earth(WGS84_A_M, WGS84_F, EARTH_ROTATION_RAD_S, EARTH_J2, latitude, longitude)
 
 
 def spherical_earth(
     radius: ScalarLike, latitude: ScalarLike, longitude: ScalarLike, rotation_rate: ScalarLike = 0.0
 ) -> RotatingEarth:
-    """Spherical Earth of a radius in m with inverse-square gravitation, by default not rotating (rad/s).
+    """Build a spherical Earth (radius in m) with inverse-square gravitation; rotation rate in rad/s, by default 0.
 
     The chart's origin is a geodetic position in rad. Source: [NESC] cases 4 and 5.
     """

@@ -14,11 +14,11 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AbstractWind(eqx.Module):
-    """A wind field: the velocity of the air at a position and time."""
+    """Interface of a wind field: velocity of the air as a function of position and time."""
 
     @abc.abstractmethod
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s, at a position (3,), NED, m, and time, s."""
+        """Return the velocity of the air (3,), NED, m/s, at a chart position (3,), NED, m, and a time (s)."""
 
 
 class SteadyWind(AbstractWind):
@@ -33,7 +33,7 @@ class SteadyWind(AbstractWind):
     velocity_n: Vector3
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s; position and time are ignored."""
+        """Return the velocity of the air (3,), NED, m/s; position and time have no effect."""
         return self.velocity_n
 
 
@@ -53,7 +53,7 @@ class LayeredWind(AbstractWind):
     velocities_n: Float[Array, "layer 3"]
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s, at the altitude of a position; time is ignored."""
+        """Return the velocity of the air (3,), NED, m/s, at the altitude of a position; the time has no effect."""
         altitude = -position_n[2]
         return jnp.stack([jnp.interp(altitude, self.altitudes, self.velocities_n[:, k]) for k in range(3)])
 
@@ -64,7 +64,7 @@ class VaryingWind(AbstractWind):
     Attributes
     ----------
     times
-        (t,), s, rising.
+        Times of the profiles (t,), s, rising.
     altitudes
         Geometric altitudes (layer,), m, rising.
     velocities_n
@@ -77,13 +77,16 @@ class VaryingWind(AbstractWind):
     velocities_n: Float[Array, "t layer 3"]
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
-        """Velocity of the air (3,), NED, m/s, at a time, s, and at the altitude of a position."""
+        """Return the velocity of the air (3,), NED, m/s, at a time (s) and the altitude of a position."""
         layers_n = jnp.sum(linear_weights(jnp.asarray(time), self.times)[:, None, None] * self.velocities_n, axis=0)
         return jnp.sum(linear_weights(-position_n[2], self.altitudes)[:, None] * layers_n, axis=0)
 
 
 def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Weights of linear interpolation between rising breakpoints; constant beyond the first and last breakpoint."""
+    """Return the weight of each breakpoint in a linear interpolation at `at`.
+
+    The breakpoints rise; beyond the first or last, that breakpoint has weight 1.
+    """
     parts = jnp.clip((at - breakpoints[:-1]) / (breakpoints[1:] - breakpoints[:-1]), 0.0, 1.0)
     # in each interval the weights of the lower and the upper breakpoint sum to 1
     return jnp.concatenate([jnp.ones_like(breakpoints[:1]), parts]) - jnp.concatenate(

@@ -1,4 +1,4 @@
-"""Shaping filters of turbulence: white noise in, gusts of a given spectrum out, exactly discretized.
+"""Shaping filters of turbulence: filters that turn white noise into gusts of a given spectrum, exactly discretized.
 
 Time is in units of scale over airspeed, L/V, and gusts in units of their intensity; the filters remain valid while
 airspeed, height and intensity change.
@@ -19,36 +19,42 @@ _SERIES = [(-2.0) ** k / (np.prod(np.arange(1, k + 1), dtype=float) * (k + 3)) f
 
 
 class AbstractShapingFilter(eqx.Module):
-    """A filter of white noise with unit intensity; concrete subclasses are final."""
+    """Interface of a shaping filter, driven by white noise of unit intensity."""
 
     @property
     @abc.abstractmethod
     def size(self) -> int:
-        """Number of states, and of standard normals per step."""
+        """Number of filter states, equal to the number of standard normals per step."""
 
     @abc.abstractmethod
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
-        """Random state with the stationary distribution."""
+        """Return a random state with the stationary distribution, from standard normals."""
 
     @abc.abstractmethod
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """State transition matrix over a time span (in units of L/V), and a square root of the added covariance."""
+        """Return the state transition matrix over a time span (in units of L/V), and a root of the noise covariance.
+
+        The noise covariance is the covariance that the white noise adds to the state within the span.
+        """
 
     @abc.abstractmethod
     def output(self, state: Float[Array, " size"]) -> Scalar:
-        """Gust, in units of the intensity."""
+        """Return the gust of a filter state, in units of the intensity."""
 
     def advance(
         self, state: Float[Array, " size"], normals: Float[Array, " size"], span: Scalar
     ) -> Float[Array, " size"]:
-        """State after a time span of any length, without discretization error."""
+        """Return the state after a time span (in units of L/V) of any length, without discretization error."""
         # float64 at any precision: the covariance added in a short span suffers from cancellation
         transition, noise_root = (matrix.astype(state.dtype) for matrix in self.transition(span.astype(float)))
         return jnp.sum(transition * state[None, :], axis=1) + jnp.sum(noise_root * normals[None, :], axis=1)
 
 
 class FirstOrderFilter(AbstractShapingFilter):
-    """H(s) = sqrt(2) / (1 + s): the spectrum (2/pi) / (1 + w^2). Dryden's longitudinal gust, and every roll rate."""
+    """First-order filter H(s) = sqrt(2) / (1 + s), with the spectrum (2/pi) / (1 + w^2).
+
+    Filter of Dryden's longitudinal gust and of the roll rate in both spectra.
+    """
 
     @property
     def size(self) -> int:
@@ -56,21 +62,24 @@ class FirstOrderFilter(AbstractShapingFilter):
         return 1
 
     def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
-        """See `AbstractShapingFilter`."""
+        """Return a random state with the stationary distribution, from a standard normal."""
         return normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "1 1"], Float[Array, "1 1"]]:
-        """See `AbstractShapingFilter`."""
+        """Return the transition matrix over a span (in units of L/V) and the root of the noise covariance."""
         fade = jnp.expm1(-span)
         return (1.0 + fade)[None, None], jnp.sqrt(-fade * (2.0 + fade))[None, None]
 
     def output(self, state: Float[Array, "1"]) -> Scalar:
-        """See `AbstractShapingFilter`."""
+        """Return the gust of a filter state, in units of the intensity."""
         return state[0]
 
 
 class DrydenTransverse(AbstractShapingFilter):
-    """H(s) = (1 + sqrt(3) s) / (1 + s)^2: the spectrum (1/pi) (1 + 3 w^2) / (1 + w^2)^2."""
+    """Filter of Dryden's transverse gusts, H(s) = (1 + sqrt(3) s) / (1 + s)^2.
+
+    The spectrum is (1/pi) (1 + 3 w^2) / (1 + w^2)^2.
+    """
 
     @property
     def size(self) -> int:
@@ -78,11 +87,11 @@ class DrydenTransverse(AbstractShapingFilter):
         return 2
 
     def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
-        """See `AbstractShapingFilter`: the two states are independent with variance 1/4."""
+        """Return a random state: the two elements are independent with variance 1/4."""
         return 0.5 * normals
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "2 2"], Float[Array, "2 2"]]:
-        """See `AbstractShapingFilter`; x1' = x2, x2' = -x1 - 2 x2 + n."""
+        """Return the transition matrix and the root of the noise covariance of x1' = x2, x2' = -x1 - 2 x2 + n."""
         t, faded = span, jnp.exp(-span)
         faded_square = faded**2
         transition = faded * jnp.stack([jnp.stack([1.0 + t, t]), jnp.stack([-t, 1.0 - t])])
@@ -98,12 +107,12 @@ class DrydenTransverse(AbstractShapingFilter):
         return transition, jnp.stack([jnp.stack([covariance / root, remainder_root]), jnp.stack([root, zero])])
 
     def output(self, state: Float[Array, "2"]) -> Scalar:
-        """See `AbstractShapingFilter`."""
+        """Return the gust of a filter state, in units of the intensity."""
         return state[0] + math.sqrt(3.0) * state[1]
 
 
 class ModalFilter(AbstractShapingFilter):
-    """H(s) = sum of r_i / (s + p_i) with real poles.
+    """Filter H(s) = sum of r_i / (s + p_i) with distinct real poles -p_i.
 
     Attributes
     ----------
@@ -120,24 +129,24 @@ class ModalFilter(AbstractShapingFilter):
         return len(self.poles)
 
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
-        """See `AbstractShapingFilter`."""
+        """Return a random state with the stationary distribution, from standard normals."""
         sums = np.add.outer(self.poles, self.poles)
         return jnp.sum(np.linalg.cholesky(1.0 / sums) * normals[None, :], axis=1)
 
     def transition(self, span: Scalar) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
-        """See `AbstractShapingFilter`; the modes share the same noise."""
+        """Return the transition matrix and the root of the noise covariance; the modes share the same noise."""
         poles = np.asarray(self.poles)
         sums = np.add.outer(poles, poles)
         added = -jnp.expm1(-sums * span) / sums
         return jnp.exp(-poles * span)[:, None] * np.eye(poles.size), _root(added, poles.size)
 
     def output(self, state: Float[Array, " size"]) -> Scalar:
-        """See `AbstractShapingFilter`."""
+        """Return the gust of a filter state, in units of the intensity."""
         return jnp.sum(np.asarray(self.residues, state.dtype) * state)
 
 
 def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
-    """Cholesky factor of a small matrix, unrolled; pivots made negative by rounding are replaced by a tiny number."""
+    """Return the Cholesky factor of a small matrix, unrolled; pivots made negative by rounding become a tiny number."""
     lower: list[list[Array]] = []
     for i in range(count):
         lower_row: list[Array] = []
@@ -155,7 +164,9 @@ def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
 
 
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
-    """Filter of a gain times a rational function with simple real poles, coefficients from s^0 up.
+    """Build the filter whose transfer function is `gain` times numerator over denominator.
+
+    Coefficients run from s^0 upwards. The poles must be distinct, which is not checked.
 
     Raises
     ------
@@ -184,9 +195,9 @@ DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE = FirstOrderFilter(), DrydenTransverse()
 
 
 def sampled_spectrum(shaping: AbstractShapingFilter, span: float, frequencies: Float[np.ndarray, " n"]) -> np.ndarray:
-    """One-sided spectrum of a filter's output sequence at a sampling interval `span`.
+    """Compute the one-sided spectrum of a filter's output, sampled at intervals of `span` (in units of L/V).
 
-    Frequencies in units of V/L, up to pi over the span; the integral over frequency is the variance.
+    Frequencies are in units of V/L, up to pi over the span; the integral over frequency is the variance.
     """
     transition, noise_root = (np.asarray(matrix) for matrix in shaping.transition(jnp.asarray(span)))
     output_row = np.stack(

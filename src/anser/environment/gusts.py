@@ -27,7 +27,7 @@ class Gust(eqx.Module):
 
 
 class AirFlow(eqx.Module):
-    """Inputs of a gust model: flow at one aircraft at one time.
+    """Flow at one aircraft at one time: the inputs of a gust model.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class AirFlow(eqx.Module):
     height
         Height above the ground, m.
     R_bn
-        Rotation NED to body.
+        Rotation matrix from NED to body axes.
     wind_n
-        Mean wind, m/s.
+        Mean wind, NED, m/s.
     time
-        s.
+        Time of flight, s.
     """
 
     airspeed: Scalar
@@ -51,7 +51,7 @@ class AirFlow(eqx.Module):
 
 
 class AbstractGusts(eqx.Module):
-    """Gust model of one aircraft; concrete subclasses are final."""
+    """Interface of the gust model of one aircraft."""
 
     @property
     @abc.abstractmethod
@@ -60,15 +60,15 @@ class AbstractGusts(eqx.Module):
 
     @abc.abstractmethod
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Any:
-        """Initial state; for random gusts with the stationary distribution."""
+        """Return the initial state of the gust model; random gusts start with their stationary distribution."""
 
     @abc.abstractmethod
     def at(self, state: Any, flow: AirFlow) -> Gust:
-        """Gust of a sample, constant until the next sample."""
+        """Return the gust of a sample; the gust is constant until the next sample."""
 
     @abc.abstractmethod
     def advance(self, state: Any, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Any:
-        """State after one sampling period (s)."""
+        """Return the state of the gust model after one sampling period `step` (s)."""
 
 
 class NoGusts(AbstractGusts):
@@ -83,7 +83,7 @@ class NoGusts(AbstractGusts):
         """Return None: smooth air has no state."""
 
     def at(self, state: None, flow: AirFlow) -> Gust:
-        """Zero gust."""
+        """Return a zero gust."""
         zero = jnp.zeros_like(flow.wind_n)
         return Gust(zero, zero)
 
@@ -92,14 +92,14 @@ class NoGusts(AbstractGusts):
 
 
 class DiscreteGust(AbstractGusts):
-    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x from the edge of the gust.
+    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust.
 
     Attributes
     ----------
     amplitudes
-        V_m along the body axes, m/s.
+        Greatest velocity V_m along the body axes, m/s.
     length
-        d_m, m.
+        Distance d_m from the edge of the gust to V_m, m.
     start
         Time at which the aircraft enters the gust, s.
     returns
@@ -117,17 +117,17 @@ class DiscreteGust(AbstractGusts):
         return 0
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> Scalar:
-        """Distance flown in the gust, m: 0."""
+        """Return the distance flown in the gust at the start: 0 m."""
         return jnp.zeros_like(self.length)
 
     def at(self, state: Scalar, flow: AirFlow) -> Gust:
-        """See `AbstractGusts`; without rotation."""
+        """Return the gust at the distance flown (m); the gust has no rotation."""
         part = state / self.length
         part = jnp.clip(part, 0.0, jnp.where(self.returns, 2.0, 1.0))
         return Gust(0.5 * self.amplitudes * (1.0 - jnp.cos(jnp.pi * part)), jnp.zeros_like(self.amplitudes))
 
     def advance(self, state: Scalar, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike) -> Scalar:
-        """Distance flown in the gust, m."""
+        """Return the state after one step: the distance flown in the gust since `start`, m."""
         return state + jnp.where(flow.time >= self.start, step * flow.airspeed, 0.0)
 
 
@@ -138,7 +138,7 @@ class SummedGusts(AbstractGusts):
 
     @property
     def normals(self) -> int:
-        """Number of standard normals, total over the parts."""
+        """Number of standard normals of all parts together."""
         return sum(part.normals for part in self.parts)
 
     def _shared(self, normals: Float[Array, " count"]) -> list[Array]:
@@ -146,13 +146,13 @@ class SummedGusts(AbstractGusts):
         return [normals[stop - part.normals : stop] for part, stop in zip(self.parts, stops, strict=True)]
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> tuple[Any, ...]:
-        """States of the parts."""
+        """Return the initial states of the parts."""
         return tuple(
             part.init(part_normals, flow) for part, part_normals in zip(self.parts, self._shared(normals), strict=True)
         )
 
     def at(self, state: tuple[Any, ...], flow: AirFlow) -> Gust:
-        """Sum of the gusts."""
+        """Return the sum of the parts' gusts."""
         gusts = [part.at(part_state, flow) for part, part_state in zip(self.parts, state, strict=True)]
         velocities, rates = (
             jnp.stack(vectors) for vectors in zip(*((gust.velocity_b, gust.rates_b) for gust in gusts), strict=True)
@@ -162,6 +162,6 @@ class SummedGusts(AbstractGusts):
     def advance(
         self, state: tuple[Any, ...], normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> tuple[Any, ...]:
-        """States of the parts."""
+        """Return the states of the parts after one sampling period."""
         inputs = zip(self.parts, state, self._shared(normals), strict=True)
         return tuple(part.advance(part_state, part_normals, flow, step) for part, part_state, part_normals in inputs)

@@ -1,6 +1,7 @@
 """Continuous turbulence by MIL-F-8785C and MIL-HDBK-1797.
 
-Scales and intensities by height, Dryden and von Karman spectra, and the equivalent body rates of gust gradients.
+Scale lengths and intensities as functions of height, Dryden and von Karman spectra, and the body rates equivalent to
+the gradients of the gusts.
 """
 
 from typing import Literal
@@ -36,11 +37,11 @@ class ExceedanceTable(eqx.Module):
     Attributes
     ----------
     heights
-        m, rising.
+        Heights above the ground, m, rising.
     log_probabilities
-        Logarithm to base 10, falling.
+        Logarithm to base 10 of the exceedance probability, falling.
     sigmas
-        (height, probability), m/s.
+        Root-mean-square gust velocity, shape (height, probability), m/s.
     """
 
     heights: Float[Array, " heights"]
@@ -48,7 +49,10 @@ class ExceedanceTable(eqx.Module):
     sigmas: Float[Array, "heights probabilities"]
 
     def at(self, height: ScalarLike, log_probability: ScalarLike) -> Scalar:
-        """Root-mean-square gust velocity, m/s: linear in height and log probability, constant beyond the table."""
+        """Return the root-mean-square gust velocity, m/s, at a height (m) and log10 of the probability.
+
+        Linear in both arguments, constant beyond the table.
+        """
         shares = linear_weights(jnp.asarray(height), self.heights)
         # column by column: the full product would be too large for one kernel
         across = jnp.stack([jnp.sum(shares * self.sigmas[:, k]) for k in range(self.sigmas.shape[1])])
@@ -56,16 +60,18 @@ class ExceedanceTable(eqx.Module):
 
 
 class TurbulenceLevels(eqx.Module):
-    """Turbulence at one height.
+    """Turbulence parameters at one height.
 
     Attributes
     ----------
     lengths
-        Scales of u, v, w, m, as in the spectra of MIL-F-8785C; twice L_v and L_w of MIL-HDBK-1797.
+        Scale lengths (m) of the gust components u, v, w, as in the spectra of MIL-F-8785C; those of v and w are twice
+        the lengths of MIL-HDBK-1797.
     sigmas
-        Intensities of u, v, w, m/s.
+        Root-mean-square values (m/s) of the gust components u, v, w.
     altitude_blend
-        0 up to 1,000 ft, 1 from 2,000 ft, linear in between.
+        Weight of the high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft,
+        linear in between.
     """
 
     lengths: Vector3
@@ -80,7 +86,7 @@ def turbulence_levels(
     table: ExceedanceTable,
     family: SpectrumFamily,
 ) -> TurbulenceLevels:
-    """Scales and intensities at a height above the ground (m).
+    """Compute the scale lengths and intensities of turbulence at a height above the ground (m).
 
     MIL-F-8785C and MIL-HDBK-1797 agree: the latter halves the scales of v and w, and doubles them in the spectra.
 
@@ -160,23 +166,23 @@ class Turbulence(AbstractGusts):
 
     @property
     def filters(self) -> tuple[AbstractShapingFilter, AbstractShapingFilter]:
-        """Shaping filters of the longitudinal and of the transverse gusts."""
+        """Shaping filters of the longitudinal gust u and of the transverse gusts v, w."""
         if self.family == "dryden":
             return DRYDEN_LONGITUDINAL, DRYDEN_TRANSVERSE
         return VON_KARMAN_LONGITUDINAL, VON_KARMAN_TRANSVERSE
 
     @property
     def normals(self) -> int:
-        """Number of standard normals, total over the filters."""
+        """Number of standard normals of all filters together."""
         along, across = self.filters
         return along.size + 2 * across.size + 1
 
     def levels(self, flow: AirFlow) -> TurbulenceLevels:
-        """Scales and intensities at the height of the flow."""
+        """Return the scale lengths and intensities at the height of the flow."""
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
-        """See `AbstractGusts`; the wing's low-passes start at the initial gusts."""
+        """Return a random state with the stationary distribution; the wing's low-passes start at the gusts."""
         along, across = self.filters
         u, v, w, p = self._shared(normals)
         v, w = across.stationary_state(v), across.stationary_state(w)
@@ -185,7 +191,7 @@ class Turbulence(AbstractGusts):
         )
 
     def at(self, state: TurbulenceState, flow: AirFlow) -> Gust:
-        """See `AbstractGusts`."""
+        """Return the gust velocity and the gust rates of a sample, body axes."""
         along, across = self.filters
         level, airspeed = self.levels(flow), jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         u, v, w = along.output(state.u), across.output(state.v), across.output(state.w)
@@ -203,7 +209,7 @@ class Turbulence(AbstractGusts):
     def advance(
         self, state: TurbulenceState, normals: Float[Array, " count"], flow: AirFlow, step: ScalarLike
     ) -> TurbulenceState:
-        """See `AbstractGusts`."""
+        """Return the turbulence state after one sampling period `step` (s)."""
         along, across = self.filters
         lengths, airspeed = self.levels(flow).lengths, jnp.maximum(flow.airspeed, _AIRSPEED_MIN)
         spans = step * airspeed / lengths
@@ -220,7 +226,7 @@ class Turbulence(AbstractGusts):
         )
 
     def _lags(self, airspeed: Scalar) -> tuple[Scalar, Scalar]:
-        """Time constants of the wing's low-passes of pitch (also roll) and yaw rate, s."""
+        """Return the time constants (s) of the wing's low-passes: pitch and roll rate, yaw rate."""
         return 4.0 * self.span / (np.pi * airspeed), 3.0 * self.span / (np.pi * airspeed)
 
     def _shared(self, normals: Float[Array, " count"]) -> tuple[Array, Array, Array, Array]:
@@ -240,7 +246,10 @@ def roll_sigma(length: ScalarLike, sigma: ScalarLike, span: ScalarLike) -> Scala
 
 
 def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: ScalarLike) -> Scalar:
-    """Exact response of a first-order lag to an input that changes linearly over a span (in time constants)."""
+    """Return the exact response of a first-order lag to an input that changes linearly over the span.
+
+    `span` is in time constants of the lag; `former_input` and `new_input` are the inputs at its start and end.
+    """
     decay_less_1 = jnp.expm1(-jnp.asarray(span))
     decay, mean = 1.0 + decay_less_1, -decay_less_1 / span
     return decay * state + (mean - decay) * former_input + (1.0 - mean) * new_input

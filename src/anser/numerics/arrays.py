@@ -1,6 +1,7 @@
 """Arrays and pytrees of arrays.
 
-Creation without compilation, precision, row selection, padding, and stacking of equally structured objects for `vmap`.
+Creation without compilation, change of precision, row selection, padding, and stacking of equally structured objects
+for `vmap`.
 """
 
 import functools
@@ -49,7 +50,10 @@ def unstack_rows(tree: T) -> list[T]:
 
 
 def bucket_size(count: int, smallest: int) -> int:
-    """Return the first of `smallest`, 2 `smallest`, 4 `smallest`, ... not below `count`: few sizes, few programs."""
+    """Return the first of `smallest`, 2 `smallest`, 4 `smallest`, ... that is not below `count`.
+
+    Fleets padded to these sizes share few compiled programs.
+    """
     return smallest * 2 ** max(0, math.ceil(math.log2(count / smallest)))
 
 
@@ -69,7 +73,7 @@ def zeros_like_result(function: Callable[..., T], *args: Any) -> T:
 
 
 def as_array(value: Any, dtype: Any = float) -> Array:
-    """Convert numbers to a strongly typed JAX array; `dtype` None preserves the type.
+    """Convert numbers to a strongly typed JAX array; with `dtype` None the type is preserved.
 
     Concrete values are copied to the device directly, since `jnp.asarray` would compile a program for each new shape.
     """
@@ -110,7 +114,7 @@ def cast_like(value: T, reference: T) -> T:
 
 @functools.lru_cache(maxsize=8192)
 def _on_device(raw: bytes, dtype: np.dtype, shape: tuple[int, ...]) -> Array:
-    """Copy a small array to the device, cached: flights of a campaign share most arrays, and copying dominates."""
+    """Copy a small array to the device. Cached: flights of a campaign share most arrays, and copying is slow."""
     with jax.ensure_compile_time_eval():  # otherwise the cache would hold a tracer
         return jax.device_put(np.frombuffer(raw, dtype).reshape(shape))
 
@@ -119,12 +123,12 @@ T = TypeVar("T")
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Equally structured objects, stacked for `vmap`.
+    """Several objects of equal structure, stored as one pytree for `vmap`.
 
     Attributes
     ----------
     batched
-        Leaves with a leading axis over the objects; None in place of shared leaves.
+        Leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves.
     shared
         Leaves equal for every object; None in place of batched leaves.
     """
@@ -133,7 +137,7 @@ class Stacked(eqx.Module, Generic[T]):
     shared: T
 
     def combine(self, batched: T) -> T:
-        """Return one object from its batched leaves; for use inside `vmap` over `batched`."""
+        """Return one object, made of its batched leaves and the shared leaves; for use inside `vmap` over `batched`."""
         return eqx.combine(batched, self.shared)
 
     def at(self, index: int) -> T:
@@ -141,12 +145,18 @@ class Stacked(eqx.Module, Generic[T]):
         return self.combine(jax.tree.map(lambda leaf: leaf[index], self.batched))
 
     def map(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Evaluate `function(object, *slices)` by `vmap` over the objects and the leading axes of the arguments."""
+        """Return `function(object, *slices)` for every object and every slice of the arguments, by `vmap`.
+
+        The slices are taken along the leading axes of the arguments.
+        """
         return jax.vmap(lambda batched, *slices: function(self.combine(batched), *slices))(self.batched, *arguments)
 
 
 def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """Return the properties that must agree for stacking: tree structure, and shape and type of each leaf."""
+    """Return the properties that two objects must share for stacking.
+
+    Tree structure, and shape and type of each leaf.
+    """
     leaves, structure = jax.tree.flatten(value)
     return structure, tuple((np.shape(leaf), np.asarray(leaf).dtype) for leaf in leaves)
 
@@ -195,7 +205,7 @@ def stack_objects(
 
 
 def stack_rows(parts: Sequence[T]) -> T:
-    """Stack equally structured objects into one, with a leading axis on every leaf; on the host, uncompiled."""
+    """Stack equally structured objects into one, with a leading axis on every leaf; NumPy only, nothing is compiled."""
     return jax.tree.map(lambda *leaves: as_array(np.stack([np.asarray(leaf) for leaf in leaves]), None), *parts)
 
 
@@ -205,7 +215,7 @@ def _is_float(leaf: np.ndarray) -> bool:
 
 @custom_vmap
 def any_in_batch(flag: Flag) -> Flag:
-    """Return the flag; under `vmap`, whether any flag of the batch is true, as an unbatched result.
+    """Return whether any flag of the batch is true, as an unbatched result; outside `vmap` return the flag itself.
 
     A condition on the result remains a condition under `vmap`. A condition on a batched flag would become a selection,
     computing both branches for the whole batch.
@@ -219,9 +229,10 @@ def _any_in_batch(_size: int, _batched: list[bool], flags: Any) -> tuple[Any, bo
 
 
 def select_if_any(chosen: Flag, new: Callable[[], T], old: T) -> T:
-    """Select leaves of `new()` if the flag is true, else of `old`; skip `new` if no flag of the batch is true.
+    """Select the leaves of `new()` where the flag is true, otherwise those of `old`.
 
-    For rare updates. In a program that becomes one kernel, without conditions, `new` is always evaluated.
+    If no flag of the batch is true, `new` is not evaluated: for rare updates. Inside a single-kernel program, which
+    has no conditions, `new` is always evaluated.
     """
 
     def select() -> T:

@@ -24,13 +24,13 @@ def _product_weights(m: int, n: int) -> np.ndarray:
 
 
 def product(a: Coefficients, b: Float[Array, "*batch m"]) -> Float[Array, "*batch k"]:
-    """Coefficients of the product of two polynomials; the degrees add."""
+    """Return the Bernstein coefficients of the product of two polynomials; its degree is the sum of their degrees."""
     weights = jnp.asarray(_product_weights(a.shape[-1] - 1, b.shape[-1] - 1))
     return jnp.einsum("kij,...i,...j->...k", weights, a, b)
 
 
 def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
-    """Coefficients of the same polynomial at a higher degree."""
+    """Return the Bernstein coefficients of the same polynomial written with a higher degree."""
     missing = degree - (a.shape[-1] - 1)
     if missing < 0:
         raise ValueError(f"a polynomial of degree {a.shape[-1] - 1} cannot be written with degree {degree}")
@@ -38,5 +38,5 @@ def elevate(a: Coefficients, degree: int) -> Float[Array, "*batch m"]:
 
 
 def bounds(a: Coefficients) -> tuple[Float[Array, "*batch"], Float[Array, "*batch"]]:
-    """Lower and upper bound of the polynomial: least and greatest coefficient."""
+    """Return a lower and an upper bound of the polynomial on the interval: the least and the greatest coefficient."""
     return jnp.min(a, axis=-1), jnp.max(a, axis=-1)

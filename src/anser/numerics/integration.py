@@ -45,7 +45,7 @@ class QuadratureRule(NamedTuple):
 
 
 def gauss_legendre(count: int) -> QuadratureRule:
-    """Gauss-Legendre rule of `count` nodes on [0, 1], exact for polynomials up to degree 2 count - 1."""
+    """Return the Gauss-Legendre rule of `count` nodes on [0, 1], exact for polynomials up to degree 2 count - 1."""
     nodes, weights = np.polynomial.legendre.leggauss(count)
     return QuadratureRule(0.5 * (nodes + 1.0), 0.5 * weights)
 

@@ -1,6 +1,6 @@
-"""Damped Gauss-Newton and Levenberg-Marquardt methods.
+"""Damped Gauss-Newton and Levenberg-Marquardt methods for nonlinear equations.
 
-Loops for a single start or a batch of starts, and the implicit derivative of the solution.
+Search loops for a single start or a batch of starts, and the implicit derivative of the solution.
 """
 
 from collections.abc import Callable
@@ -15,25 +15,29 @@ from anser.numerics.linear import solve_positive
 from anser.shapes import Count, Flag, Scalar
 
 Evaluate = Callable[[PyTree, Array], Any]
-"""Linearized equations as a function of the context of a start and of the unknowns."""
+"""Function of (context, unknowns) that returns the linearized equations; the context is a start's other data."""
 StepRule = Callable[[PyTree, Any, Scalar], Array]
-"""Step to subtract from the unknowns, from the context of a start, the linearized equations and the damping."""
+"""Function of (context, linearized equations, damping) that returns the step to subtract from the unknowns."""
 
 
 class Linearized(NamedTuple):
-    """Residuals and Jacobian at a point."""
+    """Residuals of the equations and their Jacobian at a point."""
 
     residual: Float[Array, "*batch equations"]
     jacobian: Float[Array, "*batch equations unknowns"]
 
     @property
     def cost(self) -> Float[Array, "*batch"]:
-        """Sum of squares."""
+        """Sum of squares of the residuals."""
         return jnp.sum(self.residual**2, axis=-1)
 
 
 class Damping(NamedTuple):
-    """Initial damping as a function of the initial cost; factors after a successful and a failed step; bounds."""
+    """Rule for the damping of the steps.
+
+    The initial damping is a function of the initial cost; then the damping is multiplied by `decrease` after a
+    successful step and by `increase` after a failed step, between `minimum` and `maximum`.
+    """
 
     initial: Callable[[Scalar], Scalar]
     decrease: float
@@ -52,7 +56,7 @@ class SearchState(NamedTuple):
     best, trial
         Unknowns: the best so far, and the next to evaluate.
     at
-        Linearized equations at the best unknowns.
+        Linearized equations at `best`.
     damping
         Damping of the last step; NaN before the first.
     """
@@ -65,12 +69,15 @@ class SearchState(NamedTuple):
 
 
 def start_search(context: PyTree, start: Array, unknown: Any) -> SearchState:
-    """Return the state before the first step; `unknown` has the shapes of the equations and an infinite cost."""
+    """Return the search state before the first step.
+
+    `start` holds the initial unknowns; `unknown` has the shapes of the linearized equations and an infinite cost.
+    """
     return SearchState(context, start, start, unknown, jnp.asarray(jnp.nan))
 
 
 def search_step(evaluate: Evaluate, move: StepRule, damping: Damping, search: SearchState) -> SearchState:
-    """Make one step: accept the trial unknowns if the cost decreases, else retry with more damping."""
+    """Make one step: accept the trial unknowns if the cost decreases, otherwise try again with more damping."""
     context, best, trial, at, former = search
     tried = evaluate(context, trial)
     better = tried.cost < at.cost  # not-a-number is no improvement
@@ -90,7 +97,10 @@ def search_steps(
     required_count: int | None = None,
     sufficient_cost: float = 0.0,
 ) -> SearchState:
-    """Make `number` steps of a batch; stop early when `required_count` costs are within `sufficient_cost`."""
+    """Make up to `number` steps from a batch of starts.
+
+    The loop ends early as soon as `required_count` searches have a cost of at most `sufficient_cost`.
+    """
 
     def step_all(state: SearchState) -> SearchState:
         return jax.vmap(lambda search: search_step(evaluate, move, damping, search))(state)
@@ -114,7 +124,7 @@ def best_searches(searches: SearchState, count: int) -> SearchState:
 
 
 def minimum_norm_step(max_length: float) -> StepRule:
-    """Return the step rule for underdetermined equations: the step of least norm, limited to `max_length`."""
+    """Return the step rule for underdetermined equations: the step of least norm, shortened to `max_length`."""
 
     def move(_: PyTree, at: Linearized, damping: Scalar) -> Array:
         square = at.jacobian @ at.jacobian.T + damping * jnp.eye(at.residual.shape[0])
@@ -128,11 +138,11 @@ Parameters = TypeVar("Parameters")
 
 _DAMPING = Damping(lambda _: jnp.asarray(1e-3), 0.1, 10.0)
 _LAST_DAMPING = 1e12
-"""Damping at which steps are too short to make progress: the search has reached a local minimum or a kink."""
+"""Greatest damping: steps are then too short to make progress, and the search is at a local minimum or a kink."""
 
 
 class Solution(NamedTuple):
-    """A solution and its largest absolute residual."""
+    """Solution x of the equations, and the largest absolute residual there."""
 
     x: Float[Array, " n"]
     residual: Scalar
@@ -145,7 +155,9 @@ def levenberg_marquardt(
     steps: int = 64,
     tolerance: float = 1e-12,
 ) -> Solution:
-    """Find x with `function(x, parameters)` = 0, or a smaller cost than at the start; as many residuals as unknowns.
+    """Find x with `function(x, parameters)` = 0, for as many residuals as unknowns.
+
+    If no root is reached, the x of lowest cost is returned: check `residual`.
 
     The damping falls by ten after a successful step and rises by ten after a failed step (D. W. Marquardt, *J. SIAM*
     11(2), 1963). Each step evaluates the function with its Jacobian once, in the only copy of the function in the
@@ -196,7 +208,7 @@ def with_implicit_derivative(
     parameters: Parameters,
     root: Float[Array, " n"],
 ) -> Float[Array, " n"]:
-    """Attach to a root of `function(x, parameters)` the derivative with respect to the parameters.
+    """Return the root of `function(x, parameters)` with its derivative with respect to the parameters attached.
 
     dx = -(df/dx)^-1 (df/dp) dp, by the implicit function theorem; first derivatives only, evaluated only when
     differentiating. If df/dx is singular, the derivative is the least-squares solution and stays finite.
@@ -218,7 +230,7 @@ def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
 
 
 def damped_solve(matrix: Float[Array, "n n"], vector: Float[Array, " n"], damping: Scalar) -> Float[Array, " n"]:
-    """Minimum of |matrix @ x - vector|^2 + damping |x|^2, by the normal equations.
+    """Return the x that minimizes |matrix @ x - vector|^2 + damping |x|^2, by the normal equations.
 
     A floor of 1e-14 of the largest diagonal term keeps a singular matrix solvable.
     """

@@ -1,4 +1,4 @@
-"""Small dense algebra without library calls, and block tridiagonal systems."""
+"""Linear algebra for small dense matrices without library calls, and for block tridiagonal systems."""
 
 from typing import Any, NamedTuple
 
@@ -18,19 +18,19 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
-    """Product of a 3x3 matrix and a vector, as explicit sums."""
+    """Return the product of a 3x3 matrix and a vector, as explicit sums."""
     if not is_tracing_single_kernel():
         vector = jax.lax.optimization_barrier(vector)  # otherwise each row recomputes the vector
     return jnp.sum(matrix * vector[None, :], axis=1)
 
 
 def product3(a: Float[Array, "n 3"], b: Matrix33) -> Float[Array, "n 3"]:
-    """Product of a matrix of rows of three and a 3x3 matrix, as explicit sums."""
+    """Return the product of a matrix with three columns and a 3x3 matrix, as explicit sums."""
     return jnp.sum(a[:, :, None] * b[None, :, :], axis=1)
 
 
 def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
-    """Inverse of a 3x3 matrix by cross products of the columns.
+    """Return the inverse of a 3x3 matrix, by cross products of the columns.
 
     A determinant below `floor` times the product of the column lengths (columns nearly in one plane) is replaced by
     that bound, to keep the result finite; such a matrix has no useful inverse.
@@ -52,7 +52,10 @@ def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
 
 
 def solve_positive(matrix: Float[Array, "n n"], vector: Float[Array, " n"]) -> Float[Array, " n"]:
-    """Solve a small positive definite system by elimination, in one computation for a batch of systems."""
+    """Solve matrix @ x = vector for a small positive definite matrix, by elimination.
+
+    A batch of systems under `vmap` is solved in one computation.
+    """
     count = vector.shape[0]
 
     def eliminate(k: Count, augmented: Array) -> Array:

@@ -16,7 +16,7 @@ from anser.shapes import Count
 AIR, VEHICLE_SENSORS, GOAL_SENSOR, BRIEFING, NETWORK, SATELLITES, DISPERSIONS = range(7)
 """Parts of the closed loop that draw random numbers; user-defined parts have numbers from 100."""
 INITIAL_SAMPLE = -1
-"""Sample number of the draw before the first sample, for initial values."""
+"""Sample number of the draws for initial values, before the first sample 0."""
 
 _ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 _PARITY = 0x1BD11BDA
@@ -24,19 +24,22 @@ _LANES = 1 << 16  # greatest count of numbers that a part draws at one sample
 
 
 class AbstractRandomness(eqx.Module):
-    """Source of the random numbers of a flight; concrete subclasses are final."""
+    """Interface of the source of a flight's random numbers."""
 
     @abc.abstractmethod
     def for_aircraft(self, index: Count) -> "AbstractRandomness":
-        """Return the source of one aircraft."""
+        """Return the source for one aircraft, by its index in the fleet."""
 
     @abc.abstractmethod
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """Draw independent standard normal numbers for a part at a sample."""
+        """Draw `count` independent standard normal numbers for a part of the loop at sample `number`.
+
+        `part` is one of the part numbers of this module, or a user's number from 100.
+        """
 
     @abc.abstractmethod
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """Draw independent numbers in the open interval (0, 1) for a part at a sample: Phi of the normals."""
+        """Draw `count` independent numbers in (0, 1) for a part of the loop at sample `number`: Phi of the normals."""
 
 
 class SeededRandomness(AbstractRandomness):
@@ -57,11 +60,11 @@ class SeededRandomness(AbstractRandomness):
         return SeededRandomness(fold_key(self.key, index))
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`: the inverse normal distribution of the uniform numbers."""
+        """Draw standard normals: the inverse normal distribution of `uniforms`."""
         return jax.scipy.special.ndtri(self.uniforms(part, number, count))
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`: centres of 2^52 equal intervals."""
+        """Draw numbers in (0, 1): centres of 2^52 equal intervals."""
         if count > _LANES:
             raise ValueError(f"{count} random numbers at one sample; a part may draw {_LANES}")
         samples = jnp.broadcast_to(jnp.asarray(number, dtype=jnp.int32).astype(jnp.uint32), (count,))
@@ -69,7 +72,7 @@ class SeededRandomness(AbstractRandomness):
 
 
 class PrescribedRandomness(AbstractRandomness):
-    """Designed or recorded random numbers, for tests and replays.
+    """Random numbers from a table, designed or recorded, for tests and replays.
 
     Attributes
     ----------
@@ -81,11 +84,11 @@ class PrescribedRandomness(AbstractRandomness):
     standard_normals: Mapping[int, Float[Array, "..."]]
 
     def for_aircraft(self, index: Count) -> "PrescribedRandomness":
-        """Return the numbers of one aircraft."""
+        """Return the source with the numbers of one aircraft, by its index in the fleet."""
         return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`.
+        """Return the prescribed standard normals of a part at a sample.
 
         Raises
         ------
@@ -99,7 +102,7 @@ class PrescribedRandomness(AbstractRandomness):
         return numbers[jnp.asarray(number) + 1, :count]
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`."""
+        """Return Phi of the prescribed normals."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
@@ -131,7 +134,7 @@ class BlendedRandomness(AbstractRandomness):
         return BlendedRandomness(self.keys, self.weights, self.count, index)
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`."""
+        """Draw the weighted sum of the sources' standard normals."""
 
         def add_source(k: Count, total: Array) -> Array:
             source = SeededRandomness(self.keys[k])
@@ -142,24 +145,27 @@ class BlendedRandomness(AbstractRandomness):
         return jax.lax.fori_loop(0, self.count, add_source, jnp.zeros(count, self.weights.dtype))
 
     def uniforms(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """See `AbstractRandomness`."""
+        """Draw numbers in (0, 1): Phi of the normals."""
         return jax.scipy.special.ndtr(self.normals(part, number, count))
 
 
 def flight_randomness(seed: int, flight: int = 0) -> SeededRandomness:
-    """Return the source of one flight of a seed (both below 2^32), without compilation."""
+    """Return the random source of flight number `flight` under a seed (both below 2^32), without compilation."""
     key = np.array([0, seed], dtype=np.uint32)
     return SeededRandomness(as_array(fold_key(key, np.asarray(flight)), np.uint32))
 
 
 def flight_keys(seed: int, flights: np.ndarray) -> np.ndarray:
-    """Return the keys of several flights of a seed, shape (flights, 2), equal to those of `flight_randomness`."""
+    """Return the keys of flights `flights` under a seed, shape (flights, 2), equal to those of `flight_randomness`."""
     zeros = np.zeros(flights.size, np.uint32)
     return np.stack(threefry(np.array([0, seed], dtype=np.uint32), zeros, flights.astype(np.uint32)), axis=-1)
 
 
 def draw_uniforms(key: Any, part: int, samples: Any, lanes: np.ndarray) -> Any:
-    """Draw numbers in the open interval (0, 1) for a part, samples and lanes: centres of 2^52 equal intervals."""
+    """Draw numbers in the open interval (0, 1) for a part, samples and lanes: centres of 2^52 equal intervals.
+
+    A lane is the index of a number within the draw of one sample.
+    """
     xp = namespace(key, samples)
     counters = lanes.astype(np.uint32) + np.uint32(part * _LANES)
     high, low = threefry(key, counters, xp.asarray(samples).astype(np.uint32))

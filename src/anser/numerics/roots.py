@@ -17,7 +17,7 @@ Parameters = TypeVar("Parameters")
 
 
 class Root(NamedTuple):
-    """A root and its residual."""
+    """Root x of a function, and the function's value there (residual)."""
 
     x: Scalar
     residual: Scalar

@@ -22,7 +22,9 @@ _PARTS_MAX, _STEPS_MAX = 8, 256
 
 
 class Axes(eqx.Module):
-    """Breakpoints of several table axes, with clamping or extrapolation; arguments are looked up on every axis at once.
+    """Axes of tables: breakpoints, and clamping or extrapolation beyond them.
+
+    An argument of every axis is looked up at once.
 
     Attributes
     ----------
@@ -52,7 +54,7 @@ class Axes(eqx.Module):
     step: Float[Array, " k"] | None = None
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
-        """Return interval index and fraction within the interval on each axis (outside 0..1 if extrapolated)."""
+        """Return interval index and fraction within the interval (outside 0..1 if extrapolated), on each axis."""
         x = jnp.clip(x, self.lower, self.upper)
         if self.even:
             origin, next_breakpoint = self.breakpoints[:, 0], self.breakpoints[:, 1]
@@ -77,7 +79,9 @@ class Axes(eqx.Module):
 
 
 class Tables(eqx.Module):
-    """Groups of functions, multilinear between the breakpoints of shared axes.
+    """Groups of tabulated functions on shared axes, multilinear between the breakpoints.
+
+    The functions of a group depend on the same axes.
 
     Attributes
     ----------
@@ -154,7 +158,10 @@ def make_axes(axes: Sequence[Sequence[float] | np.ndarray], *, clamp: bool | Seq
 
 
 def _common_step(points: np.ndarray) -> float | None:
-    """Return the greatest step with every breakpoint at a multiple, counted from the first; None if too fine."""
+    """Return the greatest step such that the distance of every breakpoint from the first is a multiple of the step.
+
+    None if the step would be too small.
+    """
     smallest_interval = float(np.min(np.diff(points)))
     for parts in range(1, _PARTS_MAX + 1):
         positions = (points - points[0]) / (smallest_interval / parts)
@@ -176,7 +183,7 @@ def _tabulate_steps(points: Sequence[np.ndarray], steps: Sequence[float]) -> np.
 
 
 def make_tables(axes: Axes, groups: Sequence[tuple[Sequence[int], Sequence[Sequence[float] | np.ndarray]]]) -> Tables:
-    """Pack groups of functions: for each group the axis indices, and the values of each function on the grid.
+    """Build tables from groups of functions: for each group the axis indices, and each function's values on the grid.
 
     Raises
     ------

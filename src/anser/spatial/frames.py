@@ -11,7 +11,7 @@ from anser.spatial.wgs84 import ecef_from_geodetic
 def rotation_ecef_from_eci(
     time: ScalarLike, longitude_0: ScalarLike, rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S
 ) -> Matrix33:
-    """Rotation ``R_ei`` (3, 3), ECI to ECEF, at a time in s.
+    """Return the rotation matrix ``R_ei`` (3, 3) from ECI to ECEF axes at a time (s).
 
     ``longitude_0``, rad, is the angle from the inertial to the Earth-fixed first axis at time 0 (lambda_0);
     ``rotation_rate``, rad/s, is the Earth's rotation rate, in every function of this module.
@@ -43,7 +43,7 @@ def velocity_ecef_from_eci(
     longitude_0: ScalarLike,
     rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
-    """Velocity relative to the rotating Earth (3,), ECEF axes, m/s: ``R_ei (v_i - w_E x p_i)``.
+    """Return the velocity relative to the rotating Earth (3,), ECEF axes, m/s: ``R_ei (v_i - w_E x p_i)``.
 
     Inputs: inertial position (3,), m, and velocity (3,), m/s; time in s, lambda_0 in rad.
     """
@@ -58,7 +58,7 @@ def velocity_eci_from_ecef(
     longitude_0: ScalarLike,
     rotation_rate: ScalarLike = EARTH_ROTATION_RAD_S,
 ) -> Vector3:
-    """Inertial velocity (3,), ECI axes, m/s, of a moving point: ``R_ei.T (v_e + w_E x p_e)``.
+    """Return the inertial velocity (3,), ECI axes, m/s, of a moving point: ``R_ei.T (v_e + w_E x p_e)``.
 
     Inputs: Earth-fixed position (3,), m, and velocity relative to the Earth (3,), m/s, both in ECEF axes; time in s,
     lambda_0 in rad.
@@ -73,7 +73,7 @@ def _earth_rotation_cross(position: Vector3, rotation_rate: ScalarLike) -> Vecto
 
 
 def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
-    """Rotation ``R_ne`` (3, 3), ECEF to NED, at a geodetic latitude and longitude in rad."""
+    """Return the rotation matrix ``R_ne`` (3, 3) from ECEF to NED axes at a geodetic latitude and longitude (rad)."""
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
     s_lon, c_lon = jnp.sin(lon), jnp.cos(lon)
     return jnp.stack(
@@ -88,7 +88,7 @@ def rotation_ned_from_ecef(lat: ScalarLike, lon: ScalarLike) -> Matrix33:
 def ned_from_ecef_point(
     position_e: Vector3, reference_latitude: ScalarLike, reference_longitude: ScalarLike, reference_height: ScalarLike
 ) -> Vector3:
-    """Convert an Earth-fixed position to the local tangent plane of a reference point.
+    """Convert an Earth-fixed position to the NED coordinates of the tangent plane at a reference point.
 
     Parameters
     ----------
@@ -99,8 +99,8 @@ def ned_from_ecef_point(
 
     Returns
     -------
-    (3,), NED of the tangent plane, m; exact, unlike the flat-Earth map of `flat_from_geodetic`, which follows the
-    Earth's curvature.
+    Position (3,), NED axes of the tangent plane, m. Exact, unlike the flat-Earth map of `flat_from_geodetic`, which
+    follows the Earth's curvature.
     """
     origin_e = ecef_from_geodetic(reference_latitude, reference_longitude, reference_height)
     return rotate(rotation_ned_from_ecef(reference_latitude, reference_longitude), position_e - origin_e)

@@ -40,7 +40,7 @@ _GIMBAL_COSINE = 1e-8
 
 
 def rotation_from_quaternion(q: Quaternion) -> Matrix33:
-    """Rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,). Source: theory section 1.
+    """Return the rotation matrix ``R_bn`` (3, 3), NED to body, of a unit quaternion (4,). Source: theory section 1.
 
     For a quaternion of another length, the matrix is scaled by the squared length.
     """
@@ -56,7 +56,7 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 
 
 def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
-    """Find the unit quaternion (4,), with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
+    """Return the unit quaternion (4,), with q0 >= 0, of a rotation matrix ``R_bn`` (3, 3), NED to body.
 
     The matrix of the products ``4 q_i q_j`` is linear in ``R_bn``; the row with the largest diagonal entry, at least 1,
     is proportional to the quaternion. Dividing by small numbers is thus avoided (Shepperd, J. Guidance and Control
@@ -82,7 +82,7 @@ def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
 
 
 def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Matrix33:
-    """Rotation matrix ``R_bn`` (3, 3), NED to body, of the 3-2-1 Euler angles in rad. Source: theory section 1."""
+    """Return the rotation matrix ``R_bn`` (3, 3), NED to body, of roll, pitch, yaw (rad). Source: theory section 1."""
     s_roll, c_roll = jnp.sin(roll), jnp.cos(roll)
     s_pitch, c_pitch = jnp.sin(pitch), jnp.cos(pitch)
     s_yaw, c_yaw = jnp.sin(yaw), jnp.cos(yaw)
@@ -108,7 +108,10 @@ def rotation_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) ->
 
 
 def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) -> Quaternion:
-    """Unit quaternion (4,) of roll, pitch, yaw in rad; the sign is continuous in the angles. Source: [SL] chapter 1."""
+    """Return the unit quaternion (4,), NED to body, of roll, pitch, yaw (rad). Source: [SL] chapter 1.
+
+    The quaternion, sign included, is continuous in the angles.
+    """
     roll, pitch, yaw = jnp.asarray(roll), jnp.asarray(pitch), jnp.asarray(yaw)
     s_roll, c_roll = jnp.sin(0.5 * roll), jnp.cos(0.5 * roll)
     s_pitch, c_pitch = jnp.sin(0.5 * pitch), jnp.cos(0.5 * pitch)
@@ -124,7 +127,7 @@ def quaternion_from_euler(roll: ScalarLike, pitch: ScalarLike, yaw: ScalarLike) 
 
 
 def euler_from_rotation(R_bn: Matrix33) -> Vector3:
-    """Roll, pitch, yaw of a rotation matrix (3, 3), NED to body.
+    """Return the Euler angles of a rotation matrix (3, 3), NED to body.
 
     Returns
     -------
@@ -145,14 +148,15 @@ def euler_from_rotation(R_bn: Matrix33) -> Vector3:
 
 
 def euler_from_quaternion(q: Quaternion) -> Vector3:
-    """Roll, pitch, yaw (3,), rad, of a unit quaternion (4,); ranges as in `euler_from_rotation`."""
+    """Return roll, pitch, yaw (3,), rad, of a unit quaternion (4,), NED to body; ranges: see `euler_from_rotation`."""
     return euler_from_rotation(rotation_from_quaternion(q))
 
 
 def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
-    """Time derivative of the attitude quaternion (4,), 1/s, orthogonal to the quaternion. Source: theory section 2.
+    """Return the time derivative of the attitude quaternion (4,), 1/s. Source: theory section 2.
 
-    ``rates_b`` is the angular velocity of the body relative to NED (3,), in body axes: P, Q, R in rad/s.
+    ``rates_b`` is the angular velocity of the body relative to NED (3,), in body axes: P, Q, R in rad/s. The derivative
+    is orthogonal to the quaternion.
     """
     P, Q, R = rates_b[0], rates_b[1], rates_b[2]
     q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
@@ -167,7 +171,7 @@ def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
 
 
 def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
-    """Hamilton product ``p q`` (4,).
+    """Return the Hamilton product ``p q`` (4,).
 
     For quaternions from NED to body, the first rotation is the left factor: the product of ``q_ba`` and ``q_cb`` is
     ``q_ca``, with matrix ``R_cb @ R_ba``.

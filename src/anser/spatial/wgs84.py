@@ -53,9 +53,9 @@ def radii_of_curvature(lat: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> tuple[S
 
 
 def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoid: Ellipsoid = WGS84) -> Vector3:
-    """Earth-fixed position (3,), m, at a geodetic latitude and longitude in rad and height above the ellipsoid in m.
+    """Return the Earth-fixed position (3,), ECEF, m, of a geodetic position.
 
-    Closed form, exact.
+    Latitude and longitude in rad, height `h` above the ellipsoid in m. Closed form, exact.
     """
     s_lat, c_lat = jnp.sin(lat), jnp.cos(lat)
     _, R_N = radii_of_curvature(lat, ellipsoid)
@@ -64,7 +64,7 @@ def ecef_from_geodetic(lat: ScalarLike, lon: ScalarLike, h: ScalarLike, ellipsoi
 
 
 def geodetic_from_ecef(position_e: Vector3, ellipsoid: Ellipsoid = WGS84) -> tuple[Scalar, Scalar, Scalar]:
-    """Geodetic latitude, longitude and height of an Earth-centred, Earth-fixed position.
+    """Return geodetic latitude, longitude and height of an Earth-centred, Earth-fixed position.
 
     Parameters
     ----------
@@ -184,7 +184,10 @@ def flat_from_geodetic(
 
 
 def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
-    """Derivative of a flat-Earth length, m, with respect to the arc on the Earth of the given radius, m: 1 to 2."""
+    """Return the derivative of a length on the flat map with respect to the arc on the Earth, a number from 1 to 2.
+
+    `length` is the flat-Earth length from the reference, m; `radius` is the Earth's radius, m.
+    """
     tangent = jnp.clip(length / radius, -1.0, 1.0)
     return 1.0 + tangent * tangent
 

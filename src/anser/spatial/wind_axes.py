@@ -7,7 +7,7 @@ from anser.spatial.rotations import compose, rotation_from_euler, safe_atan2, sa
 
 
 def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
-    """Rotation ``R_wb`` (3, 3), body to wind axes, of angle of attack and sideslip in rad."""
+    """Return the rotation matrix ``R_wb`` (3, 3) from body to wind axes, from angle of attack and sideslip (rad)."""
     s_alpha, c_alpha = jnp.sin(alpha), jnp.cos(alpha)
     s_beta, c_beta = jnp.sin(beta), jnp.cos(beta)
     return jnp.stack(
@@ -20,7 +20,7 @@ def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
 
 
 def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
-    """Airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
+    """Return airspeed, angle of attack and sideslip of a velocity relative to the air (3,), body axes, m/s.
 
     Returns
     -------
@@ -32,7 +32,7 @@ def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
-    """Flight-path angle and course of a velocity (3,), NED, m/s.
+    """Return flight-path angle and course of a velocity (3,), NED, m/s.
 
     Returns
     -------
@@ -44,7 +44,9 @@ def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
 
 
 def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> Scalar:
-    """Bank angle about the velocity vector of an attitude (3, 3), NED to body, at alpha and beta (rad).
+    """Return the bank angle about the velocity vector, from attitude, angle of attack and sideslip.
+
+    Inputs: rotation matrix ``R_bn`` (3, 3), NED to body; alpha and beta in rad.
 
     Returns
     -------
@@ -61,7 +63,9 @@ def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> 
 def attitude_from_path(
     mu: ScalarLike, gamma: ScalarLike, chi: ScalarLike, alpha: ScalarLike, beta: ScalarLike
 ) -> Matrix33:
-    """Attitude for a given flight path: the inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
+    """Return the attitude of an aircraft on a given flight path, with given angle of attack and sideslip.
+
+    The inverse of `path_angles`, `bank_about_velocity` and `flow_angles` combined.
 
     Parameters
     ----------
