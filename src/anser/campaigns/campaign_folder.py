@@ -48,19 +48,19 @@ class Campaign:
 
     @property
     def dataset(self) -> "xr.Dataset":
-        """Applied values and results of each flight; dimensions flight and aircraft."""
+        """Sampled values and results of each completed flight; dimensions flight and aircraft."""
         return self.store.dataset()
 
     @property
     def series(self) -> "xr.Dataset":
         """Time series selected by the study's table [keep]; dimensions flight, aircraft and time.
 
-        Raises StoreError if no series are selected.
+        Contains the completed flights. Raises StoreError if no series are selected.
         """
         return self.store.series()
 
     def estimates(self) -> CampaignEstimates:
-        """Probabilities and quantiles, with intervals."""
+        """Success probability, quantiles and failure causes, with confidence intervals."""
         return estimate_campaign(self.dataset, self.store.flights, self.store.study)
 
     def influences(self) -> Influences:
@@ -70,7 +70,10 @@ class Campaign:
     def report(
         self, worst: int = WORST_FLIGHTS, background: int = BACKGROUND_FLIGHTS, progress: Progress | None = None
     ) -> tuple[Path, ...]:
-        """Write `report.html` and the tables into the folder; see `anser.campaigns.campaign_report.write_campaign`."""
+        """Write `report.html` and the tables into the folder and return their paths.
+
+        Arguments and errors are those of `anser.campaigns.campaign_report.write_campaign`.
+        """
         return write_campaign(self.store, worst, background, progress)
 
     def flight(self, number: int) -> Scenario:
@@ -139,7 +142,7 @@ def campaign(
 def open_campaign_store(
     study: str | os.PathLike[str], folder: Path, *, resume: bool, precision: str | None = None
 ) -> CampaignStore:
-    """Create a new store, or open the store to resume; raises the errors of `campaign`."""
+    """Create a new store, or with `resume` open the store to continue; raises the errors of `campaign`."""
     requested, scenario, table_columns = load_study(study)
     if precision is not None:
         requested = validate_study(

@@ -1,4 +1,4 @@
-"""The report of a campaign: quantile bands of time series, replayed flights for the map, and output files."""
+"""Report of a campaign: quantiles of the time series, replayed flights for the map, and the output files."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -34,11 +34,11 @@ BAND_QUANTILES = (0.05, 0.5, 0.95)
 _TIMES_MAX = 400
 _AIRCRAFT_MAX = 6
 _VALUES_MAX = 1 << 26
-"""Maximum number of values of a variable in memory: larger campaigns are thinned to evenly spaced flights."""
+"""Maximum number of values of a variable in memory; of larger campaigns, evenly spaced flights are used."""
 
 
 def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands, ...]:
-    """Compute quantile bands of the stored series; empty without series or completed flights.
+    """Compute quantiles over the flights of the stored time series; empty without series or completed flights.
 
     Parameters
     ----------
@@ -69,19 +69,19 @@ def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands
 
 
 def quantiles_over(values: np.ndarray, *, circular: bool) -> np.ndarray:
-    """Quantiles over the flights, at each time of each aircraft; NaN if no flight has a value.
+    """Compute the quantiles `BAND_QUANTILES` over the flights, for each aircraft and time; NaN without any value.
 
     Parameters
     ----------
     values
-        Shape (flights, aircraft, times).
+        Values of a variable; shape (flights, aircraft, times).
     circular
         Whether the values are angles in degrees: quantiles are then taken of the deviation from the mean direction, and
         results may exceed 180.
 
     Returns
     -------
-    Shape (quantiles, aircraft, times).
+    Quantiles; shape (quantiles, aircraft, times).
     """
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
@@ -101,7 +101,7 @@ WORST_FLIGHTS, BACKGROUND_FLIGHTS = 5, 20
 _KEYS = ("east", "north")
 _TRACKS = [catalogue_variable(key).name for key in _KEYS]
 _RECORDS = 2000
-"""Maximum number of stored time steps of a replayed flight."""
+"""Maximum number of stored time steps of a replayed flight on the map."""
 _LISTED = 5
 """Minimum number of worst flights in the list."""
 
@@ -187,9 +187,14 @@ def _evenly_spaced(numbers: np.ndarray, count: int) -> Sequence[int]:
 def _replay(
     store: CampaignStore, data: xr.Dataset, replay_worst: dict[int, bool], report: Progress
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
-    """Replay flights, and return the tracks with the numbers of flights whose results changed.
+    """Replay flights for the map; return their tracks, and the numbers of the flights whose results changed.
 
     Archived flights are read from file; the remaining flights fly in one batch.
+
+    Parameters
+    ----------
+    replay_worst
+        Flights to replay, by number; whether each is one of the worst (otherwise background).
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}
@@ -235,7 +240,7 @@ def _sparse(records: int) -> slice:
 
 
 def _tracks(flight_row: FlightRow, series: SeriesSelection, scenario: Scenario) -> xr.Dataset:
-    """Positions of a flight from a batch, in the layout of `flight.nc`."""
+    """Return the positions of a flight that flew in a batch, in the layout of `flight.nc`."""
     coordinates = record_coordinates(series.times_s(scenario), [aircraft.name for aircraft in scenario.aircraft])
     values = {catalogue_variable(key).name: (("time", "aircraft"), flight_row.series[key].T) for key in _KEYS}
     return xr.Dataset(values, coordinates)

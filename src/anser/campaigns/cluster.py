@@ -1,4 +1,4 @@
-"""Campaign chunks on a cluster of dask.distributed: submission, supervision, and error handling."""
+"""Flying the chunks of a campaign on a cluster (dask.distributed): submission, supervision, and error handling."""
 
 import contextlib
 import importlib
@@ -15,7 +15,7 @@ from anser.results.documents import install_hint
 _CONNECT = "10s"
 """Timeout of the first connection to the scheduler."""
 _SUPERVISION_PERIOD_S = 5.0
-"""Period of cluster supervision."""
+"""Time between two checks of the cluster's workers, s."""
 _WAIT_S = 0.05
 """Period of polling for finished chunks."""
 _ANSWER_S = 30.0
@@ -25,7 +25,7 @@ _WITHOUT_WORKERS_S = 120.0
 _RETRIES = 2
 """Number of resubmissions of a chunk that dask gave up, that is, after four deaths of workers."""
 _CONSECUTIVE_FAILURES = 3
-"""Number of consecutive abandoned chunks after which no other chunk is submitted."""
+"""Number of chunks abandoned in a row after which no further chunk is submitted."""
 
 
 def fly_on_cluster(
@@ -83,7 +83,7 @@ def fly_on_cluster(
 
 
 class _Supervision:
-    """Supervision of a cluster, and the number of chunks to submit concurrently."""
+    """Supervision of a cluster: detects lost connections and missing workers, and limits the submitted chunks."""
 
     def __init__(self, client: Any, address: str) -> None:
         self._client, self._address = client, address
@@ -92,7 +92,10 @@ class _Supervision:
         self._poll_workers()
 
     def _poll_workers(self) -> None:
-        """Ask the scheduler for the workers; StoreError without an answer, or after a long time without workers."""
+        """Ask the scheduler for its workers.
+
+        Raises StoreError without an answer, or if the cluster has had no workers for two minutes.
+        """
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_ANSWER_S)
         except OSError:  # timeouts and broken connections are among these
@@ -106,7 +109,10 @@ class _Supervision:
             raise self.lost(f"a scheduler without workers for {_WITHOUT_WORKERS_S:.0f} s")
 
     def ended(self, waiting: Collection[Any]) -> list[Any]:
-        """Wait for finished futures, at most for a supervision period; raises as `_poll_workers`."""
+        """Return the finished submissions (dask futures) among `waiting`, after at most one supervision period.
+
+        Raises StoreError if the connection is broken, or as `_poll_workers`.
+        """
         deadline, futures = time.monotonic() + _SUPERVISION_PERIOD_S, list[Any]()
         while time.monotonic() < deadline:
             if any(future.status == "cancelled" for future in waiting):
@@ -121,13 +127,13 @@ class _Supervision:
         return futures
 
     def lost(self, arrived: str) -> StoreError:
-        """Return the error for a lost cluster."""
+        """Return the error that reports a lost cluster; `arrived` describes what happened."""
         expected = "expected one that lasts as long as the campaign; resume flies what is missing"
         return StoreError(f"cluster {self._address}: arrived {arrived}; {expected}")
 
 
 def _explain_import_error(error: BaseException, address: str) -> BaseException:
-    """Convert a worker's error to a clear message if worker or scheduler lacks anser."""
+    """Return a clear StoreError if the worker or scheduler lacks anser; otherwise the error itself."""
     # an import error of the scheduler is the cause of another error
     import_error = error if isinstance(error, ImportError) else error.__cause__
     if not isinstance(import_error, ImportError):

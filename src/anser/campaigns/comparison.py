@@ -26,18 +26,23 @@ _MEDIAN = 0.5
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of one quantity between paired flights, second campaign less first.
+    """Difference of one quantity between paired flights: second campaign minus first.
 
     Attributes
     ----------
-    name, words, unit
-        Name, description and unit of the quantity; smaller is better.
+    name
+        Name of the quantity; smaller is better.
+    words
+        Description of the quantity.
+    unit
+        Unit of the quantity.
     second_better, alike, first_better
         Number of flights by outcome; alike includes pairs without a value in both campaigns.
     share, low, high
-        Fraction of the flights in which the second is better, and its Wilson interval.
+        Fraction of the flights in which the second is better, and the bounds of its Wilson interval.
     quantiles
-        Quantiles of the differences: share, value, and order-statistic interval; None if unknown.
+        Quantiles of the differences, each as (share, value, low, high) with the bounds of its confidence interval; None
+        if unknown.
     """
 
     name: str
@@ -52,14 +57,14 @@ class Difference:
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert to a dict for JSON."""
+        """Return the difference as plain data for JSON."""
         keys = ("share", "value", "low", "high")
         return {**vars(self), "quantiles": [dict(zip(keys, quantile, strict=True)) for quantile in self.quantiles]}
 
 
 @dataclass(frozen=True)
 class CampaignComparison:
-    """Results of comparing two campaigns with paired seeds.
+    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both.
 
     Attributes
     ----------
@@ -70,15 +75,15 @@ class CampaignComparison:
     confidence
         Confidence level of the intervals.
     both, first_only, second_only, neither
-        Number of pairs by which campaign met every requirement.
+        Number of pairs in which both, only the first, only the second, or no flight met every requirement.
     p_value
-        McNemar's exact test of the discordant pairs: probability of such a difference by chance.
+        McNemar's exact test on the pairs with one success: probability of such a difference by chance.
     differences
         Differences of miss and spread.
     applied
-        Number of pairs with different applied values by path; every pair for a path varied in one campaign only.
+        Number of pairs whose sampled values differ, by key path; every pair for a path varied in one campaign only.
     scenario
-        Differences of the base scenarios: path, first, second.
+        Differences of the base scenarios: key path, first value, second value.
     precision
         Precision of the first and the second campaign, "float64" or "float32".
     dataset
@@ -101,7 +106,7 @@ class CampaignComparison:
     dataset: "xr.Dataset"
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert to a dict for JSON, without the dataset."""
+        """Return the comparison as plain data for JSON, without the dataset."""
         values = {key: value for key, value in vars(self).items() if key != "dataset"}
         return values | {
             "first": str(self.first),

@@ -21,7 +21,7 @@ _KEYS = {
     "triangular": ("low", "mode", "high"),
     "choice": ("values",),
 }
-"""Required keys of each distribution; weights are optional."""
+"""Required keys of each distribution by name; `weights` of a choice is optional."""
 
 DistributionName = Literal["normal", "truncated", "uniform", "log-normal", "triangular", "choice"]
 Value = float | int | str | bool
@@ -117,7 +117,10 @@ class Dispersion(Table):
         return problems
 
     def quantile(self, shares: np.ndarray) -> np.ndarray:
-        """Values at the given cumulative probabilities (between 0 and 1, exclusive); choices in listed order."""
+        """Return the values at the given cumulative probabilities (between 0 and 1, exclusive); shape as `shares`.
+
+        For a choice, the listed values share the interval from 0 to 1 in their order, by weight.
+        """
         return _INVERSE[self.distribution](self, shares)
 
     @property
@@ -126,7 +129,7 @@ class Dispersion(Table):
         return self.values is None or _kind(self.values[0]) == "numbers"
 
     def _scaled_bounds(self) -> tuple[float, float]:
-        """Bounds of a truncated normal distribution, relative to the mean, in sigma."""
+        """Return the bounds of a truncated normal distribution, less the mean, in standard deviations."""
         low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
         return (low - mean) / sigma, (high - mean) / sigma
 

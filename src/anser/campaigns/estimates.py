@@ -1,4 +1,7 @@
-"""Estimates from a campaign: success probability, quantiles and failure causes, with confidence intervals."""
+"""Estimates from a campaign: success probability, quantiles and failure causes, with confidence intervals.
+
+A flight succeeds if every aircraft arrives and every requirement is met.
+"""
 
 from collections import Counter
 from dataclasses import asdict, dataclass
@@ -22,29 +25,35 @@ _UPPER = {
     "arrival_spread_s": ("arrival spread", "s"),
     "arrival_s": ("last arrival", "s"),
 }
-"""Quantities bounded from above: smaller is better; the greatest of the fleet counts."""
+"""Quantities for which smaller is better, with description and unit; the greatest of the fleet counts."""
 _LOWER = {
     "separation_min_m": ("least separation", "m"),
     "separation_ratio_min": ("least part of the separation asked for", "1"),
     "clearance_min_m": ("least distance to a goal", "m"),
 }
-"""Quantities bounded from below: greater is better; the least of the fleet counts."""
+"""Quantities for which greater is better, with description and unit; the least of the fleet counts."""
 
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """Quantile of a quantity over the flights, with an interval.
+    """Quantile of a quantity over the flights of a campaign, with its confidence interval.
 
     Attributes
     ----------
-    name, words, unit
-        Name, description and unit of the quantity.
+    name
+        Name of the quantity, such as "miss_m".
+    words
+        Description of the quantity.
+    unit
+        Unit of the quantity.
     share
         Fraction of the flights below the value, or above the value if `upper` is False.
     upper
         Whether the quantile is an upper bound.
-    value, low, high
-        Quantile and its order-statistic interval; None if unknown because of too many failed or too few flights.
+    value
+        The quantile; None if unknown because of too many failed or too few flights.
+    low, high
+        Bounds of the confidence interval, two of the sorted values; None as for `value`.
     """
 
     name: str
@@ -94,7 +103,7 @@ class CampaignEstimates:
     worst: tuple[int, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert to a dict for JSON."""
+        """Return the estimates as plain data for JSON."""
         return asdict(self)
 
 
@@ -102,12 +111,16 @@ _WORST = 10
 
 
 def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> CampaignEstimates:
-    """Compute the estimates of a campaign. Failed flights count as failures in every estimate, never as missing.
+    """Compute the estimates of a campaign.
+
+    Failed flights count as failures in every estimate; they are never left out as missing.
 
     Parameters
     ----------
     data
         Completed flights, from `CampaignStore.dataset`.
+    flights
+        Number of planned flights.
     study
         Study with the confidence level and the quantiles.
     """
@@ -152,7 +165,11 @@ def _quantile_estimate(
 
 
 def _causes(data: "xr.Dataset") -> dict[str, int]:
-    """Count the failure causes: failed starts, otherwise aircraft statuses and unmet requirements."""
+    """Count the failed flights by cause, most frequent first.
+
+    The cause is the reason of a failed start, otherwise each aircraft status other than arrived and each unmet
+    requirement; a flight may have several causes.
+    """
     counts: Counter[str] = Counter()
     for k in np.flatnonzero(~data["met"].values):
         reason = str(data["reason"].values[k])
@@ -163,7 +180,7 @@ def _causes(data: "xr.Dataset") -> dict[str, int]:
 
 
 def worst_flights(data: "xr.Dataset", count: int) -> tuple[int, ...]:
-    """Numbers of at most `count` flights: failed flights first, then by greatest miss."""
+    """Return the numbers of the worst flights, at most `count`: failed flights first, then by greatest miss."""
     misses = worst_of_fleet(data, "miss_m")
     order = np.lexsort((-misses, data["met"].values))
     return tuple(int(data["flight"].values[k]) for k in order[:count])

@@ -1,6 +1,7 @@
 """Flights of a campaign.
 
-Values applied to the scenario of each flight, checks before the first flight, and flying of missing chunks.
+The module computes the scenario of each flight from the sampled values, checks a study before the first flight, and
+flies the missing chunks.
 """
 
 import contextlib
@@ -35,18 +36,23 @@ from anser.scenario.schema import Scenario
 _CHUNK_WITHOUT_BATCH = 4
 """Flights per chunk if each is flown individually."""
 _BUILT_FLIGHTS = 8
-"""Flights to build before flying; a path without effect in every one of them is rejected."""
+"""Number of flights built before flying; a varied path without effect in every one of them is rejected."""
 VALIDATED_FLIGHTS = 64
-"""Scenarios to validate before flying; the study is rejected if every one of them is invalid."""
+"""Number of scenarios validated before flying; the study is rejected if every one of them is invalid."""
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study and compute the values for each flight's scenario, by path; raises as `apply_samples`."""
+    """Sample a study; return the values applied to each flight's scenario, by key path. Raises as `apply_samples`."""
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combine sampled values with the scenario's values (set, add, multiply), by path.
+    """Return the values to write into each flight's scenario, by key path: samples set, added to or multiplied.
+
+    Parameters
+    ----------
+    sampled
+        Sampled values by key path, one per flight.
 
     Raises
     ------
@@ -69,7 +75,7 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
-    """Check a study and create the campaign store in an existing folder; raises ScenarioError and StoreError."""
+    """Check a study and create the campaign's store in an existing folder; raises ScenarioError and StoreError."""
     check_precision(scenario, study.precision, study.name)
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
@@ -87,7 +93,7 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
-    """Seed of each flight of a campaign."""
+    """Return the seed of each flight of a campaign; shape (flights,)."""
     return flight_seeds(study, next(iter(applied.values())).size if applied else study.sampled.flights or 0)
 
 
@@ -143,7 +149,7 @@ def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: 
 
 
 def campaign_process_limit(store: CampaignStore) -> ProcessLimit:
-    """Limit the number of processes for a campaign by cores and memory; see `process_limit`."""
+    """Return how many processes may fly a campaign, limited by cores and free memory; see `process_limit`."""
     # flights flown individually take as much memory as a batch of one
     batch = 1 if needs_single_flight(store.scenario) else store.chunk
     return process_limit(store.scenario, batch, store.series_selection)
@@ -202,7 +208,7 @@ def dispersed_scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Sc
 
 
 def refuse_invalid_flights(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Raise ScenarioError if every one of the first scenarios of a study is invalid."""
+    """Raise ScenarioError if all of the first flights of a study (at most 64) have invalid scenarios."""
     first_error: ScenarioError | None = None
     for k in range(min(count, VALIDATED_FLIGHTS)):
         try:
@@ -216,7 +222,7 @@ def refuse_invalid_flights(study: Study, scenario: Scenario, applied: dict[str, 
 
 
 def refuse_paths_without_effect(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Raise ScenarioError if a path of the study has no effect on any of the first flights."""
+    """Raise ScenarioError if a varied path changes nothing in any of the first flights."""
     first_cases = itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS)
     refuse_unused_keys(f"{study.name}, what varies of {scenario.name}", first_cases)
 
@@ -229,7 +235,7 @@ def _valid_scenarios(scenario: Scenario, applied: dict[str, np.ndarray], count: 
 def _valid_cases(
     scenario: Scenario, applied: dict[str, np.ndarray], count: int
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
-    """Yield the valid scenarios among the first flights, with the applied values."""
+    """Yield the valid scenarios among the first flights, each with the values applied to it by key path."""
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
         values = {path: column[k] for path, column in applied.items()}
         with contextlib.suppress(ScenarioError):

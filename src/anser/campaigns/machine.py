@@ -9,12 +9,12 @@ _KIB = 1024
 
 
 def usable_cores() -> int:
-    """Number of cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def available_memory(root: Path = _ROOT) -> int | None:
-    """Free memory for programs, bytes; None if the system does not report any.
+    """Return the free memory for programs, bytes; None if the system does not report any.
 
     On Linux the kernel's available memory, or less if a control group (of a container or batch job) sets a lower limit;
     on other Unix systems half of the installed memory; on Windows None.
@@ -41,7 +41,10 @@ def _kernel_available(root: Path) -> int | None:
 
 
 def _group_limits(root: Path) -> Iterator[int | None]:
-    """Yield the remaining memory of the process's control groups (versions 1 and 2), from the innermost outwards."""
+    """Yield the memory left in each of the process's control groups, bytes, from the innermost outwards.
+
+    Both versions 1 and 2 of control groups are read.
+    """
     for line in _lines(root / "proc/self/cgroup"):
         _, controllers, path = line.split(":", 2)
         if controllers == "":
@@ -58,7 +61,7 @@ def _group_limits(root: Path) -> Iterator[int | None]:
 
 
 def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
-    """Remaining memory of a control group; cached files count as free."""
+    """Return the memory left in a control group, bytes; cached files count as free."""
     limit_bytes, used_bytes = _number(group / limit), _number(group / usage)
     if limit_bytes is None or used_bytes is None:
         return None
@@ -68,7 +71,7 @@ def _remaining_memory(group: Path, limit: str, usage: str) -> int | None:
 
 
 def _number(file: Path) -> int | None:
-    """Number in a file; None for a missing file or the word "max"."""
+    """Return the number in a file; None for a missing file or the word "max"."""
     lines = _lines(file)
     return int(lines[0]) if lines and lines[0].isdecimal() else None
 

@@ -1,4 +1,4 @@
-"""Worker processes for flights: their number by cores and memory, their start, and the parallel evaluation of tasks."""
+"""Worker processes for flights: how many (by cores and memory), their start, and parallel evaluation of tasks."""
 
 import concurrent.futures
 import contextlib
@@ -24,22 +24,22 @@ from anser.simulation.flight import SEGMENT_STEPS
 Result = TypeVar("Result")
 
 _PROCESS_BYTES = 1_350_000_000
-"""Memory of a flying process, bytes: libraries, and the peak of compilation. Measured: docs/how-to/many-flights.md."""
+"""Memory of one flying process, bytes: libraries and the peak of compilation. Measured: docs/how-to/many-flights.md."""
 _AIRCRAFT_BYTES = 500_000
 """Memory per aircraft in a batch, bytes: tables, state, plans, and recordings of one segment."""
 _COPIES = 3
-"""Copies of a batch's series in memory: as recorded, as arrays per flight, and as written."""
+"""Number of copies of a batch's time series in memory: as recorded, as arrays per flight, and as written."""
 _MB = 1e6
 
 
 @dataclass(frozen=True)
 class ProcessLimit:
-    """Number of processes for flying.
+    """Number of processes that the machine allows for flying.
 
     Attributes
     ----------
     processes
-        Number of processes.
+        Number of processes, at least one.
     message
         Explanation if memory limits the number; otherwise empty.
     """
@@ -49,12 +49,14 @@ class ProcessLimit:
 
 
 def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None = None) -> ProcessLimit:
-    """Limit the number of processes to the cores and to the free memory; at least one.
+    """Return how many processes may fly: one per core, fewer if the free memory is too small; at least one.
 
     Parameters
     ----------
+    batch
+        Flights per compiled call.
     series
-        Variables stored over time; None: none.
+        Variables stored over time; None if none are stored.
     """
     cores, free_bytes = usable_cores(), available_memory()
     if free_bytes is None:
@@ -71,7 +73,7 @@ def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None
 
 
 def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection | None = None) -> int:
-    """Limit the flights per compiled call to `batch_max` and to the memory of one process; at least one."""
+    """Return the flights per compiled call: `batch_max`, or fewer to fit the memory of a process; at least one."""
     free_bytes = available_memory()
     if free_bytes is None:
         return batch_max
@@ -79,7 +81,7 @@ def batch_size_for(batch_max: int, scenario: Scenario, series: SeriesSelection |
 
 
 def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
-    """Memory per flight of a batch, bytes."""
+    """Return the memory per flight of a batch, bytes."""
     aircraft = len(scenario.aircraft)
     numbers = 0
     if series is not None:
@@ -89,7 +91,17 @@ def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
 
 
 def choose_processes(processes: int | None, limit: Callable[[], ProcessLimit], progress: Progress | None) -> int:
-    """Return the requested number of processes, or the limit of the machine, with a message if memory is scarce."""
+    """Return the requested number of processes, or if None the machine's limit.
+
+    Parameters
+    ----------
+    processes
+        Requested number; None for the limit.
+    limit
+        Function that computes the machine's limit.
+    progress
+        Gets a message if the memory limits the number.
+    """
     if processes is not None:
         return processes
     chosen = limit()
@@ -100,7 +112,7 @@ def choose_processes(processes: int | None, limit: Callable[[], ProcessLimit], p
 
 @contextlib.contextmanager
 def worker_processes(processes: int) -> Iterator[Executor | None]:
-    """Yield an executor with worker processes, or None for this process."""
+    """Yield an executor with worker processes; None if `processes` is 1 and this process does the work itself."""
     if processes <= 1:
         enable_compilation_cache()
         yield None
@@ -149,14 +161,16 @@ def fly_concurrently(
     concurrency: int,
     folder: Path,
 ) -> Generator[tuple[int, Result], None, None]:
-    """Evaluate `fly(*task)` for each task; yield the task's index and the result in order of completion.
+    """Evaluate `fly(*task)` for each task; yield each task's index and result, in order of completion.
 
     Parameters
     ----------
     executor
-        Worker processes; None: this process.
+        Worker processes; None evaluates in this process.
     fly
         Function of a task, importable by the workers.
+    tasks
+        Arguments of `fly`, one tuple per task.
     concurrency
         Number of tasks submitted at a time.
     folder

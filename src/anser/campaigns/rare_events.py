@@ -41,7 +41,7 @@ class WorstPoint(NamedTuple):
 
 
 def worst_points(repetitions: Sequence[Repetition]) -> list[WorstPoint]:
-    """The worst distinct flights of the last levels, at most ten."""
+    """Return the worst distinct flights of the repetitions' last levels, the worst first, at most ten."""
     points_by_number: dict[int, WorstPoint] = {}
     for repetition in repetitions:
         for value, number, point in zip(
@@ -54,7 +54,7 @@ def worst_points(repetitions: Sequence[Repetition]) -> list[WorstPoint]:
 def rare_document(
     store: RareStore, flights: RareFlights, repetitions: Sequence[Repetition], probability_estimate: SubsetEstimate
 ) -> dict[str, Any]:
-    """Results of a rare-event analysis for JSON; non-finite values become None."""
+    """Return the results of a rare-event analysis as plain data for JSON; values that are not finite become None."""
     rare, plan = flights.config, flights.plan
 
     def quantity(value: float) -> float | None:
@@ -100,7 +100,11 @@ def rare_document(
 
 
 def exceedance_dataset(flights: RareFlights, repetitions: Sequence[Repetition]) -> xr.Dataset:
-    """Exceedance probability against the threshold, with interval, from a probability of one half downwards."""
+    """Compute the curve of exceedance probability against threshold, with confidence interval.
+
+    The curve starts at the median of the plain Monte Carlo flights (probability one half) and ends at the study's
+    threshold, or short of it at the last bound that the levels reached.
+    """
     rare, confidence = flights.config, flights.study.answers.confidence
     first_values = np.concatenate([item[0].values for item in repetitions])
     last_bound = min(flights.threshold, *(item[-1].bound for item in repetitions if len(item) > 1), np.inf)
@@ -135,14 +139,14 @@ _DOCUMENT = "rare.json"
 
 @dataclass(frozen=True)
 class RareEvent:
-    """A completed rare-event analysis.
+    """A completed rare-event analysis: probability, exceedance curve and worst flights.
 
     Attributes
     ----------
     store
         Store of the analysis.
     repetitions
-        Levels of each repetition.
+        Levels of each independent repetition of the subset simulation.
     """
 
     store: RareStore
@@ -155,12 +159,12 @@ class RareEvent:
 
     @property
     def estimate(self) -> SubsetEstimate:
-        """Probability of the event, with interval; the probability is None if the levels end short of the threshold."""
+        """Probability of the event with confidence interval; None as probability if the threshold was not reached."""
         return self.probability_of(self.flights.config.threshold)
 
     @property
     def flights(self) -> RareFlights:
-        """Definition of the flights."""
+        """Definition of the flights: their random numbers, scenarios and signed values."""
         return RareFlights(self.store.study, self.store.scenario)
 
     @property
@@ -170,11 +174,14 @@ class RareEvent:
 
     @property
     def dataset(self) -> "xr.Dataset":
-        """Exceedance probability against the threshold, with interval."""
+        """Exceedance probability against the threshold, with confidence interval; see `exceedance_dataset`."""
         return exceedance_dataset(self.flights, self.repetitions)
 
     def probability_of(self, threshold: float) -> SubsetEstimate:
-        """Probability that a less extreme threshold than the study's is breached."""
+        """Estimate the probability that a threshold less extreme than the study's is breached.
+
+        If the levels did not reach the threshold, the probability is None and only the upper bound is meaningful.
+        """
         value, confidence = self.flights.signed_value(threshold), self.store.study.answers.confidence
         direct = estimate(self.repetitions, value, confidence)
         if direct.probability is not None:
@@ -185,14 +192,17 @@ class RareEvent:
         return SubsetEstimate(None, 0.0, high)
 
     def worst(self, rank: int = 0) -> FlightCase:
-        """Return one of the worst flights, rank 0 is the worst; raises ScenarioError if its scenario is invalid."""
+        """Return one of the worst flights, ready to fly; rank 0 is the worst.
+
+        Raises ValueError if `rank` is out of range, ScenarioError if the sampled values are not a valid scenario.
+        """
         points = worst_points(self.repetitions)
         if not 0 <= rank < len(points):
             raise ValueError(f"rank: arrived {rank}; expected one from 0 to {len(points) - 1}")
         return self.flights.case(points[rank].point)
 
     def fly_worst(self, rank: int = 0) -> FlightResult:
-        """Replay one of the worst flights individually, with the complete results of `anser.run`."""
+        """Fly one of the worst flights again, alone, with the complete results of `anser.run`; rank 0 is the worst."""
         case = self.worst(rank)
         planned = plan(case.scenario, randomness=case.randomness)
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
@@ -260,7 +270,7 @@ def rare(
 
 
 def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool) -> RareStore:
-    """Create a new store, or open the store to resume; raises the errors of `rare`."""
+    """Create a new store, or with `resume` open the store to continue; raises the errors of `rare`."""
     requested, scenario, _ = load_study(study)
     flights = RareFlights(requested, scenario)
     _ = flights.config
@@ -290,9 +300,10 @@ def _repetitions(
 def _limit_state(
     store: RareStore, flights: RareFlights, executor: Executor | None, report: Progress, *, fly: bool
 ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return the function that gives points of random numbers their values, from stored or new flights.
+    """Return a function that gives the signed value (greater is worse) of each point of random numbers.
 
-    The function reports progress; with `fly=False` a missing flight is an error.
+    The function takes stored values or flies missing flights, and reports progress; with `fly=False` a missing flight
+    is an error.
     """
     plan, flown_count, level = flights.plan, 0, 0
 

@@ -1,7 +1,8 @@
 """Flights of a rare-event analysis.
 
-The space of the standard normal numbers behind the flights of a seed, with points that are weighted sums of the normals
-of numbered flights, and the limit-state value of the flight at a point.
+Every random effect of a flight follows from standard normal numbers ("normals"). A point of the space of these
+normals is a weighted sum of the normals of numbered flights. The module flies the flight at a point and returns its
+limit-state value: the signed statistic of the event, greater is worse.
 """
 
 import functools
@@ -40,9 +41,10 @@ _TERMS_MIN = 128
 
 
 class GaussianSpace:
-    """The space of the normals behind the flights of a seed; implements `anser.campaigns.subset.SampleSpace`.
+    """Space of the standard normal numbers behind the flights of a seed; implements `SampleSpace` of module `subset`.
 
-    A point has the fields `count`, `flights` and `weights`: the number of blended flights, their numbers and weights.
+    Points are NumPy records with the fields `count`, `flights` and `weights`: how many flights are blended, their
+    numbers, and their weights in the sum.
 
     Attributes
     ----------
@@ -50,6 +52,8 @@ class GaussianSpace:
         Seed of the flights.
     terms
         Maximum number of blended flights per point.
+    dtype
+        Type of the records.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
@@ -59,13 +63,16 @@ class GaussianSpace:
         )
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Points of the numbered flights themselves."""
+        """Return the points of numbered flights, unblended."""
         points = np.zeros(numbers.size, self.dtype)
         points["count"], points["flights"][:, 0], points["weights"][:, 0] = 1, numbers, 1.0
         return points
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Points ``keep * point + sqrt(1 - keep**2) * new`` (preconditioned Crank-Nicolson); new flights by number."""
+        """Return new points ``keep * point + sqrt(1 - keep**2) * new`` (preconditioned Crank-Nicolson).
+
+        `new` are the normals of the flights with the given numbers; one `keep` per point.
+        """
         proposal = points.copy()
         proposal["weights"] *= keep[:, None]
         proposal["count"][keep == 0.0] = 0
@@ -75,21 +82,21 @@ class GaussianSpace:
         return proposal
 
     def point(self, flights: Sequence[int], weights: Sequence[float]) -> np.ndarray:
-        """Build a point from flights and weights."""
+        """Return the point that blends the given flights with the given weights."""
         point = np.zeros((), self.dtype)
         point["count"] = len(flights)
         point["flights"][: len(flights)], point["weights"][: len(flights)] = flights, weights
         return point
 
     def randomness_at(self, point: np.ndarray) -> BlendedRandomness:
-        """Source of the random numbers of the flight at a point."""
+        """Return the source of the random numbers of the flight at a point."""
         keys = flight_keys(self.seed, point["flights"])
         return BlendedRandomness(
             as_array(keys, np.uint32), as_array(point["weights"]), as_array(point["count"], np.int32)
         )
 
     def dispersions(self, points: np.ndarray, count: int) -> np.ndarray:
-        """Normals behind the study's dispersed parameters, shape (points, count)."""
+        """Return the normals behind the study's `count` varied parameters at each point; shape (points, count)."""
         width = int(np.max(points["count"]))
         keys = flight_keys(self.seed, points["flights"][:, :width].ravel())
         lanes = np.tile(np.arange(count), len(keys))
@@ -99,9 +106,9 @@ class GaussianSpace:
 
 
 _CRASHED = tuple(STATUS_MESSAGES[code] for code in (NO_TRIM, NOT_FINITE, AT_GROUND))
-"""Aircraft statuses after which recorded quantities are meaningless."""
+"""Aircraft statuses after which the recorded statistics are meaningless."""
 _BATCH_MAX = 64
-"""Maximum number of flights per compiled call: less than in a campaign, to occupy several processes."""
+"""Maximum number of flights per compiled call: fewer than in a campaign, so that several processes have work."""
 
 
 class RareFlights:
@@ -140,26 +147,26 @@ class RareFlights:
 
     @functools.cached_property
     def space(self) -> GaussianSpace:
-        """Space of the flights' normals."""
+        """Space of the normals behind the flights, with room for all levels."""
         return GaussianSpace(self.study.seed, 1 + (self.config.levels_max - 1) * (self.config.chain_length - 1))
 
     @property
     def threshold(self) -> float:
-        """Threshold as a signed value; greater is worse."""
+        """Threshold of the event as a signed value: an event is a greater value."""
         return self.signed_value(self.config.threshold)
 
     @property
     def batch(self) -> int:
-        """Flights per compiled call: the simultaneous moves of the chains, or an equal part of them."""
+        """Number of flights per compiled call: the simultaneous moves of all chains, in equal batches of at most 64."""
         at_once = self.plan.chains * self.plan.repetitions
         return -(-at_once // -(-at_once // _BATCH_MAX))
 
     def signed_value(self, value: float) -> float:
-        """Convert between a quantity and a signed value, for which greater is worse."""
+        """Convert between a quantity and its signed value, for which greater is worse."""
         return -value if self.config.breached_below else value
 
     def refuse_early(self) -> None:
-        """Raise ScenarioError before flying if no flight can be valid."""
+        """Raise ScenarioError before flying if none of the first flights is valid, or a varied path has no effect."""
         check_precision(self.scenario, self.study.precision, self.study.name)
         numbers = np.arange(min(VALIDATED_FLIGHTS, self.config.flights))
         applied = self._applied(self.space.sample(numbers))
@@ -167,7 +174,7 @@ class RareFlights:
         refuse_paths_without_effect(self.study, self.scenario, applied, numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
-        """Values of up to one batch of points; infinite for failed flights."""
+        """Fly up to one batch of points and return their signed values; infinite for failed flights."""
         values = np.full(points.size, np.inf)
         cases = dict(self._cases(points))
         if not cases:
@@ -181,12 +188,12 @@ class RareFlights:
         return values
 
     def case(self, point: np.ndarray) -> FlightCase:
-        """Return a single flight; raises ScenarioError if the sampled values are not a valid scenario."""
+        """Return the flight at a point; raises ScenarioError if the sampled values are not a valid scenario."""
         (applied,) = self._applied_by_flight(point.reshape(1))
         return self._case(point, applied)
 
     def limit_state_value(self, flight_row: FlightRow) -> float:
-        """Signed value of the statistic in a flight; infinite for a failed flight."""
+        """Return the signed value of the statistic in a flight, of the worst aircraft; infinite for a failed flight."""
         statistic = self.config.statistic
         summaries = [flight_row.fleet] if statistic in ("separation_min_m", "arrival_spread_s") else flight_row.aircraft
         values = [summary.get(statistic) for summary in summaries]
@@ -218,7 +225,18 @@ class RareFlights:
 def fly_points(
     store: RareStore, executor: Executor | None, points: np.ndarray, start: int, *, fly: bool = True
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield values of points by batch, with the index of the batch's first point: stored ones, then new ones.
+    """Yield the signed values of points, batch by batch, with the index of each batch's first point.
+
+    Batches in the store come first, then the missing batches as they are flown.
+
+    Parameters
+    ----------
+    points
+        Points with consecutive flight numbers.
+    start
+        Flight number of the first point.
+    fly
+        Whether to fly missing batches.
 
     Raises
     ------

@@ -26,7 +26,10 @@ _FLOWN = "flown"
 
 
 class RareStore(AbstractFlightStore):
-    """The folder of a rare-event analysis; see `create` and `open`, and `AbstractFlightStore` for the attributes."""
+    """Store of a rare-event analysis in a folder; see `create` and `open`.
+
+    It contains the study and scenario, and the values of each batch of flights. Attributes: see `AbstractFlightStore`.
+    """
 
     description = "a rare event"
 
@@ -61,11 +64,11 @@ class RareStore(AbstractFlightStore):
             raise StoreError(f"{folder / _CONFIG_FILE}: {detail}") from None
 
     def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
-        """Raise StoreError if study, scenario or relevant versions differ from the store's."""
+        """Raise StoreError if study, scenario or a software version that affects results differs from the store's."""
         self._refuse_differences(_read_config(self.folder)[0], provenance(study, scenario))
 
     def values(self, start: int, count: int) -> np.ndarray | None:
-        """Return the values of the batch that starts at a flight number; None if not yet flown.
+        """Return the values of a batch of `count` flights from flight number `start` on; None if not yet flown.
 
         Raises
         ------
@@ -81,7 +84,7 @@ class RareStore(AbstractFlightStore):
         return values
 
     def write(self, start: int, values: np.ndarray) -> None:
-        """Store a batch: the number of each flight, and its value."""
+        """Store the values of a batch of flights with consecutive numbers from `start` on."""
         content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
         np.save(content, np.stack([start + np.arange(values.size, dtype=float), values]))
         with new_file(self._path(start), overwrite=True) as partial:
@@ -104,7 +107,7 @@ class RareStore(AbstractFlightStore):
         return sum(self._read(path).size for path in self._batches())
 
     def _read(self, path: Path) -> np.ndarray:
-        """Return the verified values of a batch."""
+        """Return the values in the file of a batch, after verification of its checksum."""
         try:
             with damage_as_store_error():
                 verified = verify_checksum(path)
@@ -132,7 +135,7 @@ class RareStore(AbstractFlightStore):
 
 
 def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
-    """Identification of the inputs that determine the results."""
+    """Return what determines the results: the identification of study, scenario and software."""
     return {
         "format_version": FORMAT,
         "study_hash": study.hash,
@@ -143,7 +146,7 @@ def provenance(study: Study, scenario: Scenario) -> dict[str, object]:
 
 
 def _read_config(folder: Path) -> tuple[dict[str, Any], bool]:
-    """Return the configuration, and whether it has a checksum."""
+    """Return the content of the folder's configuration file, and whether it has a checksum."""
     path = folder / _CONFIG_FILE
     if not path.is_file():
         raise StoreError(f"{folder}: arrived a folder without {_CONFIG_FILE}; expected that of a rare event")

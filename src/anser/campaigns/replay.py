@@ -1,6 +1,7 @@
 """Replay of campaign flights.
 
-Comparison of a replay with the stored row, and the archive of the worst flights, each with every output of `anser run`.
+A flight of a campaign is flown again alone and compared with its stored results; the worst flights are archived, each
+with every output of `anser run`.
 """
 
 from pathlib import Path
@@ -31,17 +32,19 @@ _SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
 def replay_differences(
     store: CampaignStore, number: int, summary: dict[str, Any], *, met: bool
 ) -> dict[str, float | str]:
-    """Compare a replayed flight with the stored row.
+    """Compare a replayed flight with its stored results.
 
     Parameters
     ----------
-    summary, met
-        Summary of the replay, and whether every requirement was met.
+    summary
+        Summary of the replay.
+    met
+        Whether the replay met every requirement.
 
     Returns
     -------
-    For each differing quantity the greatest difference over its scale, if above `REPLAY_TOLERANCES`; for texts the
-    stored text.
+    Differing quantities by name: the greatest difference, relative to the scale of the quantity, if above
+    `REPLAY_TOLERANCES`; for a text, the stored text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
@@ -49,7 +52,10 @@ def replay_differences(
 
 
 def row_differences(data: "xr.Dataset", number: int, flight_row: FlightRow) -> dict[str, float | str]:
-    """Compare a replayed row with a campaign dataset from `CampaignStore.dataset`; see `replay_differences`."""
+    """Compare the results of a replay with the flight of the same number in `CampaignStore.dataset`.
+
+    The result is that of `replay_differences`.
+    """
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}
     for name, (_, values, attributes) in tabulate_flights([flight_row], data.sizes["aircraft"]).items():
@@ -72,9 +78,10 @@ _FLIGHT, _SUMMARY = "flight.nc", "summary.json"
 
 
 def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tuple[Path, ...]:
-    """Replay and archive the worst flights, as requested by the study's table [keep]; complete folders are skipped.
+    """Replay and archive the worst flights, as many as the study's table [keep] requests; return their folders.
 
-    Flights that could not start are excluded: the store already holds the reason.
+    Flights already archived completely are not replayed. Flights that could not start are excluded: the store already
+    holds the reason.
 
     Parameters
     ----------
@@ -83,7 +90,7 @@ def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tup
 
     Returns
     -------
-    Folders of the archived flights, including existing folders.
+    Folders of the archived flights, including folders of an earlier call.
     """
     count = store.study.keep.worst if store.study.keep is not None else 0
     if not count:
@@ -101,13 +108,13 @@ def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tup
 
 
 def archived_flight(store: CampaignStore, number: int) -> Path | None:
-    """Path of an archived flight, or None."""
+    """Return the path of an archived flight's dataset; None if the flight is not archived."""
     path = _folder(store, number) / _FLIGHT
     return path if path.is_file() else None
 
 
 def _is_intact(folder: Path) -> bool:
-    """Whether a folder holds an undamaged flight and summary."""
+    """Whether a folder contains both the dataset and the summary of a flight, undamaged."""
     try:
         return verify_checksum(folder / _FLIGHT) and read_document(folder / _SUMMARY)[1]
     except (DamagedFileError, FileNotFoundError):
@@ -115,7 +122,10 @@ def _is_intact(folder: Path) -> bool:
 
 
 def _archive_flight(store: CampaignStore, number: int, folder: Path) -> bool:
-    """Replay a flight into a folder, created completely or not at all; return False if the flight does not start."""
+    """Replay a flight and write its outputs into a folder; return whether the flight could start.
+
+    The folder appears only when all outputs are written.
+    """
     try:
         flown = run(flight_scenario(store, number), precision=store.study.precision)
     except (ScenarioError, NoPlanError):  # the flight started in the campaign: another version, or rounding

@@ -1,4 +1,4 @@
-"""Sampling of a study: input values of every flight."""
+"""Sampling of a study: the values of the varied parameters in every flight."""
 
 import itertools
 from collections.abc import Mapping
@@ -15,9 +15,10 @@ _LEAST = 2.0**-53
 
 
 def sample_study(study: Study, table_columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample the distributions by path, one value per flight, before adding to or multiplying scenario values.
+    """Sample the distributions of a study: values by key path, one per flight.
 
-    In plain Monte Carlo the values of flight k do not depend on the number of flights. In a Latin hypercube they do.
+    The values are not yet combined with those of the scenario (set, add or multiply). In plain Monte Carlo the values
+    of flight k do not depend on the number of flights; in a Latin hypercube they do.
 
     Parameters
     ----------
@@ -32,13 +33,23 @@ def sample_study(study: Study, table_columns: Mapping[str, np.ndarray]) -> dict[
 
 
 def apply_distributions(study: Study, shares: np.ndarray) -> dict[str, np.ndarray]:
-    """Transform independent uniform numbers in (0, 1), shape (flights, varied), into values by path."""
+    """Convert uniform numbers to parameter values with the distributions and correlations of the study.
+
+    Parameters
+    ----------
+    shares
+        Independent uniform numbers in (0, 1), shape (flights, varied parameters).
+
+    Returns
+    -------
+    Values by key path, one per flight.
+    """
     correlated = _correlate(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
     return {vary.path: vary.quantile(correlated[:, k]) for k, vary in enumerate(study.vary)}
 
 
 def flight_seeds(study: Study, count: int) -> np.ndarray:
-    """Seeds of the flights: consecutive numbers from a start derived from the study's seed.
+    """Return the seeds of the flights: consecutive numbers from a start derived from the study's seed.
 
     In a Saltelli block every flight but the last shares a seed. Random effects then differ exactly where the input
     samples A and B differ, so they contribute to neither the first-order nor the total index of an input.
@@ -52,13 +63,16 @@ def flight_seeds(study: Study, count: int) -> np.ndarray:
 
 
 def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
-    """Select independent flights: every flight, except in Saltelli blocks only the first and last."""
+    """Whether each flight number belongs to a statistically independent flight; shape (flights,).
+
+    All flights are independent, except in Saltelli blocks, of which only the first and the last flight are.
+    """
     position = numbers % study.block
     return (position == 0) | (position == study.block - 1)
 
 
 def _shares(study: Study) -> np.ndarray:
-    """Uniform numbers in (0, 1), shape (flights, varied)."""
+    """Return uniform numbers in (0, 1) by the study's sampling method; shape (flights, varied parameters)."""
     flights, count = study.sampled.flights or 0, len(study.vary)
     if study.sampled.method == "monte-carlo":
         lanes = np.tile(np.arange(count), flights)
@@ -72,7 +86,7 @@ def _shares(study: Study) -> np.ndarray:
 
 
 def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
-    """Correlate the groups through the corresponding normal numbers (Gaussian copula)."""
+    """Return the uniform numbers with the correlations of the study's groups (Gaussian copula)."""
     shares, paths = shares.copy(), [vary.path for vary in study.vary]
     for group in study.correlated:
         columns = [paths.index(path) for path in group.paths]
@@ -82,7 +96,10 @@ def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
 
 
 def _grid(study: Study) -> dict[str, np.ndarray]:
-    """Every combination, the last path varying fastest: the values of a choice, otherwise midpoints of equal shares."""
+    """Return every combination of the parameter values, by key path; the last path varies fastest.
+
+    A parameter with listed values takes all of them; others take the midpoints of intervals of equal probability.
+    """
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels
     axes = [np.array(vary.values) if vary.values is not None else vary.quantile(middles) for vary in study.vary]

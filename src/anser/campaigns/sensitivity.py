@@ -25,16 +25,18 @@ _OUTPUTS = {
 
 @dataclass(frozen=True)
 class Influence:
-    """Sensitivity of one output to one input.
+    """Sensitivity of one output to one input, with a confidence interval.
 
     Attributes
     ----------
-    output, path
-        Name of the output; path of the input in the scenario.
+    output
+        Name of the output.
+    path
+        Key path of the input in the scenario.
     measure
-        "first" and "total" (Sobol indices), or "rank" (Spearman's correlation).
+        "first" or "total" (Sobol indices), or "rank" (Spearman's rank correlation).
     value, low, high
-        Value of the measure, and its interval.
+        Value of the measure, and the bounds of its confidence interval.
     """
 
     output: str
@@ -60,9 +62,9 @@ class Influences:
     outputs
         Description of each output by name.
     entries
-        Sensitivities of each output, as far as computed.
+        Sensitivities that could be computed, one for each output, input and measure.
     not_computed
-        Reason for each output or input without sensitivities, by name.
+        Reason for each output or input without sensitivities, by name or key path.
     """
 
     kind: str
@@ -73,20 +75,22 @@ class Influences:
     not_computed: dict[str, str]
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert to a dict for JSON."""
+        """Return the sensitivities as plain data for JSON."""
         return asdict(self)
 
 
 def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
-    """Compute the sensitivity of the outputs to the inputs.
+    """Compute the sensitivity of the outputs of a campaign to its inputs.
 
-    The output ``met`` is 1 or 0 for every flight. For miss and spread, rank correlations treat flights without a value
-    as worst; Sobol indices require a finite value for every flight and are otherwise not computed.
+    The output ``met`` is 1 for a successful flight, else 0. For miss and spread, rank correlations treat flights
+    without a value as worst; Sobol indices require a finite value for every flight and are otherwise not computed.
 
     Parameters
     ----------
     data
         Completed flights, from `CampaignStore.dataset`; for Saltelli sampling only complete blocks are used.
+    varied
+        Key paths of the inputs.
     """
     if study.block > 1:
         return _sobol(data.isel(flight=_whole_blocks(data["flight"].values, study.block)), study, varied)
@@ -104,7 +108,7 @@ def _output_labels(outputs: Iterable[str]) -> dict[str, str]:
 
 
 def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
-    """Indices of flights in complete blocks, ordered by flight number."""
+    """Return the indices of the flights in complete Saltelli blocks, ordered by flight number."""
     order = np.argsort(numbers)
     blocks, counts = np.unique(numbers // block, return_counts=True)
     return order[np.isin(numbers[order] // block, blocks[counts == block])]
@@ -152,7 +156,7 @@ def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
 
 
 def _compute_outputs(add_entries: Callable[[str], None], outputs: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Call a function for each output; return the reasons for outputs without a result."""
+    """Call `add_entries` with the name of each output; return the reason for each output without a result, by name."""
     not_computed: dict[str, str] = {}
     for name in outputs:
         if np.unique(outputs[name]).size < 2:
@@ -166,7 +170,10 @@ def _compute_outputs(add_entries: Callable[[str], None], outputs: Mapping[str, n
 
 
 def ordered_values(values: np.ndarray, study: Study, path: str) -> np.ndarray | None:
-    """Convert values of an input to numbers, texts to positions in the study's list; None for unordered texts."""
+    """Convert the values of an input to numbers; a text becomes its position in the study's list of values.
+
+    None if the texts come from a table and therefore have no order.
+    """
     if values.dtype.kind in "fiub":
         return values.astype(float)
     positions: Mapping[Any, int] = {

@@ -1,7 +1,8 @@
-"""The store of a campaign.
+"""Store of a campaign: results of every flight in Zarr arrays in a folder.
 
-Arrays are preallocated and written in whole chunks; a chunk is complete when its checksums are recorded. Includes the
-stopping rule of the study (number of chunks at which the estimate is converged) and the repair of damaged base files.
+The arrays are allocated for all flights at the start and filled in chunks of flights. A chunk is complete when the
+checksums of its files are recorded. The module also evaluates the study's stopping rule (the number of chunks after
+which the estimate is precise enough) and repairs damaged files that were written once, when the store was created.
 """
 
 import json
@@ -50,17 +51,21 @@ from anser.scenario.schema import Scenario, validate
 def count_converged_chunks(
     study: Study, is_complete: np.ndarray, chunk: int, values: np.ndarray, unconverged: int = 0
 ) -> int | None:
-    """Number of leading chunks that satisfy the study's stopping rule; None without a rule or if not yet satisfied.
+    """Return how many leading chunks first satisfy the study's stopping rule; None without a rule or if unsatisfied.
 
     The rule is evaluated after each chunk in order of chunk numbers, so the result is independent of the number of
     parallel processes. With repeated evaluation an interval's coverage is slightly below its confidence level.
 
     Parameters
     ----------
+    is_complete
+        Whether each chunk is complete; shape (chunks,).
+    chunk
+        Number of flights per chunk.
     values
         Values of the rule's statistic, one per flight; infinite for the worst possible outcome.
     unconverged
-        Number of leading chunks known to be insufficient.
+        Number of leading chunks for which an earlier evaluation has already failed; not evaluated again.
     """
     rule = study.until
     if rule is None:
@@ -76,12 +81,12 @@ def count_converged_chunks(
 
 
 def complete_prefix(is_complete: np.ndarray) -> int:
-    """Number of leading chunks without a gap."""
+    """Return the number of complete chunks before the first incomplete chunk."""
     return is_complete.size if is_complete.all() else int(np.argmin(is_complete))
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
-    """Interval of the rule's statistic over flights."""
+    """Return the confidence interval of the stopping rule's statistic over the given flights: lower and upper bound."""
     assert study.until is not None
     if study.until.statistic == "met":
         return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
@@ -100,7 +105,7 @@ _SPARE = 2.0
 
 
 class CampaignStore(AbstractFlightStore):
-    """Applied values and results of every flight, in a folder; see `create` and `open`.
+    """Store of a campaign in a folder: the sampled values and the results of every flight; see `create` and `open`.
 
     The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every flight and the flag `flown`;
     `dataset` returns completed flights only. A chunk is complete when the checksums of its files are recorded.
@@ -110,7 +115,9 @@ class CampaignStore(AbstractFlightStore):
     chunk
         Flights per chunk.
     series_selection
-        Variables stored over time; None: none.
+        Variables stored over time; None if the study selects none.
+    versions
+        Software versions with which the store was created, by name.
     folder, study, scenario, format, damages
         See `AbstractFlightStore`.
     """
@@ -148,9 +155,11 @@ class CampaignStore(AbstractFlightStore):
         Parameters
         ----------
         applied
-            Values for each flight, by path in the scenario.
+            Sampled values as applied to the scenario, one per flight, by key path.
         seeds
             Seed of each flight.
+        chunk
+            Number of flights per chunk.
 
         Raises
         ------
@@ -181,12 +190,12 @@ class CampaignStore(AbstractFlightStore):
 
     @classmethod
     def open(cls, folder: Path, *, verify_chunks: bool = True) -> "CampaignStore":
-        """Open the store of a folder and verify the files; series are verified later, on reading.
+        """Open the store of a folder and verify its files; time series are verified later, when they are read.
 
         Parameters
         ----------
         verify_chunks
-            Whether to verify the chunks in addition to the constant files.
+            Whether to verify the results of the flights (chunks) in addition to the files written once at creation.
 
         Raises
         ------
@@ -240,7 +249,10 @@ class CampaignStore(AbstractFlightStore):
         ]
 
     def _chunk_problems(self, *, series: bool) -> dict[int, str]:
-        """Describe damaged chunks by number; chunks verified before are not read again."""
+        """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
+
+        Chunks that this object has already verified are not read again.
+        """
         if not self._checksums.has_records:
             return {}
         is_selected: Callable[[str], bool] = (
@@ -276,7 +288,7 @@ class CampaignStore(AbstractFlightStore):
 
     @property
     def converged_chunks(self) -> int | None:
-        """Number of leading chunks that satisfy the study's stopping rule; None without a rule or if not satisfied."""
+        """Number of leading chunks that first satisfies the stopping rule; None without a rule or if unsatisfied."""
         if self.study.until is None:
             return None
         statistic = self.study.until.statistic
@@ -290,7 +302,10 @@ class CampaignStore(AbstractFlightStore):
 
     @property
     def flown(self) -> np.ndarray:
-        """Numbers of the flights of complete chunks, up to the point where the study's stopping rule is satisfied."""
+        """Numbers of the completed flights that count in the results.
+
+        With a satisfied stopping rule, only the flights up to the chunk that satisfied it.
+        """
         is_counted, stop = self.chunk_is_complete, self.converged_chunks
         if stop is not None:
             is_counted = is_counted & (np.arange(is_counted.size) < stop)
@@ -298,21 +313,21 @@ class CampaignStore(AbstractFlightStore):
 
     @property
     def varied(self) -> list[str]:
-        """Paths of the varied parameters."""
+        """Key paths of the varied parameters in the scenario."""
         return json.loads(str(self._group.attrs["varied"]))
 
     def chunk_slice(self, chunk: int) -> slice:
-        """Flights of a chunk."""
+        """Return the range of flight numbers of a chunk."""
         return slice(chunk * self.chunk, min((chunk + 1) * self.chunk, self.flights))
 
     def applied(self, flights: slice) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Seeds, and values by path, of the given flights."""
+        """Return the seeds of a range of flights, and their sampled values by key path."""
         return np.asarray(self._array("seed")[flights]), {
             path: np.asarray(self._array(path)[flights]) for path in self.varied
         }
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
-        """Write a chunk, and record the checksums after the data are on disk."""
+        """Write the results of a chunk's flights; its checksums are recorded only when the data are on disk."""
         flights, columns = self.chunk_slice(chunk), tabulate_flights(flight_rows, len(self.scenario.aircraft))
         names = [*columns, FLOWN]
         with write_every_chunk():
@@ -329,7 +344,11 @@ class CampaignStore(AbstractFlightStore):
         self._checksums.record_chunk(chunk, files)
 
     def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
-        """Raise StoreError if study, scenario, values, precision or relevant versions differ from the store's."""
+        """Raise StoreError if the study cannot be continued in this store.
+
+        The study, scenario, sampled values, precision and the software versions that affect results must equal the
+        store's.
+        """
         self._refuse_differences(
             {"precision": "float64", **dict(self._group.attrs)},
             {"precision": study.precision, "study_hash": study.hash, "scenario_hash": scenario.hash},
@@ -345,11 +364,11 @@ class CampaignStore(AbstractFlightStore):
             )
 
     def refuse_other_versions(self) -> None:
-        """Raise StoreError if a version that affects the results differs from the store's, here or on a worker."""
+        """Raise StoreError if a software version that affects results differs from the store's, here or on a worker."""
         self._refuse_differences(self.versions, version_attributes())
 
     def dataset(self) -> xr.Dataset:
-        """Completed flights as a labelled dataset: dimensions flight and aircraft."""
+        """Return the completed flights as a labelled dataset with the dimensions flight and aircraft."""
         self.refuse_damaged()
         try:
             with open_arrays(self.folder / STORE_FOLDER) as data:
@@ -395,7 +414,10 @@ class CampaignStore(AbstractFlightStore):
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
 ) -> tuple[str, ...]:
-    """Rebuild damaged metadata, coordinates, seeds and sampled values of a store, if the result matches the checksums.
+    """Rebuild the damaged files that were written once, when the store was created, from the study and scenario.
+
+    These are metadata, coordinates, seeds and sampled values. A file is replaced only if the rebuilt file matches the
+    recorded checksum.
 
     Returns
     -------

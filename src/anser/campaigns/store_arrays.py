@@ -34,13 +34,13 @@ _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 
 @contextlib.contextmanager
 def write_every_chunk() -> Iterator[None]:
-    """Make Zarr write chunks that hold only fill values, so that a missing file always means damage."""
+    """Make Zarr also write files that hold only fill values, in the `with` block: a missing file then means damage."""
     with zarr.config.set({"array.write_empty_chunks": True}):
         yield
 
 
 def open_arrays(path: Path, group: str | None = None) -> xr.Dataset:
-    """Open the arrays of a store or of a group in the store, without decoding; values are read lazily."""
+    """Open the arrays of a store, or of a group in it, as a dataset; values are read when used and are not decoded."""
     # in the first format zeros and empty texts are fill values, which xarray would treat as missing
     dataset = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
     for values in dataset.variables.values():
@@ -57,9 +57,20 @@ def create_arrays(
     chunk: int,
     columns: Mapping[str, FlightColumn],
 ) -> zarr.Group:
-    """Create the group of a store: constant data, and preallocated columns.
+    """Create the Zarr group of a store: coordinates, seeds and sampled values, and empty arrays for the results.
 
-    Only quantities have a fill value, NaN, since xarray treats fill values as missing.
+    Only result columns of type float have a fill value, NaN, since xarray treats fill values as missing.
+
+    Parameters
+    ----------
+    applied
+        Sampled values as applied to the scenario, one per flight, by key path.
+    seeds
+        Seed of each flight.
+    chunk
+        Number of flights per chunk.
+    columns
+        Result columns by name, as examples of type, dimensions and attributes; their values are not written.
     """
     flights, names = seeds.size, [aircraft.name for aircraft in scenario.aircraft]
     group = zarr.open_group(path, mode="w-", zarr_format=2)
@@ -97,7 +108,7 @@ def create_arrays(
 
 
 def to_fixed_width(name: str, column: FlightColumn) -> FlightColumn:
-    """Convert a text column to the fixed width of the store."""
+    """Convert a text column to the fixed text width of the store, cutting longer texts; leave other columns as is."""
     dimensions, values, labels = column
     width = _WIDTHS.get(name)
     if width is None:
@@ -121,7 +132,7 @@ def _put_whole(
 SERIES = "series"
 _DIMENSIONS = ["flight", "aircraft", "time"]
 _PIECE = 1 << 26
-"""Maximum number of values in a file of the store: series of longer flights are divided."""
+"""Maximum number of values in a file of the store: longer time series are divided into several files."""
 
 
 def series_bytes(selection: SeriesSelection, scenario: Scenario) -> int:
@@ -130,7 +141,7 @@ def series_bytes(selection: SeriesSelection, scenario: Scenario) -> int:
 
 
 def create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
-    """Preallocate the series of a campaign in the group of its store."""
+    """Allocate empty arrays for the selected time series of all flights, in the group `series` of the store."""
     series_group, names, times_s = (
         group.create_group(SERIES),
         [aircraft.name for aircraft in scenario.aircraft],
@@ -157,7 +168,7 @@ def create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scena
 def write_series(
     group: zarr.Group, selection: SeriesSelection, chunk_slice: slice, flight_rows: Sequence[FlightRow]
 ) -> list[str]:
-    """Write the series of a chunk's flights, float32, or int32 for codes; return the names of the arrays."""
+    """Write the time series of a chunk's flights, float32 or, for codes, int32; return the names of the variables."""
     for key in selection.keys:
         array = group[f"{SERIES}/{catalogue_variable(key).name}"]
         assert isinstance(array, zarr.Array)
@@ -169,7 +180,7 @@ def write_series(
 
 
 def series_dataset(store: Path, flown: np.ndarray) -> "xr.Dataset":
-    """Open the series of completed flights lazily; dimensions flight, aircraft, time."""
+    """Open the time series of the given flights, with dimensions flight, aircraft, time; values are read when used."""
     return open_arrays(store, SERIES).isel(flight=flown)
 
 

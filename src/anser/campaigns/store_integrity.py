@@ -1,4 +1,4 @@
-"""Integrity of a campaign folder: StoreError, the lock of the flying process, and SHA-256 records of files."""
+"""Integrity of a campaign folder: errors, the lock of the process that flies, and checksums (SHA-256) of the files."""
 
 import abc
 import contextlib
@@ -17,7 +17,7 @@ from anser.scenario.schema import Scenario
 FORMAT = 2
 """Format of the stores of campaigns and of rare events, with checksums."""
 UNCHECKED_FORMAT = 1
-"""Former format without checksums, readable but not resumable."""
+"""Former format without checksums: stores of this format can be read but not resumed."""
 
 
 class StoreError(ValueError):
@@ -26,7 +26,7 @@ class StoreError(ValueError):
 
 @contextlib.contextmanager
 def damage_as_store_error() -> Iterator[None]:
-    """Convert a DamagedFileError of the block to a StoreError."""
+    """Convert a DamagedFileError raised in the `with` block to a StoreError with the same message."""
     try:
         yield
     except DamagedFileError as error:
@@ -35,7 +35,7 @@ def damage_as_store_error() -> Iterator[None]:
 
 @contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the lock of a folder; the operating system releases the lock when the process ends.
+    """Hold the lock of a folder in the `with` block; the operating system also releases the lock when the process ends.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 class AbstractFlightStore(abc.ABC):
-    """Folder with the results of a study's flights; one process at a time flies into the folder and can resume.
+    """Folder with the results of a study's flights; only one process at a time may write, and a later one can resume.
 
     Attributes
     ----------
@@ -66,11 +66,11 @@ class AbstractFlightStore(abc.ABC):
     folder
         Folder of the results.
     study, scenario
-        Study and base scenario.
+        Study, and the scenario that its flights vary.
     format
         Version of the folder's format.
     damages
-        Messages about damaged results, to be flown again.
+        A message for each damaged result that was removed and is flown again.
     """
 
     description: ClassVar[str]
@@ -82,7 +82,7 @@ class AbstractFlightStore(abc.ABC):
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
-        """Lock the folder against other processes, and remove damaged results; see `damages`.
+        """Lock the folder in the `with` block, and remove damaged results; `damages` lists them.
 
         Raises
         ------
@@ -107,10 +107,10 @@ class AbstractFlightStore(abc.ABC):
 
     @abc.abstractmethod
     def _remove_damaged(self) -> list[str]:
-        """Remove damaged results, to be flown again; return a message for each."""
+        """Remove damaged results, so that they are flown again; return a message for each."""
 
     def _refuse_differences(self, stored: Mapping[str, Any], current: Mapping[str, object]) -> None:
-        """Raise StoreError if a stored quantity that determines the results differs from the current value."""
+        """Raise StoreError if one of the `current` values differs from the stored value of the same name."""
         for key, value in current.items():
             if stored.get(key) != value:
                 difference = f"{self.description} with the {key.replace('_', ' ')} {stored.get(key)}"
@@ -118,19 +118,20 @@ class AbstractFlightStore(abc.ABC):
 
 
 def refuse_existing(folder: Path) -> None:
-    """Raise FileExistsError if the folder of a new store exists."""
+    """Raise FileExistsError if the folder intended for a new store already exists."""
     if folder.exists():
         raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder, or resume")
 
 
 _BASE = "store"
-"""Record of the constant files: metadata, coordinates, seeds and varied values."""
+"""Name of the checksum record of the files written once at creation: metadata, coordinates, seeds, sampled values."""
 
 
 class StoreChecksums:
-    """Checksum records in a folder: JSON documents with the SHA-256 of store files by path.
+    """Checksums of a store's files, in JSON files ("records") in the subfolder `checksums`.
 
-    The record of a chunk is written after the chunk's files are on disk: a chunk with a record is complete.
+    One record covers the files that are written once, when the store is created (the "base"); each chunk has a record
+    of its own, written after the chunk's files are on disk. A chunk with a record is therefore complete.
 
     Parameters
     ----------
@@ -149,13 +150,13 @@ class StoreChecksums:
         return self._folder.is_dir()
 
     def record_base(self, parameters: Mapping[str, int]) -> None:
-        """Record every existing file of the store, and numbers needed for repairing the files."""
+        """Record the checksums of all files now in the store, and numbers (`parameters`) needed for repairs."""
         self._folder.mkdir(exist_ok=True)
         files = sorted(path for path in self._store.rglob("*") if path.is_file())
         self._write(_BASE, (str(path.relative_to(self._store)) for path in files), parameters)
 
     def record_chunk(self, chunk: int, files: Iterable[str]) -> None:
-        """Record the files of a chunk, which marks the chunk as complete."""
+        """Record the checksums of a chunk's files, which marks the chunk as complete."""
         self._write(str(chunk), files, {})
 
     def forget_chunk(self, chunk: int) -> None:
@@ -163,21 +164,24 @@ class StoreChecksums:
         self._path(str(chunk)).unlink(missing_ok=True)
 
     def chunks(self) -> set[int]:
-        """Numbers of the chunks with a record."""
+        """Return the numbers of the complete chunks, that is, of the chunks with a record."""
         stems = (path.stem for path in self._folder.glob("*.json"))
         return {int(stem) for stem in stems if stem.isdecimal()}
 
     def base_number(self, key: str) -> int:
-        """Return a number passed to `record_base`; raises DamagedFileError if the record is damaged."""
+        """Return a number that was passed to `record_base`; raises DamagedFileError if the record is damaged."""
         return self._read(_BASE)["about"][key]
 
     def base_problems(self) -> dict[str, str]:
-        """Return damaged or missing constant files with recorded checksums; DamagedFileError for a damaged record."""
+        """Return the recorded checksum of each damaged or missing file of the base, by path in the store.
+
+        Raises DamagedFileError if the record itself is damaged.
+        """
         files = self._read(_BASE)["files"]
         return {name: digest for name, digest in files.items() if not self._matches(name, digest)}
 
     def refuse_damaged_base(self) -> None:
-        """Raise DamagedFileError if a constant file is damaged or missing."""
+        """Raise DamagedFileError if a file written once at creation (see `record_base`) is damaged or missing."""
         problems = list(self.base_problems())
         if problems:
             further = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
@@ -192,7 +196,7 @@ class StoreChecksums:
         Parameters
         ----------
         is_verified
-            Selects the files to verify, by path in the store.
+            Function that selects the files to verify, by path in the store; by default all files.
         """
         try:
             files = self._read(str(chunk))["files"]
@@ -228,12 +232,14 @@ class StoreChecksums:
 
 
 def chunk_files(array: str, chunk: int, grid: tuple[int, ...]) -> Iterable[str]:
-    """Yield the paths of an array's files (Zarr format 2) for one chunk along the first dimension.
+    """Yield the paths of the files that hold one chunk of flights of an array (Zarr format 2).
 
     Parameters
     ----------
     array
         Path of the array in the store.
+    chunk
+        Index of the chunk along the first dimension, the flights.
     grid
         Number of chunks along each dimension of the array.
     """

@@ -71,7 +71,7 @@ class OutputSelection(Table):
 
 
 def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSelection | None:
-    """Series selected for a scenario's flights; None if none are selected."""
+    """Return the time series to be stored for a scenario's flights; None if the study selects none."""
     if keep is None or not keep.series:
         return None
     return SeriesSelection.from_period(scenario, keep.series, keep.series_every_s)
@@ -80,14 +80,18 @@ def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSel
 def refuse_series(
     keep: OutputSelection | None, source: str, scenarios: Iterable[Scenario], varied: Iterable[str]
 ) -> None:
-    """Raise ScenarioError for selected series that the flights of a study cannot have.
+    """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
     Parameters
     ----------
     keep
-        Output selection of the study; None: no selection.
+        Output selection of the study; None if the study has none.
+    source
+        Name of the study, for messages.
     scenarios
         One or more of the scenarios to be flown.
+    varied
+        Key paths of the varied parameters.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def refuse_series(
 
 
 def _recorded(scenario: Scenario) -> set[str]:
-    """Keys recorded in the flights of a scenario."""
+    """Return the names of the variables that the flights of a scenario record."""
     keys = set(RECORDED_KEYS)
     if scenario.turbulence.intensity != "none" or scenario.gust:
         keys |= _GUST_KEYS
@@ -153,7 +157,7 @@ RARE_FLIGHTS_MAX = 100_000
 """Maximum number of flights per level: each takes about 1.5 kB of memory."""
 STATISTICS = ("separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s")
 BREACHED_BELOW = ("separation_min_m", "clearance_min_m")
-"""Statistics with an event below the threshold; the event of the remaining statistics is above the threshold."""
+"""Statistics whose event is a value below the threshold; for all others it is a value above."""
 _CHAINS = 10
 """Minimum number of chains per level and repetition; the interval's coverage was measured down to this number."""
 _WHOLE = 1e-9
@@ -198,7 +202,7 @@ class RareEventConfig(Table):
 
     @property
     def chain_length(self) -> int:
-        """Points per chain: 1 over the share of a level."""
+        """Points per Markov chain: 1 over the fraction of the worst flights that start the next level."""
         return round(1.0 / self.level_share)
 
     def consistency_problems(self) -> list[Problem]:

@@ -1,10 +1,11 @@
-"""Subset simulation: probability of a rare event from a sequence of less rare levels; independent of flights.
+"""Subset simulation: probability of a rare event from a sequence of less rare events (levels).
 
-Sources: S.-K. Au, J. L. Beck, *Estimation of small failure probabilities in high dimensions by subset simulation*,
-Probabilistic Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size adapted to the acceptance
-rate: I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic
-Engineering Mechanics 41, 2015. In the paper the chains of a level run one after the other; here they move
-simultaneously, for parallel evaluation, and the step size is adapted after each move.
+This module knows nothing of flights: `SampleSpace` and `LimitState` are supplied by the caller. Sources: S.-K. Au,
+J. L. Beck, *Estimation of small failure probabilities in high dimensions by subset simulation*, Probabilistic
+Engineering Mechanics 16(4), 2001; moves by conditional sampling with step size adapted to the acceptance rate:
+I. Papaioannou, W. Betz, K. Zwirglmaier, D. Straub, *MCMC algorithms for subset simulation*, Probabilistic Engineering
+Mechanics 41, 2015. In the paper the chains of a level run one after the other; here they move simultaneously, for
+parallel evaluation, and the step size is adapted after each move.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -27,28 +28,28 @@ class SampleSpace(Protocol):
     """Space of the chains: points that represent independent standard normal numbers, as rows of an array."""
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Independent points, one per number."""
+        """Return independent random points, one per number."""
         ...
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Points ``keep * point + sqrt(1 - keep**2) * new``, again standard normal; one `keep` per point."""
+        """Return new points ``keep * point + sqrt(1 - keep**2) * new``, again standard normal; one `keep` per point."""
         ...
 
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """Numbers of points, levels and repetitions.
+    """Size of a subset simulation: numbers of points, levels and repetitions.
 
     Attributes
     ----------
     points
         Points per level and repetition; a multiple of 1 / share.
     share
-        Fraction of a level's points that start the next level; 1 over a whole number.
+        Fraction of a level's points that start the chains of the next level; 1 over a whole number.
     levels_max
         Maximum number of levels.
     repetitions
-        Number of independent repetitions, whose scatter gives the interval.
+        Number of independent repetitions, whose scatter gives the confidence interval.
     """
 
     points: int
@@ -58,18 +59,18 @@ class SubsetPlan:
 
     @property
     def length(self) -> int:
-        """Points per chain, including the first."""
+        """Points per Markov chain, including the starting point."""
         return round(1.0 / self.share)
 
     @property
     def chains(self) -> int:
-        """Chains per level and repetition."""
+        """Number of Markov chains per level and repetition."""
         return self.points // self.length
 
 
 @dataclass(frozen=True)
 class SubsetLevel:
-    """One level of one repetition.
+    """One level of one repetition: points whose values are at least the level's bound.
 
     Attributes
     ----------
@@ -80,9 +81,9 @@ class SubsetLevel:
     points, numbers
         Points, and the number with which each was computed.
     share
-        Fraction of the points that reach the next bound, or on the last level exceed the threshold.
+        Fraction of the points that reach the next level's bound, or on the last level exceed the threshold.
     acceptance
-        Acceptance rate of the moves; NaN on the first level.
+        Acceptance rate of the chains' moves; NaN on the first level.
     """
 
     bound: float
@@ -98,7 +99,7 @@ Repetition = tuple[SubsetLevel, ...]
 
 
 def exceedance(repetition: Repetition, value: float) -> float:
-    """Estimate from one repetition the probability of exceeding a value: product of conditional probabilities."""
+    """Estimate from one repetition the probability of exceeding a value, as a product of conditional probabilities."""
     probability = 1.0
     for level, next_level in zip(repetition, (*repetition[1:], None), strict=True):
         if next_level is None or value < next_level.bound:
@@ -109,14 +110,14 @@ def exceedance(repetition: Repetition, value: float) -> float:
 
 @dataclass(frozen=True)
 class SubsetEstimate:
-    """A probability with its interval.
+    """Estimate of a probability with its confidence interval.
 
     Attributes
     ----------
     probability
-        None if a repetition has no point above the value.
+        Estimated probability; None if in a repetition no point exceeds the value.
     low, high
-        Bounds of the interval; 0 and 1 without a probability.
+        Bounds of the interval; 0 and 1 if no probability could be estimated.
     """
 
     probability: float | None
@@ -125,7 +126,7 @@ class SubsetEstimate:
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:
-    """Estimate the probability of exceeding a value, with interval.
+    """Estimate the probability of exceeding a value, with confidence interval.
 
     Points within a repetition are correlated within and between levels, which single-repetition formulas account for
     only partly; the interval is therefore computed from the independent repetitions. If the first level suffices in
@@ -198,14 +199,18 @@ def subset_simulation(
 
 
 _Proposal = tuple[np.ndarray | None, np.ndarray]
-"""Points to move from and the kept fraction of each; None and zeros for new points."""
+"""Points to move from and the fraction `keep` of each; None and zeros request new independent points."""
 _Evaluated = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Points, values, numbers."""
+"""Points, their values and their numbers."""
 
 
 def _walk(
     threshold: float, plan: SubsetPlan, generator: np.random.Generator
 ) -> Generator[_Proposal, _Evaluated, Repetition]:
+    """Simulate one repetition, level by level, as a generator.
+
+    It yields the points to be moved, receives the moved points with their values and numbers, and returns the levels.
+    """
     points, values, numbers = yield None, np.zeros(plan.points)
     levels: list[SubsetLevel] = []
     bound, acceptance, size = -np.inf, np.nan, _FIRST_SIZE

@@ -1,4 +1,4 @@
-"""Arrivals: closest pass of the rendezvous, decision on the arrival, and accuracy of a fleet's arrivals."""
+"""Arrivals: closest pass of the rendezvous, whether it counts as an arrival, and accuracy of a fleet's arrivals."""
 
 import itertools
 import math
@@ -30,7 +30,8 @@ class Arrival:
     approach_end_s
         End of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended.
     status
-        "arrived", or the events instead of or after the arrival.
+        "arrived"; or the first and the last failure status of the flight, before or after the arrival; or why there is
+        no arrival.
     """
 
     time_s: float
@@ -40,14 +41,14 @@ class Arrival:
 
     @property
     def is_arrival(self) -> bool:
-        """Whether the aircraft arrived, regardless of later events."""
+        """Whether the aircraft arrived, even if it failed later."""
         return math.isfinite(self.time_s)
 
 
 def arrival_outcome(
     closest_pass: tuple[float, float], planned_s: float, off_plan_s: float, end_s: float, codes: Sequence[int]
 ) -> Arrival:
-    """Decide whether the closest pass of the rendezvous is an arrival.
+    """Decide whether the closest pass of the rendezvous is an arrival, and return the outcome of the approach.
 
     The pass is an arrival if the aircraft flew its plan at least until the planned arrival, and the distance increased
     again before the end of the search: 10 s after the planned arrival, the end of the record, or the time at which the
@@ -87,7 +88,7 @@ def arrival_outcome(
 def closest_approach(
     time_s: np.ndarray, offset: np.ndarray, planned_arrival_s: float | None, margin_s: float = 10.0
 ) -> tuple[float, float]:
-    """Time and distance of the first pass of a moving rendezvous.
+    """Return the time and distance of the closest pass of a moving rendezvous.
 
     The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
     `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.
@@ -131,12 +132,12 @@ def closest_approach(
 
 
 def least_distance(offset: np.ndarray) -> np.ndarray:
-    """Least length of offsets that are linear between samples.
+    """Compute the least distance of each pair of points, whose offset is linear in time between samples.
 
     Parameters
     ----------
     offset
-        Offsets between pairs of points, m; shape (time, pair, 3).
+        Offsets between the points of each pair, m; shape (time, pair, 3).
 
     Returns
     -------
@@ -149,7 +150,10 @@ def least_distance(offset: np.ndarray) -> np.ndarray:
 
 
 def _segment_minima(points: np.ndarray, fraction_max: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fraction of each segment, up to `fraction_max`, at the least distance from the origin, and the least distance."""
+    """Find the point nearest to the origin on each straight segment between consecutive points.
+
+    Returns its position on the segment (fraction, at most `fraction_max`) and its distance from the origin, m.
+    """
     # A segment with a non-finite value has a non-finite distance.
     points = np.where(np.isfinite(points), points, np.nan)
     start, change = points[:-1], np.diff(points, axis=0)
@@ -182,7 +186,7 @@ class ArrivalAccuracy:
     required_spacing_s: float | None = None
 
     def describe(self, aircraft: int) -> str:
-        """Describe the accuracy for a number of aircraft; empty without a value."""
+        """Describe the accuracy in words, for a fleet of `aircraft` aircraft; empty without a value."""
         if self.value_s is None:
             return ""
         value = format_duration(self.value_s)
@@ -194,12 +198,12 @@ class ArrivalAccuracy:
 
 
 def format_duration(seconds: float) -> str:
-    """Format a short duration in s, or in ms if short."""
+    """Format a duration in s, or in ms if below 0.1 s."""
     return f"{1000 * seconds:.2g} ms" if seconds < _MILLISECONDS_BELOW_S else f"{seconds:.2f} s"
 
 
 def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str:
-    """Format the planned arrival times of a number of aircraft, for a heading."""
+    """Format the first and last planned arrival time of a fleet of `aircraft` aircraft, for a heading."""
     first_text, last_text = f"{first_s:.2f}", f"{last_s:.2f}"
     if first_text != last_text:
         return f"arrivals from {first_text} to {last_text} s"
@@ -207,7 +211,10 @@ def format_planned_arrivals(aircraft: int, first_s: float, last_s: float) -> str
 
 
 def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[str, Any]:
-    """Arrival entry of a summary, from the aircraft entries; aircraft that left the fleet are excluded."""
+    """Return the entry `arrival` of a summary: arrival rule and largest arrival errors, s.
+
+    Computed from the summary's aircraft entries; aircraft that left the fleet are excluded.
+    """
     staying = [entry for entry in aircraft if "left_s" not in entry]
     arrivals = [entry["arrival_s"] for entry in staying]
     rule, spacing_s = scenario.arrival.rule, scenario.arrival.spacing_s
@@ -228,7 +235,10 @@ def summarize_arrivals(scenario: Scenario, aircraft: Sequence[_Entry]) -> dict[s
 
 
 def arrival_accuracy(summary: Mapping[str, Any]) -> ArrivalAccuracy:
-    """Arrival accuracy from a summary; a summary without an arrival entry means simultaneous arrivals."""
+    """Return the arrival accuracy of a flight from its summary.
+
+    A summary without an entry `arrival` (older versions) means simultaneous arrivals.
+    """
     requirement = summary.get("arrival") or {"common": True, "error_max_s": None}
     if len(summary["aircraft"]) > 1 and requirement["common"]:
         return ArrivalAccuracy("spread", summary["fleet"]["arrival_spread_s"])

@@ -25,7 +25,7 @@ class DamagedFileError(ValueError):
 
 
 def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
-    """Error with the file's path, the content found and the content expected."""
+    """Return the error for a damaged file, with its path, the content found (`arrived`) and the content expected."""
     return DamagedFileError(f"{path}: arrived {arrived}; expected {expected}")
 
 
@@ -37,12 +37,12 @@ def append_checksum(path: Path) -> None:
 
 
 def checksum_trailer(digest: str) -> bytes:
-    """Trailing bytes for a file with the SHA-256 `digest` (hexadecimal)."""
+    """Return the bytes that carry a SHA-256 (hexadecimal `digest`) at the end of a file."""
     return _MARK + digest.encode() + b"\n"
 
 
 def verify_checksum(path: Path) -> bool:
-    """Compare the content of a binary file with the checksum at the end.
+    """Verify the content of a binary file by the checksum at its end.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def verify_checksum(path: Path) -> bool:
 
 
 def file_digest(path: Path, size: int | None = None) -> str:
-    """SHA-256 of the first `size` bytes of a file (None: the whole file), hexadecimal."""
+    """Return the SHA-256, hexadecimal, of the first `size` bytes of a file; of the whole file if None."""
     digest = hashlib.sha256()
     with path.open("rb") as file:
         bytes_left = path.stat().st_size if size is None else size
@@ -78,13 +78,17 @@ def file_digest(path: Path, size: int | None = None) -> str:
 
 
 def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
-    """Copy of a JSON document with the checksum of its content as the last key."""
+    """Return a copy of a JSON document with the checksum of its content as the last key."""
     content = {key: value for key, value in document.items() if key != CHECKSUM_KEY}
     return {**content, CHECKSUM_KEY: _content_digest(content)}
 
 
 def read_document(path: Path) -> tuple[dict[str, Any], bool]:
-    """Read a JSON document without its checksum, and whether it has a checksum; documents of older versions have none.
+    """Read a JSON document and verify its checksum.
+
+    Returns
+    -------
+    The document without its checksum, and whether it has a checksum; documents of older versions have none.
 
     Raises
     ------
@@ -110,6 +114,6 @@ def _reject_constant(name: str) -> None:
 
 
 def _content_digest(content: Mapping[str, Any]) -> str:
-    """SHA-256 of the values, independent of spacing and order."""
+    """Return the SHA-256 of a document's values, independent of spacing and order of the keys."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()

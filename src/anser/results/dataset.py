@@ -1,4 +1,4 @@
-"""Labelled dataset in catalogue units, from the history of a flight in SI units and radians."""
+"""Conversion of a flight's history (SI units, radians) to a labelled dataset in the units of the catalogue."""
 
 from collections.abc import Mapping, Sequence
 
@@ -92,9 +92,10 @@ def to_dataset(
 
 
 def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the control surfaces in a record, from the attribute `surfaces` (one text, as CF lists names).
+    """Return the names of the control surfaces in a dataset, from its attribute `surfaces`.
 
-    Records of older versions without the attribute have the standard surfaces.
+    The attribute is one text with the names separated by blanks, as CF lists names. Datasets of older versions without
+    the attribute have the standard surfaces.
     """
     return tuple(str(dataset.attrs.get("surfaces", " ".join(STANDARD_SURFACES))).split())
 

@@ -18,7 +18,7 @@ def finite_or_none(value: Any) -> float | None:
 
 
 def plain_attributes(attributes: Any) -> dict[str, Any]:
-    """Attributes of a dataset, with NumPy values converted to Python values."""
+    """Return the attributes of a dataset with NumPy values converted to Python values."""
     return {name: getattr(value, "item", lambda v=value: v)() for name, value in attributes.items()}
 
 
@@ -36,23 +36,23 @@ def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = Fal
 
 
 def software_versions() -> dict[str, str]:
-    """Versions of anser and of the libraries that determine its numbers, by name."""
+    """Return the versions of anser and of the libraries that determine its numbers, by name."""
     libraries = {name: version(name) for name in ("anser", "jax", "equinox", "numpy")}
     return {**libraries, "python": platform.python_version()}
 
 
 def version_attributes() -> dict[str, str]:
-    """Attributes of a dataset with the software versions: `version_jax`, `version_numpy`, ..."""
+    """Return the software versions as attributes of a dataset: `version_jax`, `version_numpy`, ..."""
     return {f"version_{name}": version for name, version in software_versions().items()}
 
 
 def install_hint(library: str, extra: str) -> str:
-    """Message that a library is not installed, with the extra of anser that provides it."""
+    """Return the message that a library is not installed, with the extra of anser that provides it."""
     return f'{library} is not installed: pip install "anser[{extra}]" (in a clone: pip install -e ".[{extra}]")'
 
 
 def notebook_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
-    """Write an HTML table with a title above and notes below.
+    """Return an HTML table with a title above and notes below.
 
     Parameters
     ----------
@@ -71,5 +71,5 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
 def escape_spreadsheet_text(text: str) -> str:
-    """Text for a cell of a CSV file, with a leading apostrophe if a spreadsheet would read a formula."""
+    """Return text for a cell of a CSV file: an apostrophe precedes what a spreadsheet would read as a formula."""
     return f"'{text}" if text.startswith(_FORMULA_STARTS) else text

@@ -1,4 +1,4 @@
-"""Results of many flights: a row per flight from its running summary, and labelled arrays over the flights."""
+"""Results of many flights: one row of results per flight, and labelled arrays over the flights."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """Results of one flight.
+    """Results of one flight of a batch or campaign.
 
     Attributes
     ----------
     aircraft, fleet, requirements
-        As in `summary.json`; empty for a flight that could not start.
+        The entries of these names in `summary.json`; empty for a flight that could not start.
     met
         Whether every aircraft arrived and every requirement is met.
     reason
@@ -45,19 +45,19 @@ class FlightRow:
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
-        """Row of a flight that could not start."""
+        """Return the row of a flight that could not start, with the reason."""
         return cls([], {}, [], met=False, reason=reason)
 
 
 def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> FlightRow:
-    """Summarize one flight as `summarize` does.
+    """Compute the results of one flight from its running summary, as `summarize` does from the complete history.
 
     Parameters
     ----------
     summary
         Running summary of one flight, with concrete arrays.
     planned_s
-        Arrival times of the last plan, s.
+        Arrival times of the last plan, s; shape (aircraft,).
     """
     aircraft = []
     for k, config in enumerate(scenario.aircraft):
@@ -126,11 +126,15 @@ FLEET_QUANTITIES = {
 }
 
 FlightColumn = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
-"""Dimensions of one flight's values (none, or `aircraft`), values with a leading flight axis, attributes."""
+"""A quantity of many flights: dimensions, values, attributes.
+
+The dimensions are those of one flight's value (none, or `aircraft`); the values have a leading axis over flights."""
 
 
 def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
-    """Arrays of the results of many flights; NaN and "no flight", with the reason, for failed starts.
+    """Arrange the results of many flights as one array per quantity, by name.
+
+    A failed start has NaN, the status "no flight" and the reason.
 
     Parameters
     ----------
@@ -173,7 +177,7 @@ def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[
 
 
 def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, *, upper: bool = True) -> np.ndarray:
-    """Worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
+    """Return the worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
 
     A flight with a missing arrival counts as infinitely bad in every quantity, even with a value: a crash far from the
     goal must not improve the least distance. A missing value counts as a missing arrival, unless the flight met every
@@ -182,12 +186,16 @@ def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, 
     Parameters
     ----------
     columns
-        Columns of flights: a dataset, or arrays by name, with `is_met`, `miss_m` (NaN for a missing arrival) and the
+        Columns of flights: a dataset, or arrays by name, with `met`, `miss_m` (NaN for a missing arrival) and the
         quantity.
     name
         Name of a quantity with dimensions (flight) or (flight, aircraft); NaN for missing values.
     upper
         Whether larger values are worse.
+
+    Returns
+    -------
+    Shape (flights,); infinite (minus infinite if `upper` is False) for the worst outcome.
     """
     values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)

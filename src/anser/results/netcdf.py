@@ -45,7 +45,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """Read a complete dataset of `write_netcdf`; the result equals the written dataset.
+    """Read a dataset that `write_netcdf` wrote; all values are loaded and equal the written ones.
 
     Raises
     ------
@@ -78,7 +78,7 @@ _POSITION = "north_m", "east_m", "altitude_m"
 
 
 def flight_problem(dataset: xr.Dataset) -> str | None:
-    """Describe a defect in the times, names or positions of a flight, and the expected content; None without a defect.
+    """Return a defect in the times, names or positions of a flight, with the content expected; None without one.
 
     Positions are always finite: the state of a crashed or diverged aircraft stays at its last finite value.
     """

@@ -1,4 +1,7 @@
-"""Summary of a decentralised fleet: links, clocks, and the convergence guaranteed by the time-coordination theorem."""
+"""Summary of a decentralised fleet's network: links, clock differences, and their guaranteed convergence.
+
+The guarantee is that of the theorem of time coordination.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,12 +19,12 @@ _QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
 def summarize_network(
     time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, agreed_after_s: float
 ) -> dict[str, Any]:
-    """Links, clocks and guaranteed convergence, until the first path is frozen.
+    """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
 
     Parameters
     ----------
     time_s, history
-        Record of every step; arrays (time, aircraft).
+        Times of every step, s, and recorded arrays by key, shape (time, aircraft).
     scenario
         Scenario with `fleet.planner = "decentralised"`.
     agreed_after_s
@@ -30,10 +33,10 @@ def summarize_network(
     Returns
     -------
     dict
-        `links_up` (mean fraction of the pairs with a link), `quality_of_service_min` and `_mean` over windows of
-        `window_s`, `promised_rate_per_s` at the least quality, `clock_lag_max_s`, `coordination_error_max_s`, `offers`
-        (number of paths offered), `condition_met`, `message`, and the series `time_s`, `quality_of_service`,
-        `coordination_error_s`.
+        `agreed_after_s`, `links_up` (mean fraction of the pairs with a link), `quality_of_service_min` and `_mean` over
+        windows of `window_s`, `promised_rate_per_s` (guaranteed rate of convergence at the least quality of service),
+        `clock_lag_max_s`, `coordination_error_max_s`, `offers` (number of paths offered), `condition_met`, `message`,
+        and `series` with `time_s`, `quality_of_service`, `coordination_error_s`.
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)
@@ -71,7 +74,10 @@ def summarize_network(
 
 
 def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:
-    """Links (time, receiver, sender) from bit masks (time, receiver); bit k stands for a message from aircraft k."""
+    """Return whether each receiver heard each sender, shape (time, receiver, sender), from bit masks.
+
+    Bit k of a mask (time, receiver) stands for a message from aircraft k.
+    """
     return (heard_from[:, :, None] >> np.arange(count)) & 1 == 1
 
 

@@ -1,4 +1,4 @@
-"""Outputs of a recorded plan: the machine-readable summary, format version 1, and a text table of the trajectories."""
+"""Outputs of a recorded plan: the machine-readable summary `plan.json`, format version 1, and a CSV of the paths."""
 
 import csv
 from pathlib import Path
@@ -17,19 +17,19 @@ _PLANNED = "planned"
 
 
 def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
-    """Summarize a plan.
+    """Summarize a plan as plain data, the content of `plan.json`.
 
     Parameters
     ----------
     dataset
-        Dataset of `anser.results.plan_record`.
+        Dataset from `anser.results.plan_record.plan_dataset`.
 
     Returns
     -------
     dict
-        Content of `plan.json` (write with `anser.results.write_summary`): plain numbers, text, lists and dicts; missing
-        numbers are None. Margins are positive within the limit; `bounds` states whether the limits are proven between
-        the samples as well.
+        Plain numbers, text, lists and dicts (write with `anser.results.write_summary`); missing numbers are None.
+        Margins are positive within the limit; `bounds` states whether the limits are proven between the samples as
+        well.
     """
     attrs = dataset.attrs
     arrivals = dataset["arrival_time_s"].values
@@ -59,13 +59,15 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Margins of a plan to the limits, by limit name; (aircraft,), in the limit's unit, negative if exceeded.
+    """Compute the margin of each aircraft's path to each limit, by limit name.
 
     Parameters
     ----------
     dataset
-        Dataset of `anser.results.plan_record`. Margins refer to the proven bound if there is one, otherwise to the
-        samples; NaN without a limit.
+        Dataset from `anser.results.plan_record.plan_dataset`.
+
+    Returns ------- Margins in the limit's unit, shape (aircraft,), negative if the limit is exceeded, NaN without a
+    limit. Computed from the proven bound if there is one, otherwise from the samples.
     """
     margins = {}
     for limit in LIMITS:
@@ -128,7 +130,10 @@ def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict
 
 
 def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] | None:
-    """Separation entry; None without a required separation. The margin is horizontal or, scaled, vertical."""
+    """Return the entry on the closest pair by separation; None if no separation is required.
+
+    The margin is horizontal, m; a vertical distance counts scaled by the ratio of horizontal to vertical separation.
+    """
     attrs = dataset.attrs
     if "separation_horizontal_m" not in attrs:
         return None
@@ -187,12 +192,12 @@ _DIGITS = 6
 
 
 def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
-    """Write a plan to a new file of comma-separated values (RFC 4180): one row per aircraft and instant.
+    """Write the paths of a plan to a new CSV file (RFC 4180): one row per aircraft and time.
 
     Parameters
     ----------
     dataset
-        Dataset of `anser.results.plan_record`.
+        Dataset from `anser.results.plan_record.plan_dataset`.
 
     Raises
     ------
@@ -201,7 +206,7 @@ def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
 
     Notes
     -----
-    Rows are sorted by aircraft, then by time, at the regular instants up to the arrival and at the arrival. Aircraft
+    Rows are sorted by aircraft, then by time: the regular sample times up to the arrival, and the arrival. Aircraft
     with a non-finite path have no rows.
     """
     times, is_regular = dataset["time"].values, dataset["even"].values

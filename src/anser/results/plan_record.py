@@ -1,4 +1,4 @@
-"""Recorded plan: samples of the paths, extremes, closest approaches, the planner's report, and the dataset."""
+"""Record of a plan: samples of the paths, extremes, closest approaches and the planner's report, as a dataset."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a fleet, at every instant and over the whole plan.
+    """Closest pair of aircraft in a fleet, at every sample time and over the whole plan.
 
     Attributes
     ----------
     distance_m
-        Least distance at each instant (time,); NaN with fewer than two aircraft under way.
+        Least distance at each time (time,); NaN with fewer than two aircraft under way.
     pair
         Indices of the closest pair (time, 2); -1 without a pair.
     minimum_m, minimum_pair, minimum_time_s
-        Least distance over the plan, the pair, and the time; NaN and -1 for a single aircraft.
+        Least distance over the plan, m, the pair, and the time, s; NaN and -1 for a single aircraft.
     horizontal_m, vertical_m
-        Horizontal and vertical distance of the pair at that time.
+        Horizontal and vertical distance of that pair at that time.
     """
 
     distance_m: np.ndarray
@@ -41,12 +41,14 @@ class ClosestApproach:
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Extremes of the paths, from closely spaced instants; leading axis aircraft, SI units and radians.
+    """Extremes of each aircraft's path, from closely spaced times; leading axis aircraft, SI units and radians.
 
     Attributes
     ----------
-    length, speed_mean
-        Length of the path through the air, m, and mean airspeed, m/s.
+    length
+        Length of the path through the air, m.
+    speed_mean
+        Mean airspeed, m/s.
     values
         Extremes by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
     """
@@ -63,21 +65,23 @@ class PlanSamples:
     Attributes
     ----------
     time_s
-        Instants (time,), increasing: regular instants and the arrivals.
+        Sample times (time,), s, increasing: regular times and the arrivals.
     is_regular
-        Flags of the regular instants.
+        Whether each time is a regular one (time,).
     arrival_times_s
-        Arrival time of each aircraft, one of the instants.
+        Arrival time of each aircraft, one of the sample times.
     history
         Arrays (time, aircraft), SI units and radians, by key of `anser.variables`.
     goal_positions_n
         Goal positions (time, aircraft, NED axis), m.
+    extremes
+        Extremes of each path.
     closest_by_distance
         Closest approaches by distance in space.
     closest_by_separation
         Closest approaches by required separation; None without a requirement.
     keep_out_margin_m, keep_out_margin_time_s
-        Least distance outside the keep-out volumes (aircraft, volume), negative inside, and the time.
+        Least distance outside each keep-out (aircraft, keep-out), m, negative inside, and its time, s.
     """
 
     time_s: np.ndarray
@@ -94,10 +98,12 @@ class PlanSamples:
 
 @dataclass(frozen=True)
 class PlanDetails:
-    """Request for a plan and the planner's report; arrays and tuples have one entry per aircraft.
+    """The scenario of a plan and the planner's report on it; arrays and tuples have one entry per aircraft.
 
     Attributes
     ----------
+    scenario
+        Scenario that was planned.
     paths
         Short description of each path.
     messages
@@ -109,16 +115,23 @@ class PlanDetails:
     separation_bound
         Proven least ratio of distance to the planned separation with reserve; None without a proof.
     keep_out_bounds_m
-        Proven least distance outside the keep-out volumes (aircraft, volume).
-    lengths_m, nominal_lengths_m, turn_utilization
-        Lengths of the paths through the air, in space, and without bends; turn rate relative to that of the greatest
-        bank angle. None if the planner does not report them.
-    hold_radii_m, hold_turns, hold_heights_m
-        Radii of the holds, turn directions (positive: right) and heights above the goals; None if not planned.
+        Proven least distance outside each keep-out (aircraft, keep-out), m; None without a proof.
+    lengths_m
+        Lengths of the paths through the air, m; None if not reported.
+    nominal_lengths_m
+        Lengths of the paths without bends, m; None if not reported.
+    turn_utilization
+        Greatest turn rate relative to that of the greatest bank angle; None if not reported.
+    hold_radii_m
+        Radii of the holds, m; None if not planned.
+    hold_turns
+        Turn directions of the holds, positive to the right; None if not planned.
+    hold_heights_m
+        Heights of the holds above the goals, m; None if not planned.
     hold_separation_bound
         Proven least ratio of distance to separation, from the first arrival of a pair to the end of the flight.
     level_off_m
-        Altitude at which the hold ends the descent of the arrival; None if not reported.
+        Altitude at which the hold ends the descent of the arrival, m; None if not reported.
     problems
         Reasons for a plan that cannot be flown, one sentence each.
     notes
@@ -149,7 +162,7 @@ _GOAL_KEYS = ("goal_north", "goal_east", "goal_altitude")
 
 
 def plan_dataset(samples: PlanSamples, details: PlanDetails) -> xr.Dataset:
-    """Label a plan.
+    """Arrange the samples and details of a plan as a labelled dataset.
 
     Returns
     -------
@@ -204,7 +217,7 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
-    """Add the closest pair at every instant, and over the plan."""
+    """Add the variables of the closest pair, at every time and over the plan; `name` is "distance" or "separation"."""
     pair = np.asarray(closest.pair, dtype=np.int32)
     data[f"{name}_pair"] = (("time", "end"), pair, unit_attributes("1", "Indices of the two aircraft; -1: none"))
     minimum_pair = np.asarray(closest.minimum_pair, dtype=np.int32)
@@ -223,7 +236,7 @@ def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> N
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
-    """Add the variables of whole paths."""
+    """Add the variables that describe whole paths, over (aircraft,)."""
     fleet = details.scenario.aircraft
     arrival = _VARIABLES["arrival_time"]
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))

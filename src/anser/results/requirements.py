@@ -1,4 +1,4 @@
-"""Requirements of a scenario on a flight, and their evaluation."""
+"""Requirements of a scenario on a flight, and the evaluation of a flight against them."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -50,7 +50,7 @@ REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit on a flight.
+    """A limit that the values of a flight must keep.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Requirement:
 
 
 def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
-    """Requirements of a scenario, except the distances from the goals."""
+    """Return the requirements of a scenario, except the distances from the goals, which no scenario can change."""
     config, limits = scenario.requirements, [scenario.limits_for(item) for item in scenario.aircraft]
     slowest, fastest = tuple(item.speed_min_m_s for item in limits), tuple(item.speed_max_m_s for item in limits)
     limits_by_name = {
@@ -97,20 +97,21 @@ def evaluate_requirements(
     fleet: _Entry,
     clearances: Sequence[tuple[str, float]],
 ) -> list[dict[str, Any]]:
-    """Evaluate a flight: an entry {name, limit, value, met} for each requirement and each kind of goal.
+    """Evaluate a flight against its requirements.
 
     Parameters
     ----------
     aircraft, fleet
         Aircraft entries and fleet entry of the summary.
     clearances
-        Kind of goal and least clearance, m, by aircraft. For each kind of goal, the least margin counts.
+        For each aircraft the kind of its goal, and the least distance required from it, m.
 
     Returns
     -------
     list
-        `value` is the worst of the fleet. A missing value is None and not met; a single aircraft meets every
-        separation.
+        An entry {name, limit, value, met} for each requirement, and for each kind of goal. `value` is the worst of the
+        fleet, for a kind of goal that with the least margin. A missing value is None and not met; a single aircraft
+        meets every separation.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
     for kind in dict.fromkeys(kind for kind, _ in clearances):

@@ -15,14 +15,20 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """Number and share of flights that reached the commanded values.
+    """Number and share of the flights in which the autopilot reached the commanded values.
 
     Attributes
     ----------
-    drawn, no_steady_flight, flown, reached
-        Numbers of sampled aircraft, of aircraft without a steady flight at the start, of flights, and of successes.
+    drawn
+        Number of sampled aircraft.
+    no_steady_flight
+        Number of aircraft without a steady flight at the start.
+    flown
+        Number of flights.
+    reached
+        Number of flights that reached the commanded values.
     share, low, high
-        Success rate of the flights, and the bounds of its 95 % interval.
+        Success rate of the flights, and the bounds of its 95 % confidence interval.
     reasons
         Number of failed flights by "outcome: reason", the most frequent first.
     """
@@ -38,12 +44,12 @@ class SuccessRate:
 
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
-    """Mask of the flights of one part of a study, shape (flights,)."""
+    """Return the mask of the flights in one part of a study; shape (flights,)."""
     return _decode_flags(dataset["part"]) == part
 
 
 def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> SuccessRate:
-    """Success rate of one inversion over the selected flights (mask, shape (flights,)) of a study."""
+    """Return the success rate of one inversion over selected flights of a study (mask, shape (flights,))."""
     flights = dataset.sel(inversion=inversion)
     outcome = _decode_flags(flights["outcome"])
     flown, is_success = selection & (outcome != "not_flown"), selection & (outcome == "reached")
@@ -64,12 +70,12 @@ def success(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> Succe
 
 
 def _decode_flags(flags: xr.DataArray) -> np.ndarray:
-    """Text values of a coded variable, from its flag meanings."""
+    """Return the text values of a coded variable, from its attribute `flag_meanings`."""
     return np.array(flags.attrs["flag_meanings"].split())[flags.values]
 
 
 def _failure_reason(flights: xr.Dataset, flight: int) -> str:
-    """Failure reason of one flight of one inversion; without an active limit, the channels with a remaining error."""
+    """Return why one flight of one inversion failed: the active limit, or the channels with a remaining error."""
     name = str(_decode_flags(flights["reason"].isel(flight=[flight]))[0])
     if name != "unexplained":
         return name
@@ -84,16 +90,22 @@ def _failure_reason(flights: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest one-sided change of a single factor with which a flight fails to reach the commanded values.
+    """Smallest change of a single factor, in one direction, with which a flight fails to reach the commanded values.
 
     Attributes
     ----------
+    factor
+        Name of the factor.
+    inversion
+        Name of the autopilot's inversion.
     sign
         Sign of the change, +1 or -1.
-    change, value
-        Relative change and value of the factor; the largest in the study if no flight fails.
+    change
+        Change of the factor at the failure, a fraction; the largest in the study if no flight fails.
+    value
+        Value of the factor at that change.
     survived
-        Largest change at which no flight fails.
+        Largest change below the failure, at which no flight fails.
     reason, condition
         Reason and flight condition of the first failure; None if no flight fails.
     """
@@ -109,7 +121,7 @@ class FirstBreak:
 
 
 def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
-    """First failures for each factor in the part "alone" of a study, in both directions, by inversion.
+    """Find the first failure for each factor and inversion, in both directions, in the part "alone" of a study.
 
     An aircraft without a steady flight also counts as a failure: no autopilot can fly the aircraft.
     """
@@ -147,12 +159,14 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """Correlation of failures with one factor.
+    """Correlation of the failures in a study with one factor.
 
     Attributes
     ----------
+    factor
+        Name of the factor.
     measure
-        "value": failures correlate with the value; "amount": with the magnitude of the change. The stronger of the two.
+        The stronger of two correlations: "value", with the factor's change; "amount", with the magnitude of the change.
     correlation
         Pearson's correlation coefficient.
     """
@@ -163,9 +177,9 @@ class FailureCorrelation:
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:
-    """Factors with a correlation with failure over the selected flights, the strongest first.
+    """Return the factors that correlate with failure over the selected flights, the strongest first.
 
-    Insignificant correlations, below 3 standard deviations, are omitted.
+    Correlations below 3 standard deviations are insignificant and omitted.
     """
     outcome = _decode_flags(dataset["outcome"].sel(inversion=inversion))
     is_used = selection & (outcome != "not_flown")

@@ -8,7 +8,7 @@ from scipy import stats
 
 
 def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Confidence interval of a probability, from the number of successes in independent flights.
+    """Return Wilson's confidence interval of a probability, from the number of successes in independent flights.
 
     Source: E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, J. American
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
@@ -107,7 +107,10 @@ def order_statistic_interval(values: np.ndarray, share: float, confidence: float
 
 
 def quantile(values: np.ndarray, share: float) -> float:
-    """Quantile as an order statistic: the least value with `share` of the values at or below; may be infinite."""
+    """Return a quantile as one of the values: the least value with at least `share` of the values at or below it.
+
+    The result may be infinite.
+    """
     ordered = np.sort(np.asarray(values, dtype=float))
     return float(ordered[max(math.ceil(share * ordered.size) - 1, 0)])
 
@@ -170,14 +173,14 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Sobol indices: shares of the variance, one per input.
+    """Sobol indices: the share of each input in the variance of an output; arrays with one entry per input.
 
     Attributes
     ----------
     first, first_half_width
-        Share of the input alone, and half the width of the confidence interval.
+        Share of the input alone, and half the width of its confidence interval.
     total, total_half_width
-        Share of the input with interactions, and half the width of the confidence interval.
+        Share of the input including interactions, and half the width of its confidence interval.
     """
 
     first: np.ndarray

@@ -1,4 +1,4 @@
-"""Distances between the aircraft of a fleet, at the instants of a record."""
+"""Distances between the aircraft of a fleet, at the recorded times."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -16,7 +16,7 @@ _NEAR_SPANS = 3.0
 
 
 def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
-    """Separation attributes of a dataset of several aircraft: requirement, and near-miss distance.
+    """Return the separation attributes of a dataset of several aircraft: required separation, and near-miss distance.
 
     `near_distance_m` is three wing spans of the widest aircraft; omitted if no airframe has a span.
     """
@@ -31,13 +31,13 @@ def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
 
 
 def is_judged_by_separation(summary: Mapping[str, Any]) -> bool:
-    """Whether a flight was evaluated for separation; true for a single aircraft."""
+    """Whether a flight had to meet a separation; true for a single aircraft, which meets any."""
     names = (entry["name"] for entry in summary["requirements"])
     return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
 
 
 def proximity_warning(least_m: Sequence[float | None] | np.ndarray, attributes: Mapping[Any, Any]) -> str:
-    """Warning about flights in which two aircraft came closer than three spans; empty without such a flight.
+    """Return a warning if two aircraft came closer than three wing spans in any flight; otherwise empty.
 
     Parameters
     ----------
@@ -65,22 +65,22 @@ def proximity_warning(least_m: Sequence[float | None] | np.ndarray, attributes: 
 def nearest_aircraft_distance(
     positions_m: np.ndarray, separation_m: tuple[float, float] | None = None, is_included: np.ndarray | None = None
 ) -> np.ndarray:
-    """Least distance of each aircraft to the others, or least ratio of distance to separation; (time, aircraft).
+    """Compute the distance of each aircraft to the nearest other one, or the least ratio of distance to separation.
 
     Parameters
     ----------
     positions_m
-        Positions (time, aircraft, axis), the third axis vertical.
+        Positions (time, aircraft, axis), m; the third axis is vertical.
     separation_m
-        Horizontal separation, and vertical separation or 0 (vertical distance ignored); the larger of the two ratios
-        counts. None: distance in space, m.
+        Required horizontal and vertical separation, m; vertical 0: the vertical distance is ignored. The larger of the
+        horizontal and the vertical ratio counts. None: the result is the distance in space, m.
     is_included
         Mask of the aircraft to include, (time, aircraft); None: every aircraft.
 
     Returns
     -------
     np.ndarray
-        NaN without another included aircraft.
+        Shape (time, aircraft); NaN without another included aircraft.
     """
     is_valid = np.ones(positions_m.shape[:2], dtype=bool) if is_included is None else is_included
     nearest = np.full(positions_m.shape[:2], np.inf)
@@ -99,7 +99,10 @@ def nearest_aircraft_distance(
 
 
 def minimum_separation_ratio(history: Mapping[str, np.ndarray], separation_m: tuple[float, float]) -> float | None:
-    """Least ratio of distance to separation over a record, with approaches and holds; None for a single aircraft."""
+    """Return the least ratio of distance to required separation over a record; None for a single aircraft.
+
+    Includes the approaches and the holds. `separation_m` are the horizontal and vertical separation, m.
+    """
     positions = np.stack([history[key] for key in ("north", "east", "altitude")], axis=-1)
     minimum = np.nanmin(nearest_aircraft_distance(positions, separation_m), initial=np.inf)
     return float(minimum) if np.isfinite(minimum) else None

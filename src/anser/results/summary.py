@@ -1,4 +1,4 @@
-"""Machine-readable summary of a flight, format version 1: computation, files, and check of the required keys."""
+"""Machine-readable summary of a flight (`summary.json`, format version 1): computation, files, required keys."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -57,7 +57,7 @@ class _SummaryKeys(_Section):
 
 
 def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
-    """First key with wrong content in a summary and the expected content; None for a valid summary."""
+    """Return what is wrong in a summary, with the first such key, and what is expected; None for a valid summary."""
     try:
         _SummaryKeys.model_validate(summary)
     except ValidationError as error:
@@ -71,7 +71,7 @@ def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
 
 FORMAT_VERSION = 1
 CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance from a goal of each kind: limits of the product's scope, independent of the scenario."""
+"""Least distance required from a goal of each kind, m: part of the product's scope, not of a scenario."""
 
 
 def summarize(
@@ -162,7 +162,10 @@ def summarize(
 
 
 def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Kind of goal for the clearance of each aircraft; after a reassignment, the kind with the greater distance."""
+    """Return for each aircraft the kind of goal that sets its required distance.
+
+    After a reassignment of goals, it is the kind with the greater distance.
+    """
     kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
     return [
         max((kind_by_goal[entry["goal"]], kind_by_goal[config.goal]), key=CLEARANCE_MIN_M.__getitem__)
@@ -185,7 +188,7 @@ def write_summary(summary: Mapping[str, Any], path: Path) -> None:
 
 
 def read_summary(path: Path) -> dict[str, Any]:
-    """Read a summary of `write_summary`.
+    """Read and verify a summary that `write_summary` wrote.
 
     Raises
     ------
@@ -243,7 +246,7 @@ def _aircraft_entry(
 
 
 def _approach(time: np.ndarray, record: Mapping[str, np.ndarray], planned_s: float) -> Arrival:
-    """Outcome of an aircraft's approach, from the aircraft's record."""
+    """Return the outcome of one aircraft's approach, from its record."""
     offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
     off_plan = np.flatnonzero(is_off_plan(record["status"]))
     end_index = int(off_plan[0]) if off_plan.size else time.size - 1
@@ -256,7 +259,7 @@ def _approach(time: np.ndarray, record: Mapping[str, np.ndarray], planned_s: flo
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
-    """Effects of gusts: load-factor extremes, time outside the load-factor limits, and travel of each surface."""
+    """Return the effects of gusts: load-factor extremes, time outside its limits, s, travel of each surface, deg."""
     load, limits, intervals = record["load_factor"], scenario.limits, np.diff(time)
     is_exceeded = (load < limits.load_factor_min) | (load > limits.load_factor_max)
     travel = {
@@ -276,7 +279,7 @@ def _gust_entries(
 def _speed_statistics(
     time: np.ndarray, airspeed: np.ndarray, end: float
 ) -> tuple[float | None, float | None, float | None]:
-    """Time mean, minimum and maximum of the airspeed from the start to the end of the approach."""
+    """Return the time mean, minimum and maximum of the airspeed, m/s, from the start to the time `end`, s."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]
@@ -295,6 +298,6 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
 
 
 def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    """Minimum or maximum (`np.min`, `np.max`) of the finite values; None without finite values."""
+    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); None without any."""
     finite = values[np.isfinite(values)]
     return float(extreme(finite)) if finite.size else None

@@ -1,4 +1,4 @@
-"""Variables in datasets: units, labels and coordinates, and time series of catalogue variables."""
+"""Labels of variables in datasets: units, long names and coordinates. Conversion of values to these units."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from anser.variables import CATALOGUE, Variable
 
 
 def to_dataset_units(variable: Variable, array: np.ndarray) -> np.ndarray:
-    """Convert values of a history (SI, rad) to dataset units; angles in (-180, 180] deg."""
+    """Convert values of a history (SI, rad) to the variable's unit in datasets; angles in (-180, 180] deg."""
     if variable.unit == "degree":
         # Angles inside the interval are unchanged: the remainder would round them.
         outside = (array > np.pi) | (array <= -np.pi)
@@ -18,7 +18,7 @@ def to_dataset_units(variable: Variable, array: np.ndarray) -> np.ndarray:
 
 
 def catalogue_attributes(variable: Variable) -> dict[str, object]:
-    """Dataset attributes of a catalogue variable."""
+    """Return the dataset attributes of a catalogue variable: unit, frame, long name, symbol, ..."""
     labels: dict[str, object] = {
         "units": variable.unit,
         "frame": variable.frame,
@@ -34,12 +34,15 @@ def catalogue_attributes(variable: Variable) -> dict[str, object]:
 
 
 def unit_attributes(unit: str, long_name: str) -> dict[str, Any]:
-    """Unit and long name as attributes; an empty unit is omitted."""
+    """Return unit and long name as dataset attributes; an empty unit is omitted."""
     return {"units": unit, "long_name": long_name} if unit else {"long_name": long_name}
 
 
 def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
-    """Attributes of a coded variable (int32); blanks separate meanings and become underscores within a meaning."""
+    """Return the dataset attributes of a coded variable (int32) with the meaning of each code, 0 to n - 1.
+
+    The attribute separates meanings by blanks; blanks within a meaning become underscores.
+    """
     names = " ".join(meaning.replace(", ", ",").replace(" ", "_") for meaning in meanings)
     return {
         **unit_attributes("1", long_name),
@@ -49,7 +52,7 @@ def flag_attributes(long_name: str, meanings: Sequence[str]) -> dict[str, Any]:
 
 
 def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dict[str, Any]:
-    """Coordinates of a record over (time, aircraft)."""
+    """Return the xarray coordinates `time` (s) and `aircraft` (names) of a dataset recorded over both."""
     return {
         "time": ("time", time_s, {"units": "s", "long_name": "Time", "symbol": "t"}),
         "aircraft": ("aircraft", np.array(aircraft_names, dtype=np.str_), {"long_name": "Aircraft"}),
@@ -57,7 +60,10 @@ def record_coordinates(time_s: np.ndarray, aircraft_names: Sequence[str]) -> dic
 
 
 def scatter_rows(values: Any, mask: np.ndarray) -> np.ndarray:
-    """Place the values, in order, at the true entries of a mask; elsewhere NaN, or 0 for integers and booleans."""
+    """Return an array with the values, in order, at the true entries of a mask, and NaN elsewhere.
+
+    Integers and booleans get 0 elsewhere.
+    """
     array = np.asarray(values)
     scattered = np.full((*mask.shape, *array.shape[1:]), 0 if array.dtype.kind in "ib" else np.nan, array.dtype)
     scattered[mask] = array
@@ -70,18 +76,18 @@ _BY_KEY = {variable.key: variable for variable in CATALOGUE}
 
 
 def catalogue_variable(key: str) -> Variable:
-    """Catalogue variable with a key."""
+    """Return the catalogue variable with a key."""
     return _BY_KEY[key]
 
 
 def convert_series(key: str, values: np.ndarray) -> np.ndarray:
-    """Convert values of a history (SI, rad) to dataset units; codes and booleans to int32."""
+    """Convert values of a history (SI, rad) to the variable's unit in datasets; codes and booleans to int32."""
     variable = catalogue_variable(key)
     return to_dataset_units(variable, values) if is_quantity(variable) else values.astype(np.int32)
 
 
 def missing_series(key: str, shape: tuple[int, ...]) -> np.ndarray:
-    """Missing values of a variable, for a flight without the variable or a failed start."""
+    """Return an array of missing values of a variable, for a flight that lacks the variable or could not start."""
     return (
         np.full(shape, np.nan) if is_quantity(catalogue_variable(key)) else np.full(shape, MISSING_CODE, dtype=np.int32)
     )
