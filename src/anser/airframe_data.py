@@ -6,13 +6,17 @@ from dataclasses import dataclass
 from typing import Final
 
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
-"""Lift, drag, side force; moments of roll, pitch and yaw. Lift and drag are turned into body axes by alpha alone."""
+"""Coefficients of lift, drag and side force, then of the moments of roll, pitch and yaw.
+
+Lift and drag are turned into body axes by alpha alone."""
 BODY_COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-"""Forces along the body axes; moments of roll, pitch and yaw. DAVE-ML files use these, without derivatives."""
+"""Coefficients of the forces along the body axes, then of the moments of roll, pitch and yaw.
+
+DAVE-ML files use these, without derivatives."""
 DERIVATIVE_ARGUMENTS = ("0", "_alpha", "_beta", "_p", "_q", "_r", "_alpha2", "_beta2")
-"""Endings of derivative names, for factors of 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2."""
+"""Endings of derivative names. The derivatives multiply 1, alpha, beta, p b/2V, q c/2V, r b/2V, alpha^2, beta^2."""
 STATIC_ARGUMENTS = ("0", "_alpha", "_alpha2")
-"""Endings of the derivatives without sideslip and rates."""
+"""Endings of the derivatives that act without sideslip and rates."""
 DERIVATIVES = tuple(coefficient + argument for coefficient in COEFFICIENTS for argument in DERIVATIVE_ARGUMENTS)
 """Derivatives of the airframe without surfaces, such as `CL0`; a surface's derivative is named as in `Cm_elevator`."""
 
@@ -42,7 +46,7 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True)
 class BodyFault:
-    """A physically impossible quantity of a rigid body.
+    """Report that a quantity of a rigid body is physically impossible.
 
     Attributes
     ----------
@@ -60,7 +64,7 @@ class BodyFault:
 
 
 def body_faults(positive: Mapping[str, float], inertia: Sequence[Sequence[float]]) -> list[BodyFault]:
-    """Return every reason why a body is physically impossible; an empty list for a valid body.
+    """List the reasons why a rigid body is physically impossible; an empty list for a valid body.
 
     The principal moments of inertia must be positive, and the greatest must not exceed the sum of the two smaller: the
     matrix J and the matrix of second moments of mass (half the trace of J times the identity, less J) have no negative

@@ -29,4 +29,6 @@ GEOPOTENTIAL_RADIUS_M = 6356766.0
 
 SURFACE_STAND_OFF_MIN_M = 150.0
 AIRBORNE_STAND_OFF_MIN_M = 100.0
-"""Minimum distance of an aircraft from a surface or airborne goal: the product's scope, enforced for every scenario."""
+"""Least permitted distance of an aircraft from an airborne goal; above, from a goal on the surface.
+
+Part of the product's scope, enforced for every scenario."""

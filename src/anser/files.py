@@ -68,7 +68,7 @@ def decode_xml(content: bytes) -> str:
 
 
 _SUFFIX_MAX = 16
-"""Longer suffixes are no file types, and could make the temporary name too long for the file system."""
+"""Greatest length of a suffix that is a file type; longer suffixes could make the temporary name too long."""
 _unfinished: set[Path] = set()
 
 
@@ -188,7 +188,7 @@ def defer_interrupts() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _temporary(path: Path, target: Path) -> Iterator[None]:
-    """Remove a temporary file or folder at the end; the errors of the block name the target instead."""
+    """Remove a temporary file or folder at the end of the block; errors name `target` instead of `path`."""
     _unfinished.add(path)
     try:
         yield
@@ -215,7 +215,7 @@ def _remove(path: Path) -> None:
 
 
 def _refuse_taken(path: Path, overwrite: bool) -> None:
-    """Raise FileExistsError if the path exists; with `overwrite`, only if the path is a folder or device."""
+    """Raise FileExistsError if the path exists; with `overwrite`, only if a folder or device has this path."""
     _refuse_null(path)
     if not overwrite and os.path.lexists(path):
         raise FileExistsError(f"{path} exists and is not overwritten: choose another name or folder")

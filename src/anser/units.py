@@ -1,4 +1,4 @@
-"""Exact factors from a named unit to SI: multiply to convert input, divide to convert output.
+"""Factors from a named unit to SI, exact: multiply to convert input, divide to convert output.
 
 Plain floats that follow from the international foot and avoirdupois pound (1959), the international nautical mile
 (1929) and standard gravity, without rounding to decimals.
@@ -20,7 +20,7 @@ FOOT_PER_MINUTE_M_S = FOOT_M / 60.0
 POUND_KG = 0.45359237
 LBF_N = POUND_KG * STANDARD_GRAVITY_M_S2
 SLUG_KG = LBF_N / FOOT_M
-"""One slug is accelerated by one pound-force at one foot per second squared."""
+"""Mass that one pound-force accelerates at one foot per second squared, kg."""
 
 SLUG_FT2_KG_M2 = SLUG_KG * FOOT_M**2
 SLUG_FT3_KG_M3 = SLUG_KG / FOOT_M**3

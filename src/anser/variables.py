@@ -116,14 +116,14 @@ def _discrete(
 
 
 STANDARD_SURFACES: tuple[str, ...] = ("elevator", "aileron", "rudder")
-"""Names of the surfaces of an aircraft with one for each axis, in their order."""
+"""Names of the standard control surfaces, a surface for each of pitch, roll and yaw."""
 
 _SUBSCRIPTS: Mapping[str, str] = dict(zip(STANDARD_SURFACES, "ear", strict=True))
 _SURFACE_NAME = re.compile("[a-z][a-z0-9]*(_[a-z0-9]+)*")
 
 
 def surface_label(name: str) -> str:
-    """Return the readable label of a surface: "left elevon"."""
+    """Return the readable name of a surface, "left elevon" for `left_elevon`."""
     return name.replace("_", " ")
 
 
@@ -299,14 +299,14 @@ CATALOGUE: tuple[Variable, ...] = (
 """Every recorded variable, in dataset order."""
 
 DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
-"""Keys that kernels do not record: computed when a history becomes a dataset."""
+"""Keys of variables that no flight records; computed when a history becomes a dataset."""
 
 OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
-"""Keys that a history may contain."""
+"""Keys of the variables recorded only in flights with gusts or with sensors that have errors."""
 
 
 def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
-    """Return the catalogue entries of control surfaces: first the positions, then the commands.
+    """Return the variables of control surfaces: first the positions, then the commands.
 
     Parameters
     ----------
@@ -376,7 +376,7 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
-"""Variables of a plan that no flight records."""
+"""Variables that plans contain and that no flight records."""
 
 SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("lateral_shape", "m_s4", _NED, "b_4", "Lateral shape parameter"),
@@ -386,4 +386,4 @@ SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("length_estimate", "m", _NED, "L_6", "Length by the six-point rule"),
     _variable("length_published", "m", _NED, "L_pub", "Published length"),
 )
-"""Variables of a family of paths that no flight records."""
+"""Variables of the published families of paths, bent by shape parameters."""

@@ -1,4 +1,7 @@
-"""Compiled programs: compiler options, the program cache of a process, and the program store on disk."""
+"""Compilation of JAX functions: compiler options, the programs of a process, and their storage on disk.
+
+A program is a compiled function for arguments of certain shapes.
+"""
 
 import lazy_loader
 

@@ -88,7 +88,7 @@ def _dtype(name: str) -> np.dtype[Any]:
 
 
 def _class(name: str) -> type[Any]:
-    """Return a top-level class of the package by its name MODULE:CLASS; raise NotCacheableError for other names."""
+    """Return a class of the package by its name MODULE:CLASS; raise NotCacheableError for any other name."""
     module_name, _, class_name = name.partition(":")
     parts = [*module_name.split("."), class_name]
     if parts[0] != _PACKAGE or not all(part.isidentifier() and not part.startswith("__") for part in parts):
@@ -124,7 +124,7 @@ _FEATURES = re.compile(rb"\+[a-z0-9._\-]+(?:,[+\-][a-z0-9._\-]+){8,}")
 
 
 class Executable(NamedTuple):
-    """Machine code, and the indices of its arguments; unused arguments are left out."""
+    """Machine code of a program, and the indices of the arguments in use (unused arguments are left out)."""
 
     code: bytes
     argument_indices: list[int]
@@ -145,7 +145,9 @@ def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
 
 
 def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any]:
-    """Return the code, and the structure of the result with `jax.ShapeDtypeStruct` in place of arrays.
+    """Return the machine code from the content of a program file, and the structure of the program's result.
+
+    The structure has `jax.ShapeDtypeStruct` in place of arrays.
 
     Raises
     ------
@@ -165,7 +167,7 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
 def load_executable(
     executable: Executable, results: Iterable[jax.ShapeDtypeStruct]
 ) -> Callable[[list[Any]], list[Any]]:
-    """Load code on the first device, as a function from the list of arguments to the list of result arrays.
+    """Load machine code on the first device; return a function from the list of arguments to the list of result arrays.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Keys of compiled programs: hashes of everything that the machine code depends on."""
+"""Keys under which compiled programs are stored: hashes of everything that the machine code depends on."""
 
 import dataclasses
 import enum
@@ -46,11 +46,11 @@ _SETTINGS = (
 
 
 class NotCacheableError(Exception):
-    """A function or argument that another process could not identify reliably."""
+    """The program cannot be stored, because another process could not identify a function or argument reliably."""
 
 
 def describe_value(value: Any) -> str:
-    """Describe structure, static parts, array shapes and types of a value: everything that compiled code depends on.
+    """Describe a value as text: structure, static parts, shapes and types of arrays, on which compiled code depends.
 
     Raises
     ------
@@ -107,7 +107,10 @@ _KERNEL_SOURCES, _ALL_SOURCES = _hash_sources()
 
 
 def _source_hash(description: str) -> str:
-    """Return the hash of the sources behind a program; kernels import only kernels."""
+    """Return the hash of the sources behind a program: of the kernels alone, or of the whole package.
+
+    The hash of the kernels suffices for a program that uses only kernels, which import only kernels.
+    """
     rooms = set(re.findall(r"\banser\.(\w+)\.", description))
     return _KERNEL_SOURCES if rooms <= _KERNELS else _ALL_SOURCES
 
@@ -154,7 +157,7 @@ def _target_fingerprint() -> str:
 
 @functools.cache
 def _describe_platform() -> str:
-    """Describe the versions and the machine: the dependencies of a compiled program besides code and arguments."""
+    """Describe, as text, the versions and the machine on which compiled code depends."""
     versions = [f"{module.__name__} {module.__version__}" for module in (jax, jaxlib, np, eqx)]
     device = jax.devices()[0]
     machine = [platform.platform(), platform.machine(), device.platform, device.device_kind, str(len(jax.devices()))]
@@ -166,7 +169,7 @@ def _describe_platform() -> str:
 
 
 def jax_settings() -> str:
-    """Describe the JAX settings that the user can change between calls."""
+    """Describe, as text, the JAX settings that the user can change between calls."""
     values = [f"{name}={getattr(jax.config, name)}" for name in _SETTINGS]
     return "\n".join([*values, os.environ.get("XLA_FLAGS", "")])
 
@@ -185,7 +188,7 @@ def program_key(value: Any) -> str:
 
 
 def operations_key(text: str, options: Mapping[str, bool | str]) -> str:
-    """Hash a lowered program by its operations, which identify code from outside the package completely.
+    """Return the key of a lowered program: a hash of its operations, which identify even code from outside the package.
 
     Parameters
     ----------

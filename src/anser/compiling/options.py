@@ -21,7 +21,7 @@ _UNOPTIMIZED: dict[str, bool | str] = {"xla_backend_optimization_level": "0", **
 
 @functools.cache
 def _accepts(option: str, value: bool | str) -> bool:
-    """Test whether the installed compiler accepts an option, by compiling a trivial program once."""
+    """Whether the installed compiler accepts an option; a trivial program is compiled once as a test."""
     probe = jax.jit(lambda x: x + 1).lower(jax.ShapeDtypeStruct((), jnp.int32))
     try:
         probe.compile({option: value})
@@ -33,7 +33,10 @@ def _accepts(option: str, value: bool | str) -> bool:
 
 
 def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]:
-    """Filter out options that the installed compiler rejects: XLA removes options between versions."""
+    """Return the requested options without those that the installed compiler rejects.
+
+    XLA removes options between versions.
+    """
     return {option: value for option, value in requested.items() if _accepts(option, value)}
 
 
@@ -53,7 +56,7 @@ def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
 def compiled_by_older_generator(
     static_argnames: Sequence[str],
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
-    """Compile with XLA's older code generator for the CPU, if still supported.
+    """Return a decorator that compiles with XLA's older code generator for the CPU, if still supported.
 
     Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are traced.
     """
@@ -65,13 +68,13 @@ def compiled_by_older_generator(
 
 
 CACHE_VARIABLE = "ANSER_COMPILATION_CACHE"
-"""Environment variable: a folder instead of the user's cache folder, or "off"."""
+"""Environment variable with the folder that replaces the user's cache folder, or "off"."""
 
 
 def cache_folder() -> Path | None:
-    """Return the cache folder: `ANSER_COMPILATION_CACHE`, else JAX's `jax_compilation_cache_dir`, else the user's.
+    """Return the cache folder; None if `ANSER_COMPILATION_CACHE` is "off" or the user has no cache folder.
 
-    None if the variable is "off" or the user has no cache folder.
+    The folder is `ANSER_COMPILATION_CACHE`, else JAX's `jax_compilation_cache_dir`, else the user's cache folder.
     """
     environment_value = os.environ.get(CACHE_VARIABLE, "")
     if environment_value.lower() == "off":

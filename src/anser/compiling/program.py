@@ -1,6 +1,7 @@
-"""Functions compiled once per machine.
+"""Functions that are compiled once per machine.
 
-Programs of the process, the store that shares programs between processes, and the memory of loaded programs.
+Compiled programs of this process, the store that shares programs between processes, and the memory in use by loaded
+programs.
 """
 
 import contextlib
@@ -32,7 +33,7 @@ _REGIONS_MAX = Path("/proc/sys/vm/max_map_count")
 
 
 def memory_region_share() -> float:
-    """Return the fraction of the process's limit of memory regions in use, 0 to 1; 0 if the system has no limit.
+    """Return the used fraction (0..1) of the memory regions that the system permits a process; 0 without such a limit.
 
     A loaded program takes up to several thousand regions; the system kills a process without free regions.
     """
@@ -48,7 +49,7 @@ def _trim() -> Callable[[int], int] | None:
 
 
 def return_freed_memory() -> None:
-    """Return freed memory to the system: glibc retains the memory used for loading, as much as the program itself."""
+    """Return freed memory to the system: glibc otherwise retains the memory used for loading a program."""
     trim = _trim()
     if trim is not None:
         trim(0)
@@ -60,7 +61,7 @@ _HIT = "/jax/compilation_cache/cache_hits"
 
 
 class ProgramStore(Protocol):
-    """Storage of compiled programs shared between processes; the methods must not raise."""
+    """Interface of a storage for compiled programs that processes share; its methods must not raise."""
 
     def load(self, key: str) -> bytes | None:
         """Return the content saved under a key, or None if missing or damaged."""
@@ -73,7 +74,7 @@ _active_stores: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
 _announcing: list[None] = []
 _LoadedProgram: TypeAlias = tuple[Callable[..., list[Any]], int]
-"""Program on flat lists of arrays, and the size of the code, bytes."""
+"""Function from a flat list of arrays to a flat list of results, and the size of the code in bytes."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 
 
@@ -84,7 +85,7 @@ def use_program_store(store: ProgramStore | None) -> None:
 
 @contextlib.contextmanager
 def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
-    """Call a function with True at the start of each compilation and with False at the end."""
+    """Call `on_compiling` with True at the start and False at the end of each compilation within the block."""
     _watchers.append(on_compiling)
     try:
         yield
@@ -94,7 +95,7 @@ def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _announce() -> Iterator[None]:
-    """Notify the watchers of a compilation; nested entries notify once."""
+    """Notify the watchers of a compilation at start and end of the block; nested blocks notify once."""
     watchers = [] if _announcing else list(_watchers)
     _announcing.append(None)
     for notify in watchers:
@@ -114,7 +115,7 @@ def forget_programs() -> None:
 
 
 def _release_oldest(size: int) -> None:
-    """Release the least recently used programs until the total code size, plus a new program's, is within the limit."""
+    """Release the least recently used programs until a new program's code of `size` bytes fits into the limit."""
     with _release_lock:
         present = sorted(
             (
@@ -159,11 +160,11 @@ def _log_crowding() -> None:
 
 
 class _ArrayMarker:
-    """Marker in place of an array in the structure of arguments."""
+    """Placeholder for an array in the structure of arguments."""
 
 
 _cache_hits: list[int] = []
-"""Thread of each program that JAX's persistent cache supplied."""
+"""Thread of each program that JAX's own persistent cache supplied."""
 _executor = ThreadPoolExecutor(2, "anser-compiling")
 _CODE_MAX = 72 << 20
 """Greatest total code size of a process, bytes; loaded programs take about twenty times as much memory."""
@@ -201,7 +202,10 @@ def _bypass_jax_cache() -> Iterator[None]:
 
 
 def _compile_serializable(lowered: Any, options: dict[str, bool | str]) -> tuple[Any, bool]:
-    """Compile, and report whether the program is serializable: XLA cannot serialize programs from JAX's cache."""
+    """Compile a lowered program; return it with a flag, True if it can be serialized.
+
+    XLA cannot serialize programs that came from JAX's own cache.
+    """
     _listen()
     thread = threading.get_ident()
     former_hits = _cache_hits.count(thread)
@@ -247,7 +251,9 @@ def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Calla
 
 
 class PreparedProgram:
-    """A program loaded or compiled in the background: loading starts at once, compiling on `start`.
+    """A program that is loaded or compiled in a background thread.
+
+    Loading starts at once, compiling when `start` is called.
 
     Attributes
     ----------
@@ -353,7 +359,7 @@ class Program(Generic[_P, _R]):
         return iter(list(self._ready.items()))
 
     def _split_arguments(self, args: Any, kwargs: Any) -> tuple[list[Any], tuple[Any, tuple[Any, ...]]]:
-        """Return the array leaves of the arguments, and the hashable rest: structure and static leaves."""
+        """Return the arrays among the arguments, and the rest as a hashable value: structure and static arguments."""
         if self._static is None:
             leaves, structure = jax.tree.flatten((args, kwargs))
             return [leaf for leaf in leaves if _is_array(leaf)], (

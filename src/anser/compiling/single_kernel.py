@@ -1,4 +1,4 @@
-"""Compilation of small arithmetic as one CPU kernel.
+"""Compilation of small computations as a single CPU kernel.
 
 XLA divides a step of a small fleet into hundreds of kernels, and dispatching the kernels takes longer than computing.
 """
@@ -31,14 +31,14 @@ _ARITHMETIC = frozenset(
     sign sin sinh sqrt square stop_gradient sub tan tanh threefry2x32 xor
     """.split()  # noqa: SIM905
 )
-"""Primitives that XLA's CPU compiler never passes to a library; library calls within a kernel are not possible."""
+"""JAX primitives that XLA's CPU compiler computes without a library; a single kernel cannot call a library."""
 
 
 _tracing: ContextVar[bool] = ContextVar("tracing one kernel", default=False)
 
 
 def is_tracing_single_kernel() -> bool:
-    """Whether the code being traced may become one kernel, which allows selections but no conditions."""
+    """Whether the code being traced may become a single kernel, which allows selections but no conditions."""
     return _tracing.get()
 
 
@@ -53,7 +53,7 @@ def _equations(jaxpr: Jaxpr) -> Iterator[Any]:
 
 
 def is_elementary(jaxpr: Jaxpr) -> bool:
-    """Whether a program is pure arithmetic on small arrays, which XLA can compile as one CPU kernel."""
+    """Whether a program consists of arithmetic on small arrays only, which XLA can compile as a single CPU kernel."""
 
     def fits(equation: Any) -> bool:
         name, largest = equation.primitive.name, max((out.aval.size for out in equation.outvars), default=0)
@@ -63,7 +63,7 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
 
 
 def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function as one kernel if possible: on a CPU, and if `is_elementary` holds; otherwise as usual.
+    """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`; otherwise as usual.
 
     Call the result while tracing a larger function, and do not batch that function afterwards: small arrays would
     become large.

@@ -1,4 +1,4 @@
-"""Folder of compiled programs on disk."""
+"""Store of compiled programs in a folder on disk."""
 
 import contextlib
 import hashlib
@@ -16,11 +16,11 @@ _LOG = logging.getLogger(__name__)
 
 
 class FolderStore:
-    """Programs in a folder, one file per program, written atomically; the oldest are deleted above a total size.
+    """Store of programs in a folder, one file per program; the oldest are deleted above a total size.
 
-    An unreadable or unwritable folder, or a full disk, costs time only. A damaged file, or a file saved under another
-    key, is ignored. For security, code is loaded only from a folder and files that belong to the user and that other
-    users cannot write; otherwise a warning is logged once.
+    Files are written atomically. An unreadable or unwritable folder, or a full disk, costs time only. A damaged file, or
+    a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong to
+    the user and that other users cannot write; otherwise a warning is logged once.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Formula operations in JAX, with finite derivatives everywhere, and in NumPy for constants."""
+"""Operations of DAVE-ML formulas: in JAX, with finite derivatives everywhere, and in NumPy for constants."""
 
 import functools
 import operator
@@ -13,10 +13,10 @@ from anser.dave_ml.formulas import Arithmetic
 
 
 def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
-    """Attach partial derivatives, functions of the arguments and the value, to a function.
+    """Return `function` with the given partial derivatives, which are replaced by zero when not finite.
 
-    Non-finite partial derivatives are replaced by zero. Otherwise an unselected branch or a singular point (root of
-    zero) would turn the whole gradient into NaN.
+    `slopes` are functions of the arguments and the value, one per argument. Without the replacement, an unselected
+    branch or a singular point (root of zero) would turn the whole gradient into NaN.
     """
 
     @jax.custom_jvp
@@ -34,7 +34,10 @@ def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Calla
 
 
 def _principal_arccot(xp: Any, a: Any) -> Any:
-    """Arc cotangent between -pi/2 and pi/2, pi/2 at 0 (MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8)."""
+    """Return the arc cotangent between -pi/2 and pi/2; pi/2 at 0.
+
+    MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8.
+    """
     return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
 
 
@@ -57,7 +60,7 @@ _POWER_MAX: Final = 16
 
 
 def _power_of_number(base: Any, exponent: float) -> Any:
-    """Power with a constant exponent."""
+    """Return `base` to the power of a constant exponent."""
     if exponent == 0.5:
         return _GUARDED["sqrt"](base)
     if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
@@ -69,7 +72,7 @@ def _power_of_number(base: Any, exponent: float) -> Any:
 def _by_reciprocals(
     divide: Callable[[Any, Any], Any], basic_functions: Mapping[str, Callable[..., Any]]
 ) -> dict[str, Any]:
-    """Secant, cosecant, cotangent and similar functions, from the basic functions and their inverses."""
+    """Return secant, cosecant, cotangent and similar functions, built from the basic functions and their inverses."""
 
     def inverse(name: str) -> Callable[[Any], Any]:
         return lambda a: basic_functions[name](divide(1.0, a))
@@ -122,7 +125,7 @@ _FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or"
 def _arithmetic(
     xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
 ) -> Arithmetic:
-    """Operations of an array library, with some functions replaced."""
+    """Build the formula operations from an array library (NumPy or `jax.numpy`), with some functions replaced."""
     functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
     functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
     divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))
@@ -138,6 +141,6 @@ def _arithmetic(
 
 
 IN_JAX: Final = _arithmetic(jnp, _GUARDED, _power_of_number)
-"""Operations on traced values: scalars, or arrays of equal shape."""
+"""Formula operations on traced values: scalars, or arrays of equal shape."""
 IN_NUMPY: Final = _arithmetic(np, {}, np.power)
-"""Operations on constants."""
+"""Formula operations on constants."""

@@ -19,7 +19,7 @@ ROLES: Final[tuple[Role, ...]] = (
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Documentation element, without effect on the computation: header, provenance or uncertainty.
+    """Element of a DAVE-ML file that documents only: header, provenance or uncertainty.
 
     Attributes
     ----------
@@ -37,35 +37,37 @@ class Note:
     children: tuple["Note", ...] = ()
 
     def get(self, attribute: str, otherwise: str = "") -> str:
-        """Value of an attribute."""
+        """Return the value of an attribute, or `otherwise` if absent."""
         return dict(self.attributes).get(attribute, otherwise)
 
     def all(self, tag: str) -> tuple["Note", ...]:
-        """Children with a tag."""
+        """Return the children with a tag."""
         return tuple(child for child in self.children if child.tag == tag)
 
 
 @dataclass(frozen=True, slots=True)
 class SourceLocation:
-    """Position in a file: line and column from 1, or None for a definition made in Python."""
+    """Position in a DAVE-ML file: line and column from 1, or None for a definition made in Python."""
 
     file: str = ""
     line: int | None = None
     column: int | None = None
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Error at this position of the file."""
+        """Return an error at this position, with the content that arrived and the content expected."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """Signal, constant or parameter.
+    """Variable of a DAVE-ML file: signal, constant or parameter.
 
     Attributes
     ----------
     id, name, units
         varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
+    description, axis_system, sign, alias, symbol
+        Documentation from the file.
     initial
         Constant, initial value of a state, or default of an input.
     minimum, maximum
@@ -73,9 +75,11 @@ class Variable:
     formula
         Calculation of the value from other variables.
     roles
-        Elements of `ROLES` in the definition.
+        Roles marked in the file, a subset of `ROLES`: input, output, state and so on.
     notes
         Provenance and uncertainty.
+    location
+        Position in the file.
     """
 
     id: str
@@ -97,7 +101,7 @@ class Variable:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Described:
-    """Documentation of a table or its breakpoints."""
+    """Documentation shared by tables and breakpoints; base class."""
 
     name: str = ""
     units: str = ""
@@ -116,12 +120,12 @@ class Breakpoints(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedTable(_Described):
-    """Values on a grid.
+    """Table with values on a grid of breakpoints.
 
     Attributes
     ----------
     id
-        gtID.
+        Identifier (gtID).
     axes
         Breakpoint identifier (bpID) of each axis.
     values
@@ -135,16 +139,16 @@ class GriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UngriddedTable(_Described):
-    """Values at scattered points.
+    """Table with values at scattered points.
 
     Attributes
     ----------
     id
-        utID.
+        Identifier (utID).
     points
         Coordinates; shape (n, arguments).
     values
-        Shape (n,).
+        Value at each point; shape (n,).
     """
 
     id: str
@@ -175,7 +179,7 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """Table that defines a variable.
+    """Function of a DAVE-ML file: computes a variable by looking up a table.
 
     Attributes
     ----------
@@ -218,7 +222,7 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """Static check: input values with the expected outputs and internal values."""
+    """Check shot: input values with the outputs and internal values that the model must give."""
 
     name: str
     inputs: tuple[Signal, ...]
@@ -256,7 +260,7 @@ class Definition:
 
 
 def header(name: str, author: str, organization: str, date: str, description: str = "", version: str = "") -> Note:
-    """Make the header of a new file; `date` as in 2026-11-25."""
+    """Return the header element of a new file; `date` has the form 2026-11-25."""
     children = [
         Note("author", (("name", author), ("org", organization))),
         Note("creationDate", (("date", date),)),

@@ -45,7 +45,7 @@ class DaveMlError(ValueError):
 
 
 def quote(text: str) -> str:
-    """Quote text from a file on one line, shortened."""
+    """Return text from a file in quotation marks, on one line, shortened."""
     quoted = f'"{text}"' if text.isprintable() else repr(text)
     return quoted if len(quoted) <= _SHOWN_MAX + 2 else f'{quoted[:_SHOWN_MAX]}..." ({len(text)} characters)'
 
@@ -60,20 +60,20 @@ ELEMENTS_MAX: Final = 100_000
 
 @dataclass(slots=True, eq=False)
 class Element:
-    """XML element.
+    """XML element with its position in the file.
 
     Attributes
     ----------
     tag
         Name without the namespace prefix.
     attributes
-        Names with prefixes.
+        Values of the attributes by name, prefix included.
     text
         Character data directly inside the element.
     children
-        In file order.
+        Child elements in file order.
     file, line, column
-        Position of the start tag, from 1.
+        Name of the file, and position of the start tag, from 1.
     """
 
     tag: str
@@ -85,7 +85,7 @@ class Element:
     children: list["Element"] = field(default_factory=list)
 
     def fault(self, arrived: str, expected: str) -> DaveMlError:
-        """Error at this element."""
+        """Return an error at this element, with the content that arrived and the content expected."""
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
     def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
@@ -118,22 +118,22 @@ class Element:
             present_tags.add(child.tag)
 
     def all(self, *tags: str) -> list["Element"]:
-        """Children with any of these tags."""
+        """Return the children with any of these tags."""
         return [child for child in self.children if child.tag in tags]
 
     def first(self, *tags: str) -> "Element | None":
-        """First child with any of these tags; None if absent."""
+        """Return the first child with any of these tags; None if absent."""
         return next(iter(self.all(*tags)), None)
 
     def require(self, *tags: str) -> "Element":
-        """First child with any of these tags; raises DaveMlError if absent."""
+        """Return the first child with any of these tags. Raises DaveMlError if absent."""
         child = self.first(*tags)
         if child is None:
             raise self.fault(f"<{self.tag}> without <{tags[0]}>", f"<{'> or <'.join(tags)}> in it")
         return child
 
     def attribute(self, name: str) -> str:
-        """Value of a required attribute, stripped; raises DaveMlError if absent."""
+        """Return the value of a required attribute, stripped. Raises DaveMlError if absent."""
         value = self.attributes.get(name, "").strip()
         if name not in self.attributes or not (value or name == "units"):
             raise self.fault(f"<{self.tag}> without attribute {name}", f'{name}="..."')
@@ -243,7 +243,7 @@ _ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
 
 
 def parse_number(text: str, element: Element, description: str) -> float:
-    """Parse one finite number; raises DaveMlError if the text is not one."""
+    """Parse one finite number. Raises DaveMlError if the text is not a finite number."""
     stripped = text.strip()
     if not set(stripped) <= _ALLOWED - {","}:
         raise element.fault(f"{quote(stripped)} as {description}", "a number such as -1.5e3")
@@ -257,19 +257,19 @@ def parse_number(text: str, element: Element, description: str) -> float:
 
 
 def optional_number(element: Element, attribute: str) -> float | None:
-    """Number in an attribute; None if the attribute is absent."""
+    """Return the number in an attribute; None if the attribute is absent."""
     if attribute not in element.attributes:
         return None
     return parse_number(element.attributes[attribute], element, attribute)
 
 
 def parse_numbers(element: Element, description: str) -> np.ndarray:
-    """Parse the numbers in an element, separated by commas or white space; shape (n,).
+    """Parse the numbers in an element, separated by commas or white space; returns an array of shape (n,).
 
     Raises
     ------
     DaveMlError
-        If the element is empty, has more than `TABLE_NUMBERS_MAX` numbers, or a token is not a finite number.
+        If the element is empty, has more than `TABLE_NUMBERS_MAX` numbers, or a word is not a finite number.
     """
     invalid_characters = set(element.text) - _ALLOWED
     if invalid_characters:

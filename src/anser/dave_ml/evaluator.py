@@ -1,4 +1,4 @@
-"""DAVE-ML model compiled to JAX: one time and one aircraft, for use with vmap."""
+"""Evaluator: a DAVE-ML model compiled to JAX, for one time and one aircraft; use `vmap` for more."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +29,7 @@ from anser.shapes import Scalar, ScalarLike
 
 
 class Evaluator(eqx.Module):
-    """Computation of a DAVE-ML file.
+    """The computation of a DAVE-ML file as a JAX pytree.
 
     Constants and table values are leaves of the pytree, so changing them does not recompile. Numbers in formulas and
     the limits of variables belong to the static structure.
@@ -91,7 +91,9 @@ class Evaluator(eqx.Module):
         return {name: values[identifier] for name, identifier in output_ids.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """As `evaluate`, with inputs and outputs in SI units and radians; percent as fractions.
+        """Compute variables at one time, in SI units and radians; percent as fractions.
+
+        Parameters and result as for `evaluate`, except for the units.
 
         Raises
         ------
@@ -105,7 +107,7 @@ class Evaluator(eqx.Module):
         return {name: value * units[name].factor + units[name].offset for name, value in file_outputs.items()}
 
     def unit(self, name: str) -> Unit:
-        """Unit of a variable, by varID or name.
+        """Return the unit of a variable, by varID or name.
 
         Raises
         ------
@@ -119,7 +121,7 @@ class Evaluator(eqx.Module):
             raise ValueError(f"variable {quantity.id} ({quantity.name}): {error}") from None
 
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
-        """Copy with other constants, in the file's units; values calculated from the constants are updated.
+        """Return a copy with other constants, in the file's units; values calculated from the constants are updated.
 
         A value that the file calculates from constants may be set too, and then replaces the calculation.
 
@@ -170,7 +172,7 @@ class Evaluator(eqx.Module):
 
 
 def _number(value: ScalarLike) -> Array:
-    """Convert to a floating-point array; floating-point precision is preserved."""
+    """Convert a number to a floating-point array; an existing floating-point precision is preserved."""
     array = jnp.asarray(value)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
@@ -182,7 +184,7 @@ def _clip(value: Array, limits: tuple[float | None, float | None]) -> Array:
 
 
 def make_evaluator(definition: Definition) -> Evaluator:
-    """Compile a definition.
+    """Compile the definition of a DAVE-ML file to an evaluator.
 
     Raises
     ------
@@ -215,7 +217,7 @@ def _compile_definition(definition: Definition) -> Evaluator:
 
 
 def _sorted_lines(definition: Definition) -> Definition:
-    """Copy of a definition with ungridded tables of one coordinate as gridded tables."""
+    """Return a copy of a definition in which ungridded tables of one coordinate are gridded tables, sorted."""
     breakpoints, gridded = dict(definition.breakpoints), dict(definition.gridded)
     for table in definition.ungridded.values():
         if table.points.shape[1] == 1:

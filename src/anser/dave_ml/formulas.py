@@ -1,4 +1,7 @@
-"""Formulas as plain data, and as content MathML 2 (DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4)."""
+"""Formulas of DAVE-ML: as plain data, and converted from and to content MathML 2.
+
+DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4.
+"""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -34,7 +37,7 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Piecewise:
-    """Value of the first piece with a true condition.
+    """Formula with conditions: the value of the first piece whose condition is true.
 
     Attributes
     ----------
@@ -51,7 +54,7 @@ class Piecewise:
 Formula: TypeAlias = Number | VariableReference | Operation | Piecewise
 
 ARGUMENTS_MAX: Final = 1000
-"""Argument limit of operations with an arbitrary number of arguments."""
+"""Greatest number of arguments of operations such as the sum."""
 NUMERIC: Final = {
     "plus": (1, ARGUMENTS_MAX),
     "minus": (1, 2),
@@ -80,13 +83,13 @@ COMPARISONS: Final = {
     **dict.fromkeys(("lt", "leq", "gt", "geq", "eq"), (2, ARGUMENTS_MAX)),
     "neq": (2, 2),
 }
-"""Comparisons; more than two arguments are compared pairwise in sequence."""
+"""Comparisons; with more than two arguments, each argument is compared with the next."""
 LOGICAL: Final = {"and": (1, ARGUMENTS_MAX), "or": (1, ARGUMENTS_MAX), "xor": (1, ARGUMENTS_MAX), "not": (1, 1)}
 OPERATIONS: Final = {**NUMERIC, **COMPARISONS, **LOGICAL}
 
 
 def variables_in(formula: Formula) -> Iterator[str]:
-    """VarIDs in a formula."""
+    """Yield the varIDs of the variables in a formula."""
     if isinstance(formula, VariableReference):
         yield formula.id
     elif isinstance(formula, Operation):
@@ -105,7 +108,7 @@ def is_logical(formula: Formula) -> bool:
 
 
 class Arithmetic:
-    """Evaluation of formulas with one array library.
+    """Evaluation of formulas with an array library.
 
     Parameters
     ----------
@@ -128,7 +131,7 @@ class Arithmetic:
         self._select = select
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Numeric value of a formula; a truth value gives 1 or 0."""
+        """Return the numeric value of a formula; a truth value gives 1 or 0."""
         if isinstance(formula, Number):
             return formula.value
         if isinstance(formula, VariableReference):
@@ -147,7 +150,7 @@ class Arithmetic:
         return self._operations[formula.operation](*arguments)
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
-        """Truth value of a formula; a non-zero number is true."""
+        """Return the truth value of a formula; a non-zero number is true."""
         if not (isinstance(formula, Operation) and is_logical(formula)):
             return self._operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:

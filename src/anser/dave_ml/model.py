@@ -1,4 +1,4 @@
-"""DAVE-ML model: its definition and its evaluator, the comparison with its check shots, and changes of its inputs."""
+"""DAVE-ML model: definition and evaluator together, the comparison with check shots, and changes of the inputs."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ INTERNAL_TOLERANCE: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Expected and computed value of one signal of a check shot.
+    """Comparison of a signal of a check shot: expected and computed value.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class CheckResult:
 
 
 def check_shots(definition: Definition, evaluator: Evaluator) -> list[CheckResult]:
-    """Compare every internal value and output of every check shot, in the file's order.
+    """Compare every internal value and output of every check shot with the evaluator's value, in the file's order.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def _compare_shot(definition: Definition, shot: Shot, computed: Mapping[str, flo
 
 
 def _to_variable_units(definition: Definition, signal: Signal) -> tuple[float, float]:
-    """Convert a signal's value to the units of its variable; also return the conversion factor."""
+    """Return a signal's value in the units of its variable, and the conversion factor."""
     variable = definition.variables[signal.id]
     if signal.units == variable.units:
         return signal.value, 1.0
@@ -135,7 +135,7 @@ def make_shots(
     *,
     internal: bool = True,
 ) -> tuple[Shot, ...]:
-    """Compute check shots for a model.
+    """Compute check shots for a model: its outputs at given inputs.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def make_shots(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """DAVE-ML model.
+    """DAVE-ML model: the content of a file and its computation.
 
     Attributes
     ----------
@@ -214,11 +214,11 @@ class Model:
         return tuple(v.id for v in self.definition.variables.values() if role in v.roles)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """See `Evaluator.evaluate`."""
+        """Compute variables at one time, in the file's units; see `Evaluator.evaluate`."""
         return self.evaluator.evaluate(inputs, outputs)
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """See `Evaluator.evaluate_si`."""
+        """Compute variables at one time, in SI units and radians; see `Evaluator.evaluate_si`."""
         return self.evaluator.evaluate_si(inputs, outputs)
 
     def check(self) -> list[CheckResult]:
@@ -226,13 +226,13 @@ class Model:
         return check_shots(self.definition, self.evaluator)
 
     def with_shots(self, inputs: Mapping[str, Mapping[str, float]], tolerance: float = 1e-9) -> "Model":
-        """Copy of the model with check shots computed at the given inputs; see `make_shots`."""
+        """Return a copy of the model with check shots computed at the given inputs; see `make_shots`."""
         shots = make_shots(self.definition, self.evaluator, inputs, tolerance)
         return replace(self, definition=replace(self.definition, shots=shots))
 
 
 def make_model(definition: Definition) -> Model:
-    """Compile the model of a definition.
+    """Compile a definition to a model.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def read_dave_ml(content: str | bytes, name: str) -> Model:
 
 
 def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, float]) -> Model:
-    """Copy of a model with other names for variables and default values for inputs.
+    """Return a copy of a model with other variable names and with default values for inputs.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ from anser.dave_ml.formulas import parse_formula
 from anser.dave_ml.standard_units import is_convertible, refuse_nonstandard_units
 
 NOTES: Final = ("provenance", "provenanceRef", "uncertainty", "confidenceBound")
-"""Documentation elements, stored as notes of their parent."""
+"""Tags of the elements that document only; stored as notes of their parent."""
 AXES_MAX: Final = 8
 """Greatest number of axes of a table."""
 _EXTRAPOLATE: Final = ("neither", "min", "max", "both")
@@ -52,7 +52,7 @@ def _note(element: Element) -> Note:
 
 
 def _documentation(element: Element) -> dict[str, Any]:
-    """Description (white space collapsed), notes and location of an element, by field of its definition."""
+    """Return description (white space collapsed), notes and location of an element, as fields of a definition."""
     return {
         "description": " ".join(text for child in element.all("description")[:1] for text in child.text.split()),
         "notes": tuple(map(_note, element.all(*NOTES))),
@@ -61,7 +61,7 @@ def _documentation(element: Element) -> dict[str, Any]:
 
 
 def _named(element: Element) -> dict[str, Any]:
-    """Optional name and units with the documentation of an element."""
+    """Return name and units, if present, and the documentation of an element, as fields of a definition."""
     units = element.attributes.get("units", "").strip()
     return {"name": element.attributes.get("name", ""), "units": units, **_documentation(element)}
 
@@ -74,7 +74,7 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables; stores them by identifier.
+    """Reader of breakpoints and tables; collects them by identifier.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class TableReader:
         self._used_identifiers = set(used_identifiers)
 
     def _identifier(self, element: Element, attribute: str, base: str | None = None) -> str:
-        """Identifier in an attribute; for inline tables, an unused identifier that starts with `base`."""
+        """Return the identifier in an attribute; for an inline table, an unused identifier that starts with `base`."""
         if base is None or element.tag.endswith("Def"):
             identifier = element.attribute(attribute)
             if identifier in self._used_identifiers:
@@ -112,7 +112,7 @@ class TableReader:
     def _add_grid(
         self, element: Element, data: Element, axes_element: Element, axes: list[str], identifier: str, **fields: Any
     ) -> str:
-        """Store a table with its values in the shape of the axes, last axis fastest."""
+        """Store a table with its values in the shape of the axes (last axis fastest), and return the identifier."""
         if not 1 <= len(axes) <= AXES_MAX:
             raise axes_element.fault(f"{len(axes)} axes of table {identifier}", f"1 to {AXES_MAX}")
         shape = tuple(self.breakpoints[axis].points.size for axis in axes)
@@ -238,7 +238,7 @@ def _argument(element: Element) -> Argument:
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
-    """Read the check shots of ``<checkData>``.
+    """Read the check shots in a ``<checkData>`` element.
 
     Raises
     ------

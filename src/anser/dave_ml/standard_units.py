@@ -1,4 +1,7 @@
-"""Units by their ANSI/AIAA S-119 names, and units of the standard variable names (ANSI/AIAA S-119-2011, annex A)."""
+"""Units by their ANSI/AIAA S-119 names, and the units permitted for standard variables.
+
+Source: ANSI/AIAA S-119-2011, annex A.
+"""
 
 import functools
 import re
@@ -17,7 +20,7 @@ _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """Unit and conversion to SI: ``value_si = factor * value + offset``.
+    """Unit of measurement with its conversion to SI: ``value_si = factor * value + offset``.
 
     Attributes
     ----------
@@ -33,7 +36,7 @@ class Unit:
 
     @property
     def si(self) -> str:
-        """SI unit, such as ``m s^-2``; empty for a dimensionless number."""
+        """Name of the SI unit, such as ``m s^-2``; empty for a dimensionless number."""
         powers = zip(_SYMBOLS, self.dimension, strict=True)
         return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)
 
@@ -96,7 +99,7 @@ _NAMED_UNITS: Final = {
     "fract": Unit(1.0),
     "pct": Unit(0.01),
 }
-"""Units with a name."""
+"""Units with a name of their own; other units are products of powers of these."""
 _LONGEST_FIRST: Final = sorted(_NAMED_UNITS, key=len, reverse=True)
 _NAME_MAX: Final = 40
 
@@ -118,7 +121,7 @@ def parse_unit(name: str) -> Unit:
 
 
 def is_convertible(name: str, other_name: str) -> bool:
-    """Whether two units have the same dimension or the same, possibly unknown, name."""
+    """Whether two units can be converted: the same dimension, or the same name, known or not."""
     if name == other_name:
         return True
     try:
@@ -150,7 +153,7 @@ def _parse_unit(name: str) -> Unit | None:
 
 @functools.lru_cache(maxsize=4096)
 def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
-    """Parse adjacent units, each with a power; longer names match first.
+    """Split a text into adjacent unit names, each with a power; longer names match first. None if impossible.
 
     Cached for every tail of a text: without the cache, the parse time of some names grows exponentially.
     """
@@ -168,7 +171,7 @@ def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """Physical quantity with its permitted units.
+    """Physical quantity of a standard variable, and its permitted units.
 
     Attributes
     ----------
@@ -253,7 +256,9 @@ STANDARD_MEASURES: Final[dict[str, Measure]] = {
     **_along(DIMENSIONLESS, _TURNS, "aeroBodyMomentCoefficient"),
     **_each(_PERCENT, "powerLeverAngle"),
 }
-"""Measures by variable name. `powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
+"""Physical quantity of each standard variable, by name.
+
+`powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
 
 
 def refuse_wrong_units(definition: Definition) -> None:
@@ -273,14 +278,14 @@ def refuse_wrong_units(definition: Definition) -> None:
 
 
 def refuse_nonstandard_units(variable: Variable) -> None:
-    """Raise DaveMlError if a standard variable has units of another quantity."""
+    """Raise DaveMlError if a standard variable has units of another physical quantity."""
     measure = STANDARD_MEASURES.get(variable.name)
     if measure is not None:
         refuse_other_units(variable, measure)
 
 
 def refuse_other_units(variable: Variable, measure: Measure) -> None:
-    """Raise DaveMlError if the units of a variable are not units of the measure."""
+    """Raise DaveMlError if a variable's units are not units of the given physical quantity."""
     if not measure.accepts(variable.units):
         units = " or ".join(quote(unit) for unit in measure.units)
         other_units = ", or another unit of it" if measure.accepts_other_units else ""

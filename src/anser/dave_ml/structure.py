@@ -1,4 +1,4 @@
-"""Order of computation of a DAVE-ML file's variables, and their sources."""
+"""Order in which the variables of a DAVE-ML file are computed, and the variables on which each depends."""
 
 import math
 from collections.abc import Collection
@@ -21,7 +21,7 @@ _INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
 
 @dataclass(frozen=True)
 class Quantity:
-    """Variable, as the evaluator needs it.
+    """Variable of a DAVE-ML file in the form that the evaluator needs.
 
     Attributes
     ----------
@@ -96,7 +96,10 @@ class Structure:
         return matches[0]
 
     def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
-        """VarIDs of the targets and of the variables they are computed from, back to the available ones."""
+        """Return the varIDs of all variables needed to compute the targets from the available variables.
+
+        The targets are included.
+        """
         required: set[str] = set()
         pending = list(targets)
         while pending:
@@ -109,7 +112,7 @@ class Structure:
 
 
 def make_structure(definition: Definition) -> Structure:
-    """Sort the variables of a file into an order of computation.
+    """Sort the variables of a file so that each follows the variables from which it is computed.
 
     Raises
     ------
@@ -199,7 +202,9 @@ def clip_to_limits(value: float, limits: tuple[float | None, float | None]) -> f
 
 
 def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
-    """Values that are independent of the inputs: constants, formulas of constants, and defaults of inputs.
+    """Compute the values that do not depend on inputs, by varID.
+
+    Constants, formulas of constants, and defaults of inputs.
 
     Raises
     ------

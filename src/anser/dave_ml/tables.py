@@ -1,6 +1,7 @@
 """Tables of a DAVE-ML file in JAX.
 
-Gridded tables grouped by shared axes, and scattered points interpolated linearly on a Delaunay triangulation.
+Gridded tables are grouped by shared axes; ungridded tables (scattered points) are interpolated linearly on a Delaunay
+triangulation.
 """
 
 import math
@@ -21,11 +22,11 @@ from anser.numerics.tables import Axes, Tables, make_axes, make_tables
 from anser.shapes import Scalar
 
 PACKED_NUMBERS_MAX: Final = 4_000_000
-"""Limit on the numbers stored for all gridded functions: one for each corner of each cell."""
+"""Greatest number of stored values of all gridded functions together: a value per corner of each cell."""
 
 
 class Lookup(eqx.Module):
-    """Group of gridded functions with a common table lookup.
+    """Gridded functions with common axes, looked up together.
 
     Attributes
     ----------
@@ -124,7 +125,7 @@ class _Axis:
 
 
 def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
-    """Axis of an argument, clipped to the argument's limits and, without extrapolation, to the table's ends."""
+    """Return the table axis of an argument, with its limits; without extrapolation also limited to the table's ends."""
     stepped = argument.interpolate != "linear"
     below = argument.extrapolate in ("min", "both") and not stepped and points.size > 1
     above = argument.extrapolate in ("max", "both") and not stepped and points.size > 1
@@ -140,7 +141,7 @@ def _axis_of(argument: Argument, points: np.ndarray) -> _Axis:
 
 
 def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple[Lookup, ...]:
-    """Group gridded functions of one stage into lookups.
+    """Group the gridded functions of a stage (functions whose arguments are known together) into lookups.
 
     Functions on evenly spaced axes get a separate lookup: their cell index is computed, without a search.
     """
@@ -197,7 +198,7 @@ _INSIDE: Final = -1e-12
 
 
 class ScatteredTable(eqx.Module):
-    """Function of scattered points.
+    """Function given by values at scattered points (ungridded table).
 
     Inside the convex hull of the points, interpolation is linear on each simplex. Outside, the value of the nearest
     point on the hull's facets is used: exact for two arguments, approximate for more (barycentric coordinates clipped
@@ -219,7 +220,9 @@ class ScatteredTable(eqx.Module):
     lower, upper
         Limits of the arguments; shape (d,).
     arguments, result
-        varIDs.
+        varIDs of the arguments and of the dependent variable.
+    extrapolated
+        Whether values outside the hull are extrapolated.
     """
 
     to_barycentric: Float[Array, "s d d"]
@@ -242,7 +245,7 @@ class ScatteredTable(eqx.Module):
         return (self.result,)
 
     def __call__(self, values: Mapping[str, Array], requested: Collection[str]) -> dict[str, Array]:
-        """Interpolate the result, by varID, if requested."""
+        """Return the interpolated value by the varID of the result; an empty dict if the result is not requested."""
         x = jnp.stack([values[name] for name in self.arguments])
         return {self.result: self._interpolate(x)} if self.result in requested else {}
 
@@ -269,7 +272,7 @@ class ScatteredTable(eqx.Module):
 
 
 def make_scattered(definition: Definition, function: Function, mesh: Any) -> ScatteredTable:
-    """Make the function of an ungridded table with two or more arguments, on the Delaunay mesh of its points.
+    """Build the function of an ungridded table with two or more arguments, on the Delaunay mesh of its points.
 
     Raises
     ------
@@ -312,7 +315,7 @@ def _extrapolated(function: Function) -> bool:
 
 
 def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
-    """Delaunay triangulations of the tables with two or more coordinates, by utID.
+    """Compute the Delaunay triangulations of the tables with two or more coordinates, by utID.
 
     Raises
     ------
@@ -333,7 +336,7 @@ def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
 
 
 def _mesh(table: UngriddedTable) -> Any:
-    """Delaunay triangulation of the points, in the units of the file."""
+    """Compute the Delaunay triangulation of a table's points, in the units of the file."""
     count, d = table.points.shape
     refuse_duplicate_points(table)
     flat = table.location.fault(

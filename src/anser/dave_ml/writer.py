@@ -75,7 +75,7 @@ def _notes(notes: Iterable[Note], *tags: str) -> list[str]:
 
 
 def _numbers(values: np.ndarray) -> list[str]:
-    """Comma-separated numbers in lines."""
+    """Format values as lines of comma-separated numbers."""
     tokens = [repr(float(value)) for value in values.ravel()]
     lines = [", ".join(tokens[k : k + _NUMBERS_IN_LINE]) for k in range(0, len(tokens), _NUMBERS_IN_LINE)]
     return [*(f"{line}," for line in lines[:-1]), *lines[-1:]]
