@@ -1,4 +1,8 @@
-"""Search for a fleet's plan: arrival times and candidates, stage by stage, until a certificate is satisfied."""
+"""Search for a fleet's plan: arrival times and candidates, stage by stage, until a certificate is satisfied.
+
+A proposal names arrival times and a set of candidates. An attempt plans the fleet for a proposal, and ends with a plan
+or with the mask of failed aircraft. A stage is a generator of proposals that learns the result of each attempt.
+"""
 
 import contextlib
 import itertools
@@ -69,27 +73,30 @@ class FleetTask:
 
     @property
     def offsets(self) -> ArrivalTimes:
-        """Delay of each aircraft after the first arrival, s."""
+        """Delay of each aircraft after the first arrival that the arrival rule requires, s."""
         return self.request.offsets(self.active.size)
 
     @property
     def has_fixed_times(self) -> bool:
-        """Whether the rule fixes every arrival time."""
+        """Whether the arrival rule fixes every arrival time."""
         return self.request.rule in ("at", "times")
 
     @property
     def is_small(self) -> bool:
-        """Whether the fleet is small enough for every kind of candidate."""
+        """Whether the fleet is small enough to try every kind of candidate."""
         return self.indices.size <= _SMALL_FLEET
 
     @property
     def levels(self) -> tuple[CandidateSet, ...]:
-        """Sets of candidates, from the cheapest to the most thorough."""
+        """Candidate sets in the order of trial, from the cheapest to the most thorough."""
         return (STANDARD, WITH_TURN_LEG_PATHS, WITH_SPLINES) if self.is_small else (STANDARD,)
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
-        """Time of each direct path at the preferred speed, s; longer only if the climb certainly takes longer."""
+        """Flight time of each aircraft's direct path at its preferred speed, s.
+
+        Longer only if the climb certainly takes longer.
+        """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
         line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
@@ -98,7 +105,7 @@ class FleetTask:
         return np.clip(np.maximum(direct, climb_times_min(tasks, self.airspace)), 1.0, self.request.latest_s)
 
     def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
-        """Whether each set of arrival times (s after the start) meets the necessary conditions."""
+        """Whether each set of arrival times (one per aircraft, s after the start) meets the necessary conditions."""
         repeated_indices = np.tile(self.indices, times.shape[0])
         meets_conditions = may_arrive(
             self.tasks, self.airspace, repeated_indices, times[:, self.indices].ravel()
@@ -106,14 +113,20 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Arrival times allowed by the rule, every quarter of a second, or the requested times; not for windows."""
+        """Arrival times that the rule allows, (set, aircraft), s: every quarter of a second, or the prescribed times.
+
+        Not for windows.
+        """
         if self.request.times_s is not None:
             return self.request.times_s[None]
         latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
         return np.arange(_GRID_S, latest_first_arrival, _GRID_S)[:, None] + self.offsets
 
     def common_intervals(self, arrivals: Sequence[Intervals]) -> Intervals:
-        """Times of the first arrival at which every active aircraft can arrive, up to the latest allowed time, s."""
+        """Intervals (s) for the time of the first arrival in which every active aircraft can arrive in time.
+
+        `arrivals` are the reachable intervals of each aircraft; the intervals end at the latest allowed time.
+        """
         open_intervals = [sets if on else [(0.0, np.inf)] for sets, on in zip(arrivals, self.active, strict=True)]
         latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
         return [(a, b) for a, b in common_times(open_intervals, self.offsets) if a <= latest_first_arrival]
@@ -121,7 +134,17 @@ class FleetTask:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Arrival times (s after the start), the set of candidates to try, and a progress message."""
+    """Proposal to the search.
+
+    Attributes
+    ----------
+    times
+        Arrival times, s after the start.
+    candidate_set
+        Candidates to try.
+    message
+        Progress message; None: no message.
+    """
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -130,7 +153,7 @@ class Proposal:
 
 FailedAircraft = Bool[np.ndarray, " aircraft"]
 Stage = Generator[Proposal, FailedAircraft, None]
-"""Generator of proposals; receives the mask of failed aircraft, all False for a plan."""
+"""Generator of proposals; it receives the mask of failed aircraft after each attempt, all False if a plan was found."""
 
 
 def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal:
@@ -138,7 +161,10 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """The preferred times of the rule: with few candidates, then with more unless a necessary condition fails."""
+    """Propose the times that the arrival rule prefers: with few candidates, then with more.
+
+    The second proposal is omitted if a necessary condition fails.
+    """
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -149,11 +175,11 @@ def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
 
 
 def later_stage(fleet: FleetTask) -> Stage:
-    """The preferred times, or the earliest feasible times after them, if the rule leaves the arrival times open.
+    """Propose the preferred times, then the earliest feasible times after them if the rule leaves the times open.
 
-    The standard candidates in small steps, then every kind of candidate before the time found: first for short delays,
-    then for longer ones, because a loop is better than an arrival at twice the time. With windows, each aircraft is
-    delayed individually. The last plan found is the earliest.
+    The standard candidates are tried in small steps, then every kind of candidate before the feasible time: first for
+    short delays, then for longer ones, because a loop is better than an arrival at twice the time. With windows, each
+    aircraft is delayed individually. The last plan found is the earliest.
     """
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
@@ -184,13 +210,24 @@ def later_stage(fleet: FleetTask) -> Stage:
 
 @dataclass(frozen=True)
 class _Delays:
-    """Rising arrival times (s) of aircraft with a common delay: the whole fleet, or one aircraft with a window."""
+    """Arrival times in ascending order for aircraft with a common delay: the fleet, or one aircraft with a window.
+
+    Attributes
+    ----------
+    indices
+        Indices of the aircraft.
+    times
+        Sets of arrival times, s.
+    """
 
     indices: Int[np.ndarray, " group"]
     times: Float[np.ndarray, "n group"]
 
     def truncated(self, index: int | None) -> "_Delays":
-        """Times before an index (None: every time); empty if the index is at most one step after the first time."""
+        """Keep the times before an index (None: every time).
+
+        Empty if the index is at most one step after the first time.
+        """
         is_close = index is not None and self.times[index, 0] <= _DELAY_RATIO**1.5 * self.times[0, 0]
         return _Delays(self.indices, self.times[: 0 if is_close else index])
 
@@ -198,7 +235,7 @@ class _Delays:
 def _delays(
     fleet: FleetTask, indices: Int[np.ndarray, " group"], first_times: ArrivalTimes, delay_min: float, delay_max: float
 ) -> _Delays:
-    """Admissible times between two multiples of the first times."""
+    """Admissible arrival times between `delay_min` and `delay_max` times the first times; offsets stay."""
     windows, offsets = fleet.request.windows_s, fleet.offsets
     factors = _DELAY_RATIO ** np.arange(
         np.ceil(np.log(delay_min) / np.log(_DELAY_RATIO)), np.log(delay_max) / np.log(_DELAY_RATIO)
@@ -215,7 +252,7 @@ def _delays(
 def _find_first_open(
     delays: Sequence[_Delays], times: ArrivalTimes, candidate_sets: Sequence[CandidateSet], one_by_one: int
 ) -> Generator[Proposal, FailedAircraft, list[int | None]]:
-    """Index of the first feasible time per entry of `delays`; writes these times to `times`.
+    """For each entry of `delays`, find the index of the first feasible time; writes these times into `times`.
 
     The entries are searched simultaneously: each attempt gives an answer for every aircraft.
     """
@@ -241,7 +278,7 @@ def _find_first_open(
 def _attempt_candidate_sets(
     times: ArrivalTimes, candidate_sets: Sequence[CandidateSet]
 ) -> Generator[Proposal, FailedAircraft, FailedAircraft]:
-    """Try sets of candidates until no aircraft fails; return the mask of aircraft that fail with the last set."""
+    """Propose candidate sets in order until no aircraft fails; return the mask of failures with the last set."""
     failed = np.ones(times.shape, dtype=bool)
     for candidate_set in candidate_sets:
         failed = yield _make_proposal(times, candidate_set)
@@ -251,7 +288,7 @@ def _attempt_candidate_sets(
 
 
 def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
-    """Times at which every aircraft alone can arrive, with increasingly thorough candidates."""
+    """Propose times at which every aircraft alone can arrive, with increasingly thorough candidates."""
     times = [t for t in _times_open_to_all(fleet, arrivals) if fleet.admissible(t[None])[0]]
     selected_times = [times[k] for k in sorted({round(u * (len(times) - 1)) for u in _LIST_FRACTIONS})] if times else []
     for candidate_set in fleet.levels:
@@ -260,7 +297,7 @@ def open_stage(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Stage:
 
 
 def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
-    """Times between the first admissible time and the arrival of a plan (s after its start)."""
+    """Propose times between the first admissible time and the arrival of a plan found before (s after its start)."""
     times, is_feasible = fleet.requested_times(), None
     search = earlier_times(times[fleet.admissible(times), 0], plan_arrival_s)
     with contextlib.suppress(StopIteration):
@@ -272,7 +309,10 @@ def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
 
 
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
-    """Arrival times open to each aircraft alone (s after the start); None if an aircraft has no time in its window."""
+    """Find the arrival times at which each aircraft alone can arrive, s after the start.
+
+    None if an aircraft has no such time in its window.
+    """
     request = fleet.request
     on_progress("searching the possible arrival times of each aircraft")
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
@@ -289,7 +329,7 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
 
 
 def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
-    """The rule's preferred times; None if they must be searched."""
+    """Arrival times that the rule prefers, s; None if they must be searched."""
     request, preferred = fleet.request, fleet.preferred_times
     if request.times_s is not None:
         return request.times_s
@@ -302,7 +342,7 @@ def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
 
 
 def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Iterator[ArrivalTimes]:
-    """Arrival times to try, the preferred times first; only times at which every aircraft alone can arrive."""
+    """Yield arrival times at which every aircraft alone can arrive, the preferred times first."""
     request, offsets, preferred = fleet.request, fleet.offsets, fleet.preferred_times
     if request.windows_s is not None:
         yield from _window_times(preferred, request.windows_s, arrivals)
@@ -322,7 +362,7 @@ def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Itera
 
 
 def _sample_interval(low: float, high: float) -> list[float]:
-    """Times of an interval, the early times densely."""
+    """Sample times of an interval, more densely at its beginning."""
     if not high > low:
         return [low]
     top = min(high, 2.5 * low + 10.0)
@@ -332,7 +372,11 @@ def _sample_interval(low: float, high: float) -> list[float]:
 def _window_times(
     preferred_times: ArrivalTimes, windows_s: Float[np.ndarray, "aircraft 2"], arrivals: Sequence[Intervals]
 ) -> Iterator[ArrivalTimes]:
-    """One reachable time within each window; then the times shifted within the windows."""
+    """Yield arrival times within the windows, beginning with each aircraft's times nearest to its preferred time.
+
+    First every aircraft moves to its next best time; then the aircraft move by different shifts, which resolves
+    remaining conflicts.
+    """
     grids = []
     for (low, high), intervals, preferred_time in zip(windows_s, arrivals, preferred_times, strict=True):
         inside = [(max(a, low), min(b, high)) for a, b in intervals if max(a, low) <= min(b, high)] or [(low, high)]
@@ -386,7 +430,7 @@ class SearchOutcome:
     plan_without_holds: CertifiedPlan | None = None
 
     def leading(self, count: int) -> "SearchOutcome":
-        """Result for the first `count` aircraft."""
+        """Result for the first `count` aircraft, without the padding."""
         plans = (None if plan is None else plan.leading(count) for plan in (self.plan, self.best_attempt))
         plan_without_holds = None if self.plan_without_holds is None else self.plan_without_holds.leading(count)
         arrivals = None if self.arrivals is None else self.arrivals[:count]
@@ -395,7 +439,17 @@ class SearchOutcome:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Attempt of the search: arrival times, the set of candidate kinds, and the aircraft without a path or hold."""
+    """Attempt of the search.
+
+    Attributes
+    ----------
+    times
+        Arrival times, s after the start.
+    candidate_set
+        Set of candidates that was tried.
+    failed
+        Mask of the aircraft without a valid path or hold at these times.
+    """
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -412,7 +466,10 @@ class _State:
     plan_without_holds: CertifiedPlan | None = None
 
     def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
-        """Mask of aircraft that failed in an attempt; None if never attempted."""
+        """Mask of the aircraft that failed in an earlier attempt with these times and candidates.
+
+        None if there was no such attempt.
+        """
         for past in self.tried:
             if past.candidate_set is candidate_set and np.allclose(times, past.times, rtol=_TIME_TOLERANCE, atol=0.0):
                 return past.failed
@@ -446,7 +503,10 @@ class _Searcher:
     intervals: int | None
 
     def run(self, state: _State, stage: Stage, run_to_end: bool = False) -> _State:
-        """Attempt a stage's proposals up to the first plan; with `run_to_end`, up to its end: the last plan counts."""
+        """Attempt the proposals of a stage until a plan is found.
+
+        With `run_to_end`, attempt every proposal: the last plan counts.
+        """
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
@@ -462,9 +522,10 @@ class _Searcher:
         return state
 
     def attempt(self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet) -> _State:
-        """Try arrival times with candidates, unless tried before; the plan of the returned state is this attempt's.
+        """Plan the fleet for arrival times and candidates, unless tried before.
 
-        Extra candidates are generated for the aircraft that fail with the standard candidates.
+        The plan of the returned state is this attempt's. Extra candidates are generated for the aircraft that fail with the
+        standard candidates.
         """
         state = replace(state, plan=None)
         if state.failed_at(times, candidate_set) is not None:
@@ -488,7 +549,7 @@ class _Searcher:
     def _plan(
         self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
     ) -> tuple[CertifiedPlan, FailedAircraft, _State]:
-        """A plan, and the mask of aircraft that fail before or after their arrivals."""
+        """Make a plan, and find the aircraft that fail before or after their arrivals; returns plan, mask and state."""
         fleet = self.fleet
         plan = plan_at(
             self.start_time,

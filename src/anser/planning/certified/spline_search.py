@@ -51,22 +51,22 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess; reproducible.
+    """Random parameters of one initial guess of the search, reproducible by a seed.
 
     Attributes
     ----------
     line_fraction
-        Fraction of the straight line at each point.
+        Fraction of the straight line from start to rendezvous at each point.
     along_detour, across_detour
-        Unit detour at each point, along and across the line.
+        Detour at each point, along and across the line, of unit size.
     angle
-        Angle flown in full circles at each point; 0 without circles.
+        Angle flown in full circles at each point, rad; 0 without circles.
     circle_fraction
         Number of circles as a fraction of the possible number; negative: to the left.
     speed
-        Airspeed that determines the length, as a fraction of the airspeed range.
+        Airspeed that determines the path's length, as a fraction of the airspeed range.
     first_leg, last_leg
-        Straight legs at the start and the end, turn radii.
+        Length of the straight legs at the start and the end, in turn radii.
     course
         Course of arrival unless prescribed, rad.
     hump
@@ -89,7 +89,10 @@ class Guess(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """A corner on an ellipse, a zigzag or full circles: the first five fields of `Guess`."""
+    """Draw the shape of a detour: a corner on an ellipse, a zigzag or full circles.
+
+    Returns the first five fields of `Guess`.
+    """
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
     zeros = np.zeros_like(s)
     kind = rng.random()
@@ -128,13 +131,13 @@ def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
 
 
 def make_guesses(count: int, seed: int = 0) -> Guess:
-    """`count` guesses, stacked."""
+    """Draw `count` guesses, stacked."""
     return Guess(*(jnp.asarray(field_values) for field_values in _random_guesses(count, seed)))
 
 
 @functools.cache
 def _smoothing(cells: int) -> Float[np.ndarray, "n n"]:
-    """Smoothing matrix for spline coefficients: least squares with penalised jumps; three at either end stay fixed."""
+    """Matrix that smooths spline coefficients by least squares with penalised jumps; three at either end stay fixed."""
     count = cells + 3
     jumps = np.diff(np.eye(count), 3, axis=0)
     weight = np.concatenate([np.full(3, 1e9), np.ones(count - 6), np.full(3, 1e9)])
@@ -148,9 +151,10 @@ def _last_velocity(
     wind: Float[Array, "2"],
     free_velocity: Float[Array, "3"],
 ) -> tuple[Float[Array, "3"], Float[Array, "3 3"]]:
-    """Velocity of arrival over the ground, and the directions of its allowed changes, see `SplineStart.frame`.
+    """Return the arrival's velocity over the ground (m/s), and the directions in which it may change.
 
-    Along `direction_2d` at an airspeed if a course or an angle is prescribed, else `free_velocity`.
+    The velocity is along `direction_2d` at an airspeed if a course or an angle is prescribed, else `free_velocity`. For
+    the directions see `SplineStart.frame`.
     """
     rendezvous = problem.task.rendezvous
     angle_prescribed = rendezvous.path_angle_prescribed
@@ -165,7 +169,7 @@ def _last_velocity(
 
 
 def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStart:
-    """Initial spline of a search.
+    """Build the initial spline of a search from a guess.
 
     The path through the air runs straight on from the start, makes its detour, and ends with a straight leg in the
     direction of arrival; constant airspeed and climb, plus the mean wind.
@@ -278,10 +282,10 @@ class Splines(eqx.Module):
 def find_splines(
     task: AircraftTask, airspace: Airspace, duration: ScalarLike, intervals: int, starts: int, max_splines: int
 ) -> Splines:
-    """The best `max_splines` spline trajectories of one aircraft for a duration (s), from `starts` guesses.
+    """Find the best `max_splines` spline trajectories of one aircraft for a duration (s), from `starts` guesses.
 
-    Not differentiable: plans are selected, not tuned. The number of equal intervals between the knots of a path is a
-    multiple of `CELLS`.
+    Not differentiable: plans are selected, not tuned. `intervals`, the number of equal intervals between the knots of a
+    path, is a multiple of `CELLS`.
     """
     problem = jax.lax.stop_gradient(SplineProblem(task, airspace, jnp.asarray(duration, dtype=float)))
     task, airspace, duration = problem

@@ -41,14 +41,15 @@ class Spline(eqx.Module):
 
     @property
     def cell(self) -> Scalar:
-        """Length of an interval, s."""
+        """Duration of an interval, s."""
         return self.duration / self.cells
 
 
 def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fractions"]) -> Any:
-    """The four basis splines of an interval, with slopes and second derivatives, at fractions of the interval.
+    """Values, slopes and second derivatives of the four basis splines of an interval, at fractions (0 to 1) of it.
 
-    Shape (order, fraction, spline); derivatives by the fraction; NumPy or JAX arrays as in the argument.
+    Shape (derivative, fraction, spline); derivatives with respect to the fraction; NumPy or JAX arrays as in the
+    argument.
     """
     stack = np.stack if isinstance(fractions, np.ndarray) else jnp.stack
     u, v = fractions, 1.0 - fractions
@@ -58,13 +59,16 @@ def basis_values(fractions: Float[np.ndarray, " fractions"] | Float[Array, " fra
 
 
 def coefficient_windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]:
-    """The four coefficients of each interval."""
+    """Return the four coefficients on which each interval depends: (interval, coefficient, axis)."""
     cells = coefficients.shape[0] - 3
     return jnp.stack([coefficients[k : k + cells] for k in range(4)], axis=1)
 
 
 def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) -> Float[Array, "cells fractions 3 3"]:
-    """Position, velocity and acceleration (order, axis) at fractions (0 to 1) of each interval."""
+    """Position, velocity and acceleration at fractions (0 to 1) of each interval.
+
+    Shape (interval, fraction, derivative, axis).
+    """
     scale = jnp.stack([spline.cell**-order for order in range(3)])
     return jnp.einsum(
         "ouk,nka,o->nuoa", jnp.asarray(basis_values(fractions)), coefficient_windows(spline.coefficients), scale
@@ -72,7 +76,7 @@ def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) ->
 
 
 def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "times 3 3"]:
-    """Position, velocity and acceleration (order, axis) at arbitrary times, s."""
+    """Position, velocity and acceleration at times (s after the start): (time, derivative, axis)."""
     share = times / spline.cell
     interval = jnp.clip(jnp.floor(share), 0, spline.cells - 1)
     scale = jnp.stack([spline.cell**-order for order in range(3)])
@@ -81,7 +85,10 @@ def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "ti
 
 
 def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
-    """Matrix from position, velocity and acceleration at a knot to its three nearest coefficients."""
+    """Matrix that converts position, velocity and acceleration at a knot to its three nearest coefficients.
+
+    `cell` is the duration of an interval, s.
+    """
     sixth = jnp.asarray(cell) ** 2 / 6.0
     unit = jnp.ones(())
     return jnp.stack(
@@ -94,7 +101,10 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Mean squares of position, velocity and acceleration in an interval of 1 s, as forms of its four coefficients."""
+    """Matrices of the mean squares of position, velocity and acceleration over an interval of 1 s.
+
+    The mean square is the quadratic form of the interval's four coefficients; shape (derivative, 4, 4).
+    """
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
 
@@ -102,7 +112,7 @@ def mean_squares() -> Float[np.ndarray, "3 4 4"]:
 def wind_along(
     wind: AbstractWind, altitudes: Float[Array, " n"], climbs: Float[Array, " n"]
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"]]:
-    """Wind at altitudes (m), m/s, and its rate for an aircraft climbing at given rates (m/s), m/s^2."""
+    """Wind at altitudes (m), m/s, and its rate for an aircraft that climbs at given rates (m/s), m/s^2; both NED."""
 
     def wind_and_rate(altitude: Scalar, climb: Scalar) -> tuple[Array, Array]:
         def at(h: Scalar) -> Array:
@@ -116,9 +126,10 @@ def wind_along(
 def _crossings(
     spline: Spline, edges: Float[Array, " layers"], intervals: int, max_count: int
 ) -> tuple[Float[Array, " crossings"], Float[Array, " crossings"]]:
-    """Times of crossing altitudes (m), s, and directions (up 1, down -1); padded with the last time and 0.
+    """Find when the spline crosses altitudes (`edges`, m).
 
-    Crossings are detected between grid points on different sides; at most `max_count`.
+    Returns times, s, and directions (up 1, down -1), padded with the last time and 0. A crossing is detected between
+    grid points on different sides of an edge; at most `max_count` crossings.
     """
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     heights = -states_at(spline, times)[:, 0, 2]
@@ -140,9 +151,10 @@ def _crossings(
 
 
 def spline_path(start_time: ScalarLike, spline: Spline, wind: AbstractWind, intervals: int, knots: int) -> TimedPath:
-    """The spline as a timed path in a wind, padded with empty intervals at its end to a number of knots.
+    """Convert a spline to a timed path in a wind.
 
-    At the edge of a wind layer the path has two knots, because the rate of the wind jumps.
+    At the edge of a wind layer the path has two knots, because the rate of the wind jumps. Empty intervals at the end
+    pad the path to `knots` knots.
 
     Parameters
     ----------
@@ -178,7 +190,7 @@ def spline_path(start_time: ScalarLike, spline: Spline, wind: AbstractWind, inte
 
 
 GROUP = 4
-"""Number of coefficients in a group of unknowns; divides the number of intervals of a spline."""
+"""Number of coefficients that form one block of the normal equations; divides the number of intervals of a spline."""
 _SAMPLE_POINTS = np.array([0.25, 0.5, 0.75, 1.0])  # of each interval; the start is fixed
 _SPEED, _FORCE, _ALONG, _CLIMB, _HEIGHT_M, _INSIDE_M = 5.0, 1.0, 0.3, 2.0, 50.0, 200.0
 """Violations of equal weight: m/s; m/s^2 across and along the path; m/s up; m; inside a volume, m."""
@@ -202,9 +214,20 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits narrower than the aircraft's own, as a margin between the sample points.
+    """Limits of the search, narrower than the aircraft's own, so that they also hold between the sample points.
 
-    Airspeeds (m/s), tangent of the bank angle, load factor, climb rate (m/s), accelerations along the path (m/s^2).
+    Attributes
+    ----------
+    speed_min, speed_max
+        Airspeed, m/s.
+    bank
+        Tangent of the bank angle.
+    load_factor
+        Load factor.
+    climb_rate
+        Climb rate, m/s.
+    acceleration, deceleration
+        Accelerations along the path, m/s^2.
     """
 
     speed_min: Scalar
@@ -243,7 +266,10 @@ class NormalEquations(NamedTuple):
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
-    """A fraction of the limits of bank, load factor and acceleration along the path; nearly the full other limits."""
+    """Limits at the start of a search: a fraction of the limits of bank, load factor and acceleration along the path.
+
+    The other limits are nearly the aircraft's own.
+    """
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
     reserve = jnp.minimum(_SPEED_RESERVE, _SPEED_FRACTION * (highest - limits.speed_min))
@@ -259,7 +285,10 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
 
 
 def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "9"]) -> TightenedLimits:
-    """Limits reduced by the violations between the sample points (`path_bounds.excess`) and a margin."""
+    """Reduce the limits by the violations between the sample points and a margin.
+
+    `over` is the relative excess over each limit, from `path_bounds.excess`.
+    """
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)
     violated: dict[str, Scalar] = dict(zip(fields, _VIOLATION_FACTOR * jnp.maximum(over, 0.0), strict=True))
@@ -290,7 +319,7 @@ def _limit_violations(
     velocity: Float[Array, "3"],
     acceleration: Float[Array, "3"],
 ) -> Float[Array, "8"]:
-    """Violations of the flight limits at one sample point, in units of equal weight; 0 if satisfied."""
+    """Violations of the flight limits at one sample point, each divided by its unit weight; 0 if satisfied."""
     limits, gravity = problem.task.limits, problem.airspace.gravity
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
     required = demand(velocity - wind, acceleration, gravity, _LEVEL_MIN)
@@ -314,7 +343,7 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Depth of a position inside keep-outs, summed over the volumes."""
+    """Depth of a position inside keep-outs, m, summed over the volumes."""
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]
     offset = position[None, :2] - volumes.position_n - time * volumes.velocity_n
@@ -330,7 +359,10 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
 ) -> Float[Array, " violations"]:
-    """Violations of limits and keep-outs at one sample point, in a state over the ground (order, axis)."""
+    """Violations of limits and keep-outs at one sample point, in units of equal weight.
+
+    `state` is position, velocity and acceleration over the ground: (derivative, axis).
+    """
     violations = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
         violations = jnp.append(violations, _keep_out_penetration(problem, time, state[0]))
@@ -340,7 +372,10 @@ def _violations(
 def update_coefficients(
     start: SplineStart, cell: Scalar, unknowns: Float[Array, "groups 12"]
 ) -> Float[Array, "coefficients 3"]:
-    """Coefficients after a change of the inner coefficients and of the last velocity and acceleration."""
+    """Return the coefficients for given unknowns: changes of the inner coefficients and of the arrival's motion.
+
+    The last group of unknowns contains the changes of the last velocity and acceleration.
+    """
     changes = unknowns.reshape(-1, 3)
     inner, (_, velocity, acceleration) = changes[:-3], changes[-3:]
     last_change = knot_coefficients(cell)[:, 1:] @ jnp.stack([start.frame @ velocity, acceleration])
@@ -348,7 +383,7 @@ def update_coefficients(
 
 
 def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
-    """Derivative of the last group of coefficients by the last unknowns."""
+    """Derivative of the last group of coefficients with respect to the last group of unknowns."""
     slopes = knot_coefficients(cell)
     by_velocity = slopes[:, 1, None, None] * start.frame[None, :, :]
     by_acceleration = slopes[:, 2, None, None] * jnp.eye(3)[None, :, :]
@@ -357,7 +392,10 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Sum of the intervals' quadratic forms, in groups of four coefficients, without the first three coefficients."""
+    """Sum the quadratic forms of the intervals into one block-tridiagonal form of the coefficients.
+
+    Blocks are groups of four coefficients; the first three coefficients are fixed and left out.
+    """
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.
@@ -378,13 +416,16 @@ def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) ->
 
 
 def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
-    """Whether the ground velocity at the arrival points along the prescribed course; true without such a course."""
+    """Whether the velocity over the ground at the arrival points along the prescribed course and not opposite to it.
+
+    True if no course is prescribed.
+    """
     is_free = jnp.all(jnp.any(start.frame != 0.0, axis=0))
     return is_free | (start.frame[:2, 0] @ velocity_n[:2] > 0.0)
 
 
 def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
-    """Quadratic form for the size of a step of the unknowns; unknowns without effect get a diagonal of 1.
+    """Quadratic form that measures the size of a step of the unknowns; unknowns without effect get a diagonal of 1.
 
     The size weighs changes of position, velocity and acceleration by their effect on the flight.
     """
@@ -406,7 +447,7 @@ def step_metric(problem: SplineProblem, start: SplineStart) -> BlockTridiagonal:
 def normal_equations(
     problem: SplineProblem, start: SplineStart, unknowns: Float[Array, "groups 12"]
 ) -> NormalEquations:
-    """Normal equations of the violations of a spline at the sample points of each interval."""
+    """Build the normal equations of a spline's violations at the sample points of each interval."""
     cells = start.coefficients.shape[0] - 3
     spline = Spline(problem.duration, update_coefficients(start, problem.duration / cells, unknowns))
     cell = spline.cell

@@ -62,19 +62,26 @@ class AircraftTask(eqx.Module):
         return xp.asarray(self.goal_position_n) + xp.asarray(self.rendezvous.stand_off_n)
 
     def meeting_n(self, elapsed: ScalarLike) -> Vector3:
-        """Rendezvous after a time (s), NED, m."""
+        """Rendezvous `elapsed` seconds after the start of the plan, NED, m."""
         return self.goal_position_n + self.goal_velocity_n * elapsed + self.rendezvous.stand_off_n
 
 
 def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
-    """A fleet of single tasks."""
+    """Stack the tasks of single aircraft to those of a fleet."""
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *tasks)
 
 
 class KeepOuts(eqx.Module):
-    """Forbidden upright cylinders, at rest or at a steady velocity; stacked, possibly empty.
+    """Keep-outs: vertical cylinders, at rest or at a steady velocity, that no path may enter; stacked, possibly empty.
 
-    Axis at time 0 (north and east, m) and its velocity (m/s), radius (m), altitudes of bottom and top (m).
+    Attributes
+    ----------
+    position_n, velocity_n
+        Position of the axis at time 0, m, and its velocity, m/s; north and east.
+    radius
+        Radius, m.
+    bottom, top
+        Altitude of bottom and top, m.
     """
 
     position_n: Float[Array, "volumes 2"]
@@ -85,12 +92,24 @@ class KeepOuts(eqx.Module):
 
 
 def no_keep_outs() -> KeepOuts:
-    """None."""
+    """Return an empty stack of keep-outs."""
     return KeepOuts(jnp.zeros((0, 2)), jnp.zeros((0, 2)), jnp.zeros(0), jnp.zeros(0), jnp.zeros(0))
 
 
 class Airspace(eqx.Module):
-    """Shared environment of a fleet: steady or layered wind, gravity (m/s^2), required distances, forbidden volumes."""
+    """Environment that the aircraft of a fleet share.
+
+    Attributes
+    ----------
+    wind
+        Steady or layered wind.
+    gravity
+        Acceleration of gravity, m/s^2.
+    separation
+        Required distances between the aircraft.
+    keep_outs
+        Volumes that no path may enter.
+    """
 
     wind: AbstractWind
     gravity: Scalar
@@ -101,7 +120,7 @@ class Airspace(eqx.Module):
 ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
 ArrivalTimes = Float[np.ndarray, " aircraft"]
 Intervals = list[tuple[float, float]]
-"""Intervals of time, s."""
+"""Intervals of time as pairs (first, last), s."""
 
 
 @dataclass(frozen=True)
@@ -132,5 +151,5 @@ class ArrivalRequest:
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None
 
     def offsets(self, count: int) -> ArrivalTimes:
-        """Delay of each of `count` aircraft after the first arrival, s."""
+        """Required delay of each of `count` aircraft after the first arrival, s; 0 unless the rule is "sequence"."""
         return np.zeros(count) if self.offsets_s is None else self.offsets_s

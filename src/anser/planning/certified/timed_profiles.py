@@ -1,4 +1,4 @@
-"""Candidate sets and profiles with a given duration.
+"""Candidate sets, and profiles of altitude and airspeed with a given duration.
 
 Tables of the candidates to generate, the prescribed motion at a rendezvous, and the profiles with their turn radii and
 direct paths.
@@ -52,22 +52,22 @@ PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE
 
 
 class CandidateSet(NamedTuple):
-    """Candidates to generate, as tables.
+    """Which candidates to generate for each aircraft.
 
     Attributes
     ----------
     speeds, altitude_detours
-        One entry per profile: choice of the airspeed, and detour in altitude, m.
+        One entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and detour in altitude, m.
     direct_ranks, detour_kinds, sides
-        One entry per detour: rank of the direct path by length, kind of detour (or `RACETRACK`), side.
+        One entry per detour: rank of its direct path by length, kind of detour (or `RACETRACK`), side.
     turn_leg_starts
         Number of starts of the search for turn-and-leg paths, per profile.
     max_candidates
-        Number of these candidates retained per aircraft, the cheapest first; None: no limit.
+        Number of detours and turn-and-leg paths retained per aircraft, the cheapest first; None: no limit.
     with_wide_turns
         Whether each detour is also generated with wide turns, see `anser.planning.certified.detours`.
     rounds
-        Greatest number of placements of the fleet: repeated without the candidates that certificates reject.
+        Greatest number of rounds in which the fleet chooses its candidates, see `_choose_best_placement`.
     spline_starts, max_splines
         Number of starts of the search for splines, and number of splines retained, per aircraft.
     extra
@@ -104,7 +104,10 @@ def make_candidate_set(
     rounds: int = 1,
     splines: tuple[int, int] = (0, 0),
 ) -> CandidateSet:
-    """Combine every profile with every detour, to both sides; add turn-and-leg paths and splines (starts, retained)."""
+    """Build a candidate set: every profile with every detour, to both sides, turn-and-leg paths and splines.
+
+    `splines` are the number of starts and the number of retained splines.
+    """
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
@@ -129,9 +132,9 @@ STANDARD = make_candidate_set(
     (PREFERRED, MATCHED), (0.0, 300.0, -300.0), (0,), (0, 1, 2, 3, 4, RACETRACK), with_wide_turns=True, rounds=4
 )
 WITH_TURN_LEG_PATHS = STANDARD._replace(rounds=8, extra=_TURN_LEG_PATHS)
-"""Also every speed, altitude and detour, and turn-and-leg paths, for aircraft in need."""
+"""Also every speed, altitude and detour, and turn-and-leg paths, for aircraft without a feasible candidate."""
 WITH_SPLINES = STANDARD._replace(rounds=8, extra=_SPLINES)
-"""Also splines, for aircraft in need."""
+"""Also splines, for aircraft without a feasible candidate."""
 ALONE_STANDARD = make_candidate_set((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft alone in its airspace: detours and speeds, no detour in altitude."""
 ALONE_TURN_LEG_PATHS = make_candidate_set(_EVERY_SPEED, (0.0,), (0,), (0, 1), turn_leg_starts=24, max_candidates=48)
@@ -222,9 +225,9 @@ def _plane(vector_n: Vector3) -> Array:
 
 
 def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) -> tuple[Scalar, Scalar]:
-    """Greatest curvature (1/m) of a path flown by a profile, and its greatest rate along the path (1/m^2).
+    """Greatest curvature (1/m) of a path flown by a profile, and greatest rate of the curvature along the path (1/m^2).
 
-    One curvature for the whole path, at the greatest airspeed, the steepest climb and the strongest push-over.
+    One value for the whole path, at the greatest airspeed, the steepest climb and the strongest push-over.
     """
     limits = task.limits
     speed = profile.speed_max
@@ -242,7 +245,10 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 
 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
-    """Greatest rates of gain and loss of airspeed in a profile, m/s^2; the remainder is for climb and descent."""
+    """Greatest rates at which a profile gains and loses airspeed, m/s^2.
+
+    The rest of the limits along the path is for climb and descent.
+    """
     limits = task.limits
     return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
         _LOSS, _RATE_FRACTION * limits.deceleration_max
@@ -254,7 +260,7 @@ def _speed_0(task: AircraftTask) -> Scalar:
 
 
 def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) -> tuple[Scalar, Scalar]:
-    """Middle and final airspeed, equal, that give a mean airspeed (m/s)."""
+    """Middle and final airspeed, equal, m/s, with which the profile has a mean airspeed (m/s)."""
     final_speed = mean_to_last_speed(mean, _speed_0(task), duration, speed_rates(task))
     return final_speed, final_speed
 
@@ -306,21 +312,21 @@ def _path_endpoints(
 
 
 def direct_paths(endpoints: PathEndpoints) -> DirectPath:
-    """The four direct paths, the shortest first."""
+    """Return the direct paths of the four words, the shortest first."""
     paths = jax.vmap(lambda word: direct_path(endpoints, word))(jnp.asarray(WORDS))
     order = jnp.argsort(paths.length)
     return jax.tree.map(lambda leaf: leaf[order], paths)
 
 
 class TimedProfile(eqx.Module):
-    """A profile with its derived quantities."""
+    """A profile of altitude and airspeed, with the direct paths that the turn radii at its airspeed allow."""
 
     table: TabulatedProfile
     endpoints: PathEndpoints
     direct: DirectPath
-    """Four, the shortest first."""
+    """Direct paths of the four words, the shortest first."""
     wide_directs: DirectPath
-    """The same with wider turns: (word, width)."""
+    """Direct paths with wider turns: (word, width)."""
     speed: Scalar
     within_limits: Flag
 
@@ -333,7 +339,7 @@ def timed_profile(
     altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
-    """Profile with given middle and final airspeeds, with the direct paths at the resulting turn radii."""
+    """Make the profile with given middle and final airspeeds (m/s) and find its direct paths."""
     profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
     table = tabulate(profile, airspace.wind, intervals)
     endpoints = _path_endpoints(task, airspace, table, arrival)
@@ -348,7 +354,7 @@ def timed_profile(
 def _match_direct_length(
     task: AircraftTask, airspace: Airspace, timed: TimedProfile, mean: Scalar, with_wide_turns: bool
 ) -> tuple[Scalar, Flag]:
-    """Mean airspeed (m/s) at which the shortest direct path takes the given duration, and whether it was found.
+    """Find the mean airspeed (m/s) at which the shortest direct path takes the duration; and whether it exists.
 
     The search starts near the mean airspeed of `timed`. The path has the widest turns that lengthen it by no more than
     `_SPEED_FACTOR_MAX`.
@@ -385,7 +391,7 @@ def _match_direct_length(
 def timed_profiles(
     task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, candidate_set: CandidateSet
 ) -> TimedProfile:
-    """Profiles of a candidate set, stacked."""
+    """Make the profiles of a candidate set for a duration (s), stacked."""
     kinds = tuple(dict.fromkeys(candidate_set.speeds))
     limits, preferred = task.limits, task.speed
     low, high = 1.002 * limits.speed_min, 0.998 * limits.speed_max

@@ -44,7 +44,7 @@ _RADIUS_ROUNDS = 4
 _LEG_FRACTIONS = (0.0, 0.2, 0.4, 0.6, 0.8)  # points of a leg checked against keep-outs
 Unknowns = Float[Array, "11"]
 Spot = Float[Array, "3"]
-"""Point of a path: north and east, m, and path length up to the point, m."""
+"""Point of a path: north and east, m, and length along the path up to this point, m."""
 
 
 def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar]:
@@ -55,16 +55,19 @@ def _grid_index(length: Scalar, step: Scalar, count: int) -> tuple[Count, Scalar
 
 
 class RadiusSchedule(eqx.Module):
-    """Least turn radius as a function of path length, tabulated in steps of `step` (m).
+    """Least turn radius as a function of the length along a path, tabulated in steps of `step` (m).
 
-    `scales` is the radius in units of the radius allowed everywhere on the path; see `turn_limits`.
+    `scales` are the radii in units of the radius that is allowed everywhere on the path; see `turn_limits`.
     """
 
     step: Scalar
     scales: Float[Array, " intervals"]
 
     def least_radius(self, length: ScalarLike, span: ScalarLike) -> Scalar:
-        """Least radius of a turn from a path length (m) over a span (m), in the same units."""
+        """Least radius of a turn that begins at a length along the path (m) and has a length of `span` (m).
+
+        In the units of `scales`.
+        """
 
         def radius_at(position: Scalar) -> Scalar:
             k, fraction = _grid_index(position, self.step, self.scales.shape[0])
@@ -95,7 +98,7 @@ class KeepOutsAlongPath(eqx.Module):
     in_altitude_band: Float[Array, "volumes intervals"]
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
-        """Depth of a point inside each volume, in units of its radius, and the derivative by the point."""
+        """Depth of a point inside each volume, in units of the volume's radius, and its derivative by the point."""
         k, fraction = _grid_index(spot[2], self.step, self.in_altitude_band.shape[1])
         centres, next_centres = (jnp.stack([self.norths[:, j], self.easts[:, j]], axis=1) for j in (k, k + 1))
         offset = spot[None, :2] - (1.0 - fraction) * centres - fraction * next_centres
@@ -116,7 +119,7 @@ def _even_times(table: TabulatedProfile) -> tuple[Scalar, Float[Array, " interva
 
 
 def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOutsAlongPath:
-    """Keep-outs as functions of the path length of a tabulated profile."""
+    """Tabulate the keep-outs over the length along a profile's path."""
     step, times = _even_times(table)
     _, drifts = jax.vmap(table.flown_at)(times)
     altitudes = jax.vmap(lambda t: table.profile.at(t).altitude)(times)
@@ -134,7 +137,7 @@ def keep_outs_along_path(table: TabulatedProfile, volumes: KeepOuts) -> KeepOuts
 def make_radius_schedule(
     table: TabulatedProfile, endpoints: PathEndpoints, limits: PathLimits, gravity: ScalarLike
 ) -> RadiusSchedule:
-    """Least radii within bank and load factor, from the airspeed, the climb and their rates at each time."""
+    """Tabulate the least turn radii that bank and load factor allow, from the airspeed, the climb and their rates."""
     step, times = _even_times(table)
 
     def least_radius_at(t: Scalar) -> Scalar:
@@ -148,7 +151,7 @@ def make_radius_schedule(
 
 
 class Starts(NamedTuple):
-    """Initial values of the searches.
+    """Initial values of the searches, one row per search.
 
     Attributes
     ----------
@@ -166,7 +169,7 @@ class Starts(NamedTuple):
 
 
 def make_starts(count: int, seed: int = 0) -> Starts:
-    """`count` starts, reproducible. Half of them wait in circles if there is time."""
+    """Draw the initial values of `count` searches, reproducibly. Half of the paths wait in circles if there is time."""
     rng = np.random.default_rng([11, seed])
     number = np.arange(count)
     senses = np.where(number[:, None] >> np.arange(TURNS) & 1, 1.0, -1.0)
@@ -189,14 +192,14 @@ class TurnLegProblem(eqx.Module):
 
 
 class _Flown(eqx.Module):
-    """The part of a path flown so far, with derivatives by the unknowns (last axis, fields `..._by`)."""
+    """The part of a path up to a point, with derivatives by the unknowns (last axis, fields `..._by`)."""
 
     position: Float[Array, "2"]
     """North and east, m."""
     heading: Scalar
     length: Scalar
     penetration: Float[Array, " volumes"]
-    """How deep it was inside keep-outs, summed over the spots looked at."""
+    """Depth inside each keep-out, summed over the checked points."""
     position_by: Float[Array, "2 11"]
     heading_by: Float[Array, "11"]
     length_by: Float[Array, "11"]
@@ -216,7 +219,7 @@ def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
 def _path_and_residuals(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
 ) -> tuple[TurnsAndLegs, Float[Array, " equations"], Float[Array, "equations 11"]]:
-    """Path for given unknowns, its residuals, and their derivatives.
+    """Compute the path for given unknowns, its residuals, and their derivatives.
 
     Residuals: miss distance and length, relative to the path's length; heading, in half turns; depth inside each
     keep-out. The derivatives are composed by hand, because a turn depends on three numbers only, not on eleven
@@ -323,7 +326,7 @@ def _path_and_residuals(
 
 
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
-    """Paths of a target length, each near a start; see `make_starts`.
+    """Find paths of a target length, each by a search from one of the `starts`.
 
     Keep-outs are checked at the start, middle and end of the turns and at four points of each leg: check the final path
     against keep-outs. Not differentiable: plans are selected, not tuned.

@@ -1,4 +1,7 @@
-"""Clocks along the paths of a decentralised fleet: paths followed by a clock, and the motion of the clocks."""
+"""Clocks of a decentralised fleet: each aircraft flies its path by its own clock.
+
+A clock may run slower or faster than time.
+"""
 
 import equinox as eqx
 import jax
@@ -14,18 +17,18 @@ from anser.spatial.rotations import safe_norm
 
 
 class ClockedPath(AbstractReference):
-    """A path followed by its own clock.
+    """A path that one aircraft flies by its own clock instead of time.
 
     Attributes
     ----------
     path, next_path
-        Present path and next path, by the clock.
+        Present path and next path, as functions of the clock.
     has_next_path
         Whether the next path replaces the present one from its start on.
     clock, rate, acceleration
-        Clock (s) at `time`, rate (1) and acceleration (1/s).
+        Clock (s) at `time`, its rate (1) and acceleration (1/s).
     time
-        Reference time, s.
+        Time to which clock and rate belong, s.
     """
 
     path: TimedPath
@@ -51,7 +54,7 @@ class ClockedPath(AbstractReference):
 
 
 class Clocks(eqx.Module):
-    """Clocks along the paths; leading axis aircraft.
+    """Clocks of the fleet; leading axis aircraft.
 
     Attributes
     ----------
@@ -74,10 +77,12 @@ def clock_accelerations(
     coordinated: Bool[Array, " aircraft"],
     gains: CoordinationGains,
 ) -> Float[Array, " aircraft"]:
-    """Accelerations of the clocks by the coordination law, from received messages, 1/s.
+    """Compute the accelerations of the clocks, 1/s, by the coordination law, from received messages.
 
     Parameters
     ----------
+    paths
+        Paths and clocks of the fleet.
     network
         State of the network after the exchange.
     positions_n
@@ -108,7 +113,7 @@ def advance_clocks(
     gains: CoordinationGains,
     step: ScalarLike,
 ) -> Clocks:
-    """Clocks one step (s) after a time (s); after the arrival a clock continues at rate 1."""
+    """Advance the clocks from a time (s) by one step (s); after the arrival a clock continues at rate 1."""
     count = clocks.clock.shape[0]
     estimated_clocks = knowledge.clocks + (time - knowledge.times)
     clock_uncertainty = gains.rate_range * (time - knowledge.times)

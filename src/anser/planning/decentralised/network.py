@@ -15,7 +15,7 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """Knowledge of the aircraft about each other: (receiver, subject); the diagonal is each aircraft's current data.
+    """What each aircraft knows about each other, (receiver, subject); on the diagonal, its own current data.
 
     Attributes
     ----------
@@ -24,7 +24,7 @@ class KnowledgeMatrix(eqx.Module):
     times
         Times of the data, s.
     tokens
-        Progress of the path exchange, see `path_exchange`.
+        Step counter of the subject's agreement on its path, see `path_exchange`; odd while its offer is open.
     acknowledged
         (receiver, subject, owner): last token of the owner that the subject has acknowledged.
     delays
@@ -39,7 +39,19 @@ class KnowledgeMatrix(eqx.Module):
 
 
 class Broadcast(eqx.Module):
-    """Current data that the aircraft send about themselves; leading axis aircraft. Fields as in `KnowledgeMatrix`."""
+    """Data that each aircraft sends about itself in one exchange; leading axis aircraft.
+
+    Attributes
+    ----------
+    clocks
+        Clock, s.
+    tokens
+        Step counter of the agreement on the aircraft's path, see `path_exchange`.
+    acknowledged
+        (aircraft, owner): last token of the owner that the aircraft has acknowledged.
+    delays
+        Requested delay of the fleet's arrivals, s.
+    """
 
     clocks: Float[Array, " aircraft"]
     tokens: Int[Array, " aircraft"]
@@ -52,10 +64,14 @@ class NetworkState(eqx.Module):
 
     Attributes
     ----------
+    outages
+        Links in an outage, (aircraft, aircraft).
     hears
         Links with a message in the last exchange: (receiver, sender).
     messages, message_links
         Messages under way, and the links they use; leading axis exchanges, a ring buffer.
+    knowledge
+        Knowledge of the aircraft after the last exchange.
     """
 
     outages: LinkMatrix
@@ -66,7 +82,7 @@ class NetworkState(eqx.Module):
 
 
 class Network(eqx.Module):
-    """Broadcast network: in each exchange, an aircraft sends its complete knowledge, original and relayed.
+    """Broadcast network: in each exchange, each aircraft sends its whole knowledge, data received earlier included.
 
     A link is up or down in both directions. It is down beyond the range, during an outage (Gilbert-Elliott model,
     independent links), and for lost exchanges (independent). Messages arrive after a delay.
@@ -75,6 +91,8 @@ class Network(eqx.Module):
     ----------
     range
         Range of a link, m.
+    dropouts
+        Losses and outages of the links.
     period
         Time between two exchanges, s.
     period_samples
@@ -118,10 +136,12 @@ class Network(eqx.Module):
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Send messages, and process the arriving messages.
+        """Send the messages of one exchange, and update the knowledge from the messages that arrive.
 
         Parameters
         ----------
+        broadcast
+            Data that the aircraft send about themselves.
         positions_n
             Positions of the aircraft, NED, m.
         active
@@ -147,7 +167,7 @@ class Network(eqx.Module):
         number: Count | int,
         randomness: AbstractRandomness | None,
     ) -> tuple[LinkMatrix, LinkMatrix]:
-        """Links in outage, and links that are up, in an exchange."""
+        """Return the links in an outage, and the links that are up, in the exchange at sample `number`."""
         count = active.shape[0]
         uniforms = _link_uniforms(randomness, number, count)
         outages = self.dropouts.next_outage(outages, self.period, uniforms[0])
@@ -169,7 +189,7 @@ def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Sca
 
 
 def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: LinkMatrix) -> KnowledgeMatrix:
-    """Knowledge after messages: the latest data of previous knowledge and received messages."""
+    """Update the knowledge from the messages received: for each subject, the latest data count."""
     count = hears.shape[0]
     # (receiver, sender, subject)
     times = jnp.where(hears[:, :, None], arrived.times[None], -jnp.inf)
@@ -187,7 +207,7 @@ def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears:
 def _link_uniforms(
     randomness: AbstractRandomness | None, number: Count | int, count: int
 ) -> Float[Array, "2 aircraft aircraft"]:
-    """Two uniform random numbers per link, independent of the size of the fleet."""
+    """Draw two uniform random numbers per link; the numbers do not depend on the size of the fleet."""
     if randomness is None:
         raise ValueError("a network draws random numbers: the flight has no seed")
     indices = np.arange(count)

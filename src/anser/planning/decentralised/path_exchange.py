@@ -32,11 +32,11 @@ class Exchange(eqx.Module):
     agreed_paths
         Paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path.
     alternative
-        Paths that are offered, or were just left or withdrawn; the agreed path if settled.
+        Paths that are offered, or were just left or withdrawn; equal to the agreed path if settled.
     tokens
-        Step counters, see above.
+        Step counter of each aircraft's offers; odd while an offer is open (see the module docstring).
     settled
-        Whether the fleet knows which path the aircraft flies.
+        Whether the fleet knows which of both paths the aircraft flies.
     offered_at
         Time of the last offer, on the path's clock, s.
     acknowledged
@@ -57,7 +57,7 @@ class Exchange(eqx.Module):
 
 
 def initial_exchange(approaches: ApproachAndHold) -> Exchange:
-    """State after the agreement before the flight."""
+    """State at the start of the flight: the paths agreed before the flight, without an offer."""
     count = approaches.path.times.shape[0]
     zero = jnp.zeros((count, count), dtype=jnp.int32)
     return Exchange(approaches, approaches, zero[0], jnp.ones(count, dtype=bool), jnp.full(count, -jnp.inf), zero)
@@ -72,7 +72,7 @@ def process_messages(
     participates: Bool[Array, " aircraft"],
     patience: ScalarLike,
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
-    """Acknowledge the known offers, and accept, withdraw or settle the aircraft's own.
+    """Let each aircraft acknowledge the offers it knows, and accept, withdraw or settle its own offer.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def process_messages(
 
     Returns
     -------
-    The new state, and the mask of accepted offers.
+    The new state, and the mask of the aircraft with an offer that the fleet has just accepted.
     """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
@@ -121,7 +121,7 @@ def process_messages(
 def open_offers(
     state: Exchange, approaches: ApproachAndHold, offers: Bool[Array, " aircraft"], clocks: Float[Array, " aircraft"]
 ) -> Exchange:
-    """Open offers of new paths for selected aircraft, which must be settled."""
+    """Let the aircraft selected by `offers` offer new paths; they must be settled."""
     return Exchange(
         state.agreed_paths,
         select_rows(offers, approaches, state.alternative),
@@ -154,5 +154,5 @@ def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
 
 
 def concatenate_fleets(*sets: ApproachAndHold) -> ApproachAndHold:
-    """Concatenate sets of paths of one fleet."""
+    """Concatenate several sets of paths of one fleet along the leading axis."""
     return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *sets)

@@ -51,7 +51,7 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 
 LEAD_S = 6.0
-"""Time between an offer and the start of the offered path, s: the fleet's time for acknowledgements."""
+"""Time between an offer and the start of the offered path, s: in this time the fleet must acknowledge it."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
 _SAME_TIME_S = 1e-3
 _DELAY_FRACTIONS = (
@@ -99,14 +99,18 @@ class DecentralisedPlanState(eqx.Module):
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Planner in which each aircraft plans for itself.
+    """Planner of a fleet without a centre: each aircraft plans for itself.
 
     Attributes
     ----------
     aircraft_planner
         Limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew.
+    network
+        Communication network.
+    gains
+        Gains of the clocks' coordination.
     tube
-        Greatest distance from the agreed path, m.
+        Greatest distance of an aircraft's path from its agreed path, m.
     """
 
     aircraft_planner: CertifiedPlanner
@@ -115,13 +119,13 @@ class DecentralisedPlanner(AbstractPlanner):
     tube: Scalar
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
-        """Raise ValueError: the aircraft agree before the flight, see `anser.missions.consensus`."""
+        """Raise ValueError: the aircraft agree on a plan before the flight, see `anser.missions.consensus`."""
         raise ValueError("without a centre a fleet agrees on its first plan beforehand: anser.plan makes it")
 
     def initial_state(
         self, plan_state: CertifiedPlanState, randomness: AbstractRandomness | None
     ) -> DecentralisedPlanState:
-        """State at time 0 with the agreed paths and holds."""
+        """State at time 0, with the paths and holds agreed before the flight."""
         assert plan_state.holds is not None, "without a centre a fleet agrees on its holds too"
         count, arrivals = plan_state.plan.arrival_times.shape[0], plan_state.plan.arrival_times
         clocks = Clocks(jnp.zeros(count), jnp.ones(count), jnp.zeros(count))
@@ -142,7 +146,7 @@ class DecentralisedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
-        """Process messages, and correct each path to the presently predicted rendezvous."""
+        """Process messages, and correct each path to the rendezvous predicted now."""
         plan, state, clocks, planner = (
             planner_state.plan,
             planner_state.exchange,
@@ -254,7 +258,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
     ) -> Bool[Array, "paths paths"]:
-        """Mask of separated pairs of agreed, alternative and proposed paths, concatenated in this order."""
+        """Mask of the pairs of paths that keep the separation.
+
+        Paths are concatenated in this order: agreed, alternative and proposed paths.
+        """
         path_sets = concatenate_fleets(state.agreed_paths, state.alternative, approaches)
         ratios = pairwise_clearance_ratios(path_sets, jnp.tile(active, 3), self.aircraft_planner.airspace, from_time)
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
@@ -271,11 +278,11 @@ class DecentralisedPlanner(AbstractPlanner):
         delays: Float[Array, " aircraft"],
         time: ScalarLike,
     ) -> tuple[ApproachAndHold, Bool[Array, " aircraft"], Float[Array, " aircraft"]]:
-        """New path for one aircraft with an uncorrectable path, if a path exists; the aircraft take turns.
+        """Search a new path for one aircraft whose path cannot be corrected; the aircraft take turns.
 
         The path arrives at the arrival time known to the aircraft. Without such a path, the aircraft tries later times,
         and the fleet adopts the delay. A second round of trials may use the acceleration reserve that the first round
-        leaves for corrections.
+        leaves for corrections. Returns the proposed paths, the mask of aircraft with an offer, and the delays, s.
         """
         count, clock = searches.shape[0], planner_state.clocks.clock
         turn = jnp.round(time).astype(jnp.int32) % count
@@ -383,7 +390,7 @@ class DecentralisedPlanner(AbstractPlanner):
         )
 
     def _followed(self, planner_state: DecentralisedPlanState) -> ClockedPath:
-        """Paths with clocks; leading axis aircraft."""
+        """Present paths of the fleet with their clocks; leading axis aircraft."""
         clocks = planner_state.clocks
         return ClockedPath(
             path=planner_state.plan.paths,
@@ -400,7 +407,7 @@ class DecentralisedPlanner(AbstractPlanner):
         return planner_state.replan_needed
 
     def plans(self, planner_state: DecentralisedPlanState) -> AircraftPlan:
-        """Present paths by the clocks; arrivals and holds are delayed with the clocks."""
+        """Present paths in time; arrivals and holds are delayed with the clocks."""
         plan, clocks, time = planner_state.plan, planner_state.clocks, planner_state.time
         lag = time - clocks.clock
         to_go = plan.arrival_times - clocks.clock
@@ -428,5 +435,5 @@ class DecentralisedPlanner(AbstractPlanner):
 
 
 def _set_slices(count: int) -> tuple[slice, slice, slice]:
-    """Slices of three concatenated sets with `count` paths each."""
+    """Slices of agreed, alternative and proposed paths in their concatenation, `count` paths each."""
     return slice(0, count), slice(count, 2 * count), slice(2 * count, 3 * count)

@@ -56,7 +56,7 @@ def clock_acceleration(
     count: ScalarLike,
     gains: CoordinationGains,
 ) -> Scalar:
-    """Second derivative of one aircraft's clock, 1/s.
+    """Acceleration of one aircraft's clock by the coordination law, 1/s.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def bounded_rate(
     is_coordinated: Bool[Array, " others"],
     gains: CoordinationGains,
 ) -> Scalar:
-    """Rate of a clock within its range, limited so that no two clocks differ by more than the greatest skew.
+    """Limit the rate of a clock to its range, and so that no two clocks differ by more than the greatest skew.
 
     A clock may move away from another clock only while the other clock is certainly closer than the greatest skew:
     since the last message it may have moved by `uncertainty`, under the same rule. After a long time without messages
@@ -150,5 +150,5 @@ def guaranteed_rate(mu: float, coupling: float, window_s: float) -> float:
 
 
 def coordination_error(clocks: np.ndarray) -> np.ndarray:
-    """Norm of Q gamma, s: deviation of clocks (..., n) from their mean."""
+    """Norm of Q gamma, s: deviation of the clocks (..., n) from their mean; Q as in `quality_of_service`."""
     return np.linalg.norm(clocks - clocks.mean(axis=-1, keepdims=True), axis=-1)

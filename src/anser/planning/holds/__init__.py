@@ -1,4 +1,4 @@
-"""Holds after the arrival: references, assignment and exit paths."""
+"""Holds: the motion after the arrival, around the goal or along a path that stays clear of the other holds."""
 
 import lazy_loader
 

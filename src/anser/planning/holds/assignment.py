@@ -46,7 +46,7 @@ _CIRCLE_COUNT = (len(_RADII) + 1) * 2 * len(_LEVELS)
 
 
 def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: GuidanceSettings) -> HoldCircle:
-    """Candidate circles of one aircraft, the scenario's circle first; stacked."""
+    """Circles that are tried for one aircraft's hold, the scenario's circle first; stacked."""
     vertical_separation = airspace.separation.vertical
     step = jnp.where(vertical_separation > 0.0, _LEVEL_SPACING * vertical_separation, 0.0)
     base = -task.rendezvous.stand_off_n[2]
@@ -92,7 +92,7 @@ class _HoldOption(eqx.Module):
 def _clearance_ratios(
     index: Count, aircraft: _HoldOption, fleet: _HoldOption, separation: Separation
 ) -> Float[Array, " aircraft"]:
-    """Clearance ratio between one aircraft and the fleet, from the first arrival of each pair on."""
+    """Clearance ratio between one aircraft and each of the fleet, from the first arrival of the pair on."""
     is_other = jnp.arange(fleet.fits.shape[0]) != index
 
     def least_ratio(
@@ -110,7 +110,7 @@ def _clearance_ratios(
 
 
 _Search = tuple[Count, Count, Scalar, _HoldOption, Flag]
-"""Next circle index, best index, best value, best hold, and whether the hold is clear."""
+"""State of the search over circles: next circle, best circle, its value, its hold, and whether the hold is clear."""
 
 
 class _Choice(eqx.Module):
@@ -135,7 +135,7 @@ def assign_holds(
     former: PlannedHolds | None = None,
     stays: Bool[Array, " aircraft"] | None = None,
 ) -> PlannedHolds:
-    """Choose a hold for each aircraft, separated from the fleet until the end of the flight.
+    """Choose a hold for each aircraft that is clear of the fleet until the end of the flight.
 
     The aircraft choose one after the other, in the order of arrival. Each takes its first circle that is clear of all
     paths and of the holds chosen so far, or else the circle with the largest clearance. Then aircraft in conflict
@@ -154,7 +154,7 @@ def assign_holds(
     cells
         Number of cells of a hold's path, see `choose_cell_count`.
     former, stays
-        Previous holds, and the mask of holds to keep; None: aircraft that have arrived at `start_time` keep theirs.
+        Previous holds, and the mask of the holds that stay; None: those of aircraft that have arrived at `start_time`.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

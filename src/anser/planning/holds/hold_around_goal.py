@@ -27,7 +27,7 @@ _BANK_MAX = 1.2  # rad: keeps the tangent, the lateral acceleration, bounded
 
 
 class HoldAroundGoal(eqx.Module):
-    """A circle around the moving goal at the height of the rendezvous, or the planned hold if there is one.
+    """Guidance of the hold: a circle around the moving goal at the height of the rendezvous, or the planned hold.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class HoldAroundGoal(eqx.Module):
     speed: Scalar
 
     def clearance(self, belief: Belief) -> GroundClearance:
-        """Ground clearance above the least altitude."""
+        """Ground clearance of the aircraft above the least altitude of the hold."""
         return ground_clearance(belief, self.limits)
 
     def lateral_acceleration_max(self, clearance: GroundClearance, gravity: Scalar) -> Scalar:
@@ -66,7 +66,7 @@ class HoldAroundGoal(eqx.Module):
         is_breakaway: Flag,
         instant: Instant,
     ) -> tuple[PathCommand, Vector3]:
-        """Command, and the reference point of the hold (NED, m).
+        """Return the command, and the reference point of the hold (NED, m).
 
         Parameters
         ----------

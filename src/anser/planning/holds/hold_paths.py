@@ -31,7 +31,7 @@ _LEVEL_OFF_S = 8.0  # duration of the level-off of a steep arrival, if necessary
 _PULL_SHARE = 0.75  # share of the load factor beyond 1 for the level-off
 _BANK_FRACTION = 0.95  # of the greatest bank angle
 GOAL_VELOCITY_TOLERANCE = 0.1
-"""Deviation of a goal's velocity from the prediction, relative to the airspeed, up to which a planned hold is flown."""
+"""Greatest deviation of a goal's velocity from the prediction, relative to the airspeed, for flying a planned hold."""
 
 
 class HoldCircle(eqx.Module):
@@ -83,17 +83,20 @@ class PlannedHolds(eqx.Module):
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Number of cells of a hold for a flight of a duration (s): a power of two up to 4096, for cells of at most 2 s."""
+    """Number of cells of a hold's path for a flight of a duration (s): a power of two up to 4096.
+
+    The least number with cells of at most 2 s, if possible.
+    """
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
 def move_with_goals(
     holds: PlannedHolds, tasks: AircraftTask, time: ScalarLike | Float[Array, " aircraft"]
 ) -> PlannedHolds:
-    """Holds around goals with a new prediction at `time` (s); positions stay continuous at `time`, rates may jump.
+    """Move holds with their goals, whose positions and velocities are predicted anew at `time` (s).
 
-    A hold moves with its goal; its path through the air changes with the change of the goal's velocity. `time` may be
-    one time per aircraft, as is then `forecast_time` of the result.
+    Positions stay continuous at `time`, rates may jump. The path through the air changes with the change of the goal's
+    velocity. `time` may be one time per aircraft, as is then `forecast_time` of the result.
     """
     time = jnp.asarray(time, dtype=float)
     elapsed = jnp.broadcast_to(time - holds.forecast_time, holds.clear.shape)
@@ -117,10 +120,12 @@ def move_with_goals(
 
 
 class HoldReference(AbstractReference):
-    """Hold path of one aircraft, moved with its sensed goal.
+    """Reference of one aircraft in its hold: the planned path, moved with the sensed goal.
 
     Attributes
     ----------
+    path
+        Planned path of the hold.
     goal_offset_n, goal_offset_rate_n
         Offset of the goal from the prediction, m, and its rate, m/s.
     now
@@ -143,7 +148,7 @@ class HoldReference(AbstractReference):
 
 
 def broadcast_holds(holds: PlannedHolds) -> PlannedHolds:
-    """Holds with a leading aircraft axis in every field, for `vmap`."""
+    """Give every field of the holds a leading aircraft axis, for `vmap`."""
     count = holds.clear.shape[0]
     return eqx.tree_at(lambda h: h.forecast_time, holds, jnp.broadcast_to(holds.forecast_time, (count,)))
 
@@ -156,11 +161,11 @@ def hold_reference(
     speed: ScalarLike,
     reach: ScalarLike | None = None,
 ) -> tuple[HoldReference, Flag]:
-    """Hold reference of one aircraft (no leading axis) around its sensed goal, and whether to fly it.
+    """Return one aircraft's reference in its hold around its sensed goal, and whether the reference may be flown.
 
-    The reference is invalid after its end, or if the goal's velocity deviates from the prediction by more than
-    `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), the reference is valid for any motion of the
-    goal, and moves with the goal by at most the reach.
+    `holds` has no leading axis. The reference is not flown after its end, or if the goal's velocity deviates from the
+    prediction by more than `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), it is flown for any
+    motion of the goal, and moves with the goal by at most the reach.
     """
     offset_rate_n = goal_velocity_n - holds.goal_velocities_n
     offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
@@ -204,7 +209,7 @@ def hold_path(
     gravity: ScalarLike,
     cells: int,
 ) -> TimedPath:
-    """Path of one hold: the guidance's vector field, flown by a point mass with finite roll, climb and speed rates.
+    """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance.
 
     Parameters
     ----------
@@ -214,10 +219,14 @@ def hold_path(
         Position (m), velocity over the ground (m/s) and time (s) at the start of the hold.
     goal
         Position and velocity of the goal at the arrival, m and m/s over the ground.
+    circle
+        Circle of the hold.
     end_time
         End of the path, s.
     settings
         Guidance settings; radius and turn direction are taken from the circle.
+    cells
+        Number of cells of the path.
     """
     position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal
@@ -291,7 +300,7 @@ def hold_path(
 
 
 SAMPLES_PER_CELL = 8
-"""Number of distance samples per cell of a hold's path; bounds hold between the samples."""
+"""Number of distance samples per cell of a hold's path; the distance bounds also hold between the samples."""
 HOLD_INTERVALS_PER_CYLINDER = 4 * clearance.INTERVALS_PER_CYLINDER
 
 
@@ -311,7 +320,7 @@ class ApproachAndHold(eqx.Module):
 
 
 def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Array, " intervals"]:
-    """Mask of the intervals between instants in which an aircraft holds, at least at the end."""
+    """Mask of the intervals between instants (s) in which an aircraft holds, for part of the interval at least."""
     return times[1:] > arrival
 
 
@@ -332,7 +341,7 @@ def pairwise_clearance_ratios(
 ) -> Float[Array, "paths paths"]:
     """Lower bound of the ratio of distance to separation of each pair of paths, from a time (s) to the holds' end.
 
-    Infinite on the diagonal. The time before the start of a path does not count; nor do paths with `active` 0.
+    Infinite on the diagonal. The time before the start of a path is ignored, and so are paths with `active` 0.
     """
     cells, count = approaches.hold.paths.times.shape[1] - 1, active.shape[0]
     end_time = jnp.max(approaches.hold.paths.times)
