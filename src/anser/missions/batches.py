@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 BATCH = 128
-"""Flights in one compiled call: larger batches are no faster on a few cores."""
+"""Number of flights in one compiled call; larger batches are no faster on a few cores."""
 
 Progress = Callable[[str, float | None], None]
 """Callback with a description of the current work and the completed share, 0..1 (None: the duration is unknown)."""
 
 
 def no_progress(message: str, completed_share: float | None) -> None:
-    """`Progress` callback without any effect."""
+    """Ignore a progress report: the `Progress` callback for silent computations."""

@@ -52,7 +52,7 @@ def _certify_fleet(plan: CertifiedPlan, tasks: AircraftTask, airspace: Any) -> A
 
 @compiled_quickly
 def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rounds: Any) -> Any:
-    """Up or down state of every link at each exchange before the flight."""
+    """Whether each link is up at each exchange before the flight, (exchange, receiver, sender)."""
 
     def links_at(outages: Any, exchange_number: Any) -> Any:
         return network.links(outages, positions_n, active, exchange_number, randomness)
@@ -62,7 +62,7 @@ def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rou
 
 
 class Agreement(eqx.Module):
-    """Result of the negotiation, as arrays.
+    """Content of a plan file for a fleet without a central planner: the result of the negotiation.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Agreement(eqx.Module):
 
 @dataclass(frozen=True, repr=False)
 class DecentralisedFirstPlan(CertifiedFirstPlan):
-    """Plan on which the aircraft of a fleet without a central planner have agreed.
+    """First plan of a fleet without a central planner, on which the aircraft have agreed by messages.
 
     Attributes
     ----------
@@ -118,34 +118,37 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "DecentralisedFirstPlan":
-        """The first plan from a trimmed fleet and the content of a plan file."""
+        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
         planner = cast(DecentralisedPlanner, flight.planner).aircraft_planner
         arguments = restored_arguments(scenario, flight, fleet, state.plan_state, planner)
         return cls(*arguments, float(state.negotiation_s))
 
     def saved_state(self) -> Agreement:
-        """Paths, holds and the duration of the negotiation."""
+        """Return the content of a plan file: paths, holds and the duration of the negotiation."""
         return Agreement(self._plan_state(), as_array(self.agreed_after_s))
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        """Entry `network` of a flight's summary."""
+        """Compute the entry `network` of a flight's summary."""
         from anser.results.network_summary import summarize_network
 
         return summarize_network(time_s, history, self.scenario, self.agreed_after_s)
 
     def notes(self) -> tuple[str, ...]:
-        """Notes of the certified planner, after the duration of the negotiation."""
+        """Duration of the negotiation, then the notes of the certified planner; one sentence each."""
         negotiation_note = f"agreed without a centre after {self.agreed_after_s:.1f} s"
         return (negotiation_note, *super().notes())
 
 
 class _NoAgreementError(Exception):
-    """The negotiation ended without a plan; the argument is the reason."""
+    """The negotiation ended without a plan; the argument is the reason, in one sentence."""
 
 
 @dataclass
 class _MessageFlood:
-    """Flooding of messages before the flight: every aircraft passes on the messages received earlier."""
+    """Messages before the flight: each aircraft passes on every message that it has received.
+
+    Keeps the exchange that the negotiation has reached.
+    """
 
     links: np.ndarray  # (exchange, aircraft, aircraft)
     delay: int
@@ -154,7 +157,7 @@ class _MessageFlood:
     exchange_index: int = 0
 
     def broadcast(self, sources: list[int]) -> None:
-        """Advance to the exchange by which the messages of all sources have reached the whole fleet."""
+        """Advance to the exchange by which the messages of all `sources` (aircraft) have reached the whole fleet."""
         self.exchange_index = max(self._reached(source) for source in sources)
 
     def _reached(self, source: int) -> int:
@@ -177,7 +180,7 @@ class _MessageFlood:
 def negotiate_plan(
     scenario: Scenario, flight: Flight, tasks: AircraftTask, on_progress: Callable[[str], None] = lambda message: None
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
-    """Negotiate a plan before the flight.
+    """Negotiate a plan before the flight, see `DecentralisedFirstPlan.make`.
 
     Returns
     -------
@@ -208,7 +211,7 @@ def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask)
 
 
 def _single_task(tasks: AircraftTask, aircraft: int) -> AircraftTask:
-    """Tasks of a fleet with only one active aircraft."""
+    """Return the tasks of the fleet with only one aircraft active."""
     is_planned = np.arange(np.asarray(tasks.active).size) == aircraft
     active = np.where(is_planned, np.asarray(tasks.active), 0.0)
     return eqx.tree_at(lambda t: t.active, tasks, as_array(active))
@@ -271,7 +274,10 @@ def _plan_in_turn(
     flood: _MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
-    """Plan the aircraft in turn, with separation from the aircraft planned before; or return the failure."""
+    """Plan the aircraft one after the other, each separated from the aircraft planned before.
+
+    Returns the plan and "", or None and the reason for a failure.
+    """
     airspace, plan = planner.aircraft_planner.airspace, None
     request = ArrivalRequest("times", float(np.max(times)), times_s=times)
     intervals = choose_interval_count(float(np.max(times)))
@@ -300,5 +306,5 @@ def _plan_in_turn(
 
 @compiled_quickly
 def _with_aircraft_rows(plan: CertifiedPlan, candidate: CertifiedPlan, is_planned: Any) -> CertifiedPlan:
-    """Plan with the rows of the selected aircraft from a candidate."""
+    """Replace the rows of the selected aircraft in a plan by those of another plan, `candidate`."""
     return select_rows(is_planned, candidate, plan)

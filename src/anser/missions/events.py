@@ -1,6 +1,8 @@
-"""Events of a single flight in the order of time.
+"""Events of a single flight in the order of time, and the reassignment of a departing aircraft's goal.
 
-Effects on the flight and its plan, and the reassignment of goals that departing aircraft leave.
+An event acts in two ways. Its physical effect (thrust or sensor lost, a goal that stops or turns, the time of a
+departure) is built into the flight beforehand, see `anser.scenario.build`. Its effect on the plan is applied here: the
+flight stops at the event's sample and `anser.missions.replanning` plans anew where necessary.
 """
 
 import dataclasses
@@ -34,7 +36,7 @@ _INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """Fleet at the sample at which goals become free."""
+    """State of the fleet at the sample at which the goals of departing aircraft become free."""
 
     scenario: Scenario
     goals: tuple[str, ...]
@@ -43,7 +45,7 @@ class _FleetGoals:
     now_s: float
 
     def aircraft_with_goal(self, goal: str) -> list[str]:
-        """Names of the aircraft that fly to a goal and have not departed."""
+        """Names of the aircraft that fly to a goal and have not left the fleet."""
         events = self.scenario.event
         departed = {
             event.aircraft for event in events if event.kind == "aircraft-leaves" and event.time_s <= self.now_s
@@ -59,7 +61,7 @@ class _FleetGoals:
         """Distance of every aircraft to the rendezvous of every departed aircraft, (aircraft, departure), m.
 
         `_INFEASIBLE_M` if even a straight flight at the greatest airspeed with the wind would arrive too late, or if
-        the aircraft may not leave its present goal. The search decides about the remaining pairs.
+        the aircraft may not change its present goal. Whether the remaining pairs are feasible is decided by the search.
         """
         tasks, names = self.snapshot.tasks, [aircraft.name for aircraft in self.scenario.aircraft]
         positions_n = np.asarray(tasks.position_n)
@@ -99,7 +101,7 @@ def reassign_goals(
     Parameters
     ----------
     scenario, flight, state, number
-        The fleet at the sample, after the aircraft have left.
+        The fleet at sample `number`, after the aircraft have left.
     departures
         Events by which the aircraft left.
     goals
@@ -177,7 +179,7 @@ def _no_successor(now_s: float, departed: int, event: Event, goals: Sequence[str
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:
-    """Give the goal, the rendezvous and the goal estimate of one aircraft to another aircraft."""
+    """Give the goal, the rendezvous and the goal estimate of one aircraft (`giver`) to another (`taker`)."""
     (giver_group, giver_row), (taker_group, taker_row) = _group_and_row(flight, giver), _group_and_row(flight, taker)
 
     def mission(group: int) -> Any:
@@ -233,7 +235,7 @@ _SETTLED_S = 10.0  # time after an event in which every replanning is checked: a
 
 
 class EventSchedule:
-    """Coming events of a flight, and the outcomes of past events.
+    """Events of a flight that are still to come, and the outcomes of past events.
 
     Parameters
     ----------
@@ -262,7 +264,7 @@ class EventSchedule:
         self._goal_event: tuple[int, int] | None = None
 
     def apply_due(self, flight: Flight, state: FlightState, number: int) -> tuple[Flight, FlightState]:
-        """Flight and state after the events that are due at a sample."""
+        """Apply the events that are due at a sample, and return flight and state after them."""
         due_events: list[Event] = []
         while self._coming and self._coming[0][0] <= number:
             due_events.append(self._coming.pop(0)[1])
@@ -278,16 +280,17 @@ class EventSchedule:
         return flight, state
 
     def steps_until_next(self, number: int, steps_max: int) -> int:
-        """Steps from a sample to the next event or to the next check of the replanning, at most `steps_max`."""
+        """Number of steps from a sample to the next event or the next check of the replanning, at most `steps_max`."""
         steps = min([steps_max, *(event_step - number for event_step, _ in self._coming[:1])])
         if self._goal_event is not None and self._replan_steps:
             steps = min(steps, -number % self._replan_steps + 1)
         return steps
 
     def check_replanning(self, flight: Flight, state: FlightState, number: int) -> FlightState:
-        """State at a sample, with a plan of the complete search if periodic replanning failed after a goal changed.
+        """Search for a new plan if the periodic replanning has failed after a change of a goal; return the state.
 
-        Periodic replanning tries small corrections only; the complete search takes longer and may find a plan.
+        Periodic replanning, in the compiled loop, tries small corrections only; the complete search takes longer and
+        may find a plan. The state is unchanged if periodic replanning succeeded or no plan is found.
         """
         if self._goal_event is None:
             return state

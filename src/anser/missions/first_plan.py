@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from anser.missions.plan_output import RecordedPlan
 
 SPEED_TOLERANCE = 1e-3
-"""Relative difference from the fleet's speed above which a mean airspeed is noted."""
+"""Relative difference from the preferred airspeed above which a mean airspeed is mentioned in the notes."""
 
 
 OnProgress = Callable[[str], None]
@@ -45,7 +45,7 @@ PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 
 
 class NoPlanError(Exception):
-    """No plan was found; `reasons` holds one sentence for each reason."""
+    """No plan was found; `reasons` has one sentence for each reason."""
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
         super().__init__("; ".join(reasons))
@@ -53,12 +53,12 @@ class NoPlanError(Exception):
 
 
 class PlanFileError(ValueError):
-    """The file contains no plan, or the plan of another scenario."""
+    """The file contains no plan, is damaged, or contains the plan of another scenario."""
 
 
 @dataclass(frozen=True, repr=False)
 class FirstPlan(abc.ABC):
-    """The first plan of a scenario; the printed form lists arrival times and problems.
+    """The first plan of a scenario, made before the flight; the printed form lists arrival times and problems.
 
     Attributes
     ----------
@@ -77,11 +77,11 @@ class FirstPlan(abc.ABC):
     fleet: TrimmedFleet
     refusals: tuple[str, ...]
     state_type: ClassVar[type]
-    """Type of `saved_state`."""
+    """Type of `saved_state`, by which a plan file is read."""
 
     @property
     def trims(self) -> tuple[TrimPoint, ...]:
-        """Steady flight of each aircraft at its start."""
+        """Trimmed steady flight of each aircraft at its start."""
         groups = zip(self.flight.groups, self.fleet.trims, strict=True)
         trims = {
             position: trim
@@ -100,7 +100,7 @@ class FirstPlan(abc.ABC):
     @classmethod
     @abc.abstractmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
-        """The first plan from a trimmed fleet and the content of a plan file."""
+        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
 
     @functools.cached_property
     @abc.abstractmethod
@@ -117,7 +117,7 @@ class FirstPlan(abc.ABC):
 
     @abc.abstractmethod
     def path_descriptions(self) -> tuple[str, ...]:
-        """Shape of the path of each aircraft, in two or three words."""
+        """Shape of each aircraft's path in two or three words."""
 
     @abc.abstractmethod
     def initial_state(self) -> FlightState:
@@ -125,19 +125,19 @@ class FirstPlan(abc.ABC):
 
     @abc.abstractmethod
     def saved_state(self) -> Any:
-        """Content of a plan file: a module of arrays. Raises `NoPlanError` if there is no plan."""
+        """Return the content of a plan file: a module of arrays. Raises `NoPlanError` if there is no plan."""
 
     @abc.abstractmethod
     def record(self) -> "RecordedPlan":
         """Sample and summarize the plan. Raises `NoPlanError` if there is no plan."""
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
-        """Entry `network` of a flight's summary; None for a fleet with a central planner."""
+        """Compute the entry `network` of a flight's summary; None for a fleet with a central planner."""
         return None
 
     @property
     def arrivals_s(self) -> np.ndarray:
-        """Planned arrival times, (aircraft,), s."""
+        """Planned arrival time of each aircraft, s."""
         return np.broadcast_to(np.asarray(self.plan.arrival_times), len(self.scenario.aircraft))
 
     @property
@@ -183,7 +183,7 @@ trim_at_start = compiled_quickly(trimmed_fleet)
 
 @compiled_quickly
 def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) -> FlightState:
-    """State of a flight at time 0 with a first plan."""
+    """State of a flight at time 0 with the planner's first state `plan_state`, computed by a compiled program."""
     return initialize_flight(flight, fleet, flight.planner.initial_state(plan_state, flight.randomness))
 
 
@@ -195,12 +195,12 @@ def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[Tri
 
 
 def first_plan_status() -> Array:
-    """Replanning status of a first plan: index into `REPLANNING_MESSAGES`."""
+    """Status that marks a first plan: index into `REPLANNING_MESSAGES`."""
     return as_array(FIRST_PLAN, np.int64)
 
 
 UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
-"""Message for a path delivered without a proof."""
+"""Message for a path that is delivered although the certificate does not prove it."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -231,7 +231,7 @@ class CertifiedFirstPlan(FirstPlan):
     def make(
         cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
     ) -> "CertifiedFirstPlan":
-        """Trim every aircraft and search for a certified plan; if the search fails, diagnose the reason."""
+        """Trim every aircraft and search for a certified plan; if none is found, diagnose the reasons (`refusals`)."""
         on_progress("trimming")
         flight, count = with_randomness(randomness, build_flight(scenario, pad_fleet=True)), len(scenario.aircraft)
         planner = cast(CertifiedPlanner, flight.planner)
@@ -256,7 +256,7 @@ class CertifiedFirstPlan(FirstPlan):
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "CertifiedFirstPlan":
-        """The first plan from a trimmed fleet and the content of a plan file."""
+        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
         return cls(*restored_arguments(scenario, flight, fleet, state, cast(CertifiedPlanner, flight.planner)))
 
     @functools.cached_property
@@ -301,7 +301,7 @@ class CertifiedFirstPlan(FirstPlan):
         return initialize_compiled(self.flight, self.fleet, self._plan_state())
 
     def saved_state(self) -> Any:
-        """Content of a plan file: the planner's state."""
+        """Return the content of a plan file: the planner's state."""
         return self._plan_state()
 
     def _plan_state(self) -> CertifiedPlanState:
@@ -320,19 +320,22 @@ class CertifiedFirstPlan(FirstPlan):
 def restored_arguments(
     scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: CertifiedPlanState, planner: CertifiedPlanner
 ) -> tuple[Scenario, Flight, TrimmedFleet, tuple[str, ...], SearchOutcome, AircraftTask, Airspace, PlannedHolds | None]:
-    """Fields of a `CertifiedFirstPlan` with the plan, holds and limits of a plan file."""
+    """Arguments for the constructor of a `CertifiedFirstPlan` with the plan, holds and limits of a plan file."""
     outcome, tasks = SearchOutcome(state.plan, 0), planner.aircraft_tasks(fleet.reports, state.limits)
     return scenario, flight, fleet, (), outcome, tasks, planner.airspace, state.holds
 
 
 def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
-    """Sentence for each aircraft with a path that is delivered without a proof."""
+    """One sentence for each aircraft whose path is not proven (`feasible` is False)."""
     pairs = zip(scenario.aircraft, feasible, strict=True)
     return tuple(f'aircraft "{aircraft.name}": {UNPROVEN}' for aircraft, is_proven in pairs if not is_proven)
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
-    """Arrival rule of a scenario with its times; padded to `count` aircraft by repetition of the last."""
+    """Arrival rule of a scenario with its times, as input of the search.
+
+    Padded to `count` aircraft by repeating the times of the last aircraft.
+    """
     arrival, fleet = scenario.arrival, scenario.aircraft
     times = offsets = windows = None
     if arrival.rule == "at":
@@ -354,14 +357,14 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
 
 
 def with_randomness(source: AbstractRandomness | None, flight: Flight) -> Flight:
-    """Flight with another source of random numbers; None: unchanged."""
+    """Replace a flight's source of random numbers; None leaves it unchanged."""
     return flight if source is None else dataclasses.replace(flight, randomness=source)
 
 
 def _prepare_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, shapes: Any, prepare_next: PrepareNext
 ) -> Iterator[PreparedProgram]:
-    """Prepare the programs needed for planning and afterwards, from the shapes of fleet and tasks."""
+    """Yield the prepared programs for the planning and for the work after it, from the shapes of fleet and tasks."""
     fleet, tasks = shapes
     longest_s = max(
         math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))

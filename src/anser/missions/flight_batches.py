@@ -1,4 +1,4 @@
-"""Many flights in batches: flights of equal structure are computed together and summarized while flying."""
+"""Many flights in batches: flights of equal structure are computed together and summarized while they are flown."""
 
 import dataclasses
 import hashlib
@@ -36,14 +36,18 @@ NO_PLAN = "no plan: the certified planner found none within the limits, the sepa
 
 
 class FlightCase(NamedTuple):
-    """One flight: a scenario with a flight number and a seed, which determine the random numbers.
+    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers.
 
     Attributes
     ----------
+    scenario
+        Scenario of the flight.
+    number
+        Flight number.
     seed
-        None: the scenario's seed.
+        Seed; None: the scenario's.
     randomness
-        Source of random numbers; replaces number and seed if given.
+        Source of random numbers; replaces number and seed if not None.
     """
 
     scenario: Scenario
@@ -176,7 +180,10 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
 
 
 class _FlightGroup:
-    """Flights of equal structure: pending flights, and the leaves that have differed between flights so far."""
+    """Collects flights of equal structure that wait for a batch.
+
+    Remembers which leaves (arrays) have differed between its flights: these are batched, the rest is shared.
+    """
 
     def __init__(self) -> None:
         self.differ: np.ndarray | None = None
@@ -184,7 +191,10 @@ class _FlightGroup:
         self.flights: list[Flight] = []
 
     def stacked(self, flights: Sequence[Flight], size: int) -> _FlightBatch:
-        """Stack flights, padded with the last; a leaf that once differed stays batched, which avoids recompilation."""
+        """Stack flights to a batch of `size`, padded with the last flight.
+
+        A leaf that once differed stays batched, which avoids recompilation.
+        """
         padding = [flights[-1]] * (size - len(flights))
         stacked = stack_objects([*flights, *padding], tables_only=False, batched=self._differing)
         # per leaf of a flight; absent parts (None) have no leaves
@@ -201,7 +211,7 @@ class _FlightGroup:
 
 
 def _group_cases(cases: Sequence[FlightCase], batch: int) -> Iterator[tuple[_FlightGroup, list[int], list[Flight]]]:
-    """Indices and flights of cases with equal structure and equal periods, at most one batch at a time."""
+    """Yield batches of cases with equal structure and equal periods: group, indices of the cases, and flights."""
     groups: dict[Any, _FlightGroup] = {}
     previous: tuple[Scenario, Flight] | None = None
     for number, case in enumerate(cases):
@@ -230,7 +240,7 @@ def _fly_batch(
     series: SeriesSelection | None,
     precision: Precision,
 ) -> list[FlightRow]:
-    """Start, plan and fly a batch that is padded beyond the cases."""
+    """Trim, plan and fly one batch; the batch is padded beyond the cases."""
     if not cases[0].scenario.fleet.is_certified:
         states, fleets = _start_flights(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
@@ -272,7 +282,7 @@ def _fly_batch(
 def _find_untrimmable(
     cases: Sequence[FlightCase], single_flights: Sequence[Flight], fleets: TrimmedFleet
 ) -> dict[int, str]:
-    """Reasons for flights with an aircraft that cannot be trimmed at its start, by index."""
+    """Reasons for flights that cannot start because an aircraft cannot be trimmed, by index in the batch."""
     reasons = {}
     is_trimmed = np.asarray(fleets.is_trimmed)
     for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
@@ -296,7 +306,10 @@ def _summarize_flights(
     series: SeriesSelection | None,
     precision: Precision,
 ) -> list[FlightRow]:
-    """Fly a batch to the end of the flights; rows of the cases, located at the given positions of the batch."""
+    """Fly a batch to the end of the flights and return the result rows of the cases.
+
+    `positions` are the indices of the cases in the batch.
+    """
     if not cases:
         return []
     flights = Stacked(cast_flight(flights.batched, precision), cast_flight(flights.shared, precision))
@@ -344,7 +357,7 @@ def _arrival_times(flights: _FlightBatch, states: FlightState) -> Array:
 
 
 def _group_by_structure(plans: dict[int, CertifiedPlanState]) -> list[list[int]]:
-    """Group indices of plans with equal shapes: the number of intervals of a path depends on its duration."""
+    """Group the indices of plans with equal shapes: a path's duration determines its number of intervals."""
     groups: dict[Any, list[int]] = {}
     for k, plan in plans.items():
         groups.setdefault(tree_signature(plan), []).append(k)
@@ -370,7 +383,7 @@ def _replace_rows(table: Array, indices: np.ndarray, values: Array) -> Array:
 
 
 def _content_hash(value: Any) -> bytes:
-    """Hash of the structure and the numbers of a value: equal for equal planning inputs."""
+    """Hash of the structure and the numbers of a value; equal for equal planning inputs."""
     leaves, structure = jax.tree.flatten(value)
     text = hashlib.sha256(repr(structure).encode())
     for leaf in leaves:

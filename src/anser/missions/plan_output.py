@@ -29,7 +29,7 @@ from anser.scenario.schema_aircraft import Goal
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """A sampled plan with its summary.
+    """Samples of a plan over time, with its summary.
 
     Attributes
     ----------
@@ -125,7 +125,10 @@ def record_certified(
 
 
 def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarray]:
-    """Bounds of paths by key; accelerations are converted to equal demand at the start of each aircraft."""
+    """Proven bounds of the paths by key of the limit.
+
+    Accelerations are converted to values of equal demand at the start of each aircraft.
+    """
     values = {limit.key: np.asarray(getattr(bounds, limit.field)) for limit in CERTIFIED_LIMITS}
     along = np.array(
         [path_bounds.along_at_start(path_limits) for path_bounds, path_limits in unstack_rows((bounds, limits))]
@@ -134,7 +137,7 @@ def _bounds_by_key(bounds: PathBounds, limits: PathLimits) -> dict[str, np.ndarr
 
 
 def _holds_by_key(holds: PlannedHolds | None, indices: np.ndarray) -> dict[str, Any]:
-    """Recorded values of the selected aircraft's holds."""
+    """Values of the selected aircraft's holds for the record, by key."""
     if holds is None:
         return {}
     ratio = float(np.min(np.asarray(holds.clearance_ratio)[:, indices]))
@@ -164,7 +167,7 @@ def _record(
 
 
 def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
-    """Positions of a scenario's goal, (time, NED axis), m."""
+    """Position of a scenario's goal at each time, (time, NED axis), m."""
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()
         start = goal.position_m(0.0)
@@ -177,7 +180,7 @@ def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
 
 
 def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dict[str, float | np.ndarray]:
-    """Limits by key; limits missing in the scenario are derived for each aircraft at its start, without the reserve.
+    """Limits of the scenario by key; limits that it does not set are those derived for each aircraft, without reserve.
 
     The published planner derives no limits, and only for this planner is the level-off after the arrival checked.
     """

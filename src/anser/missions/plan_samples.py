@@ -1,4 +1,4 @@
-"""Samples of planned paths: demands on each aircraft, extremes, and closest approaches to aircraft and keep-outs.
+"""Samples of planned paths: demand on each aircraft, extremes, and closest approaches to aircraft and keep-outs.
 
 Between two samples a path is the cubic through the positions and velocities at both samples. At half a second the error
 for aircraft paths is below a millimetre: fourth derivative times interval to the fourth power, over 384.
@@ -35,7 +35,15 @@ FLEET_MULTIPLE, _TIMES_MULTIPLE, _VOLUMES_MULTIPLE = 4, 512, 2
 
 
 class SampledMotion(eqx.Module):
-    """Positions (m) and velocities (m/s) over the ground, NED, (time, aircraft, axis); NaN after an arrival."""
+    """Motion of a fleet over the ground at sample times, (time, aircraft, NED axis); NaN after an arrival.
+
+    Attributes
+    ----------
+    times
+        Sample times, s.
+    positions_n, velocities_n
+        Positions, m, and velocities, m/s.
+    """
 
     times: Float[Array, " time"]
     positions_n: Float[Array, "time aircraft 3"]
@@ -43,14 +51,14 @@ class SampledMotion(eqx.Module):
 
 
 def sampled_motion(times_s: np.ndarray, history: Mapping[str, np.ndarray]) -> SampledMotion:
-    """Motion of a fleet from a history of `sample_paths`; the wind is horizontal."""
+    """Compute the motion of a fleet over the ground from the result of `sample_paths`; the wind is horizontal."""
     positions = np.stack([history["north"], history["east"], -history["altitude"]], axis=-1)
     velocities = np.stack([history["velocity_north"], history["velocity_east"], -history["climb_rate"]], axis=-1)
     return SampledMotion(*map(as_array, (times_s, positions, velocities)))
 
 
 def _pad(motion: SampledMotion) -> SampledMotion:
-    """Pad with NaN for missing times and aircraft."""
+    """Pad times and aircraft to a multiple of a fixed size, with NaN."""
     sample_count, fleet_size = motion.positions_n.shape[:2]
     padding, fleet_padding = -sample_count % _TIMES_MULTIPLE, -fleet_size % FLEET_MULTIPLE
     sample_times = np.asarray(motion.times)
@@ -65,7 +73,7 @@ def _pad(motion: SampledMotion) -> SampledMotion:
 def _interpolate(
     times: Float[Array, " time"], positions: Float[Array, "time 3"], velocities: Float[Array, "time 3"], instant: Scalar
 ) -> Float[Array, "3"]:
-    """Position at an instant on the cubic between two samples; NaN if one of the samples is NaN."""
+    """Position at a time (`instant`, s) on the cubic between two samples; NaN if one of the samples is NaN."""
     k = jnp.clip(jnp.searchsorted(times, instant, side="right") - 1, 0, times.shape[0] - 2)
     step = times[k + 1] - times[k]
     u = (instant - times[k]) / step
@@ -83,7 +91,10 @@ def _fine_times(times: Float[Array, " time"]) -> Float[Array, " fine"]:
 
 
 def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"]) -> Float[Array, "*batch"]:
-    """Distance in space if no separation is required, else the horizontal distance of equal separation ratio."""
+    """Distance between two aircraft, m, whose positions differ by `difference`.
+
+    In space if no separation is required, else the horizontal distance with the same separation ratio.
+    """
     level = jnp.sqrt(difference[..., 0] ** 2 + difference[..., 1] ** 2)
     height = jnp.abs(difference[..., 2])
     scaled = separation[0] * separation_ratio(level, height, separation[0], separation[1])
@@ -94,7 +105,10 @@ def _distance(difference: Float[Array, "*batch 3"], separation: Float[Array, "2"
 def _distances_at_samples(
     positions: Float[Array, "time aircraft 3"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " time"], Int[Array, " time"], Float[Array, "aircraft aircraft"]]:
-    """Smallest distance at each instant, index of this pair (flattened), and the smallest distance of each pair."""
+    """Smallest distance in the fleet at each sample, m, its pair, and the smallest distance of each pair over time, m.
+
+    The pair is an index into the flattened matrix of pairs.
+    """
     fleet_size = positions.shape[1]
     is_pair = jnp.triu(jnp.ones((fleet_size, fleet_size), dtype=bool), 1)
 
@@ -113,7 +127,10 @@ def _distances_at_samples(
 def _closest_approaches(
     motion: SampledMotion, pairs: Int[Array, "pairs 2"], separation: Float[Array, "2"]
 ) -> tuple[Float[Array, " pairs"], Float[Array, " pairs"], Float[Array, "pairs 3"]]:
-    """Smallest distance of each pair until the first arrival, with its time and the position difference (NED, m)."""
+    """Find the smallest distance of each pair until the first arrival, m.
+
+    Also its time, s, and the difference of the positions at this time, NED, m.
+    """
     fine = _fine_times(motion.times)
 
     def closest_approach(pair: Int[Array, "2"]) -> tuple[Scalar, Scalar, Float[Array, "3"]]:
@@ -142,7 +159,9 @@ def _closest_approaches(
 
 
 def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | None) -> ClosestApproach:
-    """Nearest pair of a fleet at every sample, and the closest approach overall, until the first arrival of the pair.
+    """Find the nearest pair of a fleet at every sample, and the closest approach overall.
+
+    A pair counts until its first arrival.
 
     Parameters
     ----------
@@ -208,9 +227,9 @@ def _keep_out_margins(
 
 
 def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest margin of each aircraft to each volume, m, negative inside, and its time, s; (aircraft, volume).
+    """Smallest distance of each aircraft outside each keep-out, m, and its time, s; both (aircraft, volume).
 
-    Evaluated at sixteen instants between two samples.
+    Negative inside. Evaluated at sixteen times between two samples.
     """
     if not keep_outs:
         empty = np.zeros((motion.positions_n.shape[1], 0))
@@ -232,26 +251,29 @@ def keep_out_margins(motion: SampledMotion, keep_outs: tuple[KeepOut, ...]) -> t
 
 
 SAMPLE_STEP_S = 0.5
-"""Time between two samples of the record, s."""
+"""Time between two samples of a recorded plan, s."""
 _EXTREME_SAMPLES = 1024  # samples per path for its extremes: for most paths at least five a second
 _BLOCK = 256
 _SAME_TIME_S = 1e-6
 
 
 class PlannedPath(Protocol):
-    """Path in time of any planner: NED, SI units."""
+    """Interface of a path in time that any planner delivers; NED, SI units."""
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground."""
+        """Motion over the ground at a time (s)."""
         ...
 
     def air_velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity relative to the air, m/s."""
+        """Velocity relative to the air at a time (s), NED, m/s."""
         ...
 
 
 def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sample times from the start to the last arrival, all arrival times included; and the mask of regular times."""
+    """Return the sample times from the start to the last arrival, s, and the mask of the regular times.
+
+    Arrival times are inserted between the regular times.
+    """
     arrivals = np.unique(arrival_times)
     count = int(np.ceil((arrivals[-1] - start_s) / SAMPLE_STEP_S))
     regular = start_s + SAMPLE_STEP_S * np.arange(max(count, 1))
@@ -303,7 +325,10 @@ def _sample_demands(
 
 
 def _sample_demands_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: ScalarLike) -> dict[str, np.ndarray]:
-    """Motion and demand of each path at its times, (aircraft, time); padded sizes limit the number of compilations."""
+    """Motion and demand of each path at its times, (aircraft, time), by key.
+
+    Blocks of padded size limit the number of compilations.
+    """
     fleet_size, count = times.shape
     padded_times = np.pad(times, ((0, -fleet_size % FLEET_MULTIPLE), (0, -count % _BLOCK)), mode="edge")
     paths, gravity_array = pad_to_multiple(paths, FLEET_MULTIPLE), as_array(gravity)
@@ -344,9 +369,9 @@ def sample_extremes(
     gravity: ScalarLike,
     limits: PathLimits | None = None,
 ) -> PlanExtremes:
-    """Extremes of each path from the start to the arrival; arguments as in `sample_paths`.
+    """Find the extremes of each path from the start to the arrival; arguments as in `sample_paths`.
 
-    With limits, accelerations are converted to equal demand at the start of each aircraft.
+    With `limits`, accelerations are converted to values of equal demand at the start of each aircraft.
     """
     duration = np.asarray(arrival_times) - start_s
     sampled = _sample_demands_in_blocks(
@@ -373,7 +398,10 @@ def sample_extremes(
 def _along_at_start(
     idle: IdleDeceleration, deceleration: ScalarLike, along_path: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
 ) -> tuple[Any, Any]:
-    """Greatest acceleration and deceleration of a path, as in `PathBounds.along_at_start`, m/s^2."""
+    """Convert a sampled path's greatest acceleration and deceleration to level flight at the start, m/s^2.
+
+    See `PathBounds.along_at_start`.
+    """
     accelerations = along_path + deceleration * idle.rise(speed, load_factor)
     return np.max(accelerations), np.max(-along_path / idle.share(speed, load_factor))
 
@@ -389,7 +417,7 @@ def sample_plan(
     keep_outs: tuple[KeepOut, ...],
     limits: PathLimits | None = None,
 ) -> PlanSamples:
-    """Sample a plan for the record.
+    """Sample a plan: motion, demand, extremes and closest approaches.
 
     Parameters
     ----------

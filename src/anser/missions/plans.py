@@ -1,4 +1,4 @@
-"""Plans of a scenario by the planner named in the scenario, and plan files."""
+"""Make the first plan of a scenario with the planner that the scenario names; write and read plan files."""
 
 import functools
 import hashlib
@@ -92,7 +92,7 @@ class PublishedFirstPlan(FirstPlan):
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "PublishedFirstPlan":
-        """The first plan from a trimmed fleet and the content of a plan file."""
+        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
         return cls(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
 
     @functools.cached_property
@@ -107,7 +107,7 @@ class PublishedFirstPlan(FirstPlan):
 
     @functools.cached_property
     def limits(self) -> LimitReport:
-        """Compliance of the paths with the scenario's limits; leading axis aircraft."""
+        """Extremes of each path and comparison with the scenario's limits; leading axis aircraft."""
         report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
         return first_rows(report, len(self.scenario.aircraft))
 
@@ -119,7 +119,7 @@ class PublishedFirstPlan(FirstPlan):
         return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
 
     def notes(self) -> tuple[str, ...]:
-        """Notes on a different mean airspeed and on the change of wind on the way."""
+        """Notes on a mean airspeed other than requested, and on the change of the wind on the way."""
         notes, preferred_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
         if speed_m_s > preferred_m_s * (1.0 + SPEED_TOLERANCE):
             farthest = self.scenario.aircraft[int(self.plan.farthest)].name
@@ -165,7 +165,7 @@ class PublishedFirstPlan(FirstPlan):
         return self.state
 
     def saved_state(self) -> Any:
-        """Content of a plan file: the planner's state."""
+        """Return the content of a plan file: the planner's state."""
         return self.state.planner
 
     def record(self) -> "RecordedPlan":
@@ -176,7 +176,7 @@ class PublishedFirstPlan(FirstPlan):
 
 
 def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
-    """Difference of the wind at an aircraft's rendezvous from the wind at its start, m/s."""
+    """Magnitude of the difference between the wind at an aircraft's rendezvous and at its start, m/s."""
     up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
     return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
 
@@ -299,7 +299,7 @@ def _verify(path: Path) -> None:
 
 
 def _refuse_foreign_plan(metadata: dict[str, Any], scenario: Scenario, path: Path) -> None:
-    """Refuse a plan of another file format, of another version of anser, or of another scenario."""
+    """Raise PlanFileError for a plan of another file format, of another version of anser, or of another scenario."""
     if metadata["format_version"] != _FORMAT:
         raise PlanFileError(f"{path} has format_version {metadata['format_version']}; expected {_FORMAT}")
     file_version, version = metadata["version_anser"], version_attributes()["version_anser"]
@@ -323,7 +323,7 @@ def _first_plan_from_state(scenario: Scenario, state: Any, path: Path) -> FirstP
 
 
 def _with_checksum(archive: io.BytesIO) -> bytes:
-    """Bytes of an archive with the checksum as archive comment, at the end of the file."""
+    """Return the bytes of a plan file: the archive with its checksum as archive comment, at the end of the file."""
     with zipfile.ZipFile(archive, "a") as file:
         file.comment = bytes(TRAILER_BYTES)
     content = archive.getvalue()[:-TRAILER_BYTES]
@@ -331,7 +331,10 @@ def _with_checksum(archive: io.BytesIO) -> bytes:
 
 
 def _rebuild_state(kind: type, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
-    """Rebuild a module of arrays from the arrays with a key prefix, according to the types of its fields."""
+    """Rebuild a planner's state from the arrays of a plan file whose keys begin with `prefix`.
+
+    The fields and their types are those of the class `kind`.
+    """
     fields = {}
     for name, hint in get_type_hints(kind).items():
         field_key = f"{prefix}{name}"

@@ -1,4 +1,8 @@
-"""Diagnosis of a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request."""
+"""Reasons for a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request.
+
+Called by `anser.missions.first_plan` after a search of the certified planner without a plan. The sentences name the
+scenario's aircraft and keys, so that the diagnosis needs the scenario.
+"""
 
 from collections.abc import Sequence
 
@@ -21,7 +25,10 @@ _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every a
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[str, ...]:
-    """Diagnose a search without a result: sentences with the reasons that a scenario's fleet has no plan."""
+    """Return sentences with the reasons that the search found no plan for a scenario's fleet.
+
+    `outcome` is the result of the search, without padding.
+    """
     names, request = [aircraft.name for aircraft in scenario.aircraft], fleet.request
     conflicts = _conflicting_rendezvous(names, fleet)
     if conflicts:
@@ -40,7 +47,10 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
-    """Sentences about aircraft that can arrive but cannot hold afterwards, from the best holds of the search."""
+    """Return sentences about aircraft that can arrive but cannot hold afterwards.
+
+    `holds` are the holds that the search found for the plan up to the arrivals.
+    """
     names = [aircraft.name for aircraft in scenario.aircraft]
     scenario_aircraft = slice(len(names))  # without the padding
     messages, ratios = [], np.asarray(holds.clearance_ratio)[scenario_aircraft, scenario_aircraft]
@@ -61,7 +71,7 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
 
 
 def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
-    """Format intervals of arrival times."""
+    """Format intervals of arrival times (s) as text."""
     if not intervals:
         return "at no time"
     parts = [
@@ -72,7 +82,7 @@ def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
 
 
 def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[str]:
-    """Messages for pairs with rendezvous points closer than the separation at every permitted arrival time."""
+    """Sentences about pairs of aircraft whose rendezvous points are too close at every permitted arrival time."""
     if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MAX:
         return []
     times = fleet.requested_times()
@@ -96,14 +106,14 @@ def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[str]
 
 
 def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> str:
-    """Format a horizontal distance, with the vertical distance if required."""
+    """Format a horizontal distance (m), with the vertical distance (m) if `with_vertical`."""
     return f"{horizontal_m:.0f} m" + (f" / {vertical_m:.0f} m" if with_vertical else "")
 
 
 def _infeasible_aircraft(
     names: Sequence[str], fleet: FleetTask, arrivals: Sequence[Intervals], outcome: SearchOutcome
 ) -> list[str]:
-    """Messages for aircraft that cannot meet the request even without the other aircraft."""
+    """Sentences about aircraft that cannot meet the request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
     # The search covers more than the arrival sets: an aircraft with a path from the search is not infeasible.
     is_feasible = (
@@ -136,7 +146,7 @@ def _infeasible_aircraft(
 
 
 def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> FleetTask:
-    """The same fleet with one type of limit, or the keep-outs, relaxed by a factor (1: as requested)."""
+    """Return the fleet's task with one type of limit, or the keep-outs, relaxed by a factor; 1 changes nothing."""
     limits = fleet.tasks.limits
     if constraint == "keep-outs":
         radius = fleet.airspace.keep_outs.radius / factor
@@ -149,7 +159,10 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> Fleet
 
 
 def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> str:
-    """The limit that, relaxed alone, lets an aircraft arrive at a time; with the necessary relaxation."""
+    """Describe the constraint that prevents an aircraft from arriving at `requested_s`, and how far it must be relaxed.
+
+    Constraints are relaxed one at a time; a constraint counts if relaxing it alone lets the aircraft arrive.
+    """
     best: tuple[float, str] | None = None
     for constraint in (*RELAXED_TOGETHER, "keep-outs"):
         if constraint == "keep-outs" and fleet.airspace.keep_outs.radius.shape[0] == 0:
@@ -188,7 +201,7 @@ def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets
 
 
 def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> str:
-    """Message with the largest feasible separation."""
+    """Sentence with the largest separation for which a plan exists, found by new searches."""
     separation = fleet.airspace.separation
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:

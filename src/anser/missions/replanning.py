@@ -1,6 +1,7 @@
-"""Replanning after an event.
+"""Replanning after an event, outside the compiled loop.
 
-An exit path for the departing aircraft, checked for separation, and a new plan for the rest of the fleet.
+An exit path for the departing aircraft, checked for separation, and a new plan for the rest of the fleet. The
+periodic correction of paths inside the loop is in `anser.planning.certified.replanning`.
 """
 
 import dataclasses
@@ -33,11 +34,11 @@ from anser.shapes import Count
 from anser.simulation.flight import Flight, FlightState, fleet_reports
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
-"""Turns that are tried, in this order, for an aircraft that leaves, rad."""
+"""Turns that are tried, in this order, for the exit path of a departing aircraft, rad, right positive."""
 
 
 class FleetSnapshot(NamedTuple):
-    """A fleet in flight, as input of the planner.
+    """A fleet in flight at one sample, as input of the planner.
 
     Attributes
     ----------
@@ -46,7 +47,7 @@ class FleetSnapshot(NamedTuple):
     fixed_paths
         Paths in force of the other flying aircraft: arrived, about to arrive, or departed.
     flying_tasks
-        The tasks with all flying aircraft active, departed aircraft included.
+        The same tasks with every flying aircraft active, departed aircraft included.
     """
 
     tasks: AircraftTask
@@ -55,7 +56,10 @@ class FleetSnapshot(NamedTuple):
 
 
 def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSnapshot:
-    """Snapshot of a fleet with the certified planner at a sample; `flight` contains the departures."""
+    """Take the snapshot of a fleet with the certified planner at sample `number`.
+
+    `flight` contains the departures, so that departed aircraft are known.
+    """
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     planner, plan_state = _planner(flight), state.planner
     _, reports = fleet_reports(flight, state, instant)
@@ -72,7 +76,7 @@ def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSna
 
 
 def has_departed(flight: Flight, state: FlightState, time: Array) -> Bool[Array, " aircraft"]:
-    """Mask of the aircraft that have left the fleet by a time (s) and are still in the air."""
+    """Mask of the aircraft that have left the fleet by a time (s) and still fly."""
     is_departed = jnp.zeros(flight.count, dtype=bool)
     for group, states in zip(flight.groups, state.vehicles, strict=True):
         group_departed = group.vehicles.map(
@@ -85,7 +89,9 @@ def has_departed(flight: Flight, state: FlightState, time: Array) -> Bool[Array,
 def plan_exit(
     flight: Flight, state: FlightState, number: Count, aircraft: Count, end_time: Array, turns: Float[Array, " turns"]
 ) -> tuple[CertifiedPlan, Float[Array, " turns"]]:
-    """The plan in force with an exit path for one aircraft: the first of the turns that keeps the separation.
+    """Replace one aircraft's path by an exit path: the first of the turns that keeps the separation.
+
+    If no turn keeps the separation, the turn with the greatest clearance ratio is flown.
 
     Parameters
     ----------
@@ -100,9 +106,8 @@ def plan_exit(
 
     Returns
     -------
-    The plan, with the end of the flight as arrival time of the departing aircraft; and for each turn the least ratio of
-    its distances from the other paths to the separation (1 is sufficient). If every ratio is below 1, the turn with the
-    greatest ratio is flown.
+    The plan in force with the exit path, whose arrival time is the end of the flight; and the clearance ratio of each
+    turn: the least ratio of its distances from the other paths to the separation (at least 1: separated).
     """
     planner, plan_state = _planner(flight), state.planner
     plan, time = plan_state.plan, number * flight.timing.step
@@ -127,7 +132,7 @@ def plan_exit(
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
-    """Fleet state with another plan in force."""
+    """Return the state of the fleet with another plan in force."""
     return eqx.tree_at(lambda s: s.planner, state, plan)
 
 
@@ -141,7 +146,7 @@ _plan_exit = compiled_quickly(plan_exit)
 def _assign_holds(
     paths: Any, tasks: Any, airspace: Any, guidance: Any, time: Any, end_time: Any, cells: int, former_holds: Any
 ) -> Any:
-    """Holds for a plan made at a time; holds in use move with their goals."""
+    """Assign holds to a plan made during the flight; holds in use move with their goals."""
     moved_holds = None if former_holds is None else move_with_goals(former_holds, tasks, time)
     return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved_holds)
 
@@ -153,12 +158,12 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """Outcome of an event for the plan.
+    """What an event has meant for the plan.
 
     Attributes
     ----------
     time_s, kind, whom
-        Time, type and subject of the event.
+        Time, type and subject (aircraft, goal or keep-out) of the event.
     planned
         Whether the fleet has a valid plan.
     message
@@ -172,7 +177,7 @@ class EventOutcome:
     message: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Entry of the summary."""
+        """Return the entry of the flight's summary."""
         return dataclasses.asdict(self)
 
 
@@ -184,9 +189,11 @@ def apply_event(
     event: Event,
     on_progress: Callable[[str], None] = lambda message: None,
 ) -> tuple[Flight, FlightState, EventOutcome]:
-    """Apply an event at its sample; returns flight, state and outcome.
+    """Apply an event's effect on the plan at its sample; return flight, state and outcome.
 
-    A change of a goal's motion needs no action: replanning follows the sensed goal.
+    The event's effect on aircraft and goals (less thrust, a lost sensor, a turning goal) is not applied here: it is
+    part of the flight from its start, see `anser.scenario.build`. A change of a goal's motion therefore needs no action
+    here: periodic replanning follows the sensed goal.
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     subject = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
@@ -233,7 +240,10 @@ def _planner(flight: Flight) -> CertifiedPlanner:
 
 
 def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:
-    """Candidate turns of a departing aircraft, rad, in fixed number: onto its prescribed course, or `EXIT_TURNS`."""
+    """Turns to try for a departing aircraft, rad: onto its prescribed course, or else `EXIT_TURNS`.
+
+    The number of turns is always the same, so that one compiled program serves both cases.
+    """
     if event.course_deg is None:
         return as_array(EXIT_TURNS)
     paths = state.planner.plan.paths
@@ -249,7 +259,7 @@ def _air_velocity(paths: TimedPath, aircraft: Any, time: Any) -> Any:
 
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
-    """Add a keep-out to the planner, in a row reserved for this event."""
+    """Write a new keep-out into the planner's table, in the row reserved for this event."""
     appeared, volumes = event.keep_out, _planner(flight).airspace.keep_outs
     assert appeared is not None
     earlier = [keep_out_event for keep_out_event in scenario.event if keep_out_event.kind == event.kind]
@@ -268,10 +278,10 @@ def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
 
 
 def _with_less_thrust(state: FlightState, aircraft: int, thrust_share: float) -> FlightState:
-    """Reduce the acceleration along the path to the rest of the thrust: (thrust - drag) / mass.
+    """Reduce an aircraft's greatest acceleration along the path to what the remaining thrust allows.
 
-    Only the differences of idle and full thrust from the drag at the start are available, so the loss applies to the
-    difference between full and idle thrust.
+    The acceleration is (thrust - drag) / mass. Only the differences of idle and full thrust from the drag at the start
+    are available, so the loss applies to the difference between full and idle thrust.
     """
     limits = state.planner.limits
     acceleration, deceleration = np.array(limits.acceleration_max), np.array(limits.deceleration_max)
@@ -288,7 +298,10 @@ def _replan_if_needed(
     outcome: _OutcomeOf,
     on_progress: Callable[[str], None],
 ) -> tuple[Flight, FlightState, EventOutcome]:
-    """Keep the plan in force if it is still valid, else replan; if replanning fails, the plan stays in force."""
+    """Keep the plan in force if it is still valid and its arrival times are still required; otherwise replan.
+
+    If replanning fails, the plan in force stays.
+    """
     plan_state, now_s = state.planner, number * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, number)
     can_replan = np.asarray(snapshot.tasks.active) > 0.0
@@ -321,20 +334,23 @@ def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:
 
 
 def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
-    """Limits with the acceleration along the path that an engine delivers within a few seconds."""
+    """Return the limits with only the acceleration along the path that an engine delivers within a few seconds."""
     limited = np.minimum(np.asarray(limits.acceleration_max), _ACCELERATION_M_S2)
     return eqx.tree_at(lambda fields: fields.acceleration_max, limits, as_array(limited))
 
 
 def snapshot_at(flight: Flight, state: FlightState, number: int) -> FleetSnapshot:
-    """Snapshot of a fleet in flight at a sample, compiled."""
+    """Take the snapshot of a fleet in flight at a sample, by a compiled program."""
     return _take_snapshot(flight, state, as_array(number, np.int32))
 
 
 def replan_fleet(
     scenario: Scenario, flight: Flight, state: FlightState, number: int, on_progress: Callable[[str], None]
 ) -> FlightState | None:
-    """State of the flight with a new plan from a sample on, or None: tries the arrival times in force first."""
+    """Search for a new plan from a sample on, first with the arrival times in force.
+
+    Returns the state of the flight with the new plan, or None if no plan is found.
+    """
     times_s, now_s = np.asarray(state.planner.plan.arrival_times), number * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, number)
     if not (np.asarray(snapshot.tasks.active) > 0.0).any():
@@ -343,7 +359,7 @@ def replan_fleet(
 
 
 def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, event: Event) -> np.ndarray:
-    """Arrival times of the fleet after an event under the arrival rule, s."""
+    """Arrival times that the arrival rule requires of the fleet after an event, s."""
     if event.kind == "arrival-put-off":
         return np.where(can_replan, times_s + (event.later_s or 0.0), times_s)
     arrival = scenario.arrival
@@ -359,7 +375,7 @@ def _target_times(scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarra
 def _requests(
     scenario: Scenario, times_s: np.ndarray, can_replan: np.ndarray, now_s: float, target_times_s: np.ndarray
 ) -> Any:
-    """Requests to the search in order: the target times, the times in force, then times under the arrival rule."""
+    """Requests to try in a search, in order: the target times, the times in force, then times by the arrival rule."""
     latest_s = scenario.timing.latest_arrival_s - now_s
     rule = scenario.arrival.rule
     remaining_times = [

@@ -30,12 +30,12 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
-    """Whether the flight of a scenario stops for searches on the host, or has plans of several sizes."""
+    """Whether a scenario must be flown alone: it stops for searches outside the loop, or its plans vary in size."""
     return bool(scenario.event) or not scenario.fleet.is_central
 
 
 def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
-    """Refuse a precision that does not fit a scenario (ScenarioError with the file name `source`).
+    """Raise ScenarioError, with the file name `source`, if a scenario cannot be flown in a precision.
 
     Over a round Earth, positions are integrated as distances from the centre of the Earth, for which float32 has a
     resolution of half a metre. Fleets that plan during the flight do this in float64, between two steps.
@@ -53,7 +53,7 @@ def check_precision(scenario: Scenario, precision: Precision, source: str | None
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
-    """Reasons that a precision does not fit, by index of the scenario."""
+    """Reasons why scenarios cannot be flown in a precision, by index of the scenario."""
     problems: dict[int, str] = {}
     for k, scenario in enumerate(scenarios):
         try:
@@ -107,7 +107,7 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 @dataclass(frozen=True, repr=False)
 class FlightResult(SavedFlight):
-    """Result of a flown scenario; the printed form lists the arrivals.
+    """A flown scenario: dataset, summary and plan; the printed form lists the arrivals.
 
     Attributes
     ----------

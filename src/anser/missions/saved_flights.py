@@ -38,7 +38,7 @@ class SavedFlight:
 
     @property
     def met(self) -> bool:
-        """Whether every aircraft that stayed in the fleet arrived, and every requirement is met."""
+        """Whether every aircraft that stayed in the fleet arrived, and every requirement of the scenario is met."""
         arrived = all(entry["status"] == "arrived" or "left_s" in entry for entry in self.summary["aircraft"])
         return arrived and all(entry["met"] for entry in self.summary["requirements"])
 

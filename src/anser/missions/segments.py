@@ -1,4 +1,8 @@
-"""Segments of flights: flown without replanning, and repeated with replanning if a new plan was needed."""
+"""Segments of a flight: the steps that one compiled program flies.
+
+A segment is first flown without replanning, by a smaller program; if a new plan was needed, it is repeated with
+replanning.
+"""
 
 import dataclasses
 import functools
@@ -17,7 +21,7 @@ fly_segment = compiled(functools.partial(fly, one_kernel=True))
 
 
 def without_replanning(flight: Flight) -> Flight:
-    """The flight with a planner that does not replan: a smaller program, sufficient for most segments."""
+    """Return the flight with a planner that does not replan: a smaller program, sufficient for most segments."""
     return dataclasses.replace(flight, planner=dataclasses.replace(flight.planner, allow_replanning=False))
 
 
@@ -27,14 +31,14 @@ def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
 
 
 def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_count: int | None = None) -> Any:
-    """Fly a segment from a sample on; repeat it with replanning if a new plan was needed.
+    """Fly a segment from sample `sample` on; repeat it with replanning if a new plan was needed.
 
     Parameters
     ----------
     flight, state, sample
-        Flight, and its state at the first sample.
+        Flight, number of the first sample, and the state there.
     step_count
-        Number of steps in use, for a program that can fly part of a segment; None: the whole segment.
+        Number of steps to fly, for a program that can fly part of a segment; None: the whole segment.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_co
 
 
 def padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:
-    """Batches of indices of one size, padded with the last index."""
+    """Yield batches of `size` indices; the last batch is padded with its last index."""
     for k in range(0, indices.size, size):
         batch = indices[k : k + size]
         yield np.concatenate([batch, np.repeat(batch[-1:], size - batch.size)])

@@ -1,4 +1,7 @@
-"""Time series of selected variables, recorded for many flights in addition to the running summary."""
+"""Time series of selected variables, recorded for many flights in addition to the running summary.
+
+A row of a series contains the values at one time.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -20,7 +23,7 @@ if TYPE_CHECKING:
 
 
 class SeriesSelection(eqx.Module):
-    """Selection of variables recorded for many flights.
+    """Which variables to record over time for many flights, and how often.
 
     Attributes
     ----------
@@ -35,24 +38,30 @@ class SeriesSelection(eqx.Module):
 
     @classmethod
     def from_period(cls, scenario: Scenario, keys: Sequence[str], every_s: float) -> "SeriesSelection":
-        """Selection with a period in seconds, a whole multiple of the scenario's step."""
+        """Make a selection with a period `every_s`, s, which must be a whole multiple of the scenario's step."""
         return cls(tuple(keys), round(every_s / scenario.timing.step_s))
 
     @property
     def recording_stride(self) -> int:
-        """Steps between two recorded rows: a divisor of the segment length, so more rows are recorded than kept."""
+        """Steps between two rows that the compiled program records: a divisor of the segment length.
+
+        It may record more rows than the series has; `segment_rows` selects.
+        """
         return math.gcd(self.stride, SEGMENT_STEPS)
 
     def rows(self, scenario: Scenario) -> int:
-        """Number of rows of a flight, the start included."""
+        """Number of rows of one flight, the start included."""
         return round(scenario.timing.duration_s / scenario.timing.step_s) // self.stride + 1
 
     def times_s(self, scenario: Scenario) -> np.ndarray:
-        """Times of the rows, s."""
+        """Time of each row, s."""
         return np.arange(self.rows(scenario)) * (self.stride * scenario.timing.step_s)
 
     def segment_rows(self, recorded: Mapping[str, Array], first_sample: int, last_sample: int) -> dict[str, np.ndarray]:
-        """Select the rows of the series from the recorded rows of a segment, shape (flights, rows, aircraft)."""
+        """Select the rows of the series from the rows recorded in a segment.
+
+        Returns arrays (flights, rows, aircraft) by key.
+        """
         numbers = first_sample + np.arange(SEGMENT_STEPS // self.recording_stride) * self.recording_stride
         selected = np.flatnonzero((numbers % self.stride == 0) & (numbers <= last_sample))
         return {key: np.asarray(values)[:, selected] for key, values in recorded.items()}
@@ -60,7 +69,10 @@ class SeriesSelection(eqx.Module):
     def values(
         self, parts: Sequence[Mapping[str, np.ndarray]], index: int, scenario: Scenario
     ) -> dict[str, np.ndarray]:
-        """Series of one flight of a batch by key, from the selected rows of all segments, as in `FlightRow.series`."""
+        """Join the rows of all segments (`parts`) to the series of one flight of a batch.
+
+        Returns arrays by key, as in `FlightRow.series`; `index` is the flight's index in the batch.
+        """
         shape = len(scenario.aircraft), self.rows(scenario)
         return {
             key: convert_series(key, np.concatenate([part[key][index] for part in parts]).T)
@@ -70,7 +82,7 @@ class SeriesSelection(eqx.Module):
         }
 
     def values_from_dataset(self, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
-        """Series by key from a flight recorded with the same period, as in `FlightRow.series`."""
+        """Return the series, as in `FlightRow.series`, from the dataset of a flight recorded with the same period."""
         shape = dataset.sizes["aircraft"], dataset.sizes["time"]
         series = {}
         for key in self.keys:
@@ -81,7 +93,7 @@ class SeriesSelection(eqx.Module):
         return series
 
     def recorder(self, summary: SummaryRecorder) -> "SeriesRecorder":
-        """Recorder of the summary and of the selected variables."""
+        """Return the recorder of the summary and of the selected variables."""
         return SeriesRecorder(summary=summary, keys=self.keys, stride=self.recording_stride)
 
 
@@ -103,14 +115,14 @@ class SeriesRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, Any]:
-        """Empty summary."""
+        """Recorder state before the first sample: an empty summary."""
         return self.summary.init(aircraft)
 
     def update(self, recorder_state: Any, sample: FleetSample, instant: Instant) -> Any:
-        """Summary with one more sample."""
+        """Recorder state after one more sample: the updated summary."""
         return self.summary.update(recorder_state, sample, instant)
 
     def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
-        """Selected variables of each aircraft, SI units and radians."""
+        """Values of the selected variables of each aircraft at a sample, SI units and radians."""
         values = sample.rows(record)
         return {key: values[key] for key in self.keys if key in values}

@@ -27,7 +27,7 @@ def sweep_dataset(
     flight_rows: Sequence[FlightRow],
     attributes: Mapping[str, str | int],
 ) -> xr.Dataset:
-    """Label the flights of a sweep.
+    """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def sweep_dataset(
     Returns
     -------
     xr.Dataset
-        One dimension for each path, with the values as coordinate, and `aircraft`; NaN, "no flight" and the reason for
-        a flight that could not start.
+        One dimension for each path, with the values as coordinate, and `aircraft`. A flight that could not start has
+        NaN, "no flight" and the reason.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)
@@ -66,7 +66,7 @@ def sweep_dataset(
 
 
 def _coordinate_values(values: Sequence[object]) -> np.ndarray:
-    """Coordinate values: numbers and booleans unchanged, strings unchanged, tables as JSON."""
+    """Convert swept values to coordinate values: numbers, booleans and strings unchanged, tables as JSON."""
     if all(isinstance(value, bool) for value in values):
         return np.array(values, dtype=bool)
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
@@ -122,7 +122,7 @@ def sweep(
 
 
 def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -> list[Scenario]:
-    """Scenarios of a sweep, the values of the last path fastest; raises as `sweep` does."""
+    """Make the scenarios of a sweep, the values of the last path fastest; raises the errors of `sweep`."""
     if not swept:
         raise ValueError("sweep: arrived no path; expected one at least, such as {'wind.speed_m_s': [0, 5, 10]}")
     for path, values in swept.items():
@@ -154,7 +154,7 @@ def swept_scenarios(scenario: Scenario, swept: Mapping[str, Sequence[object]]) -
 def _first_cases(
     scenarios: Sequence[Scenario], swept: Mapping[str, Sequence[object]]
 ) -> Iterator[tuple[Scenario, dict[str, object]]]:
-    """Flights with the first two values of one path at a time and the first value of the remaining paths."""
+    """Yield a few combinations for a first check: the first two values of each path, with first values elsewhere."""
     sizes = [len(values) for values in swept.values()]
     strides = [math.prod(sizes[k + 1 :]) for k in range(len(sizes))]
     for index in [0, *(stride for stride, size in zip(strides, sizes, strict=True) if size > 1)]:

@@ -524,8 +524,8 @@ class _Searcher:
     def attempt(self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet) -> _State:
         """Plan the fleet for arrival times and candidates, unless tried before.
 
-        The plan of the returned state is this attempt's. Extra candidates are generated for the aircraft that fail with the
-        standard candidates.
+        The plan of the returned state is this attempt's. Extra candidates are generated for the aircraft that fail with
+        the standard candidates.
         """
         state = replace(state, plan=None)
         if state.failed_at(times, candidate_set) is not None:
