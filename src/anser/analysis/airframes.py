@@ -1,4 +1,4 @@
-"""Airframes: list, description, check and survey.
+"""List, description, check and survey of airframes.
 
 A survey holds the coefficients over the flow angles, the thrust, and level flight over airspeed.
 """
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _ANGLES, _SPEEDS = 61, 28
 _ALPHA = 2.0 * DEG_RAD
-"""Angle of attack for the coefficients over sideslip, rad."""
+"""Fixed angle of attack of the coefficients over sideslip, rad."""
 _F16_SPEEDS_M_S = (60.0, 320.0)
 _COEFFICIENT_MEANINGS = ("Lift", "Drag", "Side force", "Roll moment", "Pitch moment", "Yaw moment")
 POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
@@ -55,12 +55,12 @@ def survey_airframe(
     altitude_m: float = 0.0,
     airspeeds_m_s: tuple[float, float] | None = None,
 ) -> "xr.Dataset":
-    """Compute the coefficients, thrust and level flights of an airframe.
+    """Compute the coefficients, the thrust and the level flights of an airframe over a range of airspeeds.
 
     Parameters
     ----------
     aircraft, variant
-        See `resolve_airframe`.
+        Name, file or object of an airframe, and variant of the F-16: see `resolve_airframe`.
     altitude_m
         Altitude of the thrust curves and of the level flights.
     airspeeds_m_s
@@ -139,7 +139,7 @@ def survey_airframe(
 
 
 def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Return the least and the greatest airspeed of an airframe's data, m/s."""
+    """Return the least and the greatest airspeed (m/s) for which an airframe's data are valid."""
     if isinstance(airframe, DerivativeAircraft | DaveMlAircraft):
         low, high = (float(end) for end in airframe.validity.airspeed)
         if low > 0.0 and high < np.inf:
@@ -148,7 +148,7 @@ def valid_airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
 
 
 def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
-    """Return wing area, span and mean chord, or None for an airframe without these sizes."""
+    """Return wing area (m^2), span (m) and mean chord (m); None for an airframe without these."""
     sizes = tuple(getattr(airframe, name, None) for name in ("wing_area", "span", "mean_chord"))
     return None if None in sizes else sizes  # pyright: ignore[reportReturnType]
 
@@ -157,9 +157,9 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Coefficients of lift, drag, side force and of the moments of roll, pitch and yaw.
+    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of angle of attack and sideslip (rad) and airspeed V (m/s).
 
-    Forces and moments are divided by the dynamic pressure and, for an airframe with sizes, by wing area, span and
+    Forces and moments are divided by the dynamic pressure and, if the airframe has these sizes, by wing area, span and
     chord.
     """
     sizes = _sizes(airframe)
@@ -193,7 +193,10 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Airframe in a list. An entry point that could not be loaded has no numbers; `problem` gives the reason."""
+    """Entry in the list of airframes.
+
+    An airframe whose entry point could not be loaded has no numbers; `problem` gives the reason.
+    """
 
     name: str
     origin: str
@@ -230,7 +233,7 @@ def _library_entry(name: str, origin: str) -> AirframeEntry:
 
 
 def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
-    """Return the aircraft file of a library name or of a path; None for an airframe in code."""
+    """Return the content of the aircraft file of a library name or path; None for an airframe defined in code."""
     if is_aircraft_path(name):
         return read_airframe(name)
     return library_file(name) if name in LIBRARY_FILES else None
@@ -248,7 +251,7 @@ _ENGINES: dict[type, str] = {
 
 
 def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
-    """Return the quantities of an airframe: name, value, unit."""
+    """Return the quantities that describe an airframe, each as (name, value, unit), formatted as text."""
     properties, actuators = airframe.mass_properties, airframe.actuators
     J = np.asarray(properties.inertia_b)
     quantities = [("mass", f"{float(properties.mass):.6g}", "kg")]
@@ -286,7 +289,7 @@ def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
 
 
 def check_dave_ml(path: str) -> ModelCheck:
-    """Evaluate the check data of a DAVE-ML file, look for suspicious data, and list inputs and outputs.
+    """Compare a DAVE-ML file with its check data, find suspicious data, and list inputs and outputs.
 
     Raises
     ------
@@ -298,7 +301,9 @@ def check_dave_ml(path: str) -> ModelCheck:
 
 
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
-    """Evaluate the check data of an aircraft and look for suspicious data; for the F-16, in the points of the tables.
+    """Compare an aircraft with the check data of its file, and find suspicious data.
+
+    For the F-16, which has no check data, suspicious points of the tables are found.
 
     Raises
     ------

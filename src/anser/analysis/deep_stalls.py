@@ -1,6 +1,6 @@
-"""Deep stall: pitch trims with fixed surfaces, followed as the centre of gravity moves.
+"""Deep stall of the F-16: pitch trims with fixed surfaces, followed as the centre of gravity moves.
 
-Steady descents at the trims, the dataset and the JSON document.
+Also the steady descents at these trims, the dataset and the JSON document.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class PitchBranch(eqx.Module):
-    """Pitch trims along a curve, in order.
+    """Curve of pitch trims over angle of attack and centre of gravity, as a sequence of points.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class PitchBranch(eqx.Module):
     slope
         dCm/dalpha at the trim, 1/rad; negative: stable.
     balanced
-        True if the pitching moment vanishes at the point; False from the point on at which the curve was lost.
+        True if the pitching moment vanishes at the point; False from the first point at which no trim was found.
     """
 
     alpha: Vector
@@ -51,12 +51,14 @@ class PitchBranch(eqx.Module):
 
 
 class SteadyDescent(eqx.Module):
-    """Straight descent, wings level, at an angle of attack with the engine idling.
+    """Steady straight descent at an angle of attack: wings level, engine idling.
 
     Attributes
     ----------
-    speed, path_angle, pitch
-        True airspeed, m/s; angles, rad.
+    speed
+        True airspeed, m/s.
+    path_angle, pitch
+        Flight-path angle and pitch angle, rad.
     """
 
     speed: Scalar
@@ -67,7 +69,7 @@ class SteadyDescent(eqx.Module):
 def pitching_moment(
     airframe: AbstractF16, mach: ScalarLike, elevator: ScalarLike, alpha: ScalarLike, x_cg: ScalarLike
 ) -> Scalar:
-    """Pitching-moment coefficient Cm without sideslip and rates.
+    """Compute the pitching-moment coefficient Cm without sideslip and rates.
 
     The elevator is fixed, aileron and rudder are at 0, the flap is at its schedule.
 
@@ -166,7 +168,7 @@ def steady_descent(
 ) -> SteadyDescent:
     """Find the speed at which aerodynamic force and idle thrust carry the weight, and the resulting path angle.
 
-    Altitude in m, angles in rad. Balance of the pitching moment and of the lateral axes is not required.
+    Altitude in m, elevator and alpha in rad, gravity in m/s^2. Pitching moment and lateral axes need not balance.
     """
     air = atmosphere.at(altitude)
     weight = airframe.mass_properties.mass * gravity
@@ -345,7 +347,10 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
-    """Return the foremost centre of gravity of the followed curve and its angle of attack, deg; or None."""
+    """Return the foremost centre of gravity with a deep stall, and the angle of attack there (deg).
+
+    The centre of gravity is a fraction of the chord. None if the followed curve of trims is empty.
+    """
     x_cg = dataset["branch_x_cg"].values
     if not np.isfinite(x_cg).any():
         return None
@@ -354,7 +359,10 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
-    """Return the angles (deg) at which a curve crosses 0; the flag is True if the curve falls (a stable trim)."""
+    """Return the angles of attack (deg) at which a moment curve crosses 0, each with a flag: True for a stable trim.
+
+    A trim is stable if the curve falls.
+    """
     intervals = np.flatnonzero(moments[:-1] * moments[1:] < 0.0)
     return [
         (
@@ -371,7 +379,10 @@ def _branch(
     alpha_range_deg: tuple[float, float],
     x_cg_max: float,
 ) -> PitchBranch:
-    """Follow the curve of trims in both directions from the last stable trim; a single NaN without a stable trim."""
+    """Follow the curve of trims in both directions from the last stable trim.
+
+    Without a stable trim, the curve is a single NaN point.
+    """
     stable = [trim for trim in trims if trim[2]]
     if not stable:
         missing = jnp.full(1, jnp.nan)

@@ -72,14 +72,17 @@ def _map_variables(trims: TrimMap) -> dict[str, Any]:
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Envelope survey.
+    """Result of an envelope survey.
 
     Its dataset has the trim map over (condition, altitude, mach) and the flights over (condition, altitude, mach,
     command); NaN without a flight.
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Count the flights by "outcome: reason" for each condition; with_reserve: from points with reserve only."""
+        """Return the number of flights by "outcome: reason" for each condition.
+
+        `with_reserve` selects the flights from points with a reserve of power and surface travel.
+        """
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
             outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)

@@ -1,6 +1,6 @@
 """Linear model about a trim point, with its modes.
 
-Available as a labelled dataset, as JSON and as a python-control system.
+As a labelled dataset, as JSON and as a system of the python-control library.
 """
 
 import dataclasses
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 LINEAR_FORMAT_VERSION = 1
-"""Format version of the document; raised when a name is removed or changes meaning."""
+"""Format version of the JSON document; raised when a name is removed or changes meaning."""
 
 _UNITS = {
     **dict.fromkeys(("alpha", "beta", "phi", "theta", "psi", "gamma", "chi", "mu"), "rad"),
@@ -67,7 +67,7 @@ _MODE_FIGURES = {
     "period": ("s", "Period"),
     "time_to_half": ("s", "Time to half the amplitude; negative: minus the time to double"),
 }
-"""Units and long names; in the dataset and in JSON the names have the unit as a suffix."""
+"""Unit and long name of each figure of a mode; in the dataset and in JSON the names have the unit as a suffix."""
 _SUFFIX = {"s-1": "_1_s", "rad s-1": "_rad_s", "1": "", "s": "_s"}
 
 
@@ -98,7 +98,7 @@ def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
 def linear_dataset(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> xr.Dataset:
-    """Label a linear model and its modes.
+    """Convert a linear model and its modes to a labelled dataset.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ _open_model = compiled(linear_model)
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class LinearizationResult:
-    """Linear model with its modes; printed as a table of the modes.
+    """Result of a linearization: linear model, modes and trim point; printed as a table of the modes.
 
     Attributes
     ----------
@@ -264,7 +264,7 @@ class LinearizationResult:
 
     @property
     def dataset(self) -> xr.Dataset:
-        """Labelled model and modes: see `linear_dataset`."""
+        """Model and modes as a labelled dataset: see `linear_dataset`."""
         return linear_dataset(self.model, self.modes, self.condition)
 
     def document(self) -> dict[str, Any]:
@@ -272,7 +272,9 @@ class LinearizationResult:
         return linear_document(self.model, self.modes, self.condition)
 
     def state_space(self) -> "control.StateSpace":
-        """Return a state-space system of the python-control library, with the names; sampled if the model is.
+        """Return the model as a state-space system of the python-control library, with the names of its signals.
+
+        The system is sampled if the model is.
 
         Raises
         ------
@@ -294,7 +296,7 @@ class LinearizationResult:
         )
 
     def write(self, path: Path) -> None:
-        """Write a new file: NetCDF or JSON, by the suffix.
+        """Write the model and its modes to a new file: NetCDF or JSON, by the suffix.
 
         Raises
         ------
@@ -403,7 +405,7 @@ def linearize(
 
 
 def _check_held(model: LinearModel, limits: FlightLimits, loop: Loop) -> None:
-    """Refuse a trim point that the loop leaves at once because a command is at a limit."""
+    """Raise ConditionError if the loop leaves the trim point at once because a command is at a limit."""
     V, low, high = (float(speed) for speed in (model.x[0], limits.speed_min, limits.speed_max))
     if loop == "velocity" and not low <= V <= high:
         raise ConditionError(

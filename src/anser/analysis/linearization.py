@@ -1,7 +1,7 @@
 """Linear models by forward-mode differentiation.
 
-Coordinates of an aircraft's state, the open-loop model, and the sampled model under a loop of the autopilot.
-Kernel: JAX only.
+Coordinates of an aircraft's state, the open-loop model of the airframe, and the sampled model of a loop of the
+autopilot. Kernel: JAX only.
 """
 
 import math
@@ -46,12 +46,12 @@ from anser.units import DEG_RAD
 from anser.variables import STANDARD_SURFACES
 
 _FLIGHT_STATES = ("V", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "altitude")
-"""Airspeed, flow angles, roll, pitch, yaw, body rates, altitude: m/s, rad, rad/s, m."""
+"""Names of the flight states: airspeed (m/s), flow angles, roll, pitch, yaw (rad), body rates (rad/s), altitude (m)."""
 AIR_OUTPUTS = ("n_z", "gamma", "chi", "mu")
-"""Normal load factor (force along body -z over weight), path angle, course and bank of the motion through the air."""
+"""Normal load factor (force along body -z over weight), and path angle, course and bank of the air-relative motion."""
 
 Coordinates = Float[Array, " state"]
-"""Values of `body_states` and the states of the actuators."""
+"""Values of the states named by `body_states`, then of the actuators' states."""
 
 _MARGIN_COSINE = math.cos(89.0 * DEG_RAD)
 
@@ -95,7 +95,7 @@ def state_at(environment: Environment, coordinates: Coordinates, template: Aircr
 
 
 def air_outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> Float[Array, "4"]:
-    """Return the values of `AIR_OUTPUTS` in a state."""
+    """Return the values of `AIR_OUTPUTS` (load factor, path angle, course, bank; rad) in a state."""
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     _, alpha, beta = flow_angles(velocity_air_b)
     gamma, chi = path_angles(velocity_air_n)
@@ -106,7 +106,7 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 
 
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
-    """Return True if the coordinates are regular at a state.
+    """Whether the coordinates are regular at a state.
 
     Coordinates, not the flight, are singular if the nose points straight up or down (roll and yaw coincide), if the
     path is vertical (no course), or if the sideslip is 90 deg (no angle of attack). False within 1 deg of these, and at
@@ -121,16 +121,17 @@ def is_regular(environment: Environment, state: AircraftState) -> Flag:
 
 
 def _through_air(environment: Environment, state: AircraftState) -> tuple[Vector3, Vector3]:
-    """Return the velocity relative to the air in body and in NED axes, m/s."""
+    """Return the velocity relative to the air in body axes and in NED axes, m/s."""
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     return state.velocity_b - rotate(R_bn, wind_n), rotate_back(R_bn, state.velocity_b) - wind_n
 
 
 class LinearModel(eqx.Module):
-    """Small deviations from a flight condition: dx_dot = A dx + B du, dy = C dx + D du; SI units and radians.
+    """Linear model of small deviations from a flight condition; SI units and radians.
 
-    If `step` is not 0, the model is sampled: dx(k+1) = A dx(k) + B du(k).
+    Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` is not 0, the model is sampled:
+    dx(k+1) = A dx(k) + B du(k).
 
     Attributes
     ----------
@@ -146,7 +147,7 @@ class LinearModel(eqx.Module):
     regular
         True if the coordinates are regular at the condition: see `is_regular`.
     states, inputs, outputs
-        Names.
+        Names of the states, inputs and outputs.
     surfaces
         Names of the airframe's control surfaces; part of the names of states and inputs.
     """
@@ -228,14 +229,14 @@ def linearize(
 
 
 class Linearization(NamedTuple):
-    """Value and derivatives of a function, a row per element."""
+    """Value of a vector function at a point, and its Jacobian: a row per element of the value."""
 
     value: Float[Array, " row"]
     slope: Float[Array, "row column"]
 
 
 def linearize_function(function: Callable[[Array], Array], point: Float[Array, " column"]) -> Linearization:
-    """Return a function's value and forward-mode derivatives, computed column by column.
+    """Compute the value and the Jacobian of a function in forward mode, column by column.
 
     Equal to `jax.jacfwd`, which differentiates the columns at once and takes twice as long to compile.
     """
@@ -257,7 +258,7 @@ CHANNELS: dict[Loop, tuple[str, str, str]] = {
     "attitude": ("mu", "alpha", "beta"),
     "velocity": ("V", "gamma", "chi"),
 }
-"""Controlled channels of each loop, innermost loop first."""
+"""Names of the controlled channels of each loop, innermost loop first."""
 
 
 def _with_suffix(channels: tuple[str, ...], suffix: str) -> tuple[str, ...]:
@@ -279,8 +280,9 @@ _LOOP_STATE_FIELDS: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
         ("attitude_filter", _with_suffix(CHANNELS["attitude"], "filter")),
     ],
 }
-"""Fields of the autopilot's state added by each loop to the inner loops' fields, with the names of the elements.
-Without names the elements are the surfaces."""
+"""For each loop, the fields of the autopilot's state that this loop adds to those of the inner loops.
+
+Each field has the names of its elements; without names the elements are the surfaces."""
 _SURFACE_FIELD_SUFFIXES = {"surfaces_filter": "filter", "surfaces_slow": "slow"}
 SENSOR_STATE_FIELDS = (
     "residual",
@@ -291,7 +293,7 @@ SENSOR_STATE_FIELDS = (
         *_with_suffix(CHANNELS["rates"], "dot_last"),
     ),
 )
-"""State of the sensors, used by incremental inversion: field and names of the elements."""
+"""Field of the autopilot's state with the sensors' state (incremental inversion), and the names of its elements."""
 _EULER_ANGLES = slice(3, 6)
 
 
@@ -354,7 +356,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return the states and the commands of the condition, and the linearized control law.
+    """Return states and commands at the condition, and the linearized control law.
 
     The law maps states and commands to the controls and the autopilot's next state.
     """
@@ -383,7 +385,10 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """Linearize a sampling step: from the state and the controls to the next state and the outputs before the step."""
+    """Linearize one sampling step of the motion.
+
+    The step maps the state and the controls to the next state and to the outputs before the step.
+    """
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))
 
@@ -403,7 +408,7 @@ def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> li
 
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
-    """Return the fields of the autopilot's state that take part in a loop, with the names of the elements."""
+    """Return the fields of the autopilot's state that take part in a loop, each with the names of its elements."""
     surfaces, fields = airframe.actuators.names, []
     for inner in CHANNELS:
         fields += [

@@ -45,7 +45,7 @@ StateFields = tuple[str, ...]
 
 
 class ExcitedLoop(eqx.Module):
-    """Closed loop about a trim point: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
+    """Closed loop about a trim point with test inputs w: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
 
     At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on.
 
@@ -66,12 +66,14 @@ class ExcitedLoop(eqx.Module):
 
 
 def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the breakpoints, actuators first."""
+    """Return the names of the breakpoints at which the loop can be broken, actuators first."""
     return airframe.actuators.names + INNER_BREAKPOINTS
 
 
 def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> StateFields:
-    """Return the fields of the autopilot's state that take part in the closed loop; the gains must be concrete.
+    """Return the fields of the autopilot's state that take part in the closed loop, with the names of their elements.
+
+    The gains must be concrete, not traced.
 
     The sensors' state is omitted for model-based inversion. The attitude integrals are omitted if their gain is 0: they
     would be integrators without an effect.
@@ -83,7 +85,7 @@ def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> Stat
 
 
 def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
-    """Differentiate the sampled loop, `velocity_control` and then `advance`, about a trim point.
+    """Linearize the sampled closed loop, `velocity_control` and then `advance`, about a trim point.
 
     The command is the steady flight. In a steady turn the commanded course turns with the aircraft; the deviations obey
     the same equations at every sample.
@@ -159,7 +161,7 @@ def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
 FREQUENCY_MIN = 1e-3
 """Lowest frequency, rad/s; the highest is the Nyquist frequency."""
 FREQUENCY_COUNT = 240
-"""Number of frequencies, 44 a decade at 100 samples per second; the response is interpolated in between."""
+"""Number of frequencies of a response, 44 a decade at 100 samples per second; interpolated in between."""
 NEUTRAL_POLE_TOLERANCE = 1e-6
 """Accepted distance of a pole outside the unit circle. Altitude is not controlled and has a pole on the circle;
 rounding moves poles by less than this. A pole at this distance doubles its motion in 2 h."""
@@ -229,7 +231,7 @@ class LoopAnalysis(eqx.Module):
 
 
 class LoopResponse(eqx.Module):
-    """Frequency response of the loop broken at each breakpoint, the other loops closed.
+    """Frequency response at each breakpoint, with the loop broken there and closed elsewhere.
 
     Attributes
     ----------
@@ -238,9 +240,9 @@ class LoopResponse(eqx.Module):
     open
         Loop transfer function L, negative feedback.
     difference
-        S - T.
+        Sensitivity less complementary sensitivity, S - T.
     actuators_difference
-        Structured gain of S - T, all actuators broken at once.
+        Structured gain (upper bound of the structured singular value) of S - T, all actuators broken at once.
     """
 
     omega: Float[Array, " frequency"]
@@ -250,7 +252,7 @@ class LoopResponse(eqx.Module):
 
 
 def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, LoopResponse]:
-    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments as of `excited_loop`."""
+    """Compute the margins at every breakpoint of the autopilot at a trim point; arguments: see `excited_loop`."""
     loop = excited_loop(case, fields)
     response = loop_response(loop, case.step, frequencies(case.step))
     margins, actuators_disk = loop_margins(response)
@@ -258,7 +260,7 @@ def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, Lo
 
 
 def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, " frequency"]:
-    """Return frequencies in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency, rad/s."""
+    """Return `count` frequencies (rad/s) in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency."""
     return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), count))
 
 
@@ -379,20 +381,20 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Slice of the actuators among `breakpoints` breakpoints."""
+    """Return the slice of the actuators in arrays over all breakpoints; `breakpoints` is the number of breakpoints."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
 def _least_with_frequency(
     values: Float[Array, " n"], frequency: Float[Array, " n"], is_candidate: Bool[Array, " n"]
 ) -> tuple[Scalar, Scalar]:
-    """Return the least candidate and its frequency; inf and nan without a candidate."""
+    """Return the least of the values marked as candidates, and its frequency; inf and nan without a candidate."""
     k = jnp.argmin(jnp.where(is_candidate, values, jnp.inf))
     return jnp.where(is_candidate[k], values[k], jnp.inf), jnp.where(is_candidate[k], frequency[k], jnp.nan)
 
 
 def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval"]) -> Float[Array, " interval"]:
-    """Cubic through values at 0, 1, 2, 3."""
+    """Return the cubic polynomial through values at 0, 1, 2, 3, evaluated at `position`."""
     t = position
     weights = [
         -(t - 1) * (t - 2) * (t - 3) / 6,
@@ -404,7 +406,7 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 
 
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Return True for cubics that cross 0 within the unit interval from `interval_start`, and the crossing."""
+    """Return whether each cubic crosses 0 within the unit interval from `interval_start`, and the crossing."""
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
     crosses = sign * _cubic(values, low + 1) <= 0
@@ -429,7 +431,7 @@ def _peak(logs: Float[Array, " frequency"]) -> Scalar:
 
 
 def _structured_gain(M: Complex[Array, "n n"]) -> Scalar:
-    """Upper bound of the structured singular value for independent factors.
+    """Return an upper bound of the structured singular value of M, for independent factors.
 
     Largest singular value of D M D^-1; the diagonal D balances the off-diagonal rows and columns (E. E. Osborne, *J.
     ACM* 7, 1960).

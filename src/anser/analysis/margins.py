@@ -42,17 +42,20 @@ from anser.steady.trim_diagnosis import nearest_trims
 from anser.units import RAD_DEG
 
 GAIN_MIN_DB, PHASE_MIN_DEG = 6.0, 40.0
-"""Least margins; a breakpoint below either is marked as short."""
+"""Required gain margin (dB) and phase margin (deg); a breakpoint below either is reported as short."""
 CLOSED_LOOP_STATES = ("no_trim", "held_back", "unstable", "stable")
 """State of the closed loop at a point: no steady flight exists; a command of the autopilot is at a limit, where the
 loop is open; the closed loop is unstable; the closed loop is stable. Only stable points have margins."""
 
 _Variable = tuple[str, tuple[str, ...], np.ndarray, dict[str, Any]]
-"""Name, dimensions beyond the point dimensions, values over points and these dimensions, attributes."""
+"""Variable of a dataset: name, dimensions after that of the points, values, attributes."""
 
 
 def _point_variables(analysis: LoopAnalysis, response: LoopResponse, step_s: float) -> dict[str, Any]:
-    """Return the variables of one trim point (leaves with one row), with the response of each loop."""
+    """Return the dataset variables of a single trim point, with the response of each loop.
+
+    The arrays of `analysis` and `response` have one row.
+    """
     data: dict[str, Any] = {
         name: (dimensions, values[0], labels)
         for name, dimensions, values, labels in _variables(analysis, step_s, np.array([True]))
@@ -70,7 +73,7 @@ def _point_variables(analysis: LoopAnalysis, response: LoopResponse, step_s: flo
 
 
 def _map_variables(trims: TrimMap, analysis: LoopAnalysis, step_s: float) -> dict[str, Any]:
-    """Return the variables over a trim map; `analysis` has the trimmable points in order."""
+    """Return the dataset variables over a trim map; `analysis` has a row per trimmable point, in the map's order."""
     points, trimmable = trims.points, np.asarray(trims.points.trimmable)
     data: dict[str, Any] = {
         name: ((*GRID_DIMENSIONS, *dimensions), trims.gridded(values), labels)
@@ -86,10 +89,10 @@ def _map_variables(trims: TrimMap, analysis: LoopAnalysis, step_s: float) -> dic
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
-    """Summarize the margins over a map: one row per breakpoint.
+    """Summarize the margins over a trim map: a row per breakpoint.
 
-    Least value, 5th percentile and median of each margin over the stable points, and the number of points below
-    `GAIN_MIN_DB` or `PHASE_MIN_DEG`. Infinite figures are None.
+    A row has the least value, the 5th percentile and the median of each margin over the stable points, and the number
+    of points below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. Infinite figures are None.
 
     Parameters
     ----------
@@ -116,7 +119,7 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
 
 
 def _variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> list[_Variable]:
-    """Compute the variables of the trimmable points, scattered over the full grid of points."""
+    """Return the dataset variables of the trimmable points, as arrays over all points of the grid (NaN elsewhere)."""
     pole = largest_pole(np.asarray(analysis.A)) if trimmable.any() else np.zeros(0, dtype=complex)
     rate = np.log(pole) / step_s
     stable = np.abs(pole) <= 1 + NEUTRAL_POLE_TOLERANCE
@@ -195,10 +198,13 @@ _BATCH = 32
 
 @dataclasses.dataclass(frozen=True)
 class MarginSurvey(SurveyResult):
-    """Margins over (condition, altitude, mach) and (condition, altitude, mach, breakpoint)."""
+    """Result of a margin survey.
+
+    Its dataset has variables over (condition, altitude, mach) and margins over (condition, altitude, mach, breakpoint).
+    """
 
     def counts(self) -> dict[str, int]:
-        """Count the points by the state of the closed loop."""
+        """Return the number of points in each state of the closed loop (`CLOSED_LOOP_STATES`)."""
         state_codes = self.dataset["closed_loop"].values
         return {state: int((state_codes == k).sum()) for k, state in enumerate(CLOSED_LOOP_STATES)}
 

@@ -1,6 +1,6 @@
 """Modes of a linear model, with participation factors and classical names.
 
-Poles of the autopilot's loops compared with the poles of ideal dynamic inversion.
+Also the poles of the autopilot's loops, compared with the poles of ideal dynamic inversion.
 """
 
 import dataclasses
@@ -26,7 +26,7 @@ _FAMILIES = {
     "Dutch roll": ("beta", "R_w"),
     "lateral phugoid": ("mu", "P_w"),
 }
-"""Wind-axis states that make up each oscillation."""
+"""Classical oscillations, and the wind-axis states in which each mainly shows (its family of states)."""
 _FALLING_APART = ("short period", "phugoid", "Dutch roll")
 """Oscillations that can split into two real modes."""
 _LONE = {"P_w": "roll", "mu": "spiral", "power": "engine", "altitude": "altitude", "chi": "heading"}
@@ -44,14 +44,17 @@ spiral 0.57 (at 17 deg of angle of attack) or more; mergers have 0.99."""
 
 
 class ModeCandidate(NamedTuple):
-    """Unnamed mode: oscillatory or real, participation of the states, and reliability of the participation."""
+    """Mode before it is named.
+
+    Whether it is oscillatory, the participation of each state (`shares`), and whether the participation is reliable.
+    """
 
     is_oscillatory: bool
     shares: dict[str, float]
     is_reliable: bool
 
     def share(self, family: str) -> float:
-        """Return the participation of a family's states."""
+        """Return the summed participation of the states of a family."""
         return sum(self.shares[state] for state in _FAMILIES[family])
 
 
@@ -136,7 +139,7 @@ eigenvalues."""
 
 @dataclasses.dataclass(frozen=True)
 class Mode:
-    """Mode of a linear model: a real eigenvalue or a conjugate pair.
+    """Mode of a linear model: a real eigenvalue or a pair of conjugate eigenvalues.
 
     Attributes
     ----------
@@ -176,7 +179,7 @@ class Mode:
 
     @property
     def time_constant(self) -> float:
-        """Time of decay of the envelope by the factor e, s; negative: growth; infinite: constant."""
+        """Time in which the envelope decays by the factor e, s; negative: growth; infinite: constant."""
         return -1 / self.eigenvalue.real if self.eigenvalue.real else math.inf
 
     @property
@@ -186,12 +189,12 @@ class Mode:
 
     @property
     def time_to_half(self) -> float:
-        """Time to half the envelope, s; negative: minus the time to double."""
+        """Time in which the envelope halves, s; for growth, minus the time in which it doubles."""
         return math.log(2) * self.time_constant
 
 
 def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return the names of wind-axis states and the matrix from the model's states to the wind-axis states.
+    """Return the names of the wind-axis states, and the matrix that converts the model's states to these.
 
     Bank, path angle and course replace roll, pitch and yaw; P_w, R_w (rates about the velocity and about its normal in
     the plane of symmetry) replace P and R. Modes separate better in these states: at a high angle of attack a roll yaws
@@ -261,7 +264,10 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
 
 
 def _continuous(value: complex, step: float, largest: float) -> complex:
-    """Return the continuous-time eigenvalue, 1/s; minus infinity for a sampled eigenvalue of 0 (gone after a step)."""
+    """Return the continuous-time eigenvalue (1/s) of a model with sampling period `step` (s).
+
+    Minus infinity for a sampled eigenvalue of 0, whose mode vanishes within a step.
+    """
     if not step:
         return value
     if abs(value) < _ROUNDING * largest:
@@ -282,7 +288,7 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
     "attitude": ("actuator_bandwidth", "surfaces_command_bandwidth", "rates_command_bandwidth"),
     "velocity": tuple(_LIMIT_BANDWIDTHS),
 }
-"""Bandwidths assumed infinite by theory, for each loop."""
+"""Bandwidths that the theory of dynamic inversion takes as infinite, for each loop."""
 
 
 @dataclasses.dataclass(frozen=True)

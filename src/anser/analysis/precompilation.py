@@ -1,4 +1,4 @@
-"""Compilation, ahead of time, of the programs used first by the commands."""
+"""Compilation of the programs that commands use first, ahead of time."""
 
 import functools
 from collections.abc import Callable, Sequence

@@ -1,6 +1,6 @@
-"""Robustness study: flights of aircraft that differ from the autopilot's onboard model.
+"""Robustness study: flights of F-16s that differ from the autopilot's onboard model.
 
-Dispersed factors, cases, and the dataset.
+The dispersed numbers, the flights of a study, and the dataset.
 """
 
 import dataclasses
@@ -46,9 +46,9 @@ _BOTH_WAYS = tuple(sign * part for part in (0.1, 0.2, 0.3, 0.4, 0.6, 0.9) for si
 
 @dataclasses.dataclass(frozen=True)
 class Factor:
-    """Dispersed number: `nominal` + `scale` * change.
+    """A number of the aircraft or its sensors that a study disperses: `nominal` + `scale` * change.
 
-    Changes are relative: at a spread of 20 % uniform in -0.2 to 0.2, or in 0 to 0.2 for a one-way factor.
+    At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ FACTORS = (
 _INDEX = {factor.name: k for k, factor in enumerate(FACTORS)}
 
 SPREADS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-"""Spreads of the sweep."""
+"""Spreads (greatest changes) of the part "spread" of a study."""
 
 PARTS = ("dispersed", "spread", "alone")
 """Parts of a study: all numbers dispersed at one spread; the same at several spreads; a single number changed."""
@@ -103,7 +103,7 @@ PARTS = ("dispersed", "spread", "alone")
 
 @dataclasses.dataclass(frozen=True)
 class FlightPoint:
-    """Steady level flight before the command: true airspeed (m/s) and geometric altitude (m)."""
+    """Steady level flight from which the command starts: true airspeed (m/s) and geometric altitude (m)."""
 
     speed_m_s: float
     altitude_m: float
@@ -116,8 +116,10 @@ CONDITIONS = (
     FlightPoint(200.0, 6000.0),
     FlightPoint(230.0, 9000.0),
 )
-"""Points spread over the speeds that the autopilot flies, each with a tenth of thrust and surfaces left: from
-equivalent airspeeds of 114 m/s (alpha 10 deg) to 190 m/s (alpha 3 deg)."""
+"""Flight points of a study, spread over the speeds that the autopilot flies.
+
+Each has a tenth of thrust and surfaces left: from equivalent airspeeds of 114 m/s (alpha 10 deg) to 190 m/s (alpha
+3 deg)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,7 +148,7 @@ class Cases:
 
     @property
     def values(self) -> np.ndarray:
-        """Values of the dispersed numbers, shape (n, factors)."""
+        """Values of the dispersed numbers in each flight, shape (n, factors)."""
         nominal, scale = (np.array([getattr(f, name) for f in FACTORS]) for name in ("nominal", "scale"))
         return nominal + scale * self.changes
 
@@ -156,12 +158,15 @@ class Cases:
 
 
 def dispersed_cases(flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS)) -> Cases:
-    """Sample all numbers uniformly and independently; the flights are distributed evenly over the conditions."""
+    """Return flights with all numbers changed at random, uniformly and independently, up to `spread`.
+
+    The flights are distributed evenly over the conditions.
+    """
     return _at_random(0, flights, spread, seed, conditions)
 
 
 def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
-    """Sample flights at each of several spreads, with the same random numbers scaled by the spread.
+    """Return `flights` flights at each of several spreads, with the same random numbers scaled by the spread.
 
     The random numbers are independent of those of `dispersed_cases` with the same seed.
     """
@@ -170,7 +175,7 @@ def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spr
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
-    """Change a single number at a time, by each of its changes, at each condition."""
+    """Return flights with a single number changed, for each of the number's changes and each condition."""
     factor_names = [f.name for f in FACTORS] if factors is None else factors
     combinations = [
         (_INDEX[name], change, condition)
@@ -222,7 +227,7 @@ _FLIGHTS_OF_SWEEP = 200
 
 @dataclasses.dataclass(frozen=True)
 class RobustnessStudy(SurveyResult):
-    """Robustness study.
+    """Result of a robustness study.
 
     Its dataset has the dispersions over (flight,) and the results over (inversion, flight); NaN and outcome 0 if the
     dispersed aircraft has no steady flight.
@@ -339,7 +344,10 @@ def _study_variables(
     flights: Sequence[tuple[SurveySummary, FlightOutcomes]],
     surfaces: Sequence[str],
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return data and coordinates of a study; `flights` are those of the trimmable aircraft, by inversion."""
+    """Return the variables and the coordinates of a study's dataset.
+
+    `flights` has a pair (summaries, outcomes) for each inversion, with the trimmable aircraft only.
+    """
     trimmable = np.asarray(trims.trimmable)
     trim_stop = np.where(trimmable, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
     names = [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions]

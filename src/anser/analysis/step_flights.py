@@ -52,7 +52,7 @@ from anser.variables import CATALOGUE, catalogue
 
 _F16_SPEED_M_S, _ALTITUDE_M = 150.0, 1000.0
 _RANGE_SHARE = 0.5
-"""Greatest part of the available range (angle of attack, speed, climb) used by a step."""
+"""Greatest fraction of the available range (angle of attack, speed, climb) that a step may use."""
 _PATH_TURN = 0.6
 """Greatest turn of the path during a step of the angle of attack, rad: about that of the published step. A slow
 aircraft would otherwise fly a loop."""
@@ -61,7 +61,7 @@ _SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 @dataclasses.dataclass(frozen=True)
 class StepCase:
-    """Steady level flight before the step tests.
+    """Steady level flight from which step tests start, with the autopilot.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class StepCase:
 
 
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
-    """Return airspeed (m/s) and altitude (m) of an aircraft's step tests.
+    """Return the airspeed (m/s) and altitude (m) at which an aircraft's step tests start by default.
 
     150 m/s for the F-16, otherwise the geometric mean of slowest and fastest airspeed; 1000 m, or the nearest altitude
     of the aircraft's data.
@@ -103,7 +103,7 @@ def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
 
 
 def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion) -> StepCase:
-    """Trim an aircraft, and derive gains and limits.
+    """Trim an aircraft in level flight, and derive gains and limits of the autopilot at this point.
 
     Raises
     ------
@@ -152,7 +152,10 @@ def _loop_bandwidths(derived_defaults: DerivedDefaults) -> tuple[np.ndarray, np.
 
 
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
-    """Step each channel of each loop alone, then all together; sizes are reduced to the aircraft's capability."""
+    """Return the tests of an aircraft: each channel of each loop stepped alone, then all channels of a loop together.
+
+    The steps are reduced to the aircraft's capability.
+    """
     if case.derived_defaults is None:
         return PUBLISHED_STEPS
     capability, speed = case.derived_defaults.capability, float(np.linalg.norm(np.asarray(case.trim.state.velocity_b)))
@@ -175,7 +178,7 @@ def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
 
 
 def _round_down(value: float) -> float:
-    """Round down to two digits."""
+    """Round a number down to two digits."""
     if value <= 0.0:
         return 0.0
     digit = 10.0 ** (math.floor(math.log10(value)) - 1)
@@ -184,7 +187,7 @@ def _round_down(value: float) -> float:
 
 @compiled
 def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Load factor per angle of attack, 1/rad."""
+    """Return the derivative of the load factor with respect to the angle of attack, 1/rad."""
     condition = flight_condition(airframe, environment, 0.0, trim.state)
     surfaces, zero_rates = trim.state.surfaces, jnp.zeros(3)
 
@@ -224,7 +227,7 @@ def step_time_scale(
 
 @compiled
 def _remaining_sideslip(airframe: AbstractAirframe, environment: Environment, trim: TrimPoint) -> Scalar:
-    """Sideslip at which its moments use the remaining travel of the surfaces, rad."""
+    """Return the sideslip (rad) whose moments use up the remaining travel of the surfaces."""
     condition = flight_condition(airframe, environment, 0.0, trim.state)
     data, surfaces = condition.air_data, trim.state.surfaces
     sideslipping = eqx.tree_at(lambda d: d.beta, data, data.beta + _SIDESLIP_SEEN)
@@ -318,7 +321,7 @@ def _sizes_si(test: StepTest) -> list[float]:
 
 
 class _StepRecorder(AbstractRecorder):
-    """Record of each sample: outputs of the three loops and the controls."""
+    """Recorder of every sample of a step test: outputs of the three loops and the controls."""
 
     stride: int = eqx.field(static=True, default=1)
 
@@ -326,7 +329,7 @@ class _StepRecorder(AbstractRecorder):
         """Return None: the recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Return None: the recorder has no state."""
+        """Return None: there is no state to update."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return the recorded values by the keys of the catalogue."""
@@ -345,7 +348,7 @@ def _fly(
     count: int,
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
-    """Fly a batch of steps: history by the keys of the catalogue, SI units and radians."""
+    """Fly a batch of steps; return the history by the keys of the catalogue, shape (tests, steps), SI units and rad."""
     trim_outputs = _outputs(airframe, environment, trim.state)
     case = LoopCase(airframe, environment, gains, limits, trim, STEP_S)
     trim_values = jnp.stack([trim_outputs[key] for key in CHANNEL_KEYS[loop].values()])
@@ -361,7 +364,10 @@ def _fly(
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return the outputs of the three loops and the controls of an aircraft at an instant, in steady wind."""
+    """Return the outputs of the three loops and the controls at one time, by the keys of the catalogue.
+
+    `environment` has a steady wind.
+    """
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)
@@ -385,7 +391,7 @@ def _outputs(airframe: AbstractAirframe, environment: Environment, state: Aircra
 def _flight(
     test: StepTest, record: dict[str, np.ndarray], airframe: AbstractAirframe, attributes: dict[str, Any]
 ) -> StepTestResult:
-    """Compute figures and the labelled record of one flight of a batch."""
+    """Return the result of one flight of a batch: figures, and the recorded values as a labelled dataset."""
     time = STEP_S * np.arange(len(record["power"]))
     read_count = round(test.read_at_s / STEP_S) + 1
     measured = np.stack([record[key][:read_count] for key in CHANNEL_KEYS[test.loop].values()], axis=1)

@@ -1,6 +1,6 @@
 """Step tests of the autopilot's loops.
 
-Commands, durations and published tests; and the result of a flown test with its figures and requirements.
+Commands, durations and published tests; and the result of a flown test, with its figures and requirements.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,13 +27,15 @@ CHANNEL_KEYS: Mapping[Loop, Mapping[str, str]] = MappingProxyType(
         "velocity": MappingProxyType({"v": "airspeed", "gamma": "path_angle", "chi": "course"}),
     }
 )
-"""Three channels of each loop and their keys in `anser.variables.CATALOGUE`, innermost loop first."""
+"""For each loop (innermost first) its three channels, each with its key in `anser.variables.CATALOGUE`."""
 
 _DURATION_S: Mapping[Loop, float] = MappingProxyType({"rates": 3.0, "attitude": 6.0, "velocity": 60.0})
-"""Durations of the steps. The velocity loop's integrator decays with a time constant of 40 s."""
+"""Durations of the tests of each loop. The velocity loop's integrator decays with a time constant of 40 s."""
 
 _READ_YAW_AT_S = 1.05
-"""A constant yaw rate builds up sideslip until the rudder reaches its stop at 1.27 s; the figures are read before."""
+"""End of the interval that the figures of a yaw-rate step evaluate.
+
+A constant yaw rate builds up sideslip until the rudder reaches its stop at 1.27 s; the interval ends before."""
 
 _DURATION_MIN_S, _DURATION_MAX_S = 0.2, 600.0
 _SIZE_MAX = MappingProxyType({"deg/s": 120.0, "deg": 170.0, "m/s": 150.0})
@@ -52,7 +54,7 @@ PUBLISHED_TIME_SCALE = LoopTimeScale()
 
 @dataclass(frozen=True)
 class StepTest:
-    """Step commanded to a loop that holds a trim point.
+    """Step of the command to one loop of the autopilot, starting in trimmed flight.
 
     Attributes
     ----------
@@ -65,7 +67,7 @@ class StepTest:
     duration_s
         Duration of the flight.
     read_at_s
-        End of the interval of the figures, s.
+        End of the interval that the figures (rise time, overshoot and so on) evaluate.
     """
 
     key: str
@@ -76,12 +78,12 @@ class StepTest:
 
     @property
     def commanded(self) -> dict[str, float]:
-        """Sizes of the stepped channels by channel."""
+        """Step sizes (deg/s, deg or m/s) of the stepped channels, by channel."""
         return {c: size for c, size in zip(CHANNEL_KEYS[self.loop], self.size, strict=True) if size != 0.0}
 
 
 def unit_of_channel(channel: str) -> str:
-    """Return the unit of a channel's step: deg/s, deg or m/s."""
+    """Return the unit in which a channel's step is given: deg/s, deg or m/s."""
     return "m/s" if channel == "v" else "deg/s" if channel in CHANNEL_KEYS["rates"] else "deg"
 
 
@@ -91,7 +93,7 @@ def step_test(
     duration_s: float | None = None,
     time_scale: LoopTimeScale = PUBLISHED_TIME_SCALE,
 ) -> StepTest:
-    """Build a test of one or more channels of a loop.
+    """Build a test with steps of one or more channels of a loop.
 
     Parameters
     ----------
@@ -100,7 +102,8 @@ def step_test(
     sizes
         Channel -> size of its step, deg/s, deg or m/s.
     duration_s
-        Duration and reading time; None: the published duration times `time_scale`, for a yaw rate up to the reading.
+        Duration, and end of the interval of the figures; None: the published duration (for a yaw rate 1.05 s) times
+        `time_scale`.
     time_scale
         Time scales of the aircraft's loops.
 
@@ -138,14 +141,14 @@ def step_test(
 
 
 def _scaled_duration(duration_s: float, loop: Loop, time_scale: LoopTimeScale) -> float:
-    """Scale a duration by the time scale of a loop, in whole samples."""
+    """Return a duration multiplied by the time scale of a loop, as a whole number of samples, s."""
     return round(duration_s * getattr(time_scale, loop) / STEP_S) * STEP_S
 
 
 def _each_and_all(
     loop: Loop, sizes: tuple[float, float, float], time_scale: LoopTimeScale = PUBLISHED_TIME_SCALE
 ) -> tuple[StepTest, ...]:
-    """Step each channel of a loop alone, then all together; channels of size 0 are omitted."""
+    """Return the tests of a loop: each channel stepped alone, then all together; channels of size 0 are omitted."""
     duration = _scaled_duration(_DURATION_S[loop], loop, time_scale)
     tests = []
     for k, channel in enumerate((*CHANNEL_KEYS[loop], "together")):
@@ -160,7 +163,7 @@ def _each_and_all(
 def scaled_step_tests(
     time_scale: LoopTimeScale, attitude: tuple[float, float, float], velocity: tuple[float, float, float]
 ) -> tuple[StepTest, ...]:
-    """Return the published tests with scaled durations and given sizes.
+    """Return the published tests with durations scaled to an aircraft and with the given step sizes.
 
     Durations grow with the time scales of the loops. Steps of the body rates shrink in proportion, for the same angle.
     """
@@ -181,7 +184,7 @@ PUBLISHED_STEPS: tuple[StepTest, ...] = (
 
 
 STEP_FORMAT_VERSION = 1
-"""Version of the result of `step_document`; raised when a field is removed or changes meaning."""
+"""Format version of the document of `step_document`; raised when a field is removed or changes meaning."""
 
 _OVERSHOOT_MAX = 0.10
 _FINAL_ERROR_MAX = 0.01
@@ -193,7 +196,7 @@ _FACTORS = {variable.key: variable.factor for variable in CATALOGUE}
 
 @dataclass(frozen=True)
 class StepTestResult:
-    """Flown step test.
+    """Result of a flown step test.
 
     Attributes
     ----------
@@ -203,7 +206,7 @@ class StepTestResult:
         Outputs of the three loops, commands of the stepped loop, surfaces, throttle and power over time, named and
         labelled as in `anser.variables.catalogue`; aircraft and condition are attributes.
     metrics
-        Figures up to the reading, SI units and radians.
+        Figures of the response up to `read_at_s`, SI units and radians.
     """
 
     test: StepTest
@@ -212,12 +215,12 @@ class StepTestResult:
 
     @property
     def sideslip_max_deg(self) -> float:
-        """Greatest sideslip up to the reading."""
+        """Greatest sideslip up to `read_at_s`."""
         return float(np.abs(self._read("beta_deg")).max())
 
     @property
     def left_tables(self) -> bool:
-        """True if the flight left the aerodynamic tables before the reading."""
+        """Whether the flight left the aerodynamic tables before `read_at_s`."""
         return bool(self._read("outside_tables").any())
 
     @property
@@ -243,7 +246,7 @@ class StepTestResult:
         return self.dataset[name].values[: round(self.test.read_at_s / STEP_S) + 1]
 
     def document(self) -> dict[str, Any]:
-        """Return the figures as plain data, with units in the names; None for a time that was never reached."""
+        """Return the figures as plain data, with units in the names; None for a time that is never reached."""
         metrics, channels = self.metrics, list(CHANNEL_KEYS[self.test.loop])
         stepped = {
             channel: {

@@ -1,4 +1,4 @@
-"""Outcomes of surveyed flights: what ended or limited each flight, and labelled variables common to the surveys."""
+"""Outcomes of surveyed flights: the limit or range that a flight met, and labelled variables common to the surveys."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ failed: alpha or beta left the range of the data or sideslip exceeded its bound 
 limits included), surfaces or body rates were insufficient, or no limit explains the missed command."""
 
 REASONS = ("none", *AUTOPILOT_LIMITS, *(f"tables_{axis}" for axis in TABLE_AXES), "start_beyond_limits", "unexplained")
-"""Reasons of an outcome; "none": not flown, or reached."""
+"""Reasons of an outcome: the limit or the range of the data that was met; "none": not flown, or reached."""
 
 _LONG = 0.1
-"""Part of the flight at a limit that explains an error at the end."""
+"""Fraction of the flight spent at a limit from which this limit explains an error at the end."""
 _BEFORE_SLIP = 0.1
-"""Time at a limit that explains a later sideslip, s: twice the lag of the actuators."""
+"""Time spent at a limit from which this limit explains a later sideslip, s: twice the lag of the actuators."""
 
 _INNER = ("body_rates", "surfaces", "surface_rates")
 _EXPLAINS = {
@@ -32,12 +32,12 @@ _EXPLAINS = {
     "gamma": ("alpha", "load_factor", "unloading", "bank"),
     "chi": ("bank", "alpha", "load_factor", "unloading"),
 }
-"""Limits that can keep a channel from its command; the limits of the inner loops affect every channel."""
+"""For each channel the limits that can keep it from its command; limits of the inner loops affect every channel."""
 
 
 @dataclass(frozen=True)
 class FlightOutcomes:
-    """Outcome and reason of each flight: indices into `OUTCOMES` and `REASONS`."""
+    """Outcome and reason of each flight, as indices into `OUTCOMES` and `REASONS`."""
 
     outcome: np.ndarray
     reason: np.ndarray
@@ -46,7 +46,7 @@ class FlightOutcomes:
 def classify_flights(
     summaries: SurveySummary, tolerance: np.ndarray, duration: float, start_beyond: np.ndarray | bool = False
 ) -> FlightOutcomes:
-    """Classify a batch of flights.
+    """Determine the outcome and the reason of each flight of a batch.
 
     A command is reached if every channel ends within its tolerance, stepped or not, sideslip stays within `BETA_BOUND`
     and the aircraft stays inside its data. Otherwise the reason is the first applicable of:
@@ -55,9 +55,8 @@ def classify_flights(
     2. alpha or beta beyond the data, whichever came first;
     3. for excessive sideslip, the inner-loop limit with the longest time before;
     4. altitude or Mach number beyond the data;
-    5. for a missed channel, the relevant limit with the longest time, if active during most of the last tenth (the
-    interval
-       of the final error) or for a tenth of the flight.
+    5. for a missed channel, the relevant limit with the longest time, if active during most of the last tenth of the
+       flight (the interval of the final error) or for a tenth of the flight.
 
     Parameters
     ----------
@@ -119,11 +118,11 @@ _CHANNEL_FIGURES = (
 )
 
 FlightVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
-"""Values (first axis: flights), attributes, and dimensions beyond the flights, by name."""
+"""Variables of flights by name: values (first axis: flights), attributes, and dimensions after the flights."""
 
 
 def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
-    """Return the coordinates of the dimensions of `flight_variables` beyond the flights."""
+    """Return the dataset coordinates of the dimensions that `flight_variables` adds to the flights."""
     return {
         "surface": ("surface", np.array(surfaces)),
         "axis": ("axis", np.array(("roll", "pitch", "yaw"))),
@@ -133,7 +132,10 @@ def flight_coordinates(surfaces: Sequence[str]) -> dict[str, Any]:
 
 
 def flight_variables(flights: SurveySummary, verdicts: FlightOutcomes) -> FlightVariables:
-    """Return the variables of flights: errors of the channels, extremes, times at limits, outcome and reason."""
+    """Return the dataset variables of flights.
+
+    Errors of the channels, extremes, times at limits, outcome and reason.
+    """
     variables: FlightVariables = {}
 
     def add(name: str, values: Any, unit: str, description: str, *dimensions: str) -> None:

@@ -1,6 +1,7 @@
-"""Survey driver: a program evaluated for many rows, with batches of one compiled size, progress and wall time.
+"""Common part of the surveys: evaluation of a compiled program for many rows of inputs, in batches of one size.
 
-Margins, envelope and robustness are surveys: their modules define rows, compiled program and dataset.
+A row holds the inputs of one evaluation, such as a trim point. Margins, envelope and robustness are surveys: their
+modules define rows, compiled program and dataset. Progress and wall time are reported.
 """
 
 import time
@@ -70,7 +71,7 @@ class Survey:
         self._report(description, 0.0)
 
     def call(self, program: Program[..., _R], *arguments: Any) -> _R:
-        """Compile a program for the arguments, run it and add both durations."""
+        """Compile a program for the arguments and run it; both durations are added to the survey's."""
         start_time = time.perf_counter()
         compiled_call = program.ready(*arguments)
         compiled_time = time.perf_counter()
@@ -167,7 +168,7 @@ def sample_count(duration_s: float, step_s: float) -> int:
 
 
 def select_rows(rows: Any, index: np.ndarray) -> Any:
-    """Select rows of a tree of arrays."""
+    """Select rows of a tree of arrays by their indices."""
     return jax.tree.map(lambda leaf: leaf[index], rows)
 
 
@@ -184,12 +185,12 @@ def limit_attributes(limits: FlightLimits) -> dict[str, float]:
 
 
 def flight_attributes(count: int, step_s: float, limits: FlightLimits) -> dict[str, float]:
-    """Duration, sampling period and autopilot limits of surveyed flights, as attributes of a dataset."""
+    """Return duration, sampling period and autopilot limits of surveyed flights as attributes of a dataset."""
     return {"duration_s": count * step_s, "step_s": step_s, **limit_attributes(limits)}
 
 
 def is_beyond_limits(trim: TrimPoint, airspeeds: ArrayLike, limits: FlightLimits) -> np.ndarray:
-    """Mark the trims beyond the limits of the autopilot in alpha, bank or airspeed (m/s)."""
+    """Return True for each trim beyond the autopilot's limits of alpha, bank or airspeed (m/s)."""
     alpha, bank, airspeed = np.asarray(trim.alpha), np.abs(np.asarray(trim.mu)), np.asarray(airspeeds)
     return np.asarray(
         (alpha < limits.alpha_min)

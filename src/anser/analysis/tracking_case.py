@@ -1,4 +1,4 @@
-"""Published tracking case: a climb of 1000 m with a turn of 60 degrees, on velocity commands alone."""
+"""Published test of path tracking: a climb of 1000 m with a turn of 60 degrees, flown by velocity commands alone."""
 
 import tomllib
 from importlib import resources
@@ -15,7 +15,9 @@ from anser.scenario.schema import Scenario, validate
 CLIMB_AND_TURN = "climb-and-turn.toml"
 """Copy of the shipped scenario; a test keeps both equal."""
 _CLIMB_SHARE = 0.4
-"""Mean climb rate of the case over the aircraft's greatest; the peak climb rate is 1.9 times the mean."""
+"""Mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest.
+
+The peak climb rate is 1.9 times the mean."""
 
 
 def climb_and_turn(

@@ -1,6 +1,6 @@
 """Trim maps: steady flights over altitude and Mach number.
 
-Step commands and autopilot limits of the surveys that start from a trim map.
+Also the step commands and autopilot limits of the surveys, whose flights start at points of a trim map.
 """
 
 import dataclasses
@@ -25,21 +25,21 @@ from anser.steady.trim import TrimMapPoint, TrimTarget
 from anser.units import DEG_RAD
 
 RESERVE_MIN = 0.1
-"""Least reserve of a point "with reserve": part of the power, up and down, and of each surface's travel."""
+"""Least reserve of a point "with reserve": fraction of the power, up and down, and of each surface's travel."""
 
 GRID_DIMENSIONS = ("condition", "altitude", "mach")
 """Dimensions of the grid."""
 
 
 class TrimMap(NamedTuple):
-    """Steady flights over a grid.
+    """Steady flights over a grid of condition (kind of steady flight), altitude and Mach number.
 
     Attributes
     ----------
     conditions
-        Meanings of the steady flights by name.
+        Meanings of the kinds of steady flight by name.
     altitudes, machs
-        Axes of the grid, m and 1.
+        Axes of the grid: altitude in m, and Mach number.
     airspeeds
         True airspeed, m/s, shape (altitude, mach).
     targets, points
@@ -62,11 +62,14 @@ class TrimMap(NamedTuple):
         return array.reshape(len(self.conditions), *self.airspeeds.shape, *array.shape[1:])
 
     def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
-        """Return a dataset variable: values of the points over the grid and further dimensions."""
+        """Return a dataset variable as (dimension names, values, attributes).
+
+        The values of the trim points are reshaped to the grid; `dimensions` names the further axes.
+        """
         return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
 
     def with_reserve(self) -> Any:
-        """Return the variable that marks the points with at least `RESERVE_MIN` in reserve."""
+        """Return the dataset variable that is true at points with at least `RESERVE_MIN` in reserve."""
         points = self.points
         power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
         reserve = np.minimum(power_reserve, np.asarray(points.surface_margin).min(axis=1))
@@ -74,7 +77,7 @@ class TrimMap(NamedTuple):
         return self.variable(np.asarray(points.trimmable) & (reserve >= RESERVE_MIN), "1", long_name)
 
     def coordinates(self, condition: str) -> dict[str, Any]:
-        """Return the coordinates of the grid; `condition` is the long name of the steady flights."""
+        """Return the dataset coordinates of the grid; `condition` is the long name of the axis of steady flights."""
         return {
             "condition": ("condition", np.array(list(self.conditions)), unit_attributes("", condition)),
             "condition_meaning": ("condition", np.array(list(self.conditions.values()))),
@@ -90,7 +93,7 @@ class TrimMap(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SteadyFlight:
-    """Steady flight: climb angle (deg) and load factor of a coordinated level turn to the right."""
+    """Kind of steady flight: climb angle (deg), and load factor of a coordinated level turn to the right."""
 
     name: str
     meaning: str
@@ -100,7 +103,7 @@ class SteadyFlight:
 
 @dataclasses.dataclass(frozen=True)
 class StepCommand:
-    """Step of the path command: m/s, deg, deg."""
+    """Step of the commanded path: airspeed (m/s), path angle (deg) and course (deg)."""
 
     name: str
     meaning: str
@@ -130,7 +133,7 @@ COMMANDS = (
     StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
 )
 ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
-"""Default altitudes. The lowest is not 0, the bound of the data: any command would leave the data."""
+"""Default altitudes. The lowest is above 0, the bound of the data: from 0 any command would leave the data."""
 MACHS = np.linspace(0.15, 0.95, 18)
 _COARSE_MACHS = [0, 4, 8, 13, 17]
 _F16_SPEED_M_S = 150.0
@@ -191,12 +194,12 @@ def default_axes(
 
 
 def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
-    """Return the factors of speed steps and accepted speed errors at airspeeds, m/s; 1 for an F-16."""
+    """Return the factors on speed steps and on accepted speed errors at the given airspeeds (m/s); 1 for an F-16."""
     return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
 
 
 def command_meanings(airframe: AbstractAirframe) -> list[str]:
-    """Return the descriptions of `COMMANDS` for an aircraft; see `speed_scale`."""
+    """Return the descriptions of `COMMANDS` for an aircraft, with its speed steps (`speed_scale`)."""
     if isinstance(airframe, AbstractF16):
         return [command.meaning for command in COMMANDS]
     return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]
@@ -213,11 +216,11 @@ def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.nda
 
 
 def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
-    """Return limits wider than the aircraft's: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g.
+    """Return the autopilot limits of a survey, wider than the aircraft's.
 
-    A level turn at 4 g has a bank of 75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For
-    another airframe than an F-16: half the least to twice the greatest of the surveyed airspeeds (m/s), and the range
-    of alpha of the airframe's data.
+    For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g. A level turn at 4 g has a bank of
+    75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half the least
+    to twice the greatest of the surveyed airspeeds (m/s), and the range of alpha of the airframe's data.
     """
     limits = _f16_limits()
     if airframe is None or isinstance(airframe, AbstractF16):
@@ -245,7 +248,10 @@ def _f16_limits() -> FlightLimits:
 
 
 def steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:
-    """Return the trim targets over (condition, altitude, mach), flattened."""
+    """Return the trim targets of `CONDITIONS` at the given altitudes (m) and airspeeds (m/s).
+
+    Flattened over (condition, altitude, mach); gravity in m/s^2.
+    """
     shape = (len(CONDITIONS), *airspeeds.shape)
     V, h = np.broadcast_to(airspeeds, shape), np.broadcast_to(altitudes[:, None], shape)
     gamma = np.array([condition.path_angle_deg * DEG_RAD for condition in CONDITIONS])[:, None, None]
@@ -255,7 +261,10 @@ def steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float)
 
 
 def grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
-    """Return a grid axis: the requested or the default values. Raises ValueError unless the numbers increase."""
+    """Return the requested values of a grid axis, or the default values.
+
+    Raises ValueError unless the numbers increase.
+    """
     axis = default if requested is None else np.asarray(requested, dtype=float)
     minimum = 0.0 if name == "machs" else -np.inf
     if (

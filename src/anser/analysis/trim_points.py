@@ -1,6 +1,6 @@
-"""Trim points with units or a diagnosis, and the common first steps of the analyses.
+"""Trim points with units or a diagnosis, and the first steps common to the analyses.
 
-First steps: airframe, autopilot gains, steady flight.
+These steps find the airframe, the autopilot gains and the steady flight.
 """
 
 from collections.abc import Mapping
@@ -34,13 +34,13 @@ compiled_trim = compiled(solve_trim)
 
 
 class ConditionError(ValueError):
-    """The condition cannot be flown steadily, held by the loop, or described by Euler angles."""
+    """The flight condition has no steady flight, is not held by the loop, or is not described by Euler angles."""
 
 
 def resolve_airframe(
     aircraft: str | AbstractAirframe, variant: str = "textbook", x_cg_over_c: float | None = None
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
-    """Return an airframe by name, by file or as passed, with attributes for datasets.
+    """Return an airframe given by name, file or object, and its description for the attributes of datasets.
 
     Parameters
     ----------
@@ -72,14 +72,14 @@ def resolve_airframe(
 
 
 def airframe_label(attributes: Mapping[str, Any]) -> str:
-    """Return aircraft and variant, if any, from the attributes of `resolve_airframe`."""
+    """Return the name of the aircraft with its variant, if any, from the attributes of `resolve_airframe`."""
     return " ".join(
         [str(attributes["aircraft"]), *(f"({attributes[key]})" for key in ("variant",) if key in attributes)]
     )
 
 
 def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:
-    """Set the sensor bandwidth of the gains for an inversion; None: the published gains."""
+    """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains."""
     bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
     base_gains = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))
@@ -93,9 +93,10 @@ def survey_gains(
     inversion: Inversion,
     gains: AutopilotGains | None = None,
 ) -> tuple[AutopilotGains, AutopilotGains | None]:
-    """Return gains common to stacked trims, and gains with a row per trim that replace the common gains, or None.
+    """Return the autopilot gains for stacked trim points: (common gains, gains per trim or None).
 
-    Common are the given or the published gains; another aircraft than an F-16 has gains derived at each trim.
+    The given gains, or the published gains of an F-16, are common to all trims, with None for the second value. Another
+    aircraft has gains derived at each trim, a row per trim, which replace the common gains.
     """
     common = gains_for(inversion, gains)
     if gains is not None or isinstance(airframe, AbstractF16):
@@ -125,14 +126,14 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
 
 @compiled
 def map_points(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> TrimMapPoint:
-    """Trim stacked targets."""
+    """Trim steady flights; `targets` has a leading axis over the flights."""
     return jax.vmap(lambda target: trim_map_point(airframe, environment, target))(targets)
 
 
 _HEAVY_KG = 1000.0
 """Above this mass, thrust is shown in kN."""
 _ROUNDING = 1e-12
-"""Smaller values are rounding noise of a zero, such as the bank of straight flight."""
+"""Absolute values below this are shown as zero, such as the bank of straight flight."""
 
 
 @dataclass(frozen=True, repr=False)

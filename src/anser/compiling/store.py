@@ -18,9 +18,9 @@ _LOG = logging.getLogger(__name__)
 class FolderStore:
     """Store of programs in a folder, one file per program; the oldest are deleted above a total size.
 
-    Files are written atomically. An unreadable or unwritable folder, or a full disk, costs time only. A damaged file, or
-    a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong to
-    the user and that other users cannot write; otherwise a warning is logged once.
+    Files are written atomically. An unreadable or unwritable folder, or a full disk, costs time only. A damaged file,
+    or a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong
+    to the user and that other users cannot write; otherwise a warning is logged once.
 
     Attributes
     ----------
