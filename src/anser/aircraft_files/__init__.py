@@ -1,4 +1,8 @@
-"""Aircraft files: schema, sources, construction of airframes, check data and findings."""
+"""Aircraft files: their schema, where they come from, the airframes built from them, and checks of their data.
+
+A new kind of engine needs a table in schema_aerodynamics (and its place in `Engine`), its construction in build
+(`build_engine`), and its thrust factor in `anser.aircraft.dispersions`.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Airframes built from aircraft files, by derivatives or DAVE-ML, in SI arrays; and their dispersed versions."""
+"""Construction of airframes from aircraft files (derivatives or DAVE-ML), and of their dispersed versions."""
 
 import dataclasses
 import functools
@@ -59,18 +59,18 @@ _ANYWHERE_M, _ANY_MACH = (-1e5, 1e5), (-1.0, 1e2)
 
 
 def build_range(bounds: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
-    """Lower and upper bound; infinite if unspecified."""
+    """Convert a range to two arrays, lower and upper bound, multiplied by `factor`; infinite if unspecified."""
     low, high = (-math.inf, math.inf) if bounds is None else bounds
     return as_array(low * factor), as_array(high * factor)
 
 
 def build_validity(valid: schema_body.Validity) -> Validity:
-    """Validity range of the data."""
+    """Convert a table [validity] to SI units and rad."""
     return Validity(build_range(valid.airspeed_m_s), build_range(valid.altitude_m), build_range(valid.mach))
 
 
 def build_mass(mass: schema_body.Mass) -> MassProperties:
-    """Mass properties from a table [mass]."""
+    """Build the mass properties from a table [mass]."""
     inertia_b = np.asarray(mass.inertia)
     return MassProperties(
         mass=as_array(mass.mass_kg),
@@ -81,7 +81,7 @@ def build_mass(mass: schema_body.Mass) -> MassProperties:
 
 
 def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractActuators:
-    """Actuators of the surfaces, all of the same order."""
+    """Build the actuators of the surfaces; all have dynamics of the same order."""
     names = tuple(s.name for s in surface)
     lower, upper = zip(*(s.stops_deg for s in surface), strict=True)
     lower, upper = (as_array(np.asarray(stops) * DEG_RAD) for stops in (lower, upper))
@@ -97,7 +97,7 @@ def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractA
 
 
 def build_engine(engine: schema_aerodynamics.Engine | None) -> AbstractEngine:
-    """Engine of a table [engine]; `NoEngine` without a table."""
+    """Build the engine of a table [engine]; `NoEngine` without a table."""
     if engine is None:
         return NoEngine()
     if engine.jet is not None:
@@ -159,7 +159,7 @@ _REQUIRED_OUTPUTS: Mapping[str, Sequence[str]] = {
 
 
 def file_models(file: DaveMlFile) -> dict[str, Model]:
-    """DAVE-ML models of an aircraft file, before renaming, by part of the aircraft."""
+    """Read the DAVE-ML models of an aircraft file, by part of the aircraft; variables have the names of their files."""
     return {
         part: _read_cached(text.text, text.file)
         for part in DAVE_ML_PARTS
@@ -197,7 +197,7 @@ def _has_variable(model: Model, name: str) -> bool:
 
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
-    """Apply the file's names and input defaults to a model."""
+    """Rename a model's variables to the standard names and set its default inputs, as the aircraft file says."""
     names = {
         name: variable_name for name, variable_name in file.dave_ml.names.items() if _has_variable(model, variable_name)
     }
@@ -260,7 +260,7 @@ def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]
 
 
 def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Problem]:
-    """Report surfaces without a matching input, and inputs without a value."""
+    """Report surfaces whose input the models lack, and model inputs without a value."""
     problems = []
     surface_inputs = [s.input_name for s in file.surface]
     for part, model in models.items():
@@ -308,12 +308,12 @@ def build_airframe(file: DaveMlFile) -> DaveMlAircraft: ...
 @overload
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft: ...
 def build_airframe(file: AirframeFile | DaveMlFile) -> DerivativeAircraft | DaveMlAircraft:
-    """Build the airframe of a file; files with equal content share one object."""
+    """Build the airframe of a file, or return the one already built from equal content."""
     return _build_cached(content_hash(file), _UnhashedFile(file))
 
 
 class _UnhashedFile:
-    """Cache argument excluded from the cache key; the content hash is a separate argument."""
+    """Wrapper of a file in the arguments of a cached function: all are equal, so only the content hash counts."""
 
     def __init__(self, file: AirframeFile | DaveMlFile) -> None:
         self.file = file
@@ -360,7 +360,7 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
 
 
 def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple[int, int]]) -> bool:
-    """Whether the side force has a part independent of sideslip, rates and deflections."""
+    """Whether the side force has a part that remains without sideslip, rates and deflections."""
     row = COEFFICIENTS.index("CY")
     constant_columns = [column for column, name in enumerate(DERIVATIVE_ARGUMENTS) if name in STATIC_ARGUMENTS]
     return bool(np.any(derivatives[row, constant_columns])) or any(
@@ -369,7 +369,7 @@ def _has_still_side_force(derivatives: np.ndarray, table_indices: Sequence[tuple
 
 
 def angle_factors(file: AirframeFile) -> np.ndarray:
-    """Factors, by column, from derivatives in the file's angle unit to derivatives per rad."""
+    """Return the factor for each column of the derivatives that converts from the file's angle unit to rad."""
     per_rad = RAD_DEG if file.aerodynamics.per == "deg" else 1.0
     factors = {"_alpha": per_rad, "_beta": per_rad, "_alpha2": per_rad**2, "_beta2": per_rad**2}
     return np.asarray([*(factors.get(column, 1.0) for column in DERIVATIVE_ARGUMENTS), *[per_rad] * len(file.surface)])
@@ -387,7 +387,10 @@ def _derivatives(file: AirframeFile) -> np.ndarray:
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
-    """Number of each distinct axis of all tables, by argument, breakpoints and whether the end values are held."""
+    """Number the distinct axes of all coefficient tables.
+
+    An axis is its argument, its breakpoints, and whether values beyond the ends are held.
+    """
     axis_numbers: dict[tuple[str, tuple[float, ...], bool], int] = {}
     for file_table in file.table:
         for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True):
@@ -396,7 +399,7 @@ def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
 
 
 def _arguments(file: AirframeFile) -> tuple[int, ...]:
-    """Index of each axis' argument in alpha, beta, surfaces."""
+    """Return, for each axis, the index of its argument in (alpha, beta, surfaces...)."""
     inputs = ("alpha", "beta", *file.surfaces)
     return tuple(inputs.index(name) for name, _, _ in _axes(file))
 
@@ -430,7 +433,10 @@ def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], .
 def with_derivatives(
     airframe: DerivativeAircraft, file: AirframeFile, replacements: dict[str, float]
 ) -> DerivativeAircraft:
-    """Copy of an airframe with other values of some derivatives, in the file's units."""
+    """Copy an airframe with some derivatives replaced.
+
+    `replacements` are values in the file's units, by the derivative's name.
+    """
     values, scale = np.array(airframe.derivatives), angle_factors(file)
     for name, value in replacements.items():
         column = DERIVATIVE_ARGUMENTS.index(name[2:])
@@ -442,7 +448,10 @@ def with_derivatives(
 def disperse_file_airframe(
     airframe: DerivativeAircraft | DaveMlAircraft, deviation: Deviation
 ) -> DerivativeAircraft | DaveMlAircraft:
-    """Dispersed airframe; coefficient factors apply to `DerivativeAircraft.derivatives`, or to CX to Cn of DAVE-ML."""
+    """Apply a deviation to an airframe: factors on mass, inertia, thrust, actuators and coefficients.
+
+    The coefficient factors multiply `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML aircraft.
+    """
     body = BodyDispersion(
         thrust=as_array(deviation.thrust),
         mass=as_array(deviation.mass),

@@ -1,4 +1,7 @@
-"""Comparison of check data in aircraft and DAVE-ML files with computed forces, moments, trims and check shots."""
+"""Comparison of computed values with the check data in aircraft and DAVE-ML files.
+
+Check data are published forces, moments and trims, and check shots: pairs of inputs and outputs in a DAVE-ML file.
+"""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -40,7 +43,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 
 @dataclass(frozen=True)
 class CheckedValue:
-    """Expected and obtained value of one number in a file's check data.
+    """Comparison of one number of a file's check data with the computed number.
 
     Attributes
     ----------
@@ -68,7 +71,7 @@ class CheckedValue:
 
 
 def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
-    """Compute all check data of a file."""
+    """Compare all check data of a file with computed values."""
     airframe = build_airframe(file)
     checked_values = []
     if isinstance(file, DaveMlFile):
@@ -82,7 +85,9 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
-    """Compute the check shots of a DAVE-ML file; the location of each value is the varID after a prefix.
+    """Compare the check shots of a DAVE-ML file with computed outputs.
+
+    The location of each value is `prefix` and the variable's varID.
 
     Raises
     ------
@@ -226,7 +231,7 @@ def check_model(path: str | os.PathLike[str]) -> ModelCheck:
 
 
 def _unit_findings(model: Model) -> Iterator[Finding]:
-    """Report unknown units, each with all variables that use the unit."""
+    """Report each unknown unit once, with all variables that have it."""
     unknown: dict[str, list[Variable]] = {}
     for variable in model.definition.variables.values():
         try:
@@ -257,7 +262,7 @@ def _unused_findings(model: Model) -> Iterator[Finding]:
 
 
 def _body_findings(model: Model) -> Iterator[Finding]:
-    """Report impossible mass, inertia and reference lengths, as far as the first check shot sets their inputs."""
+    """Report impossible mass, inertia and reference lengths, computed with the inputs of the first check shot."""
     inputs = _first_inputs(model)
     lengths = model if _has_values(model, AERO_LENGTHS, {}) else None
     inertia = model if _has_values(model, INERTIA_OUTPUTS, inputs) else None
@@ -266,7 +271,7 @@ def _body_findings(model: Model) -> Iterator[Finding]:
 
 
 def _first_inputs(model: Model) -> dict[str, float]:
-    """Inputs of the first check shot that are in the units of the file."""
+    """Return the inputs of the first check shot by name, without those in other units than the file's variables."""
     shots, variables = model.definition.shots, model.definition.variables
     signals = shots[0].inputs if shots else ()
     return {

@@ -1,4 +1,4 @@
-"""Deviation of an aircraft from the nominal model that its autopilot and planner use."""
+"""Deviation of an aircraft from the nominal model that its autopilot and planner assume."""
 
 from typing import TYPE_CHECKING
 
@@ -87,7 +87,7 @@ class Deviation(Table):
 
     @property
     def second_moments(self) -> tuple[float, float, float]:
-        """Factors on the second moments of mass along body x, y, z."""
+        """Return the factors on the second moments of mass along body x, y, z."""
         return self.second_moment_x, self.second_moment_y, self.second_moment_z
 
     @model_validator(mode="before")

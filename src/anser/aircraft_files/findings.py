@@ -1,4 +1,6 @@
-"""Probable errors in an aircraft file or the F-16's tables: signs, units, proportions, lift, thrust, table points.
+"""Search for probable errors in aircraft files and in the F-16's tables.
+
+Signs, units, proportions, lift, thrust, and table points that do not fit their neighbours.
 
 A finding is reported; the file is not refused.
 """
@@ -34,7 +36,7 @@ _AXIS_ORDER = ("alpha", "beta")
 
 
 def table_findings(file: AirframeFile) -> Iterator[tuple[str, str]]:
-    """Key and text of each finding in the coefficient tables of a file."""
+    """Yield the key and the text of each finding in the coefficient tables of a file."""
     tables = {f"table[{k}]": table for k, table in enumerate(file.table)}
     for point in suspect_points({table_key: _sorted_coefficient_table(table) for table_key, table in tables.items()}):
         if point.table not in tables:
@@ -65,7 +67,7 @@ def describe_suspect(point: SuspectPoint) -> str:
 
 
 def _sorted_axes(table: CoefficientTable) -> tuple[str, ...]:
-    """Arguments of a table: alpha first, then beta, then surfaces."""
+    """Return the arguments of a table in the order alpha, beta, surfaces."""
     return tuple(
         sorted(table.over, key=lambda name: _AXIS_ORDER.index(name) if name in _AXIS_ORDER else len(_AXIS_ORDER))
     )
@@ -101,14 +103,14 @@ _LEADING_AXES = ("angleOfAttack", "angleOfSideslip")
 
 
 def model_table_findings(file: DaveMlFile) -> Iterator[tuple[str, str]]:
-    """Key and text of each finding in the gridded tables of an aircraft's DAVE-ML files."""
+    """Yield the key and the text of each finding in the gridded tables of an aircraft's DAVE-ML files."""
     for part, model in file_models(file).items():
         for table, text in suspect_table_points(model, file.dave_ml.names):
             yield f"dave_ml.{part} ({table})" if table in model.definition.gridded else f"dave_ml.{part}", text
 
 
 def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Table and text of each suspect point in the gridded tables of a DAVE-ML file.
+    """Yield the table's name and a text for each suspect point in the gridded tables of a DAVE-ML file.
 
     Parameters
     ----------
@@ -133,7 +135,11 @@ def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[t
 
 
 def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[tuple[int, int]]:
-    """Rank and index of each axis of a table: angle of attack first, then sideslip, then other arguments."""
+    """Return a pair (rank, index) for each axis of a table.
+
+    The rank orders angle of attack before sideslip before other arguments; the index is the axis' position in the
+    table.
+    """
     function = next((f for f in model.definition.functions if f.table == table), None)
     count = len(model.definition.gridded[table].axes)
     ranks = [len(_LEADING_AXES)] * count
@@ -148,7 +154,7 @@ def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[tuple[in
 
 
 def _inputs_of(model: Model, identifier: str) -> set[str]:
-    """Names of the inputs that a variable depends on."""
+    """Return the names of the inputs that a variable depends on."""
     structure = model.evaluator.structure
     required = structure.required_variables({identifier}, set())
     return {structure.by_id[k].name for k in required if k in structure.inputs}
@@ -224,7 +230,10 @@ def _air_data(V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0) 
 
 
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
-    """Derivatives near zero angles, including tables; moments about the centre of gravity, rates dimensionless."""
+    """Compute the derivatives of the coefficients near zero angles, tables included, by name.
+
+    Moments are about the centre of gravity; derivatives by rates are by the dimensionless rates.
+    """
     low, high = file.validity.alpha_deg
     alpha = min(max(_SMALL_ALPHA_DEG, low), high) * DEG_RAD
     data = _air_data(sum(file.validity.airspeed_m_s) / 2.0, alpha)
@@ -247,7 +256,7 @@ def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
 def _derivatives(
     airframe: _Airframe, at: AirData, angles: jax.Array, reduced: jax.Array, surfaces: jax.Array
 ) -> tuple[Any, jax.Array]:
-    """Derivatives of `COEFFICIENTS` by angles, dimensionless rates and surfaces; also the coefficients."""
+    """Compute the derivatives of `COEFFICIENTS` by angles, dimensionless rates and surfaces; also the coefficients."""
     b, c, S = airframe.span, airframe.mean_chord, airframe.wing_area
 
     def coefficients(angles: jax.Array, reduced: jax.Array, surfaces: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -306,7 +315,7 @@ def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _derivative_key(file: _File, name: str) -> str:
-    """Key of a derivative, or of the table that replaces the derivative."""
+    """Return the file's key of a derivative, or of the table that replaces it."""
     if isinstance(file, DaveMlFile):
         return f"dave_ml.aerodynamics ({name})"
     coefficient, _, ending = name.partition("_")
@@ -399,7 +408,10 @@ def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
 def _lift_drag_thrust(
     airframe: _Airframe, unit_speed_data: AirData, speeds: jax.Array, alphas: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Lift, drag and full thrust, N, over airspeed and angle of attack; `unit_speed_data` is the air at 1 m/s."""
+    """Compute lift, drag and full thrust (N) over airspeed and angle of attack.
+
+    `unit_speed_data` are the air data at an airspeed of 1 m/s.
+    """
     neutral, zero_rates = jnp.zeros(len(airframe.actuators.names)), jnp.zeros(3)
 
     def forces(V: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -417,7 +429,7 @@ _SURFACE_NAMES = {"dh": "elevator"}  # name of the horizontal tail in TP-1538
 
 
 def f16_findings(variant: str) -> tuple[Finding, ...]:
-    """Suspect points in the tables of an F-16 variant, worst first; see `anser.aircraft.suspect_points`."""
+    """Find suspect points in the tables of an F-16 variant, worst first; see `anser.aircraft.suspect_points`."""
     names, tables = _tp1538() if variant == "tp1538" else _reduced(variant)
     findings = []
     for point in suspect_points(tables):
@@ -429,7 +441,7 @@ def f16_findings(variant: str) -> tuple[Finding, ...]:
 
 
 def _tp1538() -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
-    """Argument names of each table of TP-1538, and the tables."""
+    """Return the argument names of each table of NASA TP-1538, and the tables, both by table name."""
     data = library_data("tp1538")
     values = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     names, tables = _gridded(data["tables"], values, data["breakpoints_deg"])

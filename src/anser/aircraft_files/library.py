@@ -1,4 +1,4 @@
-"""Airframes by name or file: library, entry points and aircraft files."""
+"""Loading of airframes by name or path: from the library, entry points of other packages, and aircraft files."""
 
 import functools
 import json
@@ -28,7 +28,7 @@ from anser.aircraft_files.sources import (
 
 @functools.cache
 def library_data(name: str) -> dict[str, Any]:
-    """Data file of the library by stem; cached, must not be modified."""
+    """Read a data file of the library by its name without suffix; the result is cached and must not be modified."""
     return json.loads(resources.files("anser.aircraft").joinpath(f"data/{name}.json").read_text(encoding="utf-8"))
 
 
@@ -98,7 +98,7 @@ def is_aircraft_path(name: str | os.PathLike[str]) -> bool:
 def airframe_of_table(
     kind: str, variant: str, x_cg_over_c: float | None, file: AirframeFile | DaveMlFile | None
 ) -> AbstractAirframe:
-    """Airframe of an [[aircraft]] table of a scenario: from its file, or by its type."""
+    """Load the airframe of an [[aircraft]] table of a scenario: from its file, or by its type (`kind`)."""
     return load_airframe(kind, variant, x_cg_over_c) if file is None else build_airframe(file)
 
 
@@ -113,7 +113,7 @@ def _load_entry_point(name: str) -> AbstractAirframe:
 
 
 def span_of(airframe: AbstractAirframe) -> Any:
-    """Wing span of an airframe, m, for turbulence; raises ValueError if undefined."""
+    """Return the wing span of an airframe, m, for turbulence; raises ValueError if undefined."""
     if isinstance(airframe, AbstractF16 | DerivativeAircraft):
         return airframe.span
     span = getattr(airframe, "span", None)

@@ -1,4 +1,4 @@
-"""Schema of the two kinds of aircraft file: stability derivatives, and DAVE-ML files (ANSI/AIAA S-119).
+"""Schema of the two kinds of aircraft file: by stability derivatives, or by DAVE-ML files (ANSI/AIAA S-119).
 
 Values are validated and stay in the units of the file.
 """
@@ -56,7 +56,7 @@ class AnyAirframeFile(Table):
 
 
 def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
-    """Report unknown surfaces in the check data."""
+    """Report check data for surfaces that the aircraft does not have."""
     problems = []
     expected = f"names of surfaces of this file ({', '.join(surfaces)})"
     for kind, checks in (("forces", check.forces), ("trim", check.trim)):
@@ -70,7 +70,7 @@ def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
 
 
 def surface_problems(surface: Sequence[ActuatedSurface]) -> list[Problem]:
-    """Report repeated surface names, and actuators of different order."""
+    """Report repeated surface names, and actuators of different order (first and second)."""
     problems = []
     names = [this_surface.name for this_surface in surface]
     for k, this_surface in enumerate(surface):
@@ -138,7 +138,7 @@ class AirframeFile(AnyAirframeFile):
         return problems
 
     def _overridden_derivatives(self, k: int, table: CoefficientTable, index: tuple[int, int]) -> list[Problem]:
-        """Report derivatives that a table replaces."""
+        """Report derivatives in the file that have no effect because table number `k` replaces them."""
         problems = []
         coefficient = COEFFICIENTS[index[0]]
         expected = f"nothing, or 0: table[{k}] of {table.replaces} takes its place"
@@ -166,12 +166,18 @@ class AirframeFile(AnyAirframeFile):
 
 
 def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] | None:
-    """Row and column of a coefficient or derivative; a whole coefficient such as `Cm` has the column of `Cm0`."""
+    """Return row and column of a coefficient or derivative in the array of derivatives; None for an unknown name.
+
+    A whole coefficient such as `Cm` has the column of `Cm0`.
+    """
     return derivative_index(f"{name}0" if name in COEFFICIENTS else name, surfaces)
 
 
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
-    """Columns of the derivatives that a table replaces, without surfaces if it replaces a whole coefficient."""
+    """Return the columns of the derivatives that a table replaces.
+
+    A table of a whole coefficient leaves the derivatives by surfaces.
+    """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)
     return (0, *(column for name in table.over for column in _STATIC.get(name, ()) if column))
@@ -193,14 +199,14 @@ _GIVEN = "a table of numbers by name or varID, in the units of the file, such as
 
 
 class DaveMlText(Table):
-    """DAVE-ML file, included as text: the flown aircraft is known without the file."""
+    """DAVE-ML file, stored with its text, so that results contain the aircraft without the file."""
 
     file: str = Field(description="name of the file", json_schema_extra=expects("a text in quotes"))
     text: str = Field(description="text of the file", json_schema_extra=expects("the text of a DAVE-ML file"))
 
 
 class DaveMl(Table):
-    """DAVE-ML files, and the mapping of their variables to the aircraft."""
+    """DAVE-ML files of an aircraft, and the names of their variables."""
 
     aerodynamics: DaveMlText = part("coefficients in body axes and reference lengths", _PATH)
     inertia: DaveMlText | None = part("mass, inertia and centre of mass; left out: [mass]", _PATH, None)
@@ -222,7 +228,7 @@ class DaveMl(Table):
 
 
 class DaveMlSurface(ActuatedSurface):
-    """Control surface with the aerodynamic input that it moves."""
+    """Control surface, and the input of the aerodynamic model that it sets."""
 
     input: str | None = Field(
         None,
@@ -232,7 +238,7 @@ class DaveMlSurface(ActuatedSurface):
 
     @property
     def input_name(self) -> str:
-        """Aerodynamic input that the surface moves."""
+        """Name of the aerodynamic input that the surface sets."""
         return f"{self.name}Deflection" if self.input is None else self.input
 
 

@@ -78,7 +78,10 @@ else:
 
 
 class CoefficientTable(Table):
-    """Values over one to three angles, linear between breakpoints; replaces one or more derivatives."""
+    """Table of a coefficient or derivative over one to three angles, linear between breakpoints.
+
+    It replaces one or more derivatives of the file.
+    """
 
     replaces: str = Field(
         description="a coefficient, such as Cm, or a derivative, such as Cm_q or Cl_aileron",
@@ -174,7 +177,7 @@ class Jet(Table):
     point_m: BodyVector = _point()
 
     def consistency_problems(self) -> list[Problem]:
-        """Report axes that do not rise, and thrust of another shape than the axes."""
+        """Report axes that do not rise, and a thrust table whose shape does not fit the axes."""
         problems = []
         if bool(self.altitude_m) != bool(self.mach):
             missing_key = "mach" if self.altitude_m else "altitude_m"
@@ -192,7 +195,10 @@ class Jet(Table):
 
 
 class ElectricPropeller(Table):
-    """Brushless motor with fixed-pitch propeller; J = V / (n D), n in revolutions per second."""
+    """Brushless motor with fixed-pitch propeller.
+
+    Thrust and torque coefficients are polynomials in J = V / (n D), n in revolutions per second.
+    """
 
     diameter_m: float = number("diameter D of the propeller", 0, 10, "m", exclusive_minimum=True)
     thrust_coefficients: Polynomial = _polynomial("C_T(J): thrust / (rho n^2 D^4)")
@@ -239,7 +245,7 @@ class PistonPropeller(Table):
 
 
 class Engine(Table):
-    """Engine: exactly one kind."""
+    """Engine of the aircraft: exactly one of the kinds."""
 
     jet: Jet | None = table("a jet engine", "a table [engine.jet]", None)
     electric_propeller: ElectricPropeller | None = table(
@@ -251,11 +257,11 @@ class Engine(Table):
 
     @property
     def kind(self) -> str:
-        """Name of the engine's kind."""
+        """Name of the kind of engine, such as "jet"."""
         return next(name for name in type(self).model_fields if getattr(self, name) is not None)
 
     def consistency_problems(self) -> list[Problem]:
-        """Report an engine of several kinds or of none."""
+        """Report a table [engine] with several kinds of engine or without any."""
         kinds = [name for name in type(self).model_fields if getattr(self, name) is not None]
         if len(kinds) == 1:
             return []

@@ -21,7 +21,7 @@ BodyVector = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
 def interval(description: str, unit: str, default: object = PydanticUndefined) -> Any:
-    """Declare a field for a minimum and a maximum."""
+    """Declare a field for a range: a list of minimum and maximum."""
     return Field(
         default, description=description, json_schema_extra=expects(f"a list of two numbers, least first, {unit}")
     )
@@ -34,7 +34,7 @@ def body_vector(description: str, unit: str, default: object = PydanticUndefined
 
 
 def unordered_range_problems(table: Table, *keys: str) -> list[Problem]:
-    """Report ranges with a first value not less than the second."""
+    """Report ranges whose minimum is not less than the maximum."""
     problems = []
     for key in keys:
         bounds = getattr(table, key)
@@ -61,7 +61,7 @@ class Mass(Table):
 
     @property
     def inertia(self) -> tuple[tuple[float, float, float], ...]:
-        """Inertia matrix, kg m^2."""
+        """Inertia matrix (3, 3) about the centre of gravity, body axes, kg m^2."""
         return (
             (self.Jxx_kg_m2, -self.Jxy_kg_m2, -self.Jxz_kg_m2),
             (-self.Jxy_kg_m2, self.Jyy_kg_m2, -self.Jyz_kg_m2),
@@ -105,7 +105,7 @@ class ActuatedSurface(Table):
 
     @property
     def stops_deg(self) -> tuple[float, float]:
-        """Lower and upper stop."""
+        """Lower and upper stop, deg."""
         if self.limit_deg is not None:
             return -self.limit_deg, self.limit_deg
         return self.lower_deg or 0.0, self.upper_deg or 0.0
@@ -140,7 +140,7 @@ class ActuatedSurface(Table):
 
 
 class Surface(ActuatedSurface):
-    """Control surface with its derivatives per deflection angle."""
+    """Control surface with its derivatives: change of each coefficient per deflection angle."""
 
     CL: float = number("lift per angle", -1e3, 1e3, "", 0.0)
     CD: float = number("drag per angle", -1e3, 1e3, "", 0.0)
@@ -181,7 +181,7 @@ ByName = Annotated[dict[str, float], Field(strict=False)]
 
 
 class ForceCheck(Table):
-    """Reference force and moment in a flight condition."""
+    """Check data: force, moment, thrust and torque from the source, in one flight condition."""
 
     name: str = Field(description="name of the check", json_schema_extra=expects("a text in quotes"))
     airspeed_m_s: float = number("true airspeed", 0, 1000, "m/s")
@@ -223,7 +223,7 @@ class ForceCheck(Table):
 
 
 class TrimCheck(Table):
-    """Reference trim in steady flight."""
+    """Check data: a trim in steady flight from the source."""
 
     name: str = Field(description="name of the check", json_schema_extra=expects("a text in quotes"))
     airspeed_m_s: float = number("true airspeed", 0, 1000, "m/s", exclusive_minimum=True)
@@ -247,7 +247,7 @@ class TrimCheck(Table):
 
 
 class Check(Table):
-    """Reference results from the aircraft's source."""
+    """Check data: results from the aircraft's source, which `anser.aircraft_files.check_data` compares."""
 
     forces: tuple[ForceCheck, ...] = tables(
         "force and moment of conditions", "tables [[check.forces]], in double brackets", at_least=0, default=()

@@ -1,6 +1,7 @@
-"""Sources of aircraft: library names, aircraft files and entry points of other packages.
+"""Names of all aircraft, and reading of aircraft files, without JAX.
 
-Reading and validating aircraft files, data ranges and the starter file, without JAX.
+Aircraft come from the library, from aircraft files and from entry points of other packages. Also the data ranges of
+aircraft, and the starter file.
 """
 
 import copy
@@ -66,12 +67,12 @@ def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | Dav
 
 
 def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
-    """Whether a value is a validated aircraft."""
+    """Whether a value is a validated aircraft file."""
     return isinstance(value, AirframeFile | DaveMlFile)
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Replace the message for derivatives by angle rates, which the model does not support."""
+    """Explain an unknown key that is a derivative by an angle's rate, which the model does not support."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -104,7 +105,7 @@ def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
 
 
 def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Values of an aircraft file, not yet validated; the file format follows from the suffix.
+    """Read the values of an aircraft file without validation; the file format follows from the suffix.
 
     Raises
     ------
@@ -122,7 +123,7 @@ def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, source: str) -> dict[str, Any]:
-    """Replace the paths of DAVE-ML files by name and text."""
+    """Replace the paths of DAVE-ML files by tables of file name and text."""
     dave_ml = values.get("dave_ml")
     if not isinstance(dave_ml, dict):
         return values
@@ -138,7 +139,7 @@ def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, so
 
 
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
-    """Text of a DAVE-ML file in its declared encoding."""
+    """Read the text of a DAVE-ML file in its declared encoding; raises ScenarioError if it cannot be read."""
     try:
         content = read_file(path)
     except (OSError, ValueError) as error:
@@ -164,25 +165,25 @@ def _values_of_library(name: str) -> dict[str, Any]:
 
 
 def library_values(name: str) -> dict[str, Any]:
-    """Values of a library aircraft file, as a modifiable copy."""
+    """Return the values of a library aircraft file, as a copy that may be modified."""
     return copy.deepcopy(_values_of_library(name))
 
 
 @functools.cache
 def library_file(name: str) -> AirframeFile | DaveMlFile:
-    """Validated library aircraft file, by a name of `LIBRARY_FILES`."""
+    """Return a validated aircraft file of the library, by a name of `LIBRARY_FILES`."""
     return validate_airframe(library_values(name), f"{name}.toml of anser")
 
 
 @functools.cache
 def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
-    """Airframes of installed packages, by name; library names take precedence."""
+    """Return the entry points of installed packages for airframes, by name, without names of the library."""
     points = importlib.metadata.entry_points(group=ENTRY_POINTS)
     return {point.name: point for point in sorted(points, key=lambda point: point.name) if point.name not in AIRFRAMES}
 
 
 def entry_point_origin(name: str) -> str:
-    """Object reference, distribution and version of an entry point; empty for other names."""
+    """Describe an entry point by object reference, distribution and version; empty for other names."""
     point = entry_points().get(name)
     if point is None:
         return ""
@@ -190,7 +191,7 @@ def entry_point_origin(name: str) -> str:
 
 
 def aircraft_types() -> tuple[str, ...]:
-    """Names of all airframes: library, then entry points."""
+    """Return the names of all airframes: library, then entry points."""
     return (*AIRFRAMES, *entry_points())
 
 
@@ -208,7 +209,9 @@ _F16_ALPHA_DEG = (-10.0, 45.0)
 
 @dataclass(frozen=True)
 class AirframeRange:
-    """Data ranges of an airframe; None if unknown before the airframe is built.
+    """Ranges of airspeed, altitude and angle of attack of an airframe's data.
+
+    A range is None if it is unknown before the airframe is built.
 
     Parameters
     ----------
@@ -228,7 +231,7 @@ class AirframeRange:
 
 
 def airframe_range(kind: str, file: AirframeFile | DaveMlFile | None) -> AirframeRange:
-    """Data ranges of an airframe, from its file or by its type."""
+    """Return the data ranges of an airframe, from its file, or by its type (`kind`) without a file."""
     if file is None and kind in LIBRARY_FILES:
         file = library_file(kind)
     if file is not None:
@@ -245,7 +248,7 @@ AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
 
 
 def airframe_starter() -> str:
-    """Starter file (TOML): a valid light aircraft with a comment on every key."""
+    """Return the text (TOML) of the starter file: a valid light aircraft with a comment on every key."""
     return files("anser.aircraft_files").joinpath("starter.toml").read_text(encoding="utf-8")
 
 

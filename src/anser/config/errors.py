@@ -13,7 +13,7 @@ _BITS_MAX = 256
 
 @dataclass(frozen=True)
 class Problem:
-    """Problem in a scenario, study or aircraft file.
+    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them.
 
     Parameters
     ----------
@@ -67,12 +67,12 @@ class ScenarioError(ValueError):
 
 
 def problem_error(source: str, arrived: str, expected: str, path: str = "") -> ScenarioError:
-    """Error with a single problem, by default of the whole file."""
+    """Build an error with a single problem; without a path, the problem concerns the whole file."""
     return ScenarioError(source, [Problem(path, arrived, expected)])
 
 
 def os_error_reason(error: Exception) -> str:
-    """Reason of a failed read or write, without the file name."""
+    """Return the reason of a failed read or write as text, without the file name."""
     return error.strerror if isinstance(error, OSError) and error.strerror else str(error)
 
 
@@ -115,7 +115,7 @@ _TABLES_OF_KIND: dict[FileKind, frozenset[str]] = {
 
 
 def check_file_kind(kind: FileKind, values: Mapping[str, Any], source: str) -> None:
-    """Raise ScenarioError if the values are evidently another kind of file."""
+    """Raise ScenarioError if the values have tables that occur in another kind of file only."""
     if _TABLES_OF_KIND[kind] & values.keys():
         return
     for actual_kind, its_tables in _TABLES_OF_KIND.items():

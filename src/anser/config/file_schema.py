@@ -16,7 +16,7 @@ _COLUMNS = ("key", "unit", "default", "what it is", "range")
 
 
 def json_schema(model: type[Table], title: str) -> dict[str, Any]:
-    """JSON Schema (draft 7, without references) of the files that a model validates.
+    """Return the JSON Schema (draft 7, without references) of the files that a model validates.
 
     Contradictions between keys are checked by the model only, not by the schema.
 
@@ -33,12 +33,15 @@ def json_schema(model: type[Table], title: str) -> dict[str, Any]:
 
 
 def key_tables(model: type[Table]) -> str:
-    """Markdown tables of all keys of a file: unit, default, meaning and range, in one section for each TOML table."""
+    """Write Markdown tables of all keys of a file: a section per TOML table, with unit, default, meaning and range."""
     return "\n".join(_sections(_described(model), "", is_list=False))
 
 
 def _described(model: type[Table]) -> dict[str, Any]:
-    """Pydantic's schema without references, titles and null (absent from TOML); with `expected` and `unit` of keys."""
+    """Return Pydantic's schema of a model, simplified: no references, titles or null (which TOML lacks).
+
+    The keys' entries `expected` and `unit` remain.
+    """
     whole = model.model_json_schema()
     return _plain(whole, whole.get("$defs", {}))
 
@@ -75,7 +78,7 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
 
 
 def _for_editors(node: Any) -> Any:
-    """Schema with the expected values in each key's description, which editors show."""
+    """Return the schema with each key's expected values added to its description, which editors show."""
     if isinstance(node, list):
         return [_for_editors(item) for item in node]
     if not isinstance(node, dict):
@@ -92,7 +95,7 @@ def _for_editors(node: Any) -> Any:
 
 
 def _sections(node: Mapping[str, Any], path: str, *, is_list: bool) -> Iterator[str]:
-    """Sections of a table and its inner tables, line by line."""
+    """Yield the Markdown lines of the sections of a table and its inner tables."""
     inner = {key: _table_in(value) for key, value in node["properties"].items()}
     if path:
         yield f"## `{f'[[{path}]]' if is_list else f'[{path}]'}`\n"
@@ -110,7 +113,7 @@ def _sections(node: Mapping[str, Any], path: str, *, is_list: bool) -> Iterator[
 
 
 def _table_in(node: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Schema of the table, or list of tables, in a key; None for a value."""
+    """Return the schema of the table, or of the items of a list of tables, in a key; None for a plain value."""
     nodes = [node, node.get("items"), *node.get("anyOf", ())]
     table_node = next(
         (candidate for candidate in nodes if isinstance(candidate, dict) and "properties" in candidate), None
@@ -119,7 +122,7 @@ def _table_in(node: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 def _row(key: str, node: Mapping[str, Any], required: bool) -> list[str]:
-    """Cells of a key: name, unit, default, description and range."""
+    """Return the cells of a key's row in the Markdown table of keys: name, unit, default, description and range."""
     unit, span = str(node.get("unit", "")), str(node["expected"])
     if unit:
         span = span.removesuffix(f" {unit}")
@@ -148,7 +151,7 @@ def write_schema(path: Path, name: str, model: type[Table], title: str) -> None:
 
 
 def schema_text(model: type[Table], title: str) -> str:
-    """JSON Schema of the files that a model validates, as text."""
+    """Return the JSON Schema of the files that a model validates, as text."""
     return json.dumps(json_schema(model, title), indent=1) + "\n"
 
 

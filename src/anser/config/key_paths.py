@@ -1,4 +1,4 @@
-"""Reading and replacing values of a scenario by key path."""
+"""Reading and replacing values of a scenario by key path, such as ``aircraft[1].start.speed_m_s``."""
 
 import difflib
 import re
@@ -16,13 +16,13 @@ _READABLE = (
 
 
 class _ItemKey(str):
-    """Index or name in the brackets of a path."""
+    """Step of a key path in brackets: the index or the name of a list item."""
 
     __slots__ = ()
 
 
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Values of a scenario as in a file, with some of them replaced in sequence.
+    """Return a scenario's values as a file would give them, with the changes made one after the other.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) 
 
 
 def value_at(scenario: Table, path: str) -> Any:
-    """Value at a key path, including defaults; raises ScenarioError for an unknown path."""
+    """Return the value at a key path, including defaults; raises ScenarioError for an unknown path."""
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
     node: Any = scenario.model_dump(mode="json")
@@ -110,12 +110,15 @@ def _put(values: dict[str, Any], path: str, value: object) -> None:
 
 
 def _extend_path(path_so_far: str, step: str) -> str:
-    """Append a step to a path."""
+    """Append a key, or an item in brackets, to a key path."""
     return f"{path_so_far}[{step}]" if isinstance(step, _ItemKey) else f"{path_so_far}.{step}".removeprefix(".")
 
 
 def _resolve_step(node: object, step: str, path_so_far: str) -> str | int:
-    """Key or index of a step within a node."""
+    """Return the dictionary key or list index to which a step of a key path leads within `node`.
+
+    Raises ScenarioError if the step does not fit.
+    """
     if isinstance(step, _ItemKey):
         if isinstance(node, list):
             return _index(node, step, path_so_far)
@@ -154,7 +157,7 @@ def _names(items: list[Any]) -> list[str | None]:
 
 
 def _describe_items(items: list[Any], path_so_far: str) -> str:
-    """Describe the valid steps into a list."""
+    """Describe which items of a list a key path may name."""
     if not items:
         return "the whole list, which is empty"
     last_index = len(items) - 1

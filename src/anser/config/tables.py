@@ -29,7 +29,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True)
 
     def consistency_problems(self) -> list[Problem]:
-        """Find contradictions between individually valid keys; paths are relative to the table."""
+        """List contradictions between keys that are valid alone; the problems' paths are relative to the table."""
         return []
 
     @model_validator(mode="after")
@@ -56,11 +56,14 @@ class Table(BaseModel):
         raise _unchecked(f"{type(self).__name__}.copy()")
 
     def with_defaults(self, **defaults: Any) -> Self:
-        """Return the table with these values for keys left out of the file, which stay marked as left out."""
+        """Return the table with other defaults: the values replace those of keys that the file left out.
+
+        The keys stay marked as left out.
+        """
         return self._with_values(**{key: value for key, value in defaults.items() if key not in self.model_fields_set})
 
     def _with_values(self, **values: Any) -> Self:
-        """Return the table with other values, which nothing validates."""
+        """Return the table with the given values replaced, without validation."""
         return super().model_construct(self.model_fields_set, **{**self.__dict__, **values})
 
     @classmethod
@@ -70,7 +73,7 @@ class Table(BaseModel):
 
 
 def content_hash(table: Table, extra: Mapping[str, Any] | None = None) -> str:
-    """SHA-256 of the canonical JSON of a table (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
+    """Return the SHA-256 of a table's canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits.
 
     `extra` adds keys outside the table.
     """
@@ -88,7 +91,7 @@ def _unchecked(call: str) -> TypeError:
 
 
 def ordering_problems(table: Table, low_key: str, high_key: str, unit: str) -> list[Problem]:
-    """Report a key with a value not less than the value of another key."""
+    """Report that the value of `low_key` is not less than the value of `high_key`; empty if it is."""
     low, high = getattr(table, low_key), getattr(table, high_key)
     return (
         []
@@ -98,7 +101,7 @@ def ordering_problems(table: Table, low_key: str, high_key: str, unit: str) -> l
 
 
 def velocity_on_course(speed_m_s: float, course_deg: float, up_m_s: float = 0.0) -> Vector:
-    """Velocity (north, east, up) from horizontal speed, course (clockwise from north) and vertical speed, m/s."""
+    """Compute the velocity (north, east, up), m/s, from horizontal speed, course and vertical speed."""
     course = math.radians(course_deg)
     return speed_m_s * math.cos(course), speed_m_s * math.sin(course), up_m_s
 
@@ -123,7 +126,7 @@ def interpolate(points: Sequence[tuple[float, Vector]], position: float) -> Vect
 
 
 def expects(expected: str, unit: str | None = None) -> dict[str, Any]:
-    """`json_schema_extra` of a field: the text that messages put after "expected", and the unit."""
+    """Build the `json_schema_extra` of a field: the text that messages put after "expected", and the unit."""
     return {"expected": expected} if unit is None else {"expected": expected, "unit": unit}
 
 
@@ -211,5 +214,5 @@ def gain(description: str, default: float) -> Any:
 
 
 def optional_gain(description: str, unit: str = "") -> Any:
-    """Declare an optional basis for a gain: a number, a list of three, or None."""
+    """Declare an optional key from which gains follow (a bandwidth): a number, a list of three, or None."""
     return Field(None, description=description, json_schema_extra={**_GAIN, "unit": unit})

@@ -32,7 +32,7 @@ _TOKEN = re.compile(
 
 
 def excessive_depth(text: str) -> int | None:
-    """Position of the first key, list or table deeper than `DEPTH_MAX`; None if absent."""
+    """Return the index of the first character at which keys, lists or tables are deeper than `DEPTH_MAX`, or None."""
     depth = 0
     for token in _TOKEN.finditer(text):
         match token.lastgroup:
@@ -50,7 +50,7 @@ def excessive_depth(text: str) -> int | None:
 
 
 def end_of_value(text: str, start: int) -> int:
-    """End of the line on which the value starting at `start` ends, in valid TOML."""
+    """Return the index of the end of the line on which the value that starts at index `start` ends, in valid TOML."""
     depth = 0
     for token in _TOKEN.finditer(text, start):
         match token.lastgroup:
@@ -66,7 +66,7 @@ def end_of_value(text: str, start: int) -> int:
 
 
 def key_parts(dotted: str) -> list[str]:
-    """Parts of a dotted key, quotes included."""
+    """Split a dotted key into its parts, which keep their quotes."""
     return re.findall(KEY_PART, dotted)
 
 
@@ -81,7 +81,7 @@ _ENTRY = re.compile(rf"[ \t]*({DOTTED_KEY})[ \t]*=")
 
 
 def read_text(path: str | os.PathLike[str], kind: str = "scenario", size_max: int = SIZE_MAX) -> str:
-    """Text of a file of some kind; raises ScenarioError if the file cannot be read or is too large."""
+    """Read a text file; raises ScenarioError if it cannot be read or is too large. `kind` names it in messages."""
     source = os.fspath(path)
     a_file = f"{'an' if kind[0] in 'aeiou' else 'a'} {kind} file"
     try:
@@ -138,7 +138,7 @@ def attach_line_numbers(text: str, source: str) -> Iterator[None]:
 
 
 def _lines_of(text: str) -> dict[str, int]:
-    """Line, from 1, of each key and table of valid TOML, by key path as in messages.
+    """Return the line (from 1) of each key and table of valid TOML, by key path as in messages.
 
     Keys inside a one-line table or list are not listed.
     """
@@ -172,7 +172,7 @@ def _lines_of(text: str) -> dict[str, int]:
 
 
 def _names(dotted: str) -> list[str]:
-    """Parts of a dotted key as messages write them."""
+    """Split a dotted key into its parts as messages write them: without quotes unless a part needs them."""
     unquoted = [part.strip("\"'") for part in key_parts(dotted)]
     return [part if re.fullmatch("[A-Za-z0-9_-]+", part) else json.dumps(part) for part in unquoted]
 
@@ -182,14 +182,14 @@ def _join_keys(table: str, name: str) -> str:
 
 
 def _line_at(path: str, lines: dict[str, int]) -> int | None:
-    """Line of a key, or of the innermost enclosing table or list in the file."""
+    """Return the line of a key, or of the innermost table or list around it that the file has; None without any."""
     while path and path not in lines:
         path = path[: max(path.rfind("."), path.rfind("["), 0)]
     return lines.get(path)
 
 
 def _run_folder_hint(folder: Path) -> str:
-    """Suggestion for reading a run folder; empty for other folders."""
+    """Suggest how to read a folder of results, if the folder is one; empty for other folders."""
     if not (folder / "flight.nc").is_file():
         return ""
     return (
@@ -199,7 +199,7 @@ def _run_folder_hint(folder: Path) -> str:
 
 
 def _similar_file_hint(path: Path) -> str:
-    """Suggestion of a similar file name; empty without a match."""
+    """Suggest an existing file with a similar name; empty without a match."""
     shipped = Path("scenarios", path.name).with_suffix(".toml")
     if path.parent == Path() and shipped.is_file():
         return f", perhaps {describe_value(str(shipped))}"
@@ -234,5 +234,5 @@ def _syntax_problem(text: str, message: str, hint: Callable[[str], str] | None) 
 
 
 def _in_brackets(match: re.Match[str]) -> str:
-    """Format a table's name, a Python tuple in tomllib's messages, in TOML notation."""
+    """Write a table name that tomllib reports as a Python tuple, ('a', 'b'), as [a.b]."""
     return f"[{'.'.join(ast.literal_eval(match[0]))}]"

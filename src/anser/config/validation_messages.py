@@ -1,4 +1,4 @@
-"""Pydantic's validation errors as messages with key path, value and expected value.
+"""Conversion of Pydantic's validation errors to messages with key path, value and expected value.
 
 Includes conversion hints for values in another unit or as a compass point.
 """
@@ -120,7 +120,7 @@ def validation_problems(error: ValidationError, model: type[BaseModel], raw: obj
 
 
 def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) -> Problem:
-    """Prefix the path of a problem inside a table with the path of the table."""
+    """Turn a problem's path, which is relative to a table, into the path in the file."""
     if not loc:
         return problem
     path = f"{_path(loc)}.{problem.path}" if problem.path else _path(loc)
@@ -128,7 +128,7 @@ def _with_table_path(loc: Sequence[str | int], problem: Problem, raw: object) ->
 
 
 def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) -> tuple[Problem, str]:
-    """Describe an unknown key; also return the path of the key probably meant."""
+    """Describe an unknown key; return the problem, and the path of the key that was probably meant (or empty)."""
     key = str(loc[-1])
     table = _model_at(loc[:-1], model)
     valid_keys = list(table.model_fields) if table is not None else []
@@ -149,7 +149,7 @@ def _unknown_key(loc: Sequence[str | int], model: type[BaseModel], raw: object) 
 
 
 def _owner_of(key: str, model: type[BaseModel]) -> str | None:
-    """Find the table that contains an inner table of this name, such as `aircraft` for `start`."""
+    """Return the name of the table that has an inner table `key`, such as `aircraft` for `start`; None without any."""
     for name, field in model.model_fields.items():
         table = _model_in(field.annotation)
         inner = table.model_fields.get(key) if table is not None else None
@@ -171,7 +171,10 @@ def _bad_value(loc: Sequence[str | int], model: type[BaseModel], raw: object) ->
 
 
 def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
-    """Truncate a location at a number in place of a list, or at an item beyond the end of a list."""
+    """Cut a location before the first index that `raw` lacks: no list is there, or the list is too short.
+
+    A location is Pydantic's sequence of keys and list indices.
+    """
     for end in range(1, len(loc)):
         value = _value_at(loc[:end], raw)
         is_list = isinstance(value, list | tuple)
@@ -182,7 +185,7 @@ def _existing(loc: Sequence[str | int], raw: object) -> Sequence[str | int]:
 
 
 def _value_at(loc: Sequence[str | int], raw: object) -> Any:
-    """Value at a location; `_ABSENT` for a missing key or item."""
+    """Return the value at a location in `raw`; `_ABSENT` for a missing key or item."""
     value: Any = raw
     for step in loc:
         try:
@@ -193,7 +196,7 @@ def _value_at(loc: Sequence[str | int], raw: object) -> Any:
 
 
 def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
-    """`json_schema_extra` of a field; empty if undefined."""
+    """Return the `json_schema_extra` of the field at a location; empty if undefined."""
     field_index = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
     table = _model_at(loc[:field_index], model) if field_index >= 0 else None
     field = table.model_fields.get(str(loc[field_index])) if table is not None else None
@@ -202,7 +205,7 @@ def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
 
 
 def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:
-    """Model of the table at a location."""
+    """Return the model of the table at a location; None if no table is there."""
     table: type[BaseModel] | None = model
     for step in loc:
         if isinstance(step, int):
@@ -213,7 +216,7 @@ def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseMode
 
 
 def _model_in(annotation: object) -> type[BaseModel] | None:
-    """Model class inside an annotation such as ``tuple[Aircraft, ...]``."""
+    """Return the model class inside an annotation such as ``tuple[Aircraft, ...]``; None without any."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((inner_model for part in get_args(annotation) if (inner_model := _model_in(part)) is not None), None)
@@ -231,7 +234,7 @@ def _path(loc: Sequence[str | int]) -> str:
 
 
 def _subject(loc: Sequence[str | int], raw: object) -> str:
-    """Name of the aircraft, goal or keep-out at a location; empty without a name."""
+    """Return the kind and name of the aircraft, goal or keep-out at a location; empty without a name."""
     if len(loc) < 2 or loc[0] not in ("aircraft", "goal", "keep_out"):
         return ""
     name = _value_at([*loc[:2], "name"], raw)

@@ -1,4 +1,4 @@
-"""Nonlinear dynamic inversion: allocation, gains, body-rate, attitude and velocity loops, guidance."""
+"""Autopilot by nonlinear dynamic inversion (gains, three loops, control allocation) and guidance."""
 
 import lazy_loader
 

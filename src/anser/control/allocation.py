@@ -23,7 +23,7 @@ _REGULARIZATION = 1e-6  # relative to the square of the greatest moment
 
 
 class SurfaceMoments(eqx.Module):
-    """Aerodynamic moment and control effectiveness at given surface deflections.
+    """Linearization of the aerodynamic moment about one set of surface deflections.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class SurfaceMoments(eqx.Module):
 
 
 class SurfaceDemand(eqx.Module):
-    """Demanded deflections (surfaces,), rad, and flags of the surfaces whose unlimited demand exceeds a stop."""
+    """Result of control allocation: deflections within the stops (rad); flags of surfaces demanded beyond a stop."""
 
     surfaces: Vector
     saturated: Bool[Array, " n"]
@@ -51,7 +51,7 @@ class SurfaceDemand(eqx.Module):
 def surface_moments(
     airframe: AbstractAirframe, condition: FlightCondition, rates_b: Vector3, surfaces: Vector
 ) -> SurfaceMoments:
-    """Differentiate the airframe's aerodynamic moments with respect to the surfaces."""
+    """Compute the aerodynamic moment and its derivative with respect to the surfaces, at the deflections `surfaces`."""
 
     def moment_of(deflections: Vector) -> Vector3:
         return airframe.aerodynamics(condition.air_data, rates_b, deflections).moment_b
@@ -63,7 +63,7 @@ def surface_moments(
 
 
 def has_one_surface_per_axis(actuators: AbstractActuators) -> bool:
-    """Whether exactly three surfaces are commanded and together give moments about all three axes."""
+    """Whether exactly three surfaces are commanded, which together control all three axes."""
     return sum(actuators.is_commanded) == _AXES and actuators.controls_yaw
 
 
@@ -72,19 +72,20 @@ def _commanded_indices(actuators: AbstractActuators) -> np.ndarray:
 
 
 def _scatter_to_surfaces(actuators: AbstractActuators, block: Float[Array, "commanded m"]) -> Float[Array, "n m"]:
-    """Rows of the commanded surfaces in an array of all surfaces; rows of the other surfaces are 0."""
+    """Place the rows of the commanded surfaces in an array with a row for every surface; the other rows are 0."""
     if all(actuators.is_commanded):
         return block
     return jnp.zeros((len(actuators.names), block.shape[1]), block.dtype).at[_commanded_indices(actuators)].set(block)
 
 
 def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n"]) -> Float[Array, "n 3"]:
-    """Change of the surface deflections per unit moment, rad/(N m): the smallest relative to the surfaces' ranges.
+    """Return the deflections per unit moment about each body axis, rad/(N m), shape (surfaces, 3).
 
-    With one surface per axis, the inverse of the slope. With more surfaces, the right inverse W S' (S W S')^-1,
-    weighted with the squares W of the half ranges. With fewer or redundant surfaces the unattainable part of the moment
-    is dropped, yaw first and pitch last (weighted least squares: O. Harkegard, "Efficient active set algorithms for
-    solving constrained least squares problems in aircraft control allocation", 2002, with the weights in closed form).
+    With one surface per axis, the result is the inverse of the slope. With more surfaces, it is the right inverse W S'
+    (S W S')^-1, weighted with the squares W of the half ranges: the smallest deflections relative to the ranges. With
+    fewer or redundant surfaces the unattainable part of the moment is dropped, yaw first and pitch last (weighted least
+    squares: O. Harkegard, "Efficient active set algorithms for solving constrained least squares problems in aircraft
+    control allocation", 2002, with the weights in closed form).
     """
     if has_one_surface_per_axis(actuators):
         return _scatter_to_surfaces(actuators, inverse3(slope[:, _commanded_indices(actuators)]))
@@ -94,7 +95,9 @@ def deflection_for_moment(actuators: AbstractActuators, slope: Float[Array, "3 n
 def allocate(
     airframe: AbstractAirframe, condition: FlightCondition, rates_b: Vector3, present: SurfaceMoments, moment_b: Vector3
 ) -> SurfaceDemand:
-    """Deflections within the stops that give the moment `moment_b` (N m), by Newton steps from the present deflections.
+    """Find deflections within the stops that give the moment `moment_b` (N m), by Newton steps.
+
+    The first iterate is `present`, the moments at the present deflections.
 
     The control effectiveness is the derivative of the airframe's aerodynamic moments by the deflections, evaluated at
     every iterate (theory section 5, item 1: Cm0 is not linear in the elevator, so no constant slope is assumed). A
@@ -132,7 +135,7 @@ def _multiply(matrix: Float[Array, "m k"], vector: Float[Array, " k"]) -> Float[
 
 
 def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
-    """Neutral deflections of the commanded surfaces, present deflections of the others."""
+    """Return the neutral deflections of the commanded surfaces and the present deflections of the others."""
     neutral = actuators.limit_command(jnp.zeros_like(surfaces))
     return jnp.where(jnp.asarray(actuators.is_commanded), neutral, surfaces)
 
@@ -140,7 +143,10 @@ def _neutral_surfaces(actuators: AbstractActuators, surfaces: Vector) -> Vector:
 def _weighted_inverse(
     actuators: AbstractActuators, slope: Float[Array, "3 n"], is_free: Float[Array, " n"]
 ) -> Float[Array, "n 3"]:
-    """Weighted pseudo-inverse W S' (S W S' + E)^-1 over the free surfaces (1: free, 0: fixed); E penalizes the axes."""
+    """Return the weighted pseudo-inverse W S' (S W S' + E)^-1 of the slope S over the free surfaces.
+
+    `is_free` is 1 for a free and 0 for a fixed surface. E is small and sets the order in which axes are given up.
+    """
     half = 0.5 * (actuators.upper - actuators.lower)
     weight = is_free * half**2
     weighted = slope * weight[None, :]
@@ -151,7 +157,7 @@ def _weighted_inverse(
 
 
 def _redistribute(actuators: AbstractActuators, moments: SurfaceMoments, target_b: Vector3, solution: Vector) -> Vector:
-    """Fix surfaces beyond a stop at the stop, round by round, and solve for the free ones by least squares."""
+    """Fix surfaces beyond a stop at the stop, round by round, and solve for the free surfaces by least squares."""
     lower, upper = actuators.lower, actuators.upper
     commanded = jnp.asarray(actuators.is_commanded)
     fixed = ~commanded | (solution < lower) | (solution > upper)
@@ -173,7 +179,7 @@ _MARGIN_MIN = 0.1
 
 
 class Authority(eqx.Module):
-    """Control authority: margins and rate limits of the surfaces, and their effect on the angular acceleration.
+    """Control authority: what the surfaces can still give, as deflection margins, rate limits and effectiveness.
 
     Attributes
     ----------
@@ -191,11 +197,11 @@ class Authority(eqx.Module):
 
     @property
     def rates_jerk(self) -> Vector3:
-        """Greatest rate of change of each acceleration of (P, Q, R), the other axes at rest, rad/s^3."""
+        """Return the greatest rate of change of each angular acceleration (of P, Q, R), used alone, rad/s^3."""
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, effectiveness: Matrix33) -> Vector3:
-        """Greatest acceleration of each of (mu, alpha, beta), the other angles steady, rad/s^2.
+        """Return the greatest acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
 
         `effectiveness` is G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R).
         """
@@ -205,7 +211,7 @@ class Authority(eqx.Module):
 def surface_authority(
     actuators: AbstractActuators, mass_properties: MassProperties, moments: SurfaceMoments, surfaces_slow: Vector
 ) -> Authority:
-    """Control authority at the present effectiveness, with margins from the slow deflections (surfaces,), rad."""
+    """Compute the control authority; the margins count from the low-pass filtered deflections `surfaces_slow` (rad)."""
     half = 0.5 * (actuators.upper - actuators.lower)
     margin = jnp.minimum(surfaces_slow - actuators.lower, actuators.upper - surfaces_slow)
     return Authority(
@@ -216,5 +222,5 @@ def surface_authority(
 
 
 def _largest_outputs(deflection: Float[Array, "n 3"], limit: Vector) -> Vector3:
-    """Greatest magnitude of each output, the others 0, for deflections (deflection @ output) within the limit."""
+    """Return the greatest magnitude of each output alone for which |deflection @ output| stays within `limit`."""
     return 1.0 / jnp.max(jnp.abs(deflection) / limit[:, None], axis=0)

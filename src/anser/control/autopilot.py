@@ -24,7 +24,7 @@ from anser.shapes import Flag, Scalar, Vector, Vector3
 
 
 class Excitation(eqx.Module):
-    """Programmed test input, added to the commands of the outer loops.
+    """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
 
     Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
 
@@ -45,7 +45,7 @@ _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
 
 
 class AutopilotSignals(eqx.Module):
-    """Commands and limits of one autopilot step, for the record.
+    """Commands between the loops, and limits reached, in one autopilot step; for the record.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class AutopilotSignals(eqx.Module):
     surfaces_limited: Flag
 
     def variables(self) -> dict[str, Array]:
-        """Recorded variables, keyed as in `anser.variables.CATALOGUE`."""
+        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`."""
         attitude = self.attitude
         return {
             "thrust_command": self.thrust.thrust,
@@ -97,9 +97,10 @@ def rate_control(
     rates_command: Vector3,
     rates_command_dot: Vector3,
 ) -> tuple[SurfaceDemand, AutopilotState]:
-    """Fast loop: surface commands for commanded body rates (rad/s) and rate derivatives (rad/s^2).
+    """Fast loop: compute surface commands from commanded body rates (rad/s) and their derivatives (rad/s^2).
 
-    The demand's surfaces are actuator commands: the actuators' lag is inverted up to `actuator_bandwidth`.
+    The returned surfaces are actuator commands: they invert the actuators' lag up to the bandwidth
+    `gains.actuator_bandwidth`.
     """
     mass_properties, rates_b = model.airframe.mass_properties, model.state.rates_b
     error = limit_to_braking(gains.rates, rates_command - rates_b, model.authority.rates_jerk)
@@ -128,7 +129,7 @@ def rate_control(
 
 
 def _bandwidth_share(model: OnboardModel, gains: AutopilotGains) -> Scalar:
-    """Fraction of the surface bandwidths that the sampling period allows; 1 for short periods.
+    """Return the factor (0..1) on actuator and filter bandwidths that the sampling allows; 1 for short periods.
 
     The derivative gain K_D makes the target deflection depend on the present deflection with slope -K_D. The commanded
     rate N (target - x) + B (target - present) is constant over a period, and a lag tau moves the surface by
@@ -150,7 +151,7 @@ def attitude_control(
     attitude_command_dot: Vector3,
     added_rates_b: Vector3 | None = None,
 ) -> tuple[Vector3, SurfaceDemand, AutopilotState]:
-    """Attitude loop around the rate loop: commanded (mu, alpha, beta), rad, and derivatives to body rates to surfaces.
+    """Attitude loop with the rate loop inside: compute body rates, then surfaces, for commanded (mu, alpha, beta), rad.
 
     `added_rates_b` (rad/s) excites the rate loop; the returned rates are the commanded rates without the excitation.
     """
@@ -190,7 +191,7 @@ def velocity_control(
     path_command: PathCommand,
     excitation: Excitation | None = None,
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
-    """Whole autopilot: commanded airspeed, path angle and course through the air, with rates, to surfaces and throttle.
+    """All three loops: compute surfaces and throttle for a commanded airspeed, path angle and course through the air.
 
     The signals are the commands before `excitation` is added.
     """

@@ -9,7 +9,7 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Difference of measured and modelled forces and accelerations, low-pass filtered, and the previous sample.
+    """Low-pass filtered difference between measured and modelled force and angular acceleration.
 
     Attributes
     ----------
@@ -66,22 +66,22 @@ class ModelResidual(eqx.Module):
 
 
 def no_residual(rates_b: Vector3) -> ModelResidual:
-    """Zero residual, with steady body rates as the previous sample."""
+    """Return a residual of zero whose previous sample has the body rates `rates_b` (rad/s) and no acceleration."""
     zero = jnp.zeros(3)
     return ModelResidual(zero, zero, rates_b, zero)
 
 
 class AutopilotState(eqx.Module):
-    """State of one autopilot: integrals of the loops and filters that differentiate the commands between loops.
+    """State of one autopilot between samples: integrals of the loops' errors, filters, and residual of the model.
 
     Attributes
     ----------
     velocity_integral, attitude_integral, rates_integral
         Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
     attitude_filter, rates_filter
-        Filters on the commands from the velocity loop to the attitude loop, and on to the rate loop.
+        Filters that differentiate the command to the attitude loop, and the command to the rate loop.
     surfaces_filter
-        Filter on the deflections demanded by the rate loop.
+        Filter that differentiates the deflections demanded by the rate loop.
     surfaces_slow
         Low-pass filtered deflections, rad.
     residual
@@ -104,9 +104,11 @@ class AutopilotState(eqx.Module):
 def initial_autopilot_state(
     attitude: Vector3, rates_b: Vector3, surfaces: Vector, limits: FlightLimits | None = None
 ) -> AutopilotState:
-    """State of an autopilot in steady flight at (mu, alpha, beta), (P, Q, R) and surface deflections.
+    """Return the state of an autopilot after a long time in steady flight.
 
-    `limits` are the autopilot's limits; None leaves the rate of the bank angle unbounded.
+    `attitude` is (mu, alpha, beta), rad; `rates_b` (P, Q, R), rad/s; `surfaces` the deflections, rad.
+
+    `limits` are the autopilot's limits; None: the rate of the bank angle is not limited.
     """
     zero = jnp.zeros(3)
     return AutopilotState(

@@ -1,4 +1,4 @@
-"""Control laws in DAVE-ML files: standard signal names (ANSI/AIAA S-119), commands by name, and the controller."""
+"""Control laws from DAVE-ML files: a controller that evaluates a law, and guidance that gives its named commands."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,7 +21,7 @@ from anser.variables import STANDARD_SURFACES
 
 
 def named_signals(belief: Belief) -> dict[str, Scalar]:
-    """Flight condition by standard names, SI units and radians.
+    """Return the flight condition by the standard names of ANSI/AIAA S-119, SI units and radians.
 
     Body rates are relative to the rotating Earth, in body axes: inertial rates minus the Earth's rotation, as the
     participants of the NESC check-cases feed them to the control laws. The equivalent airspeed refers to the density
@@ -58,7 +58,7 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Commands by the names of a law's inputs, with one change at a given time.
+    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`.
 
     Attributes
     ----------
@@ -83,13 +83,13 @@ class NamedCommands(AbstractGuidance):
     with_position: bool = eqx.field(static=True, default=False)
 
     def init(self, belief: Belief, instant: Instant) -> Scalar:
-        """Lateral deviation at the start, m."""
+        """Return the lateral deviation from the line at the start, m."""
         return jnp.zeros(())
 
     def command(
         self, guidance_state: Scalar, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[dict[str, Scalar], Vector3, Scalar]:
-        """Commands at an instant; the reference position is the aircraft's own."""
+        """Return the commands by name, the aircraft's own position, and the new lateral deviation (m)."""
         changed = instant.time >= self.change_time - _ROUNDING_S
         commands = dict(self.initial_commands)
         for name, value in self.change.items():
@@ -112,7 +112,7 @@ class NamedCommands(AbstractGuidance):
 
 
 class DaveMlLaw(AbstractController):
-    """Control law from a file, evaluated once per sampling period in the units of the file.
+    """Controller that evaluates a control law from a DAVE-ML file once per sampling period.
 
     The inputs, by name, come from the command, then from the flight condition (`named_signals`); an input in neither
     keeps the file's value. The law has no filters or integrals: the guidance computes them and passes the values as
@@ -136,7 +136,7 @@ class DaveMlLaw(AbstractController):
     def control(
         self, controller_state: None, belief: Belief, command: Mapping[str, Scalar], step: ScalarLike
     ) -> tuple[Controls, None, None]:
-        """Surfaces and throttle.
+        """Evaluate the law and return surfaces and throttle.
 
         Parameters
         ----------
@@ -163,7 +163,7 @@ def _select_inputs(law: Evaluator, signals: Mapping[str, Scalar]) -> dict[str, S
 
 
 def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power: str = "powerLeverAngle") -> DaveMlLaw:
-    """Control law from a DAVE-ML file.
+    """Build a controller from the control law in a DAVE-ML file.
 
     Parameters
     ----------

@@ -8,7 +8,9 @@ from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
-    """Filter that estimates the rate of a command: x_dot = N (r - x), exact for constant r over the step.
+    """First-order filter that estimates the rate of a command r: x_dot = N (r - x), exact for constant r over a step.
+
+    N is the bandwidth, rad/s.
 
     Attributes
     ----------
@@ -19,11 +21,11 @@ class Differentiator(eqx.Module):
     state: Vector
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
-        """Rate of the reference: the mean of x_dot over the coming step, which is unbiased for a ramp."""
+        """Estimate the rate of the reference: the mean of x_dot over the coming step, which is unbiased for a ramp."""
         return -jnp.expm1(-bandwidth * step) / step * (reference - self.state)
 
     def limited_rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike, acceleration: Vector) -> Vector:
-        """Rate of the reference, limited to the rate that a loop can follow, acceleration / bandwidth.
+        """Estimate the rate of the reference, limited to the rate that a loop can follow, acceleration / bandwidth.
 
         A command with rate r that may stop within the filter's time constant 1/N requires accelerations of r N.
         """
@@ -31,19 +33,21 @@ class Differentiator(eqx.Module):
         return jnp.clip(self.rate(reference, bandwidth, step), -rate_max, rate_max)
 
     def advance(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> "Differentiator":
-        """Filter state after one step with constant reference."""
+        """Return the filter after one step (s) with constant reference."""
         return Differentiator(self.state + step * self.rate(reference, bandwidth, step))
 
 
 def wrap_angle(angle: Vector3 | ScalarLike) -> Vector3:
-    """Angle difference wrapped to -pi..pi, rad; smooth except at the cut."""
+    """Wrap an angle difference (rad) to -pi..pi; smooth except at -pi and pi."""
     return angle - 2 * jnp.pi * jnp.round(angle / (2 * jnp.pi))
 
 
 def virtual_control(
     gains: LoopGains, error: Vector3, integral: Vector3, reference_rate: Vector3, measured_rate: Vector3 | ScalarLike
 ) -> Vector3:
-    """Nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
+    """Compute the rate of the output that a loop demands (virtual control nu) from its error and rates.
+
+    nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
 
     Parameters
     ----------
@@ -61,7 +65,7 @@ def virtual_control(
 
 
 def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
-    """Error limited to the value from which the loop can stop with accelerations up to `acceleration`.
+    """Limit the error so that the loop never approaches faster than it can brake with `acceleration`.
 
     The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
     for |e| > L / K^2. Beyond that error, e_dot is limited to the rate that L can brake, sqrt(2 L (|e| - L / 2K^2)),
@@ -88,5 +92,5 @@ def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) ->
 
 
 def advance_integral(integral: Vector3, error: Vector3, saturated: Flag | Vector3, step: ScalarLike) -> Vector3:
-    """Integral of the error one step later; a channel with a saturated actuator or command is frozen (anti-windup)."""
+    """Integrate the error over one step (s); a channel with a saturated actuator or command is frozen (anti-windup)."""
     return jnp.where(saturated, integral, integral + step * error)

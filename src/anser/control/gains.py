@@ -1,4 +1,8 @@
-"""Gains of the three loops: published ([TH], theory section 5), by bandwidths, or derived from the aircraft."""
+"""Gains of the three loops: published ([TH], theory section 5), by bandwidths, or derived from the aircraft.
+
+For a flight from a scenario, `anser.scenario.build_aircraft` derives the gains once, before the flight, at the start
+altitude and the preferred airspeed; they are not scheduled. The library's F-16 has the published gains.
+"""
 
 import equinox as eqx
 import jax
@@ -71,7 +75,7 @@ def loop_gains(
 
 
 def published_gains() -> AutopilotGains:
-    """Gains of [TH] (theory section 5), for model-based inversion."""
+    """Return the gains of [TH] (theory section 5), for model-based inversion."""
     return AutopilotGains(
         rates=loop_gains(10.0, 0.25, 1.0),
         attitude=loop_gains(2.0),
@@ -89,7 +93,7 @@ def published_gains() -> AutopilotGains:
 def design_gains(
     bandwidth: Vector3, damping: Vector3, derivative: Vector3 | float = 0.0, feed_forward: Vector3 | float = 1.0
 ) -> LoopGains:
-    """Gains of a loop with error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 for a bandwidth and a damping.
+    """Compute gains for which the error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 have a bandwidth and a damping.
 
     The bandwidth is K_P/(1 + K_D), the sum of both poles and nearly the faster pole for large damping. The damping is
     that of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2
@@ -115,7 +119,7 @@ def design_gains(
 
 
 def loop_bandwidth(gains: LoopGains) -> Vector3:
-    """Bandwidth K_P/(1 + K_D) per channel, 1/s."""
+    """Return the bandwidth K_P/(1 + K_D) of each channel, 1/s."""
     return gains.proportional / (1.0 + gains.derivative)
 
 
@@ -139,7 +143,7 @@ _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
 
 
 class Bandwidths(eqx.Module):
-    """Bandwidths of the loops, 1/s.
+    """Bandwidths of the three loops, the actuators and the engine, 1/s; from these `automatic_gains` follow.
 
     Attributes
     ----------
@@ -159,7 +163,7 @@ class Bandwidths(eqx.Module):
 def derived_bandwidths(
     airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, power: ScalarLike, step: ScalarLike
 ) -> Bandwidths:
-    """Loop bandwidths that an aircraft supports in a steady condition.
+    """Compute the loop bandwidths that an aircraft's actuators, engine and control authority allow.
 
     The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which the function reproduces
     except for the rounding of the actuators' lag.
@@ -206,7 +210,7 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector:
-    """Loop stiffness (1/s^2, of P, Q, R) required in addition to the aircraft's natural stiffness, -M_alpha or N_beta.
+    """Return the loop stiffness (1/s^2, of P, Q, R) that keeps the loops stable if the actuators respond too strongly.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
     bandwidths. An actuator with lag tau and k times the nominal gain moves r = k tau B (1 + K_D)/(k tau B (1 + K_D) -
@@ -230,9 +234,11 @@ def _required_stiffness(
 
 
 def automatic_gains(bandwidths: Bandwidths) -> AutopilotGains:
-    """Gains of the whole autopilot from loop bandwidths; feed-forward, damping and filter ratios as published.
+    """Compute all gains of the autopilot from loop bandwidths.
 
-    The filters of the commands are scaled with the slowest axis of the loop.
+    Feed-forward, damping and the ratios of the filter bandwidths are those of the published gains.
+
+    The bandwidths of the command filters are scaled with the slowest axis of their loop.
     """
     published = published_gains()
     damping = jnp.ones(3)

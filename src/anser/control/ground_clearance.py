@@ -27,7 +27,7 @@ _PULL_MIN = 0.1  # of gravity: least assumed pull if the lift hardly carries the
 def level_off_height(
     speed: ScalarLike, sink: ScalarLike, fall: ScalarLike, bank: ScalarLike, pull: ScalarLike
 ) -> Scalar:
-    """Height lost until the flight is level, m; 0 for an aircraft that does not sink.
+    """Compute the height lost until the flight is level, m; 0 for an aircraft that does not sink.
 
     Parameters
     ----------
@@ -63,7 +63,9 @@ def level_off_height(
 
 
 def required_pull(speed: ScalarLike, sink: ScalarLike, bank: ScalarLike, height_available: ScalarLike) -> Scalar:
-    """Acceleration normal to the path, beyond carrying the weight, that ends a descent within a height (m), m/s^2.
+    """Compute the acceleration normal to the path (m/s^2) that ends a descent within `height_available` (m).
+
+    It comes in addition to the acceleration that carries the weight.
 
     Speed, sink and bank as for `level_off_height`. Without available height, the arc has the height of a fall of a
     third of a second plus 1 m.
@@ -95,7 +97,7 @@ _GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """Ground clearance of an aircraft.
+    """Ground clearance of an aircraft: whether it must pull up, and how much.
 
     Attributes
     ----------
@@ -115,7 +117,7 @@ class GroundClearance(eqx.Module):
 
 
 def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
-    """Ground clearance of the present motion; the ground is at altitude 0.
+    """Compute the ground clearance of an aircraft's present motion; the ground is at altitude 0.
 
     Parameters
     ----------
@@ -156,7 +158,7 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
 def level_off_command(
     command: PathCommand, clearance: GroundClearance, gains: LoopGains, gravity: Scalar
 ) -> PathCommand:
-    """Command with at least the pull-up that ground clearance requires; the turn is reduced to the remaining lift.
+    """Raise the commanded pull-up to what ground clearance requires, and reduce the turn to the remaining lift.
 
     A command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
 

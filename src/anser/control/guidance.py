@@ -21,7 +21,7 @@ _STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after 
 
 
 class GuidanceSettings(eqx.Module):
-    """Settings of the guidance.
+    """Settings of `follow` (along the plan) and `hold` (around the goal).
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class GuidanceSettings(eqx.Module):
 
 
 class FollowPlan(AbstractGuidance):
-    """Follow the aircraft's plan, see `follow`."""
+    """Guidance that follows the aircraft's plan (see `follow`)."""
 
     settings: GuidanceSettings
 
@@ -55,7 +55,7 @@ class FollowPlan(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Command along the plan's trajectory.
+        """Return the command that follows the plan's trajectory, and the planned position.
 
         Raises
         ------
@@ -71,7 +71,7 @@ class FollowPlan(AbstractGuidance):
 
 
 def chart_velocities(belief: Belief) -> tuple[Vector3, Vector3]:
-    """Ground velocity and wind as rates in the Earth's chart (the local map of the plans), NED, m/s."""
+    """Return ground velocity and wind as rates of the coordinates in the Earth's chart (local map), NED, m/s."""
     scale = belief.condition.earth.chart_scale
     return scale * velocity_over_ground_n(belief.condition, belief.state), scale * belief.condition.wind_n
 
@@ -86,7 +86,7 @@ def command_from_chart(command: PathCommand, belief: Belief, environment: Enviro
 def follow(
     planned: PathPoint, position_n: Vector3, velocity_n: Vector3, wind_n: Vector3, settings: GuidanceSettings
 ) -> PathCommand:
-    """Command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
+    """Compute the command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 
     v = v_planned + k (p_planned - p), with rate a_planned + k (v_planned - v); the correction is limited smoothly.
 
@@ -119,7 +119,7 @@ def hold(
     speed: ScalarLike,
     settings: GuidanceSettings,
 ) -> PathCommand:
-    """Command (through the air) that flies on after the arrival and joins a circle around the moving goal.
+    """Compute the command (through the air) that flies on after the arrival and joins a circle around the goal.
 
     A vector field around the goal: the velocity is turned from the outward radial by the angle theta, pi/2 on the
     circle, less inside (pi/2 x^2 (2.5 - 1.5 x), x = distance/radius) and more outside. Inside, the curvature of the
@@ -192,7 +192,7 @@ def _limit_pull(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
 
 
 def _limit_turn(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:
-    """Turn to a distant course in one direction, so that an arrival towards the goal does not waver between both.
+    """Limit course changes to 45 deg, and fly large ones in the hold's direction, so that the turn never reverses.
 
     A course change of more than 120 deg against the hold's turn is flown in the direction of the hold. Changes are
     limited to 45 deg, without feed-forward, because the rate of the vector field is not the rate of the limited turn.
@@ -208,14 +208,21 @@ def _limit_turn(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike)
 
 
 def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
-    """Whether the hold still flies on along the arrival direction; `relative_n` is relative to the goal, NED, m."""
+    """Whether the aircraft is so near the circle's centre that the hold flies on along the arrival direction.
+
+    `relative_n` is the position relative to the goal, NED, m.
+    """
     return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_FRACTION * settings.hold_radius
 
 
 def hold_point(
     relative_n: Vector3, goal_position_n: Vector3, height: ScalarLike, settings: GuidanceSettings
 ) -> Vector3:
-    """Point of the hold's circle nearest to an aircraft, NED, m; `relative_n` is the position relative to the goal."""
+    """Return the point of the hold's circle nearest to an aircraft, NED, m.
+
+    `relative_n` is the aircraft's position relative to the goal, NED, m; `height` the circle's height above the goal,
+    m.
+    """
     radial = relative_n[:2] / jnp.maximum(safe_hypot(relative_n[0], relative_n[1]), 1.0)
     return goal_position_n + jnp.concatenate([settings.hold_radius * radial, -jnp.asarray(height)[None]])
 

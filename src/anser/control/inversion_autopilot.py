@@ -1,4 +1,4 @@
-"""Controller of the closed loop by nonlinear dynamic inversion; any of the three loops can be commanded."""
+"""The autopilot by dynamic inversion as a controller of the closed loop; any of its three loops can be commanded."""
 
 from typing import Any, Literal
 
@@ -19,7 +19,7 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """Command to an inner loop.
+    """Command to the attitude loop or the rate loop.
 
     Attributes
     ----------
@@ -51,13 +51,16 @@ class InversionAutopilot(AbstractController):
     loop: Loop = eqx.field(static=True, default="velocity")
 
     def init(self, state: AircraftState, attitude: Vector3) -> AutopilotState:
-        """State of an autopilot in steady flight."""
+        """Return the state of the autopilot after a long time in steady flight."""
         return initial_autopilot_state(attitude, state.rates_b, state.surfaces, self.limits)
 
     def control(
         self, controller_state: AutopilotState, belief: Belief, command: Any, step: ScalarLike
     ) -> tuple[Controls, AutopilotSignals | None, AutopilotState]:
-        """See `velocity_control`, `attitude_control` and `rate_control`; only the velocity loop has signals."""
+        """Compute the controls for a command to `loop`, by `velocity_control`, `attitude_control` or `rate_control`.
+
+        The signals are None unless the velocity loop is commanded.
+        """
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":
             return velocity_control(model, self.gains, controller_state, command)

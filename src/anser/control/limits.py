@@ -7,7 +7,7 @@ from anser.shapes import Scalar, Vector3
 
 
 class FlightLimits(eqx.Module):
-    """Limits on the autopilot's commands.
+    """Envelope within which the autopilot limits its own commands.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class FlightLimits(eqx.Module):
 
 
 def default_limits() -> FlightLimits:
-    """Limits for the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
+    """Return limits for the F-16 at low speed: 90 to 240 m/s, 60 deg bank, alpha -5 to 25 deg, load factor -1 to 5."""
     degree = jnp.pi / 180
     return FlightLimits(
         speed_min=jnp.asarray(90.0, dtype=float),

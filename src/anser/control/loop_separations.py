@@ -1,4 +1,4 @@
-"""Separation of cascaded loops in bandwidth: a check of gains by plain numbers, without JAX."""
+"""Ratios of bandwidths between nested loops, to check gains; plain numbers, without JAX."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Two nested first-order loops form a pair with damping sqrt(ratio)/2, 0.71 at a r
 
 
 class LoopSeparation(NamedTuple):
-    """A loop inside another loop: names of the channels and bandwidths, 1/s."""
+    """A channel of an outer loop and the channel of the inner loop that it commands, with their bandwidths, 1/s."""
 
     outer: str
     inner: str
@@ -35,7 +35,7 @@ def loop_separations(
     actuators: float = PUBLISHED_ACTUATOR_BANDWIDTH,
     engine: float = PUBLISHED_ENGINE_BANDWIDTH,
 ) -> tuple[LoopSeparation, ...]:
-    """Pairs of an outer loop and the inner loop below: path angle on alpha, course on bank, speed on the engine, ...
+    """List every channel with the channel it commands: gamma with alpha, chi with mu, V with the engine, and so on.
 
     Parameters
     ----------

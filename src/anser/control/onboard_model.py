@@ -1,4 +1,4 @@
-"""Onboard model for dynamic inversion: path motion, forces, control authority, and the residual of the model."""
+"""Onboard model for dynamic inversion: motion along the path, forces, control authority, residual of the model."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Wind-axis angles of one aircraft, and the parts of the angles' rates that do not depend on the body rates.
+    """Path and attitude angles of one aircraft, and their rates as functions of the body rates.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class PathMotion(eqx.Module):
 def path_motion(
     condition: FlightCondition, slow_force_b: Vector3, velocity_b: Vector3, mass: ScalarLike, gravity: ScalarLike
 ) -> PathMotion:
-    """Evaluate the wind-axis equations of theory section 2 (g > 0).
+    """Compute path angles and their rates by the wind-axis equations of theory section 2; `gravity` is positive.
 
     `slow_force_b` is the non-gravitational force for `drift` (see `OnboardModel`); the path rates use the present
     force.
@@ -132,7 +132,7 @@ class OnboardModel(eqx.Module):
 def onboard_model(
     belief: Belief, limits: FlightLimits, gains: AutopilotGains, controller_state: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
-    """Evaluate the onboard model at an aircraft's own estimate of its state; `step` is the sampling period, s."""
+    """Evaluate the onboard model at the state of the aircraft's belief; `step` is the sampling period, s."""
     airframe, state, condition, gravity = (
         belief.airframe,
         belief.state,

@@ -21,7 +21,7 @@ _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact 
 
 
 class ThrustDemand(eqx.Module):
-    """Throttle (0..1), demanded thrust (N), and whether the demand exceeds the engine's range."""
+    """Demand to the engine: throttle (0..1), thrust (N), and whether the demand exceeds the engine's range."""
 
     throttle: Scalar
     thrust: Scalar
@@ -29,7 +29,7 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Commanded (mu, alpha, beta) and the limits that keep them from the commanded path.
+    """Demand to the attitude loop: (mu, alpha, beta), and flags of the limits for which the path is not followed.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class AttitudeDemand(eqx.Module):
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
-    """Thrust for a commanded V_dot (m/s^2), through the inverted thrust tables, engine lag and gearing.
+    """Compute thrust and throttle for a commanded V_dot (m/s^2) by inversion of thrust tables and engine lag.
 
     T = [m (V_dot + g sin gamma) - (aerodynamic force along the velocity)] / (cos alpha cos beta).
     """
@@ -81,7 +81,9 @@ def lift_at_alpha(
     other_force_b: Vector3,
     alpha: ScalarLike,
 ) -> Scalar:
-    """Force normal to the path at an angle of attack (rad), up in the aircraft's plane of symmetry, N.
+    """Compute the force normal to the path (N) at the angle of attack `alpha` (rad).
+
+    Positive upwards, in the aircraft's plane of symmetry.
 
     L = F_X sin(alpha) - F_Z cos(alpha); `other_force_b` is the non-aerodynamic force, mainly thrust, N.
     """
@@ -91,7 +93,7 @@ def lift_at_alpha(
 
 
 def side_force(model: OnboardModel) -> Scalar:
-    """Side force of an asymmetric aircraft in straight flight without sideslip, right positive, N.
+    """Compute the side force in straight flight without sideslip, right positive, N; 0 for a symmetric aircraft.
 
     The surfaces are at rest: small deflections against the rolling and yawing moments are neglected.
     """
@@ -103,7 +105,7 @@ def side_force(model: OnboardModel) -> Scalar:
 
 
 def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarLike) -> AttitudeDemand:
-    """Bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) with zero sideslip (coordinated turns).
+    """Compute bank and angle of attack for commanded gamma_dot and chi_dot (rad/s) in coordinated flight (beta = 0).
 
     mu = atan2(V cos(gamma) chi_dot, V gamma_dot + g cos gamma) - asin(Y / (m a)), the well-conditioned form, with the
     resultant acceleration a and the side force Y of an asymmetric aircraft. Alpha follows from the balance of forces
@@ -199,7 +201,7 @@ def limit_bank_rate(
 
 
 def _feasible_share(gravity_normal: Scalar, normal: Scalar, lateral: Scalar, magnitude_max: Scalar) -> Scalar:
-    """Largest share s, 0..1, of an acceleration with |(gravity_normal + s normal, s lateral)| <= magnitude_max."""
+    """Return the largest share s in 0..1 with |(gravity_normal + s normal, s lateral)| <= magnitude_max."""
     square = normal**2 + lateral**2 + 1e-12
     root = jnp.sqrt(
         jnp.maximum((gravity_normal * normal) ** 2 + square * (magnitude_max**2 - gravity_normal**2), 1e-12)

@@ -43,8 +43,9 @@ class GoalEstimate(eqx.Module):
     is_measured
         Whether a measurement arrived at this sample.
     nis
-        Normalised innovation squared of the last measurement, divided by its dimension. status `GOAL_KNOWN`,
-        `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
+        Normalised innovation squared of the last measurement, divided by its dimension.
+    status
+        `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
     """
 
     mean: Float[Array, "6"]

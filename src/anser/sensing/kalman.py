@@ -93,7 +93,7 @@ class SigmaPoints(NamedTuple):
         return scale, mean_weights, covariance_weights
 
     def generate(self, mean: Float[Array, " n"], covariance: Float[Array, "n n"]) -> Float[Array, "points n"]:
-        """Sigma points: the mean, then the mean plus and minus each column of the scaled covariance root."""
+        """Return the sigma points, one per row: the mean, then mean plus and minus columns of the covariance root."""
         count = mean.shape[0]
         root = cholesky(self.weights(count)[0] * covariance)
         return jnp.concatenate([mean[None], mean[None] + root.T, mean[None] - root.T])

@@ -59,7 +59,13 @@ class Timing(eqx.Module):
 class AircraftGroup(eqx.Module):
     """Aircraft group: aircraft of the same structure, flown as one batch.
 
-    Attributes ---------- starts Steady flight at the start (trim targets); leading axis members. start_positions_n
+    Attributes
+    ----------
+    vehicles
+        Parts of the aircraft, stacked; leading axis members.
+    starts
+        Steady flight at the start (trim targets); leading axis members.
+    start_positions_n
         Positions at the start, NED, m.
     is_real
         True for aircraft of the fleet; false for padding aircraft, which never fly.

@@ -325,7 +325,8 @@ class SurveyRecorder(AbstractRecorder):
     start
         Flight condition at the start, within the range of the airframe's data.
     size, tolerance
-        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad. count
+        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad.
+    count
         Number of samples of the flight.
     surfaces
         Number of control surfaces.

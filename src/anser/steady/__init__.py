@@ -1,4 +1,4 @@
-"""Steady flight: trim, its diagnosis, performance and capability."""
+"""Steady flight: trim, reasons why a trim does not exist, and performance limits."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Performance of an aircraft.
+"""Performance of an aircraft in steady flight.
 
 Acceleration and deceleration along the path, airspeed range of level flight, greatest bank angle, load factor, climb
 and sink rates with a reserve.
@@ -23,13 +23,13 @@ _SPEED_RATIOS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # relative to the
 _PUSH_OVER = 0.75  # second load factor for the drag due to lift, besides 1
 _NEWTON_STEPS = 6  # the lift curve is piecewise linear
 ACCELERATION_FLOOR = 0.1
-"""Minimum assumed acceleration and deceleration of every aircraft, m/s^2."""
+"""Acceleration and deceleration assumed for an aircraft that can reach less, m/s^2."""
 
 
 def performance_at(
     airframe: AbstractAirframe, environment: Environment, condition: FlightCondition, surfaces: Vector
 ) -> Performance:
-    """Performance of an aircraft in a steady level flight condition with the given surfaces, rad.
+    """Compute acceleration and deceleration along the path in steady level flight with the surfaces (rad) of the trim.
 
     The surfaces are not retrimmed at other airspeeds and load factors: for the F-16 the error of drag less idle thrust
     is within 3 % and 0.06 m/s^2 (95 to 200 m/s, load factors 0.5 to 1).
@@ -50,7 +50,7 @@ def performance_at(
 
 
 def _along_path(airframe: AbstractAirframe, condition: FlightCondition, power: ScalarLike) -> Scalar:
-    """Thrust at a power (percent) less drag, per mass, in the trimmed condition, m/s^2."""
+    """Compute (thrust - drag) / mass in the trimmed condition at a power (percent), m/s^2."""
     data = condition.air_data
     propulsive = airframe.engine.propulsion(power, data)
     direction_b = jnp.stack(
@@ -66,14 +66,14 @@ def _idle_decelerations(
     surfaces: Vector,
     load_factor: float,
 ) -> Float[Array, " entries"]:
-    """Drag less idle thrust at each airspeed for a load factor, per mass, m/s^2."""
+    """Compute (drag - idle thrust) / mass at each airspeed of the table for a load factor, m/s^2."""
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
     low, high = airframe.alpha_range
 
     def at_speed(speed: Scalar) -> Scalar:
         def forces(alpha: Scalar) -> tuple[Scalar, Scalar]:
-            """Upward force across the path and backward force along the path, per mass, m/s^2."""
+            """Return the force normal to the path (upwards) and along the path (backwards), both per mass, m/s^2."""
             data = air_data(
                 speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)]), trimmed_flow.altitude, air
             )
@@ -102,16 +102,16 @@ ALPHA_RESERVE = np.radians(2.0)
 
 
 class Capability(NamedTuple):
-    """Limits of steady flight at an altitude in still air, SI units and rad.
+    """Limits of steady flight at one altitude in still air: speeds, bank, load factor, climb and sink.
 
     Attributes
     ----------
     speed_min, speed_max
         Airspeed range of level flight, m/s; NaN if level flight is impossible.
     bank_max, load_factor_max
-        Limits of a level turn at the chosen airspeed, rad and without unit.
+        Greatest bank (rad) and load factor of a level turn at the chosen airspeed.
     climb_rate_max, sink_rate_max
-        Limits at the chosen airspeed, m/s.
+        Greatest climb and sink rates at the chosen airspeed, m/s.
     """
 
     speed_min: float
@@ -129,7 +129,9 @@ def capability_points(
     speed: ScalarLike,
     speeds: tuple[ScalarLike, ScalarLike],
 ) -> TrimMapPoint:
-    """Trim map for `capability_from_points`: level flight, then level turns, then climbs and descents.
+    """Trim the aircraft at the points from which `capability_from_points` finds its limits.
+
+    The points are level flight at several airspeeds, then level turns, then climbs and descents.
 
     Parameters
     ----------
@@ -154,7 +156,9 @@ def capability_points(
 def capability_from_points(
     airframe: AbstractAirframe, points: TrimMapPoint, speed: float, speeds: tuple[float, float]
 ) -> Capability:
-    """Performance limits from the points of `capability_points`, with a reserve in power, surfaces and angle of attack.
+    """Find the performance limits among the points of `capability_points`.
+
+    At a limit, the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack) remain.
 
     If level flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
     """
@@ -180,7 +184,7 @@ def _speed_grid(low: ScalarLike, high: ScalarLike) -> jax.Array:
 
 
 def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray:
-    """Whether power, surfaces and angle of attack have the required reserve."""
+    """Flag the points at which power, surfaces and angle of attack have the required reserve."""
     commanded = np.flatnonzero(airframe.actuators.is_commanded)
     surface_margin = np.asarray(points.surface_margin)[:, commanded].min(axis=1)
     alpha_margin = float(airframe.alpha_range[1]) - np.asarray(points.trim.alpha)
@@ -188,7 +192,10 @@ def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray
 
 
 def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
-    """First and last index of a run of true flags: the run around `preferred`, or the longest; None without a run."""
+    """Return first and last index of a run of true flags: the run around index `preferred`, or else the longest.
+
+    None if no flag is true.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     matching_runs = [run for run in runs if run[0] <= preferred <= run[1]]

@@ -1,4 +1,4 @@
-"""Trim of any airframe in straight, climbing, turning and pull-up flight, and one point of a trim map.
+"""Trim of any airframe in straight, climbing, turning and pull-up flight, and points of a trim map.
 
 A trim map point includes the obstacles to steady flight and the margins to the limits.
 """
@@ -159,7 +159,7 @@ def _is_known_nonzero(rate: ScalarLike) -> bool:
 
 
 class _TrimCase(NamedTuple):
-    """Parameters of the trim equations; `shares` as returned by `_surface_shares`."""
+    """Constants of the trim equations; `shares` is the result of `_surface_shares`."""
 
     airframe: AbstractAirframe
     shares: Float[Array, "surface unknown"]
@@ -175,7 +175,11 @@ def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
 
 
 def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
-    """Required body rates: about the vertical, about the horizontal line to the right of the course, or Q alone."""
+    """Return the body rates (P, Q, R), rad/s, that the target requires.
+
+    They are the rotation about the vertical by the turn rate and about the horizontal line to the right of the course
+    by the path rate; or Q alone for a pitch rate.
+    """
     right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
     turning_b = target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
     return turning_b.at[1].add(target.pitch_rate)
@@ -187,7 +191,7 @@ def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
-    """Residual accelerations, in g and rad/s^2, and the side force over the weight."""
+    """Return the residuals of the trim equations: accelerations in g, rad/s^2, and the side force over the weight."""
     airframe, _, earth, air, wind_n, position_n, target = case
     R_bn, velocity_b = _attitude(x, target), _velocity_air_b(x, target)
     rates_b = _rates_b(R_bn, target)
@@ -206,15 +210,15 @@ def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
 
 
 def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
-    """Deflections for an iterate, rad: commanded surfaces, and scheduled surfaces at their schedules."""
+    """Return all deflections (rad) for the unknowns x; surfaces with a schedule follow the schedule."""
     return case.airframe.actuators.scheduled_position(jnp.sum(case.shares * x[None, 3:-1], axis=1), data)
 
 
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
-    """Deflection of each surface per unknown, shape (surface, unknown); surfaces without command stay at schedules.
+    """Return the deflection of each surface per unknown, shape (surface, unknown).
 
-    Up to three commanded surfaces are unknowns themselves. Beyond three, the unknowns are roll, pitch and yaw, and the
-    deflections are the smallest that produce a moment.
+    Up to three commanded surfaces are unknowns themselves. Beyond three, the unknowns are roll, pitch and yaw commands,
+    each with the smallest deflections that produce the moment. The rows of surfaces without command are 0.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -296,7 +300,7 @@ def solve_trim(
 
 
 def _excess(case: _TrimCase, x: Unknowns) -> Scalar:
-    """Sum of the violations of all limits (rad and fractions of power); 0 inside the limits."""
+    """Return the sum of the violations of all limits (rad and fraction of power); 0 inside the limits."""
     airframe, target = case.airframe, case.target
     surfaces = _surfaces(x, case, air_data(_velocity_air_b(x, target), target.altitude, case.air))
 
@@ -317,12 +321,12 @@ or below 0 percent; a surface beyond its stop; alpha or beta outside the data.""
 
 
 class TrimMapPoint(eqx.Module):
-    """A point of a trim map.
+    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits.
 
     Attributes
     ----------
     trim
-        The solution, flyable or not.
+        Solution of the trim equations, even if it cannot be flown.
     obstacles
         Flags of the `TRIM_OBSTACLES`; all false if the point can be flown.
     mach
@@ -387,6 +391,6 @@ def trim_map_point(airframe: AbstractAirframe, environment: Environment, target:
 
 
 def surface_share(airframe: AbstractAirframe, surfaces: Vector) -> Vector:
-    """Deflection of each surface (rad) from the middle, as a fraction of the travel to the stop."""
+    """Return each surface's deflection from the middle of its range, as a fraction of the travel to the stop."""
     lower, upper = airframe.actuators.lower, airframe.actuators.upper
     return jnp.abs(2 * surfaces - lower - upper) / (upper - lower)

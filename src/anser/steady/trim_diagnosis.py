@@ -1,4 +1,4 @@
-"""Diagnosis of flight conditions without trim: violated limits and nearest trim points, as messages for people."""
+"""Reasons why a flight condition has no trim: the violated limits, and the nearest conditions with a trim."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
-    """The trimmable point nearest to a target when one of the target's quantities changes.
+    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes.
 
     Attributes
     ----------
@@ -53,22 +53,22 @@ class NearestTrim:
     point: TrimPoint
 
     def message(self) -> str:
-        """Message of one clause; numbers are rounded towards the trimmable side."""
+        """Describe the change in one clause; the number is rounded to the side on which a trim exists."""
         return _CLAUSES[self.quantity](self.target_value, self.value)
 
 
 @dataclasses.dataclass(frozen=True)
 class TrimDiagnosis:
-    """Diagnosis of a target: the trim solution, the violated limits, and the nearest trimmable points.
+    """Result of `nearest_trims`: the trim solution, the violated limits, and the nearest conditions with a trim.
 
     Attributes
     ----------
     target, point
         The required flight condition, and its solution, inside the limits or not.
     violations
-        See `trim_violations`; empty if the target is trimmable.
+        Violated limits, one text each (see `trim_violations`); empty if the target has a trim.
     nearest
-        Nearest first; at most one point per quantity; empty if the target is trimmable.
+        Nearest conditions with a trim, nearest first, at most one per quantity; empty if the target has a trim.
     """
 
     target: TrimTarget
@@ -77,7 +77,7 @@ class TrimDiagnosis:
     nearest: tuple[NearestTrim, ...]
 
     def message(self) -> str:
-        """Message of a few lines."""
+        """Describe limits and nearest conditions in a few lines."""
         t = self.target
         condition = (
             f"{float(t.speed):.1f} m/s at {float(t.altitude):.0f} m, "
@@ -99,7 +99,7 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Limits violated by a trim point, with numbers in deg and percent; empty for a flyable point.
+    """Describe each limit that a trim point violates, with numbers in deg and percent; empty if it can be flown.
 
     Parameters
     ----------
@@ -138,7 +138,10 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
 
 
 def _beyond_validity(airframe: AbstractAirframe, data: AirData) -> list[str]:
-    """Stated validity ranges of the aircraft that the flight leaves; empty if the aircraft states none."""
+    """Describe each validity range, as stated by the aircraft file, that the flight condition is outside of.
+
+    Empty if the aircraft states none.
+    """
     validity: Validity | None = getattr(airframe, "validity", None)
     if validity is None:
         return []
@@ -207,13 +210,13 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
 
 
 def _changed_rate(target: TrimTarget) -> str:
-    """The rate changed by the diagnosis: turn rate, or pitch rate in a pull-up."""
+    """Name of the rate that the diagnosis changes: "turn_rate", or "pitch_rate" in a pull-up."""
     return "turn_rate" if float(target.pitch_rate) == 0.0 else "pitch_rate"
 
 
 @compiled
 def _outside_data(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[Flag, AirData]:
-    """Whether a quantity besides the flow angles is outside the data, and the air data."""
+    """Return whether altitude or Mach number is outside the airframe's data, and the air data of the point."""
     data = flight_condition(airframe, environment, 0.0, point.state).air_data
     alpha, beta = jnp.clip(data.alpha, *airframe.alpha_range), jnp.clip(data.beta, *airframe.beta_range)
     within = dataclasses.replace(data, alpha=alpha, beta=beta)
@@ -233,7 +236,7 @@ def _solve_all(airframe: AbstractAirframe, environment: Environment, targets: Tr
 def _solve_grids(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget, grids: dict[str, np.ndarray]
 ) -> tuple[TrimPoint, dict[str, np.ndarray]]:
-    """Trim the target for every value of every grid, in order of the grids, and finally the target unchanged."""
+    """Trim the target for every value of every grid, one quantity changed at a time, and last the target unchanged."""
     count = len(grids) * _CANDIDATES
     fields = {f.name: np.full(count + 1, float(getattr(target, f.name))) for f in dataclasses.fields(target)}
     for quantity_index, (name, grid) in enumerate(grids.items()):
@@ -243,7 +246,10 @@ def _solve_grids(
 
 
 def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> np.ndarray:
-    """Values from the nearest usable value to the next one towards the target; the grid if no value is usable."""
+    """Return a finer grid between the usable value nearest to the target and the next value towards the target.
+
+    Without a usable value, the grid is returned unchanged.
+    """
     if not usable.any():
         return grid
     nearest_usable = float(grid[int(np.argmin(np.where(usable, np.abs(grid - target_value), np.inf)))])
@@ -254,7 +260,7 @@ def _refined_grid(grid: np.ndarray, usable: np.ndarray, target_value: float) -> 
 
 
 def _beyond(value: float, lower: float, upper: float) -> str:
-    """Value with at least one decimal, and as many as show that the value is outside the limits."""
+    """Format a value with as many decimals, at least one, as show that it is outside `lower` to `upper`."""
     for decimals in range(1, 9):
         text = f"{value:.{decimals}f}"
         if not lower <= float(text) <= upper:
