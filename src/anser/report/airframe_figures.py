@@ -61,7 +61,7 @@ def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...
 
 
 def _draw_legend(axes: "Axes") -> None:
-    """Draw the legend above the panel, clear of the curves, in at most three columns."""
+    """Draw the legend above the panel, where it covers no curve, in at most three columns."""
     columns = min(3, len(axes.get_legend_handles_labels()[0]))
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
 
@@ -78,7 +78,7 @@ def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
 def _draw_trim(
     axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
 ) -> None:
-    """Draw a variable of level flight over airspeed: solid within the limits, dots beyond a limit."""
+    """Draw a variable of level flight over airspeed: a line within the limits, dots where a limit is exceeded."""
     speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
     line = series_style(k)
     axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
@@ -88,7 +88,7 @@ def _draw_trim(
 
 
 def draw_deep_stall(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw Cm over alpha for each centre of gravity with the trims marked, and the followed curve of trims.
+    """Draw the pitching moment Cm over alpha for each centre of gravity, with the trims marked, and the curve of trims.
 
     Parameters
     ----------

@@ -17,18 +17,22 @@ from anser.results.sampling_statistics import order_statistic_interval, quantile
 
 
 def json_numbers(values: np.ndarray) -> list[float | None]:
-    """Round the values to nine significant digits; a value that is not finite becomes None."""
+    """Return the values rounded to nine significant digits; a value that is not finite becomes None."""
     return [float(f"{value:.9g}") if np.isfinite(value) else None for value in np.asarray(values, dtype=float)]
 
 
 @dataclass(frozen=True)
 class SeriesBands:
-    """Quantiles of one variable over the flights, at each time, for each aircraft.
+    """Quantiles of one variable over the flights of a campaign, at each time, for each aircraft.
 
     Attributes
     ----------
-    name, long_name, unit
-        Attributes of the variable.
+    name
+        Name of the variable.
+    long_name
+        Description of the variable.
+    unit
+        Unit of the variable.
     times_s
         Times, s; shape (times,).
     aircraft
@@ -46,7 +50,7 @@ class SeriesBands:
 
 
 def series_data(bands: "tuple[SeriesBands, ...]") -> list[dict[str, Any]]:
-    """Convert the bands to plain data for JSON."""
+    """Return the quantiles of the time series as plain data for JSON."""
     return [
         {
             "name": band.name,
@@ -70,7 +74,7 @@ _CONVERGENCE_POINTS_MAX = 100
 _DISTRIBUTION_POINTS_MAX = 1500
 """Greatest number of points of a distribution."""
 _SCATTER_POINTS_MAX = 4000
-"""Greatest number of flights that are plotted against the inputs."""
+"""Greatest number of flights plotted against the inputs."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,8 @@ class ReplayedFlight:
 
     Attributes
     ----------
+    number
+        Number of the flight.
     worst
         Whether the flight is one of the worst; otherwise it belongs to the background of the map.
     tracks
@@ -140,7 +146,7 @@ class CampaignReport:
 
 
 def campaign_data(report: CampaignReport) -> dict[str, Any]:
-    """Collect the data that the page plots, for JSON."""
+    """Return the data that the report page plots, as plain data for JSON."""
     independent_flights = report.dataset.isel(flight=np.flatnonzero(report.independent))
     confidence = float(report.estimates["confidence"])
     quantities: dict[str, dict[str, Any]] = {}
@@ -170,18 +176,23 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
 
 
 def _share_to_plot(quantiles: Sequence[Mapping[str, Any]]) -> float:
-    """Choose the quantile whose convergence is plotted: the nearest to 95 %, preferring those with a known bound."""
+    """Return the share of the quantile whose convergence is plotted: nearest to 95 %, preferably with a known value."""
     bounded_shares = [estimate["share"] for estimate in quantiles if estimate["value"] is not None]
     return min(bounded_shares or [estimate["share"] for estimate in quantiles], key=lambda share: abs(share - 0.95))
 
 
 def _counts(size: int, points: int) -> np.ndarray:
-    """Numbers of flights of a convergence curve, evenly spaced up to `size`."""
+    """Return the numbers of flights at which a convergence curve is computed, evenly spaced up to `size`."""
     return np.unique(np.linspace(1, size, min(size, points)).round().astype(int)) if size else np.empty(0, int)
 
 
 def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
-    """Success rate `value` with its interval `low` to `high`, %, against the number `n` of flights."""
+    """Compute the success rate and its confidence interval over growing numbers of flights.
+
+    Returns
+    -------
+    `n`, numbers of flights; `value`, success rate after n flights, %; `low` and `high`, its interval, %.
+    """
     counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
     pairs = zip(successes.tolist(), counts.tolist(), strict=True)
@@ -194,7 +205,7 @@ def _curve(n: np.ndarray, **columns: np.ndarray) -> dict[str, list[float | None]
 
 
 def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:
-    """A quantile and its confidence interval against the number of flights."""
+    """Compute a quantile and its confidence interval over growing numbers of flights."""
     counts, sign = _counts(values.size, _CONVERGENCE_POINTS_MAX), 1.0 if upper else -1.0
     estimates = []
     for count in counts:
@@ -206,7 +217,7 @@ def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confide
 
 
 def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
-    """Share of the flights (%) within each bound; a failed flight is within no bound."""
+    """Compute the share of the flights (%) within each value as bound; a failed flight is within no bound."""
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
     finite = np.flatnonzero(np.isfinite(ordered))
@@ -220,7 +231,10 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 
 
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Outputs of the flights against the inputs. A large campaign is thinned evenly, half to failed flights."""
+    """Return the outputs and inputs of the flights, for the scatter plots.
+
+    A large campaign is thinned to evenly spaced flights; half of the points are reserved for failed flights.
+    """
     data, succeeded = report.dataset, report.dataset["met"].values
     failed = _spaced(
         np.flatnonzero(~succeeded), max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))

@@ -26,13 +26,13 @@ _CAMPAIGN_QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("
 _MILLISECONDS_BELOW_S = 0.01
 _OPEN_INTERVAL = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
 _INPUTS_MAX = 6
-"""Greatest number of inputs that the misses are plotted against."""
+"""Greatest number of inputs for which the misses are plotted."""
 _CONVERGENCE_POINTS = 200
 """Greatest number of points of the convergence curve."""
 _VECTOR_FLIGHTS_MAX = 5_000
 """Greatest number of flights drawn as vectors; more are drawn as pixels, since the SVG file would be too large."""
 _FLIGHTS_MIN = 2
-"""Least number of flights for a figure."""
+"""Least number of flights for which a figure is drawn."""
 
 
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
@@ -73,7 +73,7 @@ def _draw_campaign(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the share of successful flights, with its confidence interval, over the number of flights."""
+    """Draw the share of successful flights and its confidence interval over the number of flights."""
     confidence, color = float(dataset.attrs["confidence"]), series_style(0)["color"]
     curve = success_convergence(dataset["met"].values, confidence, _CONVERGENCE_POINTS)
     axes.fill_between(curve["n"], curve["low"], curve["high"], alpha=0.2, color=color, linewidth=0)
@@ -83,7 +83,10 @@ def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, quantity_label: str, unit: str) -> None:
-    """Draw the share of flights below each value, and the 95 % point with its interval; failures count as above."""
+    """Draw the share of flights below each value, and the 95 % quantile with its interval.
+
+    Failed flights count as above every value.
+    """
     values = worst_of_fleet(dataset, name)
     if unit == "s" and np.all(values[np.isfinite(values)] < _MILLISECONDS_BELOW_S):
         values, unit = 1000.0 * values, "ms"
@@ -113,7 +116,10 @@ def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, quantity_la
 
 
 def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Draw the greatest miss of each flight over an input. Crosses: failed flights, at the top edge without a miss."""
+    """Draw the greatest miss of each flight over an input.
+
+    Failed flights are crosses, at the top edge if they have no miss.
+    """
     x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
     has_miss = np.isfinite(y)
     is_large = x.size > _VECTOR_FLIGHTS_MAX
@@ -208,7 +214,9 @@ _RARE_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-rare"}
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the probability of a rare event into SVG and PNG files `rare`, replacing earlier ones; return the paths.
+    """Draw the exceedance probability of a rare event into SVG and PNG files `rare`; return the paths.
+
+    Earlier files are replaced.
 
     Parameters
     ----------
@@ -268,7 +276,7 @@ def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
 
 
 def _abscissa_path(dataset: xr.Dataset) -> str | None:
-    """The numeric path with the most values, for the abscissa; None if no numeric path has several values."""
+    """Return the numeric key path with the most values, for the abscissa; None if none has several values."""
     paths = [path for path in json.loads(dataset.attrs["swept"]) if dataset[path].dtype.kind == "f"]
     longest = max(paths, key=lambda path: dataset[path].size, default=None)
     return longest if longest is not None and dataset[longest].size > 1 else None

@@ -15,13 +15,13 @@ _TRACK_POINTS_MAX = 240
 _MARGIN = 0.05
 _SIZE = 1000.0
 _HEIGHT_RANGE = (0.45, 1.0)
-"""Least and greatest height of the map, relative to its width."""
+"""Least and greatest height of the map, as fractions of its width."""
 _AFTER_S = 2.0
-"""Time after its arrival during which an aircraft is still drawn, s."""
+"""Time after its arrival up to which an aircraft is still drawn, s."""
 
 
 def campaign_map(report: CampaignReport) -> "Markup | str":
-    """Draw the replayed flights from above, as SVG; empty without replayed flights."""
+    """Draw the replayed flights, seen from above, as SVG; return an empty string without replayed flights."""
     if not report.replays:
         return ""
     replayed = report.dataset.sel(flight=[replay.number for replay in report.replays])
@@ -58,7 +58,10 @@ def campaign_map(report: CampaignReport) -> "Markup | str":
 
 
 def _tracks(replay: ReplayedFlight, arrivals: np.ndarray) -> list[np.ndarray]:
-    """East and north positions (m) of each aircraft until shortly after its arrival, thinned evenly."""
+    """Return the track of each aircraft until shortly after its arrival, evenly thinned: east and north positions, m.
+
+    `arrivals` are the arrival times of the aircraft, s.
+    """
     data, lines = replay.tracks, []
     time = data["time"].values
     for k, arrival in enumerate(np.broadcast_to(arrivals, data.sizes["aircraft"])):
@@ -73,6 +76,6 @@ def _tracks(replay: ReplayedFlight, arrivals: np.ndarray) -> list[np.ndarray]:
 
 
 def _scale_bar_length(scale: float) -> float:
-    """Length of the scale bar, m: a round number, at most 0.3 of the map's width."""
+    """Return a round length for the scale bar, m: at most 0.3 of the map's width."""
     step = 10.0 ** np.floor(np.log10(0.25 * _SIZE / scale))
     return next(step * m for m in (5.0, 2.0, 1.0) if step * m * scale <= 0.3 * _SIZE)

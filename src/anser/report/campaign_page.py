@@ -1,6 +1,7 @@
-"""Report page of a campaign.
+"""Report page of a campaign: one self-contained HTML page.
 
-One self-contained HTML page: success rate, failure causes, bounds, influences, worst flights and provenance.
+It shows success rate, failure causes, quantiles, influences, worst flights and provenance. Functions that return a
+dictionary return the values of the page's template.
 """
 
 import json
@@ -26,7 +27,7 @@ _CAUSES_MAX = 12
 _NUMBERS_MAX = 12
 """Greatest number of flight numbers listed for one reason."""
 _HEADLINES = {"miss_m": ("Miss", "m", "miss by at most"), "arrival_spread_s": ("Spread", "s", "arrive within")}
-"""Main quantities: heading and unit of the column in the table of the worst flights, and part of a sentence."""
+"""Main quantities: heading and unit of their column in the table of the worst flights, and part of a sentence."""
 _STYLES = ("vendor/uplot.min.css", "page.css", "campaign.css")
 _SCRIPTS = ("vendor/uplot.min.js", "theme.js", "store.js", "campaign.js")
 
@@ -56,7 +57,7 @@ def write_campaign_report(report: CampaignReport, path: Path) -> None:
 
 
 def _success(report: CampaignReport) -> dict[str, Any]:
-    """Success rate, main bounds and warnings."""
+    """Return the template values on the success rate, the main quantiles and warnings."""
     estimates, dataset = report.estimates, report.dataset
     warning = proximity_warning(_least_separation(report), dataset.attrs)
     return {
@@ -83,7 +84,7 @@ def _success(report: CampaignReport) -> dict[str, Any]:
 
 
 def _success_rate(estimates: Mapping[str, Any]) -> dict[str, str] | None:
-    """Success rate with its interval as texts; None before the first flight."""
+    """Return the success rate and its confidence interval as texts, %; None before the first flight."""
     if estimates["probability"] is None:
         return None
     low, high = (f"{100 * estimates[end]:.2f}" for end in ("low", "high"))
@@ -91,13 +92,13 @@ def _success_rate(estimates: Mapping[str, Any]) -> dict[str, str] | None:
 
 
 def _least_separation(report: CampaignReport) -> np.ndarray:
-    """Least distance between two aircraft in each flight, m; empty for a single aircraft."""
+    """Return the least distance between two aircraft in each flight, m (flights,); empty for a single aircraft."""
     name = "separation_min_m"
     return report.dataset[name].values if name in report.dataset else np.empty(0)
 
 
 def _cards(report: CampaignReport) -> str:
-    """Cards with the main figures of the campaign."""
+    """Return the cards with the main results of the campaign, as HTML."""
     estimates, success = report.estimates, _success_rate(report.estimates)
     started = int((report.dataset["reason"].values == "").sum())
     cards = [("Flights", f"{estimates['flown']:,}", "", f"of {estimates['flights']:,}")]
@@ -114,7 +115,7 @@ def _cards(report: CampaignReport) -> str:
 
 
 def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Quantile of each main quantity nearest to 95 %, among the quantiles with a finite bound."""
+    """Return for each main quantity the quantile nearest to 95 %, among the quantiles with a finite value."""
     quantiles = []
     for name in _HEADLINES:
         bounded = [
@@ -127,7 +128,7 @@ def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
-    """Texts of a quantile and its confidence interval."""
+    """Return the template values of one quantile as texts: share, value, unit, confidence interval."""
     return {
         "share": _percent(estimate["share"]),
         "is_missing": estimate["value"] is None,
@@ -138,7 +139,7 @@ def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _interval_text(low: float | None, high: float | None) -> str:
-    """Confidence interval as text; a bound that the number of flights cannot give is left open."""
+    """Return a confidence interval as text; a bound that the number of flights cannot give is left open."""
     if low is None and high is None:
         return "interval open"
     if low is None or high is None:
@@ -151,7 +152,7 @@ def _percent(share: float) -> str:
 
 
 def _value(value: float | None) -> str:
-    """Format with four significant digits."""
+    """Format a number with four significant digits, at most nine decimals; a dash if missing or not finite."""
     if value is None or not np.isfinite(value):
         return MISSING
     if not value:
@@ -161,7 +162,7 @@ def _value(value: float | None) -> str:
 
 
 def _failures(report: CampaignReport) -> dict[str, Any]:
-    """Causes of failure, the most frequent first, and flights that could not start, by reason."""
+    """Return the template values on failures: the most frequent causes, and flights that could not start by reason."""
     causes = list(report.estimates["causes"].items())
     reasons = report.dataset["reason"].values.tolist()
     by_reason: dict[str, list[int]] = {}
@@ -178,7 +179,7 @@ def _failures(report: CampaignReport) -> dict[str, Any]:
 
 
 def _bounds(report: CampaignReport) -> dict[str, Any]:
-    """Table of the quantiles: rows are quantities, columns are shares of the flights."""
+    """Return the template values of the table of quantiles: rows are quantities, columns are shares of the flights."""
     quantiles = report.estimates["quantiles"]
     shares = sorted({estimate["share"] for estimate in quantiles})
     by_name: dict[str, dict[float, Mapping[str, Any]]] = {}
@@ -199,7 +200,7 @@ def _bounds(report: CampaignReport) -> dict[str, Any]:
 
 
 def _influences(report: CampaignReport) -> dict[str, Any]:
-    """Sobol indices or rank correlations, with a chart of each output."""
+    """Return the template values on Sobol indices or rank correlations, with a chart for each output."""
     influences: Mapping[str, Any] = report.influences if report.varied_paths else {"outputs": {}}
     charts = [
         (label, influence_strip(influences["entries"], output)) for output, label in influences["outputs"].items()
@@ -208,7 +209,7 @@ def _influences(report: CampaignReport) -> dict[str, Any]:
 
 
 def _worst_flights(report: CampaignReport) -> dict[str, Any]:
-    """The worst flights with their results, varied inputs and map."""
+    """Return the template values on the worst flights: results, varied inputs and map."""
     flights = report.dataset.sel(flight=list(report.worst))
     mapped = [replay.number for replay in report.replays if replay.worst]
     names = applicable_quantities(tuple(_HEADLINES), flights)
@@ -242,7 +243,7 @@ def _input_text(value: Any) -> str:
 
 
 def _provenance(report: CampaignReport) -> dict[str, Any]:
-    """Study, scenario and software versions."""
+    """Return the template values on study, scenario and software versions."""
     attributes, prefix = report.dataset.attrs, "version_"
     documents = {"study": report.study, "scenario, as far as its file says": json.loads(attributes["scenario"])}
     return {

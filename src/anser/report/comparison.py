@@ -1,4 +1,4 @@
-"""Differences between two runs as an HTML section: figures of the flights, and values in the scenarios."""
+"""Differences between two runs as an HTML section: results of the flights, and values in the scenarios."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,15 @@ _DIFFERENCES_MAX, _VALUE_LENGTH_MAX = 200, 160
 
 
 def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Tabulate the figures of two runs (label, summary) with their difference, and the differing scenario keys."""
+    """Return a table of the results of two runs and their differences, and of the scenario keys that differ, as HTML.
+
+    Parameters
+    ----------
+    runs
+        Label and summary of the two runs.
+    scenarios
+        Scenarios of the two runs.
+    """
     summaries = [summary for _, summary in runs]
     accuracies = [arrival_accuracy(summary) for summary in summaries]
     figures = [
@@ -59,15 +67,15 @@ def difference_table(runs: Sequence[tuple[str, Mapping[str, Any]]], scenarios: S
 
 
 def _worst_value(summary: Mapping[str, Any], key: str, worst: Callable[[list[float]], float]) -> float | None:
-    """Worst value among the aircraft still in the fleet; None if one of the values is missing."""
+    """Return the worst value of a summary entry over the aircraft still in the fleet; None if a value is missing."""
     values = [aircraft[key] for aircraft in summary["aircraft"] if "left_s" not in aircraft]
     return None if not values or None in values else worst(values)
 
 
 def scenario_differences(first_value: Any, second_value: Any, path: str = "") -> list[tuple[str, Any, Any]]:
-    """Find the keys with different values: key path, first value, second value.
+    """Return the keys with different values, as (key path, first value, second value).
 
-    Entries of a list of tables are compared by name.
+    Entries of a list of tables are matched by name.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""Compression of a flight's numbers: quantization, second differences, byte planes, deflate, base64.
+"""Compression of a flight's numbers to a text for the report page.
 
-`assets/store.js` is the reader. Second differences of a smooth record are small, so that the upper bytes are nearly
+Steps: quantization, second differences, separation of the bytes by significance, deflate, base64. `assets/store.js`
+decodes the text in the browser. Second differences of a smooth record are small, so that the upper bytes are nearly
 all zero: twenty aircraft with sixty variables, recorded at 10 Hz for 300 s, take less than a megabyte.
 """
 
@@ -17,7 +18,7 @@ _STEPS_MAX = 2**29  # second differences are four times as large and must fit 32
 
 
 def quantization_step(values: np.ndarray, unit: str) -> float:
-    """Quantization step for values of a unit: finer for values of small spread, coarser for huge values."""
+    """Return the quantization step for values in a unit: finer for values of small spread, coarser for huge values."""
     finite = values[np.isfinite(values)]
     step = _STEP_BY_UNIT.get(unit, _DEFAULT_STEP)
     if not finite.size:

@@ -1,7 +1,7 @@
-"""Variables derived from a recorded flight.
+"""Variables derived from a recorded flight for its report.
 
-Errors along and across the plan, separations, estimation errors, and events such as phases, replanning and limited
-commands.
+Errors along and across the planned path, separations, estimation errors; and events: phases, replanning, and commands
+that the autopilot limited.
 """
 
 import json
@@ -36,7 +36,7 @@ DERIVED_VARIABLES = (_CLIMB_RATE.name, *_LABELS)
 
 
 def recorded_scenario(dataset: xr.Dataset) -> dict[str, Any]:
-    """Read the scenario that a dataset carries as JSON; empty if missing or unreadable."""
+    """Return the scenario that a dataset carries as JSON; empty if missing or unreadable."""
     try:
         scenario = json.loads(dataset.attrs.get("scenario", "{}"))
     except (TypeError, ValueError):
@@ -45,9 +45,10 @@ def recorded_scenario(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Limits of each aircraft during the flight, by the keys of a scenario's `limits`, and `surfaces_deg`.
+    """Return the limits of each aircraft, by the keys of the scenario's table `limits`, and `surfaces_deg`.
 
-    Older records carry no limits: then the library's F-16 gets the scenario's limits, and any other aircraft none.
+    `surfaces_deg` contains the stops of each control surface, deg. Older records carry no limits: then the library's
+    F-16 gets the scenario's limits, and any other aircraft none.
     """
     if "limits" in dataset.attrs:
         return json.loads(dataset.attrs["limits"])
@@ -65,7 +66,10 @@ def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Horizontal and vertical separation (m) required by a scenario, None if none; vertical 0: altitude is ignored."""
+    """Return the horizontal and vertical separation required by a scenario, m; None if none is required.
+
+    A vertical separation of 0 means that the altitude is ignored.
+    """
     separation = scenario.get("separation", {})
     if not separation.get("horizontal_m", 0.0) > 0.0:
         return None
@@ -139,7 +143,10 @@ def _length(parts: Iterable[xr.DataArray]) -> np.ndarray:
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Actual less planned position: along the planned ground track, to its right, and up; m."""
+    """Return the actual minus the planned position, m: along the planned ground track, to the right of it, and upwards.
+
+    Three arrays of shape (time, aircraft).
+    """
     north, east, up = (
         dataset[name].values - dataset[f"reference_{name}"].values for name in ("north_m", "east_m", "altitude_m")
     )
@@ -183,14 +190,14 @@ _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 
 
 def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Events of each aircraft.
+    """Find the events of each aircraft in a recorded flight. All times are in s.
 
     Returns
     -------
     list of dict
-        A dictionary for each aircraft: `phases` and `failed`, entries [name or code, from, to]; `renewals`, entries
-        [time, index into `REPLANNING_OUTCOMES`], the times at which the active plan changed; `limited`, entries [index
-        into `LIMITED_COMMANDS`, from, to]; `outside`, entries [from, to], outside the aerodynamic tables. Times in s.
+        One dictionary for each aircraft. `phases`: entries [name of the phase, from, to]. `failed`: [status code, from,
+        to]. `renewals`: [time, index into `REPLANNING_OUTCOMES`], each change of the active plan. `limited`: [index
+        into `LIMITED_COMMANDS`, from, to]. `outside`: [from, to], time spent outside the aerodynamic tables.
     """
     time = dataset["time"].values
     return [_aircraft_events(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
@@ -232,7 +239,7 @@ def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
 
 
 def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[Any]]:
-    """Runs of equal values, [value, from, to]; a run lasts until the start of the next."""
+    """Return the runs of equal values as [value, from, to], times in s; a run lasts until the start of the next."""
     codes = values.values.astype(int)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1])
     stops = [*starts[1:], codes.size - 1]

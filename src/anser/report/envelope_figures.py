@@ -1,4 +1,4 @@
-"""Figures of an envelope survey: the trim map, the outcomes of the commands, and the remaining margins."""
+"""Figures of an envelope survey: the trim map, the outcome of each commanded maneuver, and the remaining margins."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +38,7 @@ _REASONS = {
     "start_beyond_limits": ("start beyond the autopilot's limits", "#8a5a7a"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
-"""Text and colour of each reason.
+"""Text and colour of each reason that limited or ended a flight.
 
 Colours of Okabe and Ito, distinguishable with colour-blindness, and their tints: blue, pink and grey for a limited
 flight, yellow to black for a failed one."""

@@ -1,4 +1,4 @@
-"""Figures of estimation and communication: errors of goal estimates, links and clocks of a fleet without a centre."""
+"""Figures of estimation and communication: errors of goal estimates; links and clocks of a decentralised fleet."""
 
 from typing import TYPE_CHECKING
 
@@ -61,7 +61,7 @@ def draw_knowledge(sheet: FlightSheet) -> "Figure":
 
 
 def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
-    """Draw ellipses of two standard deviations of an aircraft's goal estimate, relative to the true goal."""
+    """Draw ellipses of two standard deviations of one aircraft's goal estimate, relative to the true goal."""
     from matplotlib.patches import Ellipse
 
     line_style, end = sheet.line_styles[k], sheet.time[sheet.arrival_index[sheet.line_styles[k].index]]
@@ -87,7 +87,7 @@ def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
 
 
 def draw_network(sheet: FlightSheet) -> "Figure":
-    """Draw links, quality of service, and clock differences with the bound of the theorem of time coordination."""
+    """Draw links, quality of service, and clock differences with their bound by the theorem of time coordination."""
     network = recorded_network(sheet.dataset)
     series, pairs = network["series"], list(pair_links(sheet.dataset).items())
     figure, (link_axes, quality_axes, clock_axes) = sheet.panels(3)

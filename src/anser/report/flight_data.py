@@ -1,6 +1,7 @@
-"""Data of a flight for its report page.
+"""Data of a flight for its report page, as plain data for JSON.
 
-Panels and sections of time plots, icons of goals, packed variables, events and facts of each aircraft, as plain data.
+The time plots (panels grouped in sections), the goals' symbols, the packed variables, and events and main results of
+each aircraft.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -42,13 +43,13 @@ GOAL_FORM_TEXTS = {
     "flying": "goal in the air, faster than a gale (aircraft)",
     "goal": "goal",
 }
-"""Description of each form of goal, for the legend."""
+"""Description of each symbol ("form") of a goal, for the legend."""
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Symbol of each aircraft's goal in the scene, by kind and median speed: ship, buoy, drifting or flying.
+    """Return the symbol ("form") of each aircraft's goal in the scene: ship, buoy, drifting or flying.
 
-    The symbol of a goal of unknown kind is "goal".
+    The symbol depends on the goal's kind (surface or airborne) and median speed; it is "goal" if the kind is unknown.
     """
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
@@ -60,7 +61,7 @@ def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
 
 
 def goal_form_legend(forms: Collection[str]) -> "Markup":
-    """Legend entries for the forms of goals in the scene, HTML."""
+    """Return the legend entries for the goals' symbols in the scene, as HTML."""
     entries = [(_ICON_PATHS[form], text) for form, text in GOAL_FORM_TEXTS.items() if form in forms]
     return render("goal_forms.html", forms=entries)
 
@@ -84,7 +85,7 @@ def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot over time.
+    """A plot of one variable over time.
 
     Attributes
     ----------
@@ -93,8 +94,8 @@ class Panel:
     command
         Variable drawn dashed, a command or a plan.
     limits
-        Limits drawn as lines: keys of the scenario's `limits`, a minus sign in front for the opposite value; or
-        numbers.
+        Limits drawn as lines: numbers, or keys of the scenario's table `limits`; a minus sign in front of a key takes
+        the opposite value.
     includes_limits
         Whether the axis always reaches to the limits, however far from the data.
     compass
@@ -110,17 +111,29 @@ class Panel:
 
 
 def _surface_panel(surface: str) -> Panel:
-    """Panel with position and command of a control surface."""
+    """Return the panel with position and command of a control surface."""
     return Panel(f"{surface}_deg", f"{surface}_command_deg")
 
 
 SURFACE_PLACEHOLDER = _surface_panel("*")
-"""Placeholder for the panels of the flight's control surfaces."""
+"""Stands in a section for the panels of the flight's control surfaces, one for each surface."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """Plots with a common heading."""
+    """A group of panels with a common heading.
+
+    Attributes
+    ----------
+    key
+        Identifier of the section in the page.
+    title
+        Heading.
+    caption
+        Explanation below the heading.
+    panels
+        Panels; the section is left out if the response of the first one is missing.
+    """
 
     key: str
     title: str
@@ -239,7 +252,7 @@ _OPTIONAL = {variable.name for variable in CATALOGUE if variable.optional}
 
 
 def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
-    """Panels of a section, for a flight with the given control surfaces."""
+    """Return the panels of a section, with one panel for each of the flight's control surfaces."""
     panels = []
     for panel in section.panels:
         panels += [_surface_panel(name) for name in surfaces] if panel is SURFACE_PLACEHOLDER else [panel]
@@ -256,7 +269,7 @@ def _plotted_variables(surfaces: Sequence[str]) -> list[str]:
 
 
 def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Variables that a report requires in the dataset, including the positions and commands of the control surfaces."""
+    """Return the variables that a report requires in the dataset, including positions and commands of the surfaces."""
     recorded = [
         name
         for name in _plotted_variables(surface_names(dataset))
@@ -266,13 +279,13 @@ def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Variables of a dataset, including derived ones, that are sent to the page."""
+    """Return the variables of a dataset, including derived ones, that are sent to the page."""
     names = dict.fromkeys((*_SCENE, *_plotted_variables(surface_names(dataset))))
     return tuple(name for name in names if name in dataset)
 
 
 def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Sections for the page: panels of the variables in the dataset, with the limits of the aircraft as numbers."""
+    """Return the sections as plain data: the panels whose variable is in the dataset, with limits as numbers."""
     limits = aircraft_limits(dataset)
     sections = []
     for section in SECTIONS:
@@ -294,7 +307,7 @@ def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def _limits(key: str | float, limits: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Values of a limit over the aircraft."""
+    """Return the values of a limit over the aircraft; `key` is a key of the limits, or the limit itself."""
     if not isinstance(key, str):
         return [key]
     sign = -1.0 if key.startswith("-") else 1.0
@@ -313,7 +326,7 @@ _AIRCRAFT_KEYS = (
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
-    """Check that dataset and summary are complete and belong to the same flight.
+    """Raise an error unless dataset and summary are complete and belong to the same flight.
 
     Raises
     ------
@@ -342,9 +355,9 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
 def flight_data(
     dataset: xr.Dataset, summary: Mapping[str, Any], scenario: Mapping[str, Any], label: str
 ) -> dict[str, Any]:
-    """Collect the data of one flight that the page draws, as plain data for JSON.
+    """Return the data of one flight that the page draws, as plain data for JSON.
 
-    The variables are packed and thinned to every `every`-th record.
+    A long record is thinned to evenly spaced times; the number under the key `every` is the stride.
 
     Parameters
     ----------
@@ -395,7 +408,7 @@ def flight_data(
 
 
 def _earlier_goals(summary: Mapping[str, Any], scenario: Mapping[str, Any]) -> list[list[Any] | None]:
-    """For an aircraft that took over another goal: its earlier goal and the time of the takeover, s; otherwise None."""
+    """Return the earlier goal of each aircraft that took over another, and the time of the takeover, s; else None."""
     assigned_goal = {
         str(entry["name"]): str(entry["goal"]) for entry in scenario.get("aircraft") or [] if "goal" in entry
     }

@@ -1,6 +1,6 @@
-"""Figures of a flight for print, by name.
+"""Figures of a flight for print.
 
-The available figures, the writing of figure files, and the same figures as methods for Python
+The list of figures by name, the writing of figure files, and the same figures as methods for Python
 (`flown.plot.tracks()`).
 """
 
@@ -62,7 +62,7 @@ NEEDED_VARIABLES = tuple(
         )
     )
 )
-"""Variables of a flight that these figures draw, besides the control surfaces."""
+"""Variables of a flight that these figures need, besides those of the control surfaces."""
 
 
 def _always(_: xr.Dataset) -> str:
@@ -71,14 +71,14 @@ def _always(_: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class FlightFigure:
-    """A figure of a flight.
+    """A figure that can be drawn of a flight.
 
     Attributes
     ----------
     draw
         Function that draws the figure on a sheet.
     unavailable_reason
-        Function that gives the reason if a flight does not have this figure, otherwise an empty string.
+        Function that returns why a flight does not have this figure; an empty string if it has.
     """
 
     draw: Callable[[FlightSheet], "Figure"]
@@ -132,12 +132,12 @@ FLIGHT_FIGURES: dict[str, FlightFigure] = {
 
 
 def available_figures(dataset: xr.Dataset) -> tuple[str, ...]:
-    """Names of the figures that a flight has."""
+    """Return the names of the figures that a flight has."""
     return tuple(name for name, figure in FLIGHT_FIGURES.items() if not figure.unavailable_reason(dataset))
 
 
 def select_figures(dataset: xr.Dataset, names: Sequence[str]) -> dict[str, FlightFigure]:
-    """Figures of a flight by name; hyphens and underscores are equivalent.
+    """Return the requested figures of a flight by name; hyphens and underscores are equivalent.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into files `NAME-FIGURE`; return the paths.
+    """Draw figures of a flight into files named NAME-FIGURE; return their paths.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ _WIDTH_MM = FigureFormat().width_mm
 
 
 def _method(name: str, description: str) -> "Callable[..., Figure]":
-    """Method that draws one figure."""
+    """Return a method of `FlightPlots` that draws one figure."""
 
     def draw(self: "FlightPlots", *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
         return self(name, width_mm=width_mm, title=title)

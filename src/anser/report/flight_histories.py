@@ -1,4 +1,4 @@
-"""Time histories of a flight for print.
+"""Figures of a flight over time, for print.
 
 Variables with commands and limits, estimated goal velocities, and distances to the rendezvous and between aircraft.
 """
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 _MARKERS_PER_LINE = 8
 _MARGIN, _COMMAND_EXCESS_MAX = 0.05, 0.25  # relative to the range of the panel
 _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
-"""Least range of a panel's axis by unit, such that a nearly constant variable looks constant."""
+"""Least range of a panel's axis by unit, so that a nearly constant variable looks constant."""
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A variable with its command and limits.
+    """A variable to be drawn over time, with its command and limits.
 
     Attributes
     ----------
     name
         Variable of the dataset.
     reference
-        Variable with the planned or commanded value.
+        Variable with the planned or commanded value; None without one.
     low, high
         Keys of the limits in `aircraft_limits`; a minus sign in front of `low` takes the opposite value.
     stop_surface
@@ -63,7 +63,7 @@ class Curve:
 
 
 def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
-    """Draw panels below one another, one for each curve; a curve without a finite value is left out.
+    """Draw one panel for each curve, below one another; a curve without a finite value is left out.
 
     Parameters
     ----------
@@ -83,7 +83,12 @@ def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str,
 def draw_curve(
     axes: "Axes", sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle] | None = None
 ) -> list[str]:
-    """Draw one variable of the aircraft, by default of all; return a note on limits outside the panel."""
+    """Draw one variable of the aircraft with the given line styles, by default of all aircraft.
+
+    Returns
+    -------
+    A note on limits that lie outside the panel; empty without any.
+    """
     values, time = sheet.dataset[curve.name], sheet.time
     line_styles = [
         line_style
@@ -121,7 +126,10 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Range of a panel: the responses, and commands as far as they exceed the responses only moderately."""
+    """Return the range of a panel's axis: all responses, and commands unless they exceed the responses by far.
+
+    The range is at least `span_min`.
+    """
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
     size = max(high - low, span_min)
@@ -132,14 +140,17 @@ def _visible_range(
 
 
 def _magnitude_until_arrival(sheet: FlightSheet, name: str, line_styles: Sequence[LineStyle]) -> float:
-    """Greatest magnitude of a variable up to the arrivals."""
+    """Return the greatest magnitude of a variable up to the arrivals."""
     return max(float(np.nanmax(np.abs(sheet.until_arrival(name, line_style)))) for line_style in line_styles)
 
 
 def _limits(
     sheet: FlightSheet, curve: Curve, line_styles: Sequence[LineStyle], factor: float, unit: str
 ) -> list[Limit]:
-    """Distinct values of a limit, labelled with the aircraft concerned."""
+    """Return the distinct values of a curve's limits, each labelled with the aircraft concerned.
+
+    `factor` and `unit` convert the values to the unit of the axis.
+    """
     owners: dict[tuple[float, bool], list[str]] = {}
     limits = aircraft_limits(sheet.dataset)
     for line_style in line_styles:
@@ -162,19 +173,22 @@ def _limits(
 
 
 def _limit(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Value of a limit by key; a minus sign in front of the key gives the opposite value."""
+    """Return a limit by key, None if missing; a minus sign in front of the key gives the opposite value."""
     value = None if key is None else limits.get(key.removeprefix("-"))
     return None if key is None or value is None else -value if key.startswith("-") else value
 
 
 def marker_interval(samples: int, index: int, count: int) -> tuple[int, int]:
-    """Offset and step of the marked samples of a line, staggered between lines to keep coincident lines visible."""
+    """Return the first marked sample of a line and the interval between marked samples.
+
+    The lines of a figure start at different samples, so that markers distinguish coincident lines.
+    """
     step = max(samples // _MARKERS_PER_LINE, 1)
     return index * step // count, step
 
 
 def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Insert a gap at each jump of y by more than `jump`, so that no line is drawn across a wrapped angle.
+    """Insert a gap (NaN) at each jump of y by more than `jump`: no line is then drawn across a wrapped angle.
 
     Parameters
     ----------
@@ -182,6 +196,10 @@ def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, 
         Samples, shape (samples,).
     jump
         Greatest difference of neighbouring samples that is still drawn, in the unit of y.
+
+    Returns
+    -------
+    The samples x and y with the gaps.
     """
     differences = np.abs(np.diff(y))
     indices = np.flatnonzero(np.where(np.isfinite(differences), differences, 0.0) > jump) + 1
@@ -217,7 +235,7 @@ def draw_goal_velocities(sheet: FlightSheet) -> "Figure":
 
 
 def _changing_goals(sheet: FlightSheet, curve: Curve) -> list[LineStyle]:
-    """Aircraft for whose goal a velocity component changes."""
+    """Return the line styles of the aircraft for whose goal the velocity component of the curve changes."""
     names = [name for name in (curve.name, curve.reference) if name is not None]
     return [
         line_style
@@ -241,9 +259,9 @@ _DISTANCE_FLOOR_M = 1e-3  # below the accuracy of the simulation; keeps the loga
 
 
 def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
-    """Zero-effort miss: least distance to the rendezvous if aircraft and goal keep their present velocities, m.
+    """Compute the zero-effort miss, m: the least distance to the rendezvous if all velocities stay constant.
 
-    At a time after the closest approach, it is the present distance; at the arrival, the miss of the summary.
+    After the closest approach it is the present distance; at the arrival it is the miss of the summary.
 
     Parameters
     ----------
@@ -264,7 +282,7 @@ def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
 
 
 def draw_miss(sheet: FlightSheet) -> "Figure":
-    """Draw the zero-effort miss up to the arrivals, logarithmic, with the greatest miss allowed by the scenario."""
+    """Draw the zero-effort miss up to the arrivals on a logarithmic axis, with the greatest miss that is allowed."""
     figure, (axes,) = sheet.panels(1)
     _draw_lines(axes, sheet, np.maximum(zero_effort_miss_m(sheet.dataset), _DISTANCE_FLOOR_M), sheet.arrival_index)
     axes.set_ylabel("Zero-effort miss (m)")
@@ -274,7 +292,7 @@ def draw_miss(sheet: FlightSheet) -> "Figure":
 
 
 def draw_ranges(sheet: FlightSheet) -> "Figure":
-    """Draw the ranges to the rendezvous, linear above and logarithmic below."""
+    """Draw the ranges to the rendezvous in two panels: the upper with a linear, the lower with a logarithmic axis."""
     figure, panels = sheet.panels(2)
     values = sheet.dataset[_RANGE]
     factor, unit = axis_scale(values, float(np.nanmax(values.values[: sheet.arrival_index.max() + 1])))
@@ -290,7 +308,7 @@ def draw_ranges(sheet: FlightSheet) -> "Figure":
 
 
 def draw_separation(sheet: FlightSheet) -> "Figure":
-    """Draw the distance of each aircraft to its nearest neighbour, and the ratio of separation to the required one."""
+    """Draw the distance of each aircraft to its nearest neighbour, and its ratio to the required separation."""
     required = required_separation(sheet.scenario)
     positions = np.stack([sheet.dataset[name].values for name in _POSITION], axis=-1)
     end_index = np.full(sheet.count, len(sheet.time) - 1)
@@ -309,7 +327,7 @@ def draw_separation(sheet: FlightSheet) -> "Figure":
 
 
 def _requirement(sheet: FlightSheet, key: str, *, is_upper: bool) -> Limit | None:
-    """Limit line for a distance required by the scenario; None without a requirement."""
+    """Return the limit line of a distance that the scenario requires, m; None without the requirement."""
     value = sheet.scenario.get("requirements", {}).get(key)
     return None if value is None else Limit(float(value), is_upper, f"required: {value:g} m")
 
@@ -319,7 +337,7 @@ def _short(sheet: FlightSheet, label: str, short: str) -> str:
 
 
 def _draw_lines(axes: "Axes", sheet: FlightSheet, values: np.ndarray, end_index: np.ndarray) -> None:
-    """Draw a line for each aircraft up to the given index."""
+    """Draw a line for each aircraft up to its end index; `values` has the shape (time, aircraft)."""
     for line_style in sheet.line_styles:
         samples = slice(0, int(end_index[line_style.index]) + 1)
         marker_spacing = (

@@ -1,4 +1,4 @@
-"""Margins of a flight: how far requirements and limits were used, the tightest first."""
+"""Margins of a flight to its requirements and limits, the tightest first."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ _Table = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Margin:
-    """Margin to one requirement or limit.
+    """Margin of a flight to one requirement or limit.
 
     Attributes
     ----------
@@ -24,8 +24,10 @@ class Margin:
         "requirement" (the flight fails if it is not met) or "limit" (of the plan and the autopilot).
     unit
         Unit of value and limit; empty for a number without a unit.
-    limit, value
-        Allowed value, and the worst value of the flight; the value may be missing.
+    limit
+        Allowed value.
+    value
+        Worst value of the flight; None if missing.
     is_upper
         Whether the limit is an upper limit.
     is_met
@@ -51,9 +53,10 @@ class Margin:
 
     @property
     def utilization(self) -> float | None:
-        """Utilization of the limit, 1 at the limit: value over limit, or limit over value for a lower limit.
+        """Utilization of the limit, 1 at the limit; None without a value.
 
-        None without a value. If value and limit have opposite signs: 0 if the limit is met, otherwise infinite.
+        It is value / limit, for a lower limit limit / value, and for a negative limit the inverse. If value and limit
+        have opposite signs: 0 if the limit is met, otherwise infinite.
         """
         if self.value is None:
             return None
@@ -97,10 +100,10 @@ _LIMITS = (
 
 
 def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Margin]:
-    """Margins of a flight, sorted by utilization; those not met before the arrival come first.
+    """Return the margins of a flight: first those not met before the arrival, then by decreasing utilization.
 
-    Requirements are taken from the summary with its judgement. Limits are those of each aircraft over the whole record;
-    of a limit that differs between aircraft, only the tightest margin is listed.
+    Requirements and their evaluation are taken from the summary. Limits are those of each aircraft over the whole
+    record; of a limit that differs between aircraft, only the tightest margin is listed.
 
     Parameters
     ----------
@@ -142,12 +145,15 @@ def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list
 
 
 def _sort_key(margin: Margin) -> tuple[bool, float]:
-    """Sort key of a margin: not met before the arrival first, then by decreasing utilization."""
+    """Return the sort key of a margin: not met before the arrival first, then by decreasing utilization."""
     return margin.is_met or margin.after_arrival, -np.inf if margin.utilization is None else -margin.utilization
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Least recorded distance between two aircraft, m, its time, s, and both names; None for a single aircraft."""
+    """Return the least recorded distance between two aircraft, m, its time, s, and both names.
+
+    None for a single aircraft.
+    """
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
     nearest = dataset["distance_min_m"].values
@@ -181,7 +187,10 @@ def _requirement(entry: _Table, fleet: Sequence[_Table], dataset: xr.Dataset) ->
 
 
 def _extreme_value(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
-    """Least or greatest value over (time, aircraft), with aircraft and time, s; (None, "", None) if none is finite."""
+    """Return the least or greatest of the values (time, aircraft), the name of its aircraft, and its time, s.
+
+    (None, "", None) if no value is finite.
+    """
     if not np.isfinite(values).any():
         return None, "", None
     sample, index = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
@@ -197,9 +206,16 @@ def _limit(
     description: str,
     unit: str,
 ) -> Margin:
-    """Margin to a limit. Sign 1: upper limit; 0: lower; -1: lower limit at minus the value, shown as an upper limit.
+    """Return the margin of the values to a limit.
 
-    `is_before_arrival` has the shape (time, aircraft); values outside the evaluation are NaN.
+    Parameters
+    ----------
+    is_before_arrival
+        Whether each time is before the aircraft's arrival; shape (time, aircraft).
+    values
+        Shape (time, aircraft); NaN where the limit does not apply.
+    sign
+        1: upper limit; 0: lower limit; -1: lower limit at minus `limit`, reported as an upper limit on minus the value.
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

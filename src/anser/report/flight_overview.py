@@ -1,4 +1,4 @@
-"""Opening section of a flight report, as HTML: the verdict, the tightest margins, the aircraft."""
+"""First part of a flight's report, as HTML: the verdict, the tightest margins, the aircraft."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,9 @@ _CARDS_PER_ROW = 4
 def verdict_html(
     summary: Mapping[str, Any], scenario: Mapping[str, Any], margins: Sequence[Margin] = (), warning: str = ""
 ) -> "Markup":
-    """Verdict on the flight: arrival, accuracy, failed aircraft, requirements not met, and exceeded limits.
+    """Return the verdict on the flight as HTML.
+
+    It states arrival, accuracy, failed aircraft, requirements not met, and exceeded limits.
 
     Parameters
     ----------
@@ -67,7 +69,7 @@ def verdict_html(
 
 
 def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
-    """Cards with the main figures of the fleet."""
+    """Return the cards with the main results of the fleet, as HTML."""
     aircraft_rows, fleet = summary["aircraft"], summary["fleet"]
     is_single = len(aircraft_rows) == 1
     arrivals = [aircraft["arrival_s"] for aircraft in aircraft_rows if aircraft["arrival_s"] is not None]
@@ -108,18 +110,18 @@ def summary_cards(dataset: xr.Dataset, summary: Mapping[str, Any]) -> "Markup":
 
 
 def cards_html(cards: Sequence[tuple[str, str, str, str]]) -> "Markup":
-    """Cards as HTML: heading, value, unit and note."""
+    """Return cards as HTML, each given as heading, value, unit and note."""
     columns = len(cards) if len(cards) <= _CARDS_PER_ROW else -(-len(cards) // 2)  # two rows of almost equal length
     return render("cards.html", cards=cards, columns=columns)
 
 
 def margins_list(margins: Sequence[Margin]) -> "Markup":
-    """A bar for the utilization of each requirement and limit, the tightest first."""
+    """Return a list of bars as HTML: the utilization of each requirement and limit, in the given order."""
     return render("margins.html", margins=[_margin_row(margin) for margin in margins])
 
 
 def aircraft_table(fleet: Sequence[Mapping[str, Any]]) -> "Markup":
-    """Table of the aircraft of a summary; older summaries do not have the column with the type of path."""
+    """Return the table of a summary's aircraft as HTML; older summaries lack the column with the type of path."""
     has_paths = all(aircraft.get("path") is not None for aircraft in fleet)
     return render("aircraft.html", fleet=fleet, columns=_COLUMNS, has_paths=has_paths)
 
@@ -138,11 +140,11 @@ _COLUMNS = [
         ("tables_left_s", "Outside tables", "s", 2),
     )
 ]
-"""Columns of numbers in the table of the aircraft; the keys are those of an aircraft's summary."""
+"""Columns of numbers in the table of the aircraft; each key is a key of an aircraft's entry in the summary."""
 
 
 def _margin_row(margin: Margin) -> dict[str, Any]:
-    """Texts of a margin for the templates."""
+    """Return the texts of a margin for the template."""
     utilization = margin.utilization
     is_near = margin.after_arrival or (margin.is_met and utilization is not None and utilization > 0.9)
     unit = f" {margin.unit}" if margin.unit not in ("", "°") else margin.unit
@@ -166,7 +168,7 @@ def _percent(share: float | None) -> str:
 
 
 def _significant(value: float) -> str:
-    """Format with three significant digits."""
+    """Format with three significant digits; integers from 1000 on, at most five decimals."""
     if not np.isfinite(value) or abs(value) >= 1000:
         return format_number(value, 0)
     return format_number(value, max(0, min(5, 2 - int(np.floor(np.log10(max(abs(value), 1e-4)))))))

@@ -36,6 +36,8 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
     ----------
     dataset, summary
         The flight: contents of `flight.nc` and `summary.json`.
+    path
+        File to write.
     overwrite
         Whether an existing file may be replaced.
 
@@ -51,19 +53,24 @@ def write_report(dataset: xr.Dataset, summary: Mapping[str, Any], path: Path, *,
 
 
 def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = False) -> None:
-    """Write the report of two flights side by side, over a common time, with equal axes.
+    """Write the report of two flights side by side, over a common time, with equal axes, as one HTML page.
 
     Parameters
     ----------
     runs
         Two runs: name on the page, dataset, summary.
-    path, overwrite
-        As in `write_report`.
+    path
+        File to write.
+    overwrite
+        Whether an existing file may be replaced.
 
     Raises
     ------
-    FileExistsError, ValueError
-        As in `write_report`; ValueError also if `runs` does not have two entries.
+    FileExistsError
+        If `path` exists and `overwrite` is false.
+    ValueError
+        If `runs` does not have two entries, a dataset lacks a variable, or a dataset and its summary belong to
+        different flights.
     """
     if len(runs) != 2:
         raise ValueError(f"two runs stand side by side, not {len(runs)}")

@@ -1,4 +1,4 @@
-"""Sheet for a figure of a flight: width, title, legend, and the styles that distinguish the aircraft."""
+"""The common frame of a flight's figures: width, title, legend, and the line styles that distinguish the aircraft."""
 
 import functools
 import textwrap
@@ -81,14 +81,22 @@ class FigureFormat:
 
 
 class FlightSheet:
-    """A flight and the format of its figures."""
+    """A flight, and the format in which its figures are drawn; gives figures their size, line styles, legend and title.
+
+    Parameters
+    ----------
+    dataset
+        The flight, dimensions (time, aircraft).
+    figure_format
+        Width and title of the figures.
+    """
 
     def __init__(self, dataset: xr.Dataset, figure_format: FigureFormat) -> None:
         self.dataset, self.figure_format = dataset, figure_format
 
     @classmethod
     def with_default_format(cls, dataset: xr.Dataset) -> "FlightSheet":
-        """Sheet of the default format."""
+        """Return the sheet of a flight in the default format."""
         return cls(dataset, FigureFormat())
 
     @property
@@ -98,7 +106,7 @@ class FlightSheet:
 
     @property
     def has_few_aircraft(self) -> bool:
-        """Whether the fleet is small enough for markers and a legend; otherwise names stand at the line ends."""
+        """Whether the fleet is small enough for markers and a legend; in larger fleets names stand at the line ends."""
         return self.count <= _FEW_AIRCRAFT_MAX
 
     @property
@@ -108,12 +116,12 @@ class FlightSheet:
 
     @functools.cached_property
     def scenario(self) -> dict[str, Any]:
-        """The flight's scenario; empty if the dataset does not carry a scenario."""
+        """Scenario of the flight; empty if the dataset does not carry one."""
         return recorded_scenario(self.dataset)
 
     @functools.cached_property
     def line_styles(self) -> list[LineStyle]:
-        """Line styles of the aircraft with a finite initial position."""
+        """Line styles of the aircraft whose initial position is finite."""
         return aircraft_line_styles(self.dataset)
 
     @functools.cached_property
@@ -123,12 +131,12 @@ class FlightSheet:
 
     @functools.cached_property
     def arrival_index(self) -> np.ndarray:
-        """Index of the last time before each aircraft's hold, or of the last time of the flight without a hold."""
+        """Index of the last time before each aircraft's hold, shape (aircraft,); without a hold, of the last time."""
         is_holding = self.dataset["phase"].values >= HOLD
         return np.where(is_holding.any(axis=0), np.maximum(is_holding.argmax(axis=0), 1), is_holding.shape[0]) - 1
 
     def until_arrival(self, name: str, line_style: LineStyle) -> np.ndarray:
-        """A variable of one aircraft up to the arrival, shape (samples,)."""
+        """Return a variable of one aircraft up to its arrival, shape (samples,)."""
         return (
             self.dataset[name]
             .values[: int(self.arrival_index[line_style.index]) + 1, line_style.index]
@@ -136,7 +144,7 @@ class FlightSheet:
         )
 
     def goal_name(self, line_style: LineStyle) -> str:
-        """Name of an aircraft's initial goal; a name made from the aircraft's if the record carries no scenario."""
+        """Return the name of an aircraft's initial goal; without a scenario, a name made from the aircraft's."""
         aircraft_tables = self.scenario.get("aircraft", [])
         return (
             str(aircraft_tables[line_style.index]["goal"])
@@ -145,28 +153,31 @@ class FlightSheet:
         )
 
     def name(self, index: int) -> str:
-        """Name of an aircraft, escaped for matplotlib."""
+        """Return the name of an aircraft, escaped for matplotlib."""
         return escape_mathtext(self.dataset["aircraft"].values[index])
 
     def label(self, line_style: LineStyle) -> str:
-        """Short name of an aircraft, escaped for matplotlib."""
+        """Return the short name of an aircraft, escaped for matplotlib."""
         return escape_mathtext(line_style.label)
 
     def line_properties(self, line_style: LineStyle) -> dict[str, Any]:
-        """Properties of an aircraft's line: colour, with markers in a small fleet, with dashes in a large one."""
+        """Return matplotlib properties of an aircraft's line: colour; markers in a small, dashes in a large fleet."""
         if self.has_few_aircraft:
             return marker_style(line_style.index) | {"linewidth": 1.5}
         return line_style.properties
 
     def reference_properties(self) -> dict[str, Any]:
-        """Properties of lines of planned or commanded values; beneath the aircraft's lines in a large fleet."""
+        """Return matplotlib properties of lines of planned or commanded values.
+
+        In a large fleet these lines lie beneath the aircraft's lines.
+        """
         if self.has_few_aircraft:
             return {"color": INK, "linestyle": DASHED, "linewidth": 0.8, "zorder": 3}
         return {"color": "#c9ced4", "linestyle": "solid", "linewidth": 2.0, "zorder": 1}
 
     @property
     def reference_text(self) -> str:
-        """Description of the lines of planned or commanded values."""
+        """Description of how planned or commanded values are drawn, for a note."""
         return "dashed" if self.has_few_aircraft else "grey"
 
     @functools.cached_property
@@ -176,22 +187,22 @@ class FlightSheet:
         return max(height, minimum_panel_height(self.count) + 0.1) if self.has_line_names else height
 
     def figure(self, height: float) -> "Figure":
-        """New figure of the given height (inches), without the height of legend, title and note."""
+        """Return a new figure; `height`, inches, is without legend, title and note."""
         return new_figure((self.figure_format.width, height))[1]
 
     def panels(self, count: int) -> tuple["Figure", list["Axes"]]:
-        """New figure of panels below one another with a common time axis."""
+        """Return a new figure, and `count` panels below one another with a common time axis."""
         figure = self.figure(_TIME_AXIS_HEIGHT + count * (self.panel_height + _PANEL_GAP))
         panels = list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
         panels[-1].set_xlabel("Time $t$ (s)")
         return figure, panels
 
     def label_capacity(self, height: float) -> int:
-        """Number of letters of an axis label beside a panel of the given height, inches."""
+        """Return how many letters of an axis label fit beside a panel of the given height, inches."""
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":
-        """Add legend, title and note to a figure.
+        """Add legend, title and note to a figure and return it.
 
         Parameters
         ----------
@@ -227,7 +238,7 @@ class FlightSheet:
         return figure
 
     def _lines(self, heading: str, points: float, indentation: float) -> list[str]:
-        """Wrap a text to the width of the figure less an indentation (inches)."""
+        """Return a text wrapped to the width of the figure less an indentation (inches); `points` is the font size."""
         return textwrap.wrap(heading, int((self.figure_format.width - indentation) * 72.0 / (points * _LETTER_WIDTH)))
 
     @property

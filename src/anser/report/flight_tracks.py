@@ -1,4 +1,4 @@
-"""Tracks over ground up to the arrivals: actual and planned tracks, tracks of the goals, rendezvous points."""
+"""Map of a flight up to the arrivals: flown and planned tracks, tracks of the goals, rendezvous points."""
 
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,7 @@ _DEFAULT_WIDTH = 6.5  # inches; labels are relatively larger in a narrower figur
 
 
 def draw_tracks(sheet: FlightSheet) -> "Figure":
-    """Draw the map, east to the right."""
+    """Draw the map of a flight, east to the right and north up."""
     extent, height = _extent(sheet)
     figure = sheet.figure(0.3 + height * sheet.figure_format.width)
     axes = figure.subplots()
@@ -60,7 +60,7 @@ _AXES = ("east", "north")
 
 
 def _extent(sheet: FlightSheet) -> tuple[float, float]:
-    """Greatest extent of the tracks, m, and height of the map relative to its width."""
+    """Return the greatest extent of the tracks, m, and the height of the map relative to its width."""
     extent_east, extent_north = (
         float(
             np.ptp(
@@ -166,18 +166,21 @@ def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int
 
 
 def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
-    """Whether the recorded goal jumps to a new goal, at each time up to the arrival."""
+    """Return whether the recorded goal has jumped to a new goal, at each time up to the arrival; shape (samples,)."""
     goal_track = [sheet.until_arrival(f"goal_{axis}_m", line_style) for axis in _AXES]
     steps = np.hypot(*(np.diff(part, prepend=part[0]) for part in goal_track))
     return steps > _GOAL_SPEED_MAX_M_S * np.diff(sheet.time[: steps.size], prepend=-np.inf)
 
 
 def _position(sheet: FlightSheet, prefix: str, line_style: LineStyle, factor: float, sample: int) -> np.ndarray:
-    """East and north position of an aircraft, its goal or its rendezvous; sample -1 is the arrival."""
+    """Return the east and north position of an aircraft, its goal or its rendezvous, by the prefix of the variables.
+
+    `factor` converts from m; sample -1 is the arrival.
+    """
     return factor * np.array([sheet.until_arrival(f"{prefix}{axis}_m", line_style)[sample] for axis in _AXES])
 
 
 def _round_up(value: float) -> float:
-    """Smallest number of the series 1, 2, 5, 10, 20, ... that is not below the value."""
+    """Return the smallest number of the series 1, 2, 5, 10, 20, ... that is not below the value."""
     scale = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
     return float(next(step for step in (scale, 2 * scale, 5 * scale, 10 * scale) if step >= value))

@@ -1,6 +1,6 @@
 """Labels of figures and pages.
 
-Names, symbols and units of variables, limit lines with values, names at positions on a map and at the ends of lines.
+Names, symbols and units of variables; limit lines with values; names on a map and at the ends of lines.
 """
 
 import html
@@ -28,17 +28,17 @@ _PRINTED_UNITS = {
     "1": "",
 }
 _LINE_LENGTH, _SYMBOL_LENGTH = 26, 8
-"""Characters of a label before it goes on in another line; those that a symbol with its unit takes of them."""
+"""Characters per line of a label, and how many of them are reserved for a symbol with its unit."""
 _KILOMETRES_FROM_M = 10_000.0
 
 
 def printed_unit(unit: str) -> str:
-    """Unit as printed; empty for a number without a unit."""
+    """Return the unit as printed, from its name in datasets; empty for a number without a unit."""
     return _PRINTED_UNITS.get(unit, unit)
 
 
 def html_label(values: xr.DataArray) -> dict[str, str]:
-    """Label of a variable: long name (`words`), `unit` as text, and `symbol` as HTML with a subscript.
+    """Return the label of a variable: `words` (long name), `unit` as text, and `symbol` as HTML with a subscript.
 
     Parameters
     ----------
@@ -56,7 +56,10 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 def axis_label(
     values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Axis label: name, symbol and unit of a variable, wrapped; by default the variable's long name and unit."""
+    """Return an axis label, wrapped to `length` characters: name, symbol and unit of a variable.
+
+    By default the name is the variable's long name, and the unit that of its attributes.
+    """
     lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
     printed = display_unit(values) if unit is None else unit
     symbol = math_symbol(values) + (f" ({printed})" if printed else "")
@@ -66,30 +69,30 @@ def axis_label(
 
 
 def axis_scale(values: xr.DataArray, magnitude: float) -> tuple[float, str]:
-    """Scale factor and unit of an axis up to `magnitude`: kilometres instead of metres from five digits on."""
+    """Return the factor and unit of an axis for values up to `magnitude`: km instead of m from 10,000 m on."""
     if str(values.attrs["units"]) == "m" and magnitude >= _KILOMETRES_FROM_M:
         return 1e-3, "km"
     return 1.0, display_unit(values)
 
 
 def math_symbol(values: xr.DataArray) -> str:
-    """Symbol of a variable in matplotlib's mathtext; the part after an underscore becomes a subscript."""
+    """Return the symbol of a variable for matplotlib; the part after an underscore becomes a subscript."""
     base, _, subscript = str(values.attrs["symbol"]).partition("_")
     return f"${base}_{{{subscript}}}$" if subscript else f"${base}$"
 
 
 def display_unit(values: xr.DataArray) -> str:
-    """Unit of a variable as printed; empty for a number without a unit."""
+    """Return the unit of a variable as printed; empty for a number without a unit."""
     return printed_unit(str(values.attrs["units"]))
 
 
 def aircraft_title(dataset: xr.Dataset) -> str:
-    """Aircraft and, if given, variant of a survey."""
+    """Return the name of a survey's aircraft, with its variant if the survey has one."""
     return " ".join(str(dataset.attrs[key]) for key in ("aircraft", "variant") if key in dataset.attrs)
 
 
 def escape_mathtext(text: object) -> str:
-    """Escape text from files, so that matplotlib does not read it as mathematics."""
+    """Return text from a file, escaped so that matplotlib does not read it as a formula."""
     return str(text).replace("$", r"\$")
 
 
@@ -102,7 +105,7 @@ _OWNERS_MAX = 3  # greatest number of aircraft that are listed
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of one or more aircraft.
+    """A limit of one or more aircraft, to be drawn as a line in a panel.
 
     Attributes
     ----------
@@ -120,7 +123,7 @@ class Limit:
 
 
 def format_owners(names: Sequence[str], fleet_size: int) -> str:
-    """List the aircraft concerned; empty if the whole fleet is."""
+    """Return the names of the aircraft that a limit concerns; empty if it concerns the whole fleet."""
     if len(names) == fleet_size:
         return ""
     if len(names) <= _OWNERS_MAX:
@@ -152,14 +155,20 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 
 
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
-    """Draw limits, nearest first, and extend the axis while the data keep some height; return the limits left out.
+    """Draw limits, nearest first, and extend the axis to them while the data keep enough height.
 
     Parameters
     ----------
     axes
         Axes with a linear scale, limited to the data.
+    limits
+        Limits to draw.
     data_range
         Least and greatest value of the data in the panel.
+
+    Returns
+    -------
+    The limits that are too far away and were not drawn.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
@@ -189,7 +198,7 @@ def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, 
 NAMES_MAX = 40
 """Greatest number of names in a figure; with more aircraft, no names are written."""
 MARKER_SIZE = 0.6
-"""Size of a marker, relative to a label."""
+"""Size of a marker on a map, relative to the size of a label."""
 _OFFSET, _SLANT = 9.0, 0.3  # points; least sine for an alignment to a side
 _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 
@@ -197,7 +206,7 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 def annotate_position(
     axes: "Axes", label: str, position: tuple[float, float], towards: tuple[float, float], color: str, points: float
 ) -> None:
-    """Write a label of the given font size beside a position, on the side of the unit vector `towards`."""
+    """Write a label beside a position, on the side of the unit vector `towards`; `points` is the font size."""
     side, up = towards
     axes.annotate(
         label,
@@ -214,7 +223,7 @@ def annotate_position(
 
 
 def unit_vector(vector: np.ndarray) -> tuple[float, float]:
-    """Direction of a vector in the plane; (0, 0) for the zero vector."""
+    """Return the unit vector in the direction of a vector in the plane; (0, 0) for the zero vector."""
     x, y = vector / max(float(np.hypot(*vector)), 1e-12)
     return float(x), float(y)
 
@@ -222,9 +231,21 @@ def unit_vector(vector: np.ndarray) -> tuple[float, float]:
 def clear_direction(
     position: np.ndarray, towards: tuple[float, float], extent: float, occupied: list[tuple[np.ndarray, float]]
 ) -> tuple[float, float]:
-    """Direction for a label: `towards`, or the nearest direction in which the label overlaps no occupied area.
+    """Return the direction from a position in which a label is written, a unit vector.
 
-    Occupied areas are centres with their sizes relative to a label; the chosen label is added to the list.
+    It is `towards`, or else the nearest of eight directions in which the label overlaps nothing; `towards` if none is
+    clear.
+
+    Parameters
+    ----------
+    position
+        Position on the map, in its unit.
+    towards
+        Preferred direction, a unit vector.
+    extent
+        Greatest extent of the map, in its unit.
+    occupied
+        Areas that the label must not overlap, as (centre, size relative to a label); the chosen label is added.
     """
     azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
@@ -249,7 +270,7 @@ _APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 
 @dataclass(frozen=True)
 class LineEnd:
-    """End of a line, and the name written at the end.
+    """End of a line in a panel, and the name to be written there.
 
     Attributes
     ----------
@@ -271,7 +292,7 @@ class LineEnd:
 
 
 def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyle) -> LineEnd:
-    """End of a line of samples, possibly with gaps."""
+    """Return the end of a line: its last finite sample, and the mean height of its last part."""
     finite = np.flatnonzero(np.isfinite(y))
     if finite.size == 0:
         return LineEnd(float(x[-1]), np.nan, np.nan, label, line_style)
@@ -285,7 +306,7 @@ def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyl
 
 
 def minimum_panel_height(count: int) -> float:
-    """Least height of a panel, inches, with room for the given number of names."""
+    """Return the least height of a panel, inches, beside which `count` names have room."""
     return count * END_FONT_SIZE * _LINE_PITCH / 72.0
 
 
@@ -333,7 +354,7 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Positions from 0 to 1 with a least gap, nearest to the target positions in the least-squares sense.
+    """Return positions from 0 to 1 with a least gap, nearest to the target positions in the least-squares sense.
 
     Parameters
     ----------

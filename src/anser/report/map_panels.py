@@ -1,4 +1,4 @@
-"""Panels over Mach number and altitude, a row for each steady flight condition of a survey."""
+"""Panels over Mach number and altitude, one row for each steady flight condition of a survey."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ EMPTY_COLOR = "#e6e6e6"
 def map_panels(
     dataset: xr.Dataset, columns: int, width: float, title: str, notes: Sequence[str]
 ) -> tuple["Figure", np.ndarray, np.ndarray]:
-    """New figure with a row of panels for each condition, and axes for a colour bar below each column.
+    """Return a new figure with a row of panels for each condition, and axes for a colour bar below each column.
 
     Parameters
     ----------
@@ -69,14 +69,20 @@ def draw_column(
     extend: str | None = None,
     **style: Any,
 ) -> None:
-    """Draw a quantity (condition, altitude, mach) for every condition, with a colour bar below."""
+    """Draw a quantity in one column of panels, one panel for each condition, with a colour bar below.
+
+    `values` has the shape (condition, altitude, mach).
+    """
     for axes, cells in zip(panels, values, strict=True):
         draw_cells(axes, dataset, cells, **style)
     figure.colorbar(panels[0].collections[0], cax=colorbar_axes, orientation="horizontal", label=label, extend=extend)
 
 
 def draw_cells(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: Any) -> None:
-    """Draw coloured cells around the grid points; a cell without a finite value stays empty."""
+    """Draw a coloured cell around each grid point; a cell without a finite value stays empty.
+
+    `values` has the shape (altitude, mach).
+    """
     finite_values = np.ma.masked_invalid(values)
     mach, altitude = _edges(dataset["mach"].values), _edges(dataset["altitude"].values / 1000.0)
     axes.pcolormesh(mach, altitude, finite_values, linewidth=0.2, edgecolors="white", **style)
@@ -85,7 +91,7 @@ def draw_cells(axes: "Axes", dataset: xr.Dataset, values: np.ndarray, **style: A
 
 
 def draw_marks(axes: "Axes", dataset: xr.Dataset, mask: np.ndarray, **style: Any) -> None:
-    """Mark the selected grid points."""
+    """Draw a mark at each grid point selected by a mask (altitude, mach)."""
     altitude, mach = np.nonzero(mask)
     axes.scatter(dataset["mach"].values[mach], dataset["altitude"].values[altitude] / 1000.0, **style)
 

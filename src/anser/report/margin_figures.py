@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 BODE_SUFFIXES = FIGURE_SUFFIXES
 """File formats of a Bode diagram."""
 _AUTOPILOT_LOOPS = {"Body rates": ("P", "Q", "R"), "Attitude": ("mu", "alpha")}
-"""Loops of the autopilot by group; the remaining loops run through an actuator or the engine."""
+"""Loops of the autopilot by group; all other loops are opened at an actuator or the engine."""
 _ENGINE = "throttle"
 _SYMBOLS = {"P": "$P$", "Q": "$Q$", "R": "$R$", "mu": r"$\mu$", "alpha": r"$\alpha$"}
 _GAIN_RANGE_DB, _PHASE_RANGE_DEG = (-50.0, 50.0), (-360.0, 0.0)
@@ -70,7 +70,7 @@ def draw_bode(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_margin_maps(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the margins over the envelope into SVG and PNG files `actuators` and `loops`; return the paths.
+    """Draw the stability margins over the envelope into SVG and PNG files `actuators` and `loops`; return the paths.
 
     Parameters
     ----------
@@ -122,7 +122,10 @@ def _bode(gain: "Axes", phase: "Axes", dataset: xr.Dataset, names: Sequence[str]
 
 
 def _nyquist(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Draw the frequency response near -1, and the region whose corners are the required margins."""
+    """Draw the frequency responses near -1, and the forbidden diamond around -1.
+
+    The corners of the diamond are the required gain and phase margins.
+    """
     angles = np.linspace(0, 2 * np.pi, 181)
     axes.plot(np.cos(angles), np.sin(angles), color=_LINE, lw=0.6)
     factor, angle = 10 ** (dataset.attrs["gain_min_db"] / 20), np.radians(dataset.attrs["phase_min_deg"])
@@ -213,7 +216,7 @@ def _notes(dataset: xr.Dataset, first_line: str) -> tuple[str, str]:
 
 
 def _scale(low: float, high: float) -> dict[str, Any]:
-    """Colour scale of a margin; values beyond the scale, infinity included, take the colour at the end."""
+    """Return the colour scale of a margin; values beyond it, infinity included, take the colour at its end."""
     return {"extend": "max", "cmap": "viridis", "vmin": low, "vmax": high}
 
 

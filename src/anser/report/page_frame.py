@@ -1,4 +1,4 @@
-"""Report pages: self-contained files with their styles, scripts and data."""
+"""Writing of report pages as self-contained files, with their styles, scripts and data."""
 
 import base64
 import hashlib
@@ -22,7 +22,7 @@ def render_page(
     data: tuple[str, Any],
     **values: Any,
 ) -> str:
-    """Render a page from a template that extends `page.html`.
+    """Return the HTML of a page, from a template that extends `page.html`.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def render_page(
 
 
 def write_page(text: str, path: Path, *, overwrite: bool) -> None:
-    """Write a page atomically: an earlier page remains until the new one is complete.
+    """Write a page to a file; an earlier file remains until the new one is complete.
 
     Raises
     ------
@@ -64,16 +64,16 @@ def write_page(text: str, path: Path, *, overwrite: bool) -> None:
 
 
 def read_asset(name: str) -> str:
-    """Text of a style or script of this package."""
+    """Return the text of a style or script file of this package."""
     return files("anser.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
 
 
 def script_json(data: Any) -> str:
-    """JSON that is safe inside a script element: the text cannot end the element or start another."""
+    """Return data as JSON that is safe inside a script element: no text in it can end the element or start another."""
     text = json.dumps(data, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _script_hash(script: str) -> str:
-    """Hash of a script for the content security policy; the browser runs no script without a listed hash."""
+    """Return the hash of a script for the content security policy: browsers run only scripts with a listed hash."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"

@@ -1,4 +1,4 @@
-"""HTML of report pages from Jinja2 templates; every value is escaped unless it is markup itself."""
+"""HTML of report pages from Jinja2 templates; every inserted value is escaped unless it is itself HTML (`Markup`)."""
 
 import functools
 from typing import TYPE_CHECKING, Any
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
 
 MISSING = "–"
-"""Text of a missing number."""
+"""Text shown in place of a missing number."""
 
 
 def format_number(value: float | None, digits: int) -> str:
-    """Number with a fixed number of decimals and thousands separators; a dash for None."""
+    """Format a number with a fixed number of decimals and thousands separators; a dash for None."""
     if value is None or not np.isfinite(value):
         return MISSING
     return f"{value:,.{digits}f}".replace("-", "−")
 
 
 def render(template: str, **values: Any) -> "Markup":
-    """Render a template of this package; the result is markup, which other templates do not escape again."""
+    """Return the HTML of a template of this package, marked so that other templates do not escape it again."""
     from markupsafe import Markup
 
     return Markup(_environment().get_template(template).render(values))

@@ -51,13 +51,16 @@ _TIME_LENGTH = 9
 
 
 def marker_period(dataset: xr.Dataset) -> float:
-    """Time between the dots on a path, s."""
+    """Return the time between the dots on a path, s."""
     times = dataset["time"].values
     return next((step for step in _STEPS_S if (times[-1] - times[0]) / step <= _MARKERS_PER_PATH_MAX), _STEPS_S[-1])
 
 
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
-    """Names of the closest pair by the measure "distance" or "separation"; None for a single aircraft."""
+    """Return the names of the closest pair of aircraft over the plan; None for a single aircraft.
+
+    `measure` is "distance" (in space) or "separation" (relative to the required separation).
+    """
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
         return None
@@ -66,7 +69,7 @@ def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | N
 
 
 def draw_plan_map(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the plan over east and north, in equal scales."""
+    """Draw the plan on a map, east to the right and north up, in equal scales."""
     for name, set_label in (("east_m", axes.set_xlabel), ("north_m", axes.set_ylabel)):
         set_label(f"{dataset[name].attrs['long_name']} (km)")
     _draw_keep_outs(axes, dataset)
@@ -81,7 +84,7 @@ def draw_plan_map(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle
 
 
 def _widen_for_names(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Widen the map on both sides by the length of the longest name."""
+    """Widen the map to the left and right by the length of the longest name."""
     if len(line_styles) > NAMES_MAX:
         return
     longest_name = max(len(line_style.label) for line_style in line_styles) + (
@@ -161,7 +164,10 @@ def _draw_goals(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle])
 
 
 def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[float, float]:
-    """Direction of a goal's motion, or, for a goal at rest, of the arriving aircraft: a unit vector (east, north)."""
+    """Return the direction of a goal's motion as a unit vector (east, north).
+
+    For a goal at rest, it is the direction of the arriving aircraft.
+    """
     extents = [float(np.ptp(dataset[f"goal_{axis}_m"].values[finite, k])) for axis in ("east", "north")]
     prefix = "goal_" if max(extents) > 1.0 else ""
     steps = [np.diff(dataset[f"{prefix}{axis}_m"].values[finite[-2:], k])[-1] for axis in ("east", "north")]
@@ -169,7 +175,7 @@ def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[fl
 
 
 def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.ndarray:
-    """Last finite position of an aircraft or goal, m."""
+    """Return the last finite position of aircraft or goal number `k`, m; `names` are its two variables."""
     last_sample = np.flatnonzero(np.isfinite(dataset[names[0]].values[:, k]))[-1]
     return np.array([dataset[name].values[last_sample, k] for name in names])
 
@@ -272,7 +278,10 @@ def draw_plan_variable(
     limits: tuple[str, ...],
     both_signs: bool,
 ) -> None:
-    """Draw one variable of all aircraft with its limits; `limits` are names without the prefix `limit_`."""
+    """Draw one variable of all aircraft over time, with its limits.
+
+    `limits` are names without the prefix `limit_`; with `both_signs` a limit is also drawn at its opposite value.
+    """
     _draw_lines(axes, dataset, line_styles, name)
     values = [float(value) for limit in limits for value in np.unique(dataset[f"limit_{limit}"].values)]
     for value in [
@@ -283,7 +292,7 @@ def draw_plan_variable(
 
 
 def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw the altitudes, the lowest allowed altitude and the ceiling; a ceiling far above is only written as text."""
+    """Draw the altitudes, the lowest allowed altitude and the ceiling; a ceiling far above is only stated as text."""
     _draw_lines(axes, dataset, line_styles, "altitude_m")
     floor, ceiling = (float(dataset[f"limit_altitude_{end}_m"].values[0]) for end in ("min", "max"))
     altitudes = dataset["altitude_m"].values
@@ -301,7 +310,7 @@ def draw_plan_altitude(axes: "Axes", dataset: xr.Dataset, line_styles: list[Line
 
 
 def draw_plan_separation(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the least separation, or without a required separation the least distance, and name the closest pair."""
+    """Draw the least separation over time, or the least distance if none is required; name the closest pair."""
     attributes = dataset.attrs
     has_separation = "separation_m" in dataset
     measure, name = ("separation", "separation_m") if has_separation else ("distance", "distance_min_m")

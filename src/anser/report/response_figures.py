@@ -1,4 +1,4 @@
-"""Figures of an aircraft's response.
+"""Figures of an aircraft's response to commands.
 
 Step tests of the autopilot's loops, an overview of several step tests, and path tracking of one aircraft.
 """
@@ -43,16 +43,16 @@ _UNCOMMANDED_CHANNELS = {
     "attitude": (_RATES, _PATH, ("airspeed_m_s",)),
     "velocity": (("bank_deg", "alpha_deg"), ("beta_deg",), _RATES),
 }
-"""Channels outside the commanded loop, in three panels."""
+"""Variables outside the commanded loop, by loop, in three panels."""
 _ENGINE = (("throttle",), ("power_percent",))
 
 _TRANSIENT_S = 15.0
-"""Duration shown in the two lower rows of a long test, s; fast responses are over by then."""
+"""Time after which the fast responses are over, s: the two lower rows of a long test show no more than this."""
 
 _SHARED_LABELS = {"degree": "Angle (°)", "degree s-1": "Rate (°/s)"}
 """Axis labels of panels with several variables, by unit."""
 _SPAN_MIN = {"m s-1": 1.0, "degree": 1.0, "degree s-1": 1.0, "percent": 5.0, "1": 0.05}
-"""Least range of a panel's axis by unit, such that a nearly constant variable looks constant."""
+"""Least range of a panel's axis by unit, so that a nearly constant variable looks constant."""
 
 _LEGEND_FONT_SIZE = 6.5  # in panels with several curves
 _LINE_LENGTH = 22
@@ -60,7 +60,7 @@ _LINE_LENGTH = 22
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw one step test: channels of the commanded loop with their commands, other channels, controls.
+    """Draw one step test: the channels of the commanded loop with their commands, other variables, and controls.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
 
 
 def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
-    """Shade the time after the reading, if any."""
+    """Shade the time after the one at which the metrics of the step are read, if the test continues beyond it."""
     reading_s, end = dataset.attrs["read_at_s"], float(dataset["time"].values[-1])
     if end - reading_s < 0.5 * (dataset["time"].values[1] - dataset["time"].values[0]):
         return
@@ -191,18 +191,18 @@ def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
 
 
 def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
-    """Time shown before the step, s."""
+    """Return the time shown before the step, s."""
     return 0.04 * (float(dataset["time"].values[-1]) if end is None else end)
 
 
 def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values, extended by the trim point before the step."""
+    """Return time and values of a variable, extended by its value at the trim point before the step."""
     time = dataset["time"].values
     return np.concatenate([[-_lead(dataset), 0.0], time]), np.concatenate([[initial_value, initial_value], values])
 
 
 def _command(name: str) -> str:
-    """Name of a variable's command: roll_rate_deg_s -> roll_rate_command_deg_s."""
+    """Return the name of the command of a variable: roll_rate_deg_s -> roll_rate_command_deg_s."""
     for suffix in ("_deg_s", "_m_s", "_deg"):
         if name.endswith(suffix):
             return f"{name.removesuffix(suffix)}_command{suffix}"
@@ -210,7 +210,7 @@ def _command(name: str) -> str:
 
 
 def _label(values: xr.DataArray, unit: str = "") -> str:
-    """Long name, symbol and optional unit, wrapped."""
+    """Return long name and symbol of a variable, and a unit if given, wrapped."""
     label = textwrap.fill(str(values.attrs["long_name"]), _LINE_LENGTH) + f" {math_symbol(values)}"
     return f"{label} ({unit})" if unit else label
 

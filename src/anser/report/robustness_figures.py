@@ -1,4 +1,4 @@
-"""Figures of a robustness study: success, remaining errors, and the failures due to each factor alone."""
+"""Figures of a robustness study: success rates, remaining errors, and the failures due to each factor alone."""
 
 import textwrap
 from pathlib import Path
@@ -34,7 +34,7 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 
 
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a study into SVG and PNG files `success`, `errors`, for a sweep `spread` and `alone`; return the paths.
+    """Draw a study into SVG and PNG files `success`, `errors`, and for a sweep `spread` and `alone`; return the paths.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
 
 
 def _single_factors(dataset: xr.Dataset) -> "Figure":
-    """Bars up to the largest change without a failure, the most critical factors at the top.
+    """Draw bars up to the largest change of each factor without a failure, the most critical factors at the top.
 
     Factors without any failure have no bars and are listed below the axis.
     """
@@ -207,7 +207,7 @@ def _draw_bar(axes: "Axes", first_break: FirstBreak, middle: float, height: floa
 
 
 def _factor_label(dataset: xr.Dataset, factor: str) -> str:
-    """Name of a factor, with the meaning of 100 % for a factor of nominal value 0."""
+    """Return the name of a factor; if its nominal value is 0, with the meaning of 100 %."""
     factor_data = dataset.sel(factor=factor)
     scale, unit = float(factor_data["factor_scale"]), str(factor_data["factor_unit"].item())
     name = factor.replace("_", " ")

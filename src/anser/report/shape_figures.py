@@ -1,4 +1,4 @@
-"""Figures of path families: effect of the shape parameters on path, speed, course or path angle, and length."""
+"""Figures of path families of the published planner: how the bends b4 and c4 change path, speed, course and length."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -37,7 +37,9 @@ def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, .
     dataset
         Result of `anser.verification.polynomial_paths`.
     family
-        `b4` or `c4`.
+        Varied bend: `b4` (horizontal) or `c4` (vertical).
+    folder
+        Folder of the files.
     """
     parameter, ordinate, angle, heading = _FAMILIES[family]
 

@@ -1,6 +1,7 @@
 """Style of figures and pages.
 
-Colours distinguishable with colour-blindness, line styles of aircraft, and reproducible figure files.
+Colours distinguishable with colour-blindness, line styles of aircraft, and figure files that are identical when drawn
+again.
 """
 
 import functools
@@ -27,17 +28,17 @@ DARK_COLORS = ("#3D97E0", "#F0772B", "#1FBF90", "#DE93BC", "#EFB530", "#9AD6F7",
 
 
 def color_of(index: int) -> str:
-    """Colour of an aircraft by its index in the fleet; a large fleet repeats the colours."""
+    """Return the colour of an aircraft by its index in the fleet; a large fleet repeats the colours."""
     return COLORS[index % len(COLORS)]
 
 
 def page_color_of(index: int) -> str:
-    """Colour of an aircraft on a page as a CSS variable, defined for a light and a dark background."""
+    """Return the colour of an aircraft on a page, as a CSS variable that has a value for light and dark backgrounds."""
     return f"var(--c{index % len(COLORS)})"
 
 
 def page_colors() -> str:
-    """Style rule with the CSS variables of `page_color_of`."""
+    """Return the style rule that defines the CSS variables of `page_color_of`."""
     pairs = zip(COLORS, DARK_COLORS, strict=True)
     return (
         ":root { " + " ".join(f"--c{k}: light-dark({light}, {dark});" for k, (light, dark) in enumerate(pairs)) + " }"
@@ -50,7 +51,7 @@ FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
 INK, MUTED = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
 DASHED = (0, (4, 2))
-"""Dashes of planned and commanded values."""
+"""Dash pattern of planned and commanded values, for matplotlib."""
 _LINE_DASHES: tuple[Any, ...] = (
     "solid",
     (0, (6, 1.2, 1.2, 1.2)),
@@ -103,16 +104,16 @@ def _matplotlib() -> Any:
 
 
 def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
-    """Matplotlib, and an empty figure of the given size in inches."""
+    """Return the module matplotlib, and an empty figure of the given size in inches."""
     return _matplotlib(), _figure_class()(figsize=size, layout="constrained")
 
 
 @functools.cache
 def _figure_class() -> Any:
-    """Figure class that a notebook displays without pyplot."""
+    """Return a figure class that a notebook displays without pyplot."""
 
     class Drawing(_matplotlib().figure.Figure):
-        """A figure without a window."""
+        """A figure that needs no window."""
 
         def _repr_png_(self) -> bytes:
             content = io.BytesIO()
@@ -123,18 +124,18 @@ def _figure_class() -> Any:
 
 
 def draw_for_print(draw: Callable[[xr.Dataset], "Figure"], dataset: xr.Dataset) -> "Figure":
-    """Draw a figure of a dataset in the print style."""
+    """Return the figure that `draw` makes of a dataset, in the print style."""
     with _matplotlib().rc_context(PRINT_STYLE):
         return draw(dataset)
 
 
 def series_style(index: int) -> dict[str, Any]:
-    """Colour and dashes of a line among several in a panel, distinguishable in greyscale."""
+    """Return colour and dashes of the line with an index in a panel; distinguishable in greyscale."""
     return {"color": color_of(index), "linestyle": _LINE_DASHES[index % len(_LINE_DASHES)]}
 
 
 def marker_style(index: int) -> dict[str, Any]:
-    """Colour and marker of an aircraft by its index; shape and filling alone distinguish 21 aircraft."""
+    """Return colour and marker of an aircraft by its index; markers alone distinguish 21 aircraft."""
     return {
         "color": color_of(index),
         "marker": _MARKERS[index % len(_MARKERS)],
@@ -145,7 +146,10 @@ def marker_style(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
-    """Write a figure to files with suffixes of `FIGURE_SUFFIXES`. Raises FileExistsError without `overwrite`."""
+    """Write a figure to files, whose suffixes (of `FIGURE_SUFFIXES`) give the formats.
+
+    Raises FileExistsError if a file exists and `overwrite` is False.
+    """
     for path in paths:
         content = io.BytesIO()  # in memory: on a full disk, matplotlib would raise misleading errors
         figure.savefig(content, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
@@ -162,7 +166,15 @@ def save_drawings(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw a dataset in a style; write each drawing to a file `NAME` with each suffix and return the paths."""
+    """Draw figures of a dataset into files `NAME` with each suffix; return the paths.
+
+    Parameters
+    ----------
+    drawings
+        Function that draws each figure, by file name without suffix.
+    style
+        Matplotlib style of the figures.
+    """
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
@@ -180,7 +192,17 @@ _PREFIX_MIN = 3
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Index in the dataset, label, colour, dashes and width of an aircraft's line."""
+    """Line style of one aircraft.
+
+    Attributes
+    ----------
+    index
+        Index of the aircraft in the dataset.
+    label
+        Short name of the aircraft.
+    color, dashes, width
+        Colour, dash pattern and width (points) of the line.
+    """
 
     index: int
     label: str
@@ -190,12 +212,12 @@ class LineStyle:
 
     @property
     def properties(self) -> dict[str, Any]:
-        """Line properties for matplotlib."""
+        """Return the line properties for matplotlib."""
         return {"color": self.color, "linestyle": self.dashes, "linewidth": self.width}
 
 
 def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
-    """Line styles of the aircraft with a finite initial position."""
+    """Return the line styles of the aircraft whose initial position is finite."""
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
     width = 1.5 if len(names) <= _SMALL_FLEET_MAX else 1.0 if len(names) <= 3 * _SMALL_FLEET_MAX else 0.6
     return [
@@ -206,7 +228,7 @@ def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
 
 
 def shared_prefix(dataset: xr.Dataset) -> str:
-    """Common start of the names in a large fleet, left out of labels; empty for a small fleet."""
+    """Return the common start of the aircraft names in a large fleet, which labels omit; empty for a small fleet."""
     names = [str(name) for name in dataset["aircraft"].values]
     if len(names) <= _SMALL_FLEET_MAX:
         return ""
@@ -216,7 +238,7 @@ def shared_prefix(dataset: xr.Dataset) -> str:
 
 
 def _common_start(names: list[str]) -> str:
-    """Common start of the names: that of the alphabetically first and last name."""
+    """Return the common start of the names, which is that of the alphabetically first and last name."""
     lowest, highest = min(names), max(names)
     differ = (
         k for k, (low_letter, high_letter) in enumerate(zip(lowest, highest, strict=False)) if low_letter != high_letter

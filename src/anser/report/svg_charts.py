@@ -22,7 +22,7 @@ _ARRIVAL_HEIGHT, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
 def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
-    """Chart of the arrival errors of a `summary.json`: early to the left, late to the right.
+    """Return a chart of the arrival errors in a `summary.json`: early to the left, late to the right.
 
     Empty if fewer than two aircraft have an arrival and a planned arrival.
     """
@@ -62,7 +62,7 @@ def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
 
 
 def _scale(low: float, high: float, x_low: float, x_high: float) -> Callable[[float], float]:
-    """Linear map from values between `low` and `high` to a horizontal position."""
+    """Return the linear function from values between `low` and `high` to horizontal positions `x_low` to `x_high`."""
     return lambda value: x_low + (value - low) / (high - low) * (x_high - x_low)
 
 
@@ -75,7 +75,7 @@ def _shortened(name: str, length: int) -> str:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Three to eight round numbers that span `low` to `high` and include 0."""
+    """Return three to eight round numbers that span `low` to `high` and include 0."""
     reach = max(high - low, 1e-9)
     size = 10.0 ** np.floor(np.log10(reach))
     step = next(size * m for m in (0.2, 0.25, 0.5, 1.0, 2.0, 5.0) if reach / (size * m) <= 5.5)
@@ -93,7 +93,7 @@ _RANK_BARS, _SOBOL_BARS = (("rank", 9, 0),), (("total", 15, 5), ("first", 6, 0))
 
 
 def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Markup | str":
-    """Chart of the influences on one output, the greatest first; empty without influences.
+    """Return a chart of the influences of the inputs on one output, the greatest first; empty without influences.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ def _influence_text(measures: Mapping[str, Mapping[str, Any]]) -> str:
 def _influence_bar(
     influence: Mapping[str, Any], x: Callable[[float], float], height: int, color_index: int
 ) -> dict[str, Any]:
-    """Bar from 0 to the value, and the ends of the confidence interval."""
+    """Return the template values of a bar from 0 to the influence's value, and of its confidence interval."""
     start, stop = sorted((x(0.0), x(influence["value"])))
     interval = {"low": x(influence["low"]), "high": x(influence["high"])}
     return {"start": start, "width": max(stop - start, 0.8), "height": height, "color_index": color_index, **interval}
@@ -159,7 +159,7 @@ _PAIRS_MAX = 45
 
 
 def recorded_network(dataset: xr.Dataset) -> dict[str, Any]:
-    """Network data carried by the dataset; empty if missing or unreadable."""
+    """Return the network summary that a dataset carries as JSON; empty if missing or unreadable."""
     try:
         network = json.loads(dataset.attrs.get("network", "{}"))
     except (TypeError, ValueError):
@@ -168,13 +168,13 @@ def recorded_network(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def pair_links(dataset: xr.Dataset) -> dict[tuple[str, str], np.ndarray]:
-    """For each pair of aircraft, whether the second was heard by the first at each recorded time."""
+    """Return for each pair of aircraft names (receiver, sender) whether the sender was heard, at each recorded time."""
     names, heard = [str(name) for name in dataset["aircraft"].values], dataset["heard_from"].values
     return {(names[i], names[k]): (heard[:, i] >> k) & 1 == 1 for i, k in combinations(range(len(names)), 2)}
 
 
 def links_strip(dataset: xr.Dataset) -> "Markup | str":
-    """Chart of the links between each pair of aircraft, with the quality of service over time below.
+    """Return a chart of the links between each pair of aircraft, with the quality of service over time below.
 
     Empty for a fleet with a central planner.
     """
@@ -210,7 +210,7 @@ def links_strip(dataset: xr.Dataset) -> "Markup | str":
 
 
 def _quality(series: Mapping[str, Any] | None, top: float, x: Callable[[float], float]) -> dict[str, Any] | None:
-    """Curve of the quality of service below the links; None if not recorded."""
+    """Return the template values of the curve of the quality of service; None if not recorded."""
     if not series:
         return None
 

@@ -1,4 +1,4 @@
-"""Verification page: Markdown with plots of the errors, from the document that `anser verify --json` prints.
+"""Verification page: a Markdown file with plots of the errors, made from the output of `anser verify --json`.
 
 `python -m anser.report.verification_page DOCUMENT.json FOLDER` writes FOLDER/verification.md and a plot of each check
 with a time history into FOLDER/verification/, replacing earlier files.
@@ -21,26 +21,26 @@ _PANELS = (
     ("Forces and moments", ("aero_",)),
     ("Air and gravity", ("",)),
 )
-"""Panels and the prefixes of their quantities; the last panel takes the remaining quantities."""
+"""Panels of a plot, each with the prefixes of the names of its quantities; the last takes all remaining quantities."""
 
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#7f7f7f")
 """Colours of Okabe and Ito, distinguishable with colour-blindness."""
 
 
 def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
-    """Draw the errors of every quantity of a check over time, divided by the tolerances.
+    """Draw the errors of every quantity of a check over time, divided by their tolerances.
 
     Parameters
     ----------
     check
-        A check of the document that `anser verify --json` prints.
+        A check in the document that `anser verify --json` prints.
     path
         SVG file to write.
 
     Returns
     -------
     bool
-        Whether a plot was written; a plot needs published figures at two times or more.
+        Whether a plot was written; a plot needs published values at two times or more.
     """
     timed = [c for c in check["comparisons"] if c["time_s"] is not None and c["tolerance"] and c["error"] is not None]
     if len({c["time_s"] for c in timed}) < 2:
@@ -85,7 +85,7 @@ def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
 def _sorted_panels(
     comparisons: Sequence[Mapping[str, Any]],
 ) -> list[tuple[str, dict[str, list[Mapping[str, Any]]]]]:
-    """Comparisons by quantity for each panel, with the panel's name."""
+    """Return the name of each panel, and its comparisons by quantity."""
     panels: list[tuple[str, dict[str, list[Mapping[str, Any]]]]] = [(name, {}) for name, _ in _PANELS]
     for comparison in comparisons:
         group = comparison["group"]
@@ -95,10 +95,10 @@ def _sorted_panels(
 
 
 _ROWS_MAX = 24
-"""Greatest number of comparisons shown in full; of more, the worst of each quantity is shown."""
+"""Greatest number of comparisons listed in full; of more, only the worst of each quantity is listed."""
 _LISTED_TIMES = 4
 _NOT_JUDGED = "flown, not judged"
-"""Verdict of a comparison without a published figure, as in the document."""
+"""Verdict of a comparison without a published value, as in the document."""
 _VERDICTS = {
     True: "All checks with published figures pass",
     False: "**Not all checks pass**",
@@ -204,7 +204,7 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
 
 
 def _tolerance(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
-    """Tolerance, with the reason if it differs from the check's."""
+    """Return the tolerance as text, with its reason if the reason differs from the check's."""
     if comparison["expected"] is None:
         return _NOT_JUDGED
     reason = comparison["why"]
@@ -212,7 +212,7 @@ def _tolerance(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
 
 
 def _worst_of_each_quantity(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
-    """Worst comparison of each quantity, in the order of the quantities."""
+    """Yield the worst comparison of each quantity, in the order of the quantities."""
     by_group: dict[str, list[Mapping[str, Any]]] = {}
     for comparison in comparisons:
         by_group.setdefault(comparison["group"], []).append(comparison)
@@ -228,7 +228,7 @@ def _severity(comparison: Mapping[str, Any]) -> float:
 
 
 def _table_over_times(comparisons: Sequence[Mapping[str, Any]]) -> str:
-    """Table of quantities at selected times."""
+    """Return a Markdown table of the quantities at selected times."""
     times = sorted({c["time_s"] for c in comparisons})
     step = max(1, (len(times) - 1) // (_LISTED_TIMES - 1))
     shown_times = [*times[:-1:step][: _LISTED_TIMES - 1], times[-1]]
@@ -250,7 +250,7 @@ def _figure(value: float | None, digits: int = 10) -> str:
 
 
 def _anchor(title: str) -> str:
-    """Anchor of a heading in rendered Markdown."""
+    """Return the anchor that a heading gets in rendered Markdown."""
     letters = "".join(letter for letter in title.lower() if letter.isalnum() or letter in " -_")
     return letters.replace(" ", "-")
 

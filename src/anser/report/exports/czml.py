@@ -1,4 +1,4 @@
-"""CZML, the JSON of Cesium: a clock, moving points with labels and trails, attitudes."""
+"""Export to CZML, the JSON of Cesium: a clock, moving points with labels and trails, attitudes."""
 
 import html
 import json
@@ -28,7 +28,7 @@ _RATE = 4.0  # seconds of flight in a second of playback
 
 
 def to_czml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Write a flight as CZML 1.0.
+    """Return a flight as a CZML 1.0 file.
 
     An aircraft is a point with a label, a trail and a flat box that shows the attitude. A goal is a point with a label;
     a rendezvous is a point, joined to the goal by a line. The file refers to no external model or image.
@@ -145,7 +145,7 @@ def _label(text: str, color: tuple[int, ...]) -> dict[str, Any]:
 
 
 def _description(aircraft: Mapping[str, Any]) -> str:
-    """Text of the aircraft's info box. Cesium renders it as HTML, so text from files is escaped."""
+    """Return the text of the aircraft's info box. Cesium renders it as HTML, so text from files is escaped."""
     parts = [f"goal: {aircraft['goal']}", f"status: {aircraft['status']}"]
     for key, label, unit in (
         ("planned_arrival_s", "planned arrival", "s"),

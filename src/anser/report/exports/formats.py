@@ -18,9 +18,10 @@ FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] =
     "parquet": lambda dataset, summary, start: to_parquet(dataset),
     "mat": lambda dataset, summary, start: to_mat(dataset),
 }
-"""Function that writes each format, by name; the name is also the suffix of the files.
+"""Function that makes the content of a file in each format, by name of the format.
 
-The arguments are a flight's dataset, its summary and its start (date and time); the result is the file's content."""
+The arguments are a flight's dataset, its summary and its start (date and time). The name is also the suffix of the
+files."""
 
 
 def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:

@@ -20,7 +20,7 @@ NEEDED_VARIABLES = (
     *_QUATERNION,
     *_POSITION_VARIABLES,
 )
-"""Variables of a flight that the geographic exports read."""
+"""Variables of a flight that the geographic exports need."""
 
 # forward, left, up from forward, right, down: half a turn about the first axis
 _FRD_FROM_FLU = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
@@ -28,7 +28,7 @@ _FRD_FROM_FLU = Rotation.from_quat([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True)
 class Track:
-    """Track of a moving point.
+    """Track of a moving point (aircraft, goal or rendezvous) in geographic coordinates.
 
     Attributes
     ----------
@@ -36,8 +36,12 @@ class Track:
         Name of the point.
     sample_index
         Indices of the recorded times with a finite position, shape (samples,).
-    time_s, longitude_deg, latitude_deg, height_m
-        Time and position, height above the WGS-84 ellipsoid; each of shape (samples,).
+    time_s
+        Time, s, shape (samples,).
+    longitude_deg, latitude_deg
+        Position, deg, shape (samples,).
+    height_m
+        Height above the WGS-84 ellipsoid, m, shape (samples,).
     """
 
     name: str
@@ -49,7 +53,7 @@ class Track:
 
 
 def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
-    """Track of an aircraft while position and attitude are finite."""
+    """Return the track of an aircraft, as far as its position and attitude are finite."""
     columns = [dataset[name].values[:, index] for name in ("longitude_deg", "latitude_deg", "altitude_m")]
     attitude = np.stack([dataset[name].values[:, index] for name in _QUATERNION])
     name = str(dataset["aircraft"].values[index])
@@ -57,7 +61,7 @@ def aircraft_track(dataset: xr.Dataset, index: int) -> Track:
 
 
 def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
-    """Track of each goal; a goal of several aircraft gets a single track."""
+    """Return the track of each goal; a goal of several aircraft has a single track."""
     first_aircraft: dict[str, int] = {}
     for index, aircraft in enumerate(summary["aircraft"]):
         first_aircraft.setdefault(str(aircraft["goal"]), index)
@@ -65,7 +69,7 @@ def goal_tracks(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list[Track]:
 
 
 def rendezvous_track(dataset: xr.Dataset, summary: Mapping[str, Any], index: int) -> Track:
-    """Track of an aircraft's rendezvous point, up to the arrival."""
+    """Return the track of an aircraft's rendezvous point, up to the arrival."""
     aircraft = summary["aircraft"][index]
     end_times = (aircraft[key] for key in ("arrival_s", "planned_arrival_s") if aircraft[key] is not None)
     return _track_on_local_map(
@@ -74,7 +78,7 @@ def rendezvous_track(dataset: xr.Dataset, summary: Mapping[str, Any], index: int
 
 
 def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.ndarray:
-    """Attitude of an aircraft in the Earth-fixed frame (ECEF).
+    """Compute the attitude of an aircraft in the Earth-fixed frame (ECEF), at the times of its track.
 
     Returns
     -------
@@ -94,7 +98,7 @@ def earth_fixed_attitude(dataset: xr.Dataset, index: int, track: Track) -> np.nd
 
 
 def iso_timestamp(start: datetime, time_s: float) -> str:
-    """Print a time of the flight, s from `start`, as ISO 8601 in UTC to the microsecond."""
+    """Format a time of the flight, s from `start`, as ISO 8601 in UTC to the microsecond."""
     return (start.astimezone(UTC) + timedelta(seconds=float(time_s))).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
@@ -111,7 +115,7 @@ def _track(dataset: xr.Dataset, name: str, columns: list[np.ndarray], is_selecte
 
 
 def _geodetic_deg(dataset: xr.Dataset, north: np.ndarray, east: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Longitude and latitude (deg) of positions on the flight's local map, by the projection of the recorded flight."""
+    """Return longitude and latitude (deg) of positions on the flight's local map (north and east, m)."""
     reference = [np.radians(float(dataset.attrs[f"reference_{name}_deg"])) for name in ("latitude", "longitude")]
     latitude, longitude, _ = recorded_geodetic_from_flat(np.stack([north, east, np.zeros_like(north)]), *reference, 0.0)
     return 180.0 - np.mod(180.0 - np.degrees(longitude), 360.0), np.degrees(latitude)

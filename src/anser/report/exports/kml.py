@@ -1,4 +1,4 @@
-"""KML with Google's tracks: positions and attitudes over time, for Google Earth."""
+"""Export to KML with Google's tracks: positions and attitudes over time, for Google Earth."""
 
 import html
 import re
@@ -23,11 +23,18 @@ _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF
 
 
 def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> bytes:
-    """Write a flight as KML 2.2 with `gx:Track`: folders of aircraft, rendezvous and goals.
+    """Return a flight as a KML 2.2 file with `gx:Track`: folders of aircraft, rendezvous and goals.
 
     Heights are absolute. `gx:angles` are heading, tilt and roll as KML defines them, each clockwise about its axis seen
     from the tip of the axis: tilt and roll are minus the flight's pitch and roll. The file refers to no external model
-    or image. Parameters as for `to_czml`.
+    or image.
+
+    Parameters
+    ----------
+    dataset, summary
+        A flight: the contents of `flight.nc` and `summary.json`.
+    start
+        Date and time of the flight's time 0.
     """
     root = ET.Element("kml", {"xmlns": _KML, "xmlns:gx": _GX})
     document = _child(root, "Document")
@@ -69,7 +76,7 @@ def to_kml(dataset: xr.Dataset, summary: Mapping[str, Any], start: datetime) -> 
 
 
 def _placemark(parent: ET.Element, track: Track, style: str, start: datetime, description: str) -> ET.Element | None:
-    """Add a placemark with a track; return the track's element, or None if no position is finite."""
+    """Add a placemark with a track; return the XML element of the track, or None if no position is finite."""
     if not track.sample_index.size:
         return None
     mark = _child(parent, "Placemark")

@@ -1,4 +1,4 @@
-"""Tables for other programs: a flight as CSV, Parquet and MATLAB file, and a campaign as Parquet."""
+"""Export to tables for other programs: a flight as CSV, Parquet and MATLAB file, and a campaign as Parquet."""
 
 import importlib.util
 import io
@@ -26,7 +26,7 @@ def has_parquet() -> bool:
 
 
 def to_csv(dataset: xr.Dataset) -> bytes:
-    """Write a flight as CSV: `time_s`, `aircraft`, then every variable. Numbers have full precision, flags are 0 or 1.
+    """Return a flight as CSV: `time_s`, `aircraft`, then every variable, with full precision; flags are 0 or 1.
 
     Text that a spreadsheet would read as a formula gets an apostrophe in front.
     """
@@ -35,7 +35,7 @@ def to_csv(dataset: xr.Dataset) -> bytes:
 
 
 def to_parquet(dataset: xr.Dataset) -> bytes:
-    """Write a flight as Parquet: the columns of the CSV with units and long names, and the flight's attributes.
+    """Return a flight as Parquet: the columns of the CSV with units and long names, and the flight's attributes.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
 def encode_parquet(
     columns: Mapping[str, np.ndarray], labels: Mapping[str, Mapping[str, Any]], metadata: Mapping[Any, Any]
 ) -> bytes:
-    """Write columns of equal length as Parquet.
+    """Return columns of equal length as a Parquet file.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def _csv_column(values: np.ndarray) -> np.ndarray:
 
 
 def _columns(dataset: xr.Dataset) -> list[tuple[str, np.ndarray]]:
-    """Columns of equal length, sorted by aircraft, then by time."""
+    """Return the name and values of each column, of equal length, sorted by aircraft, then by time."""
     times, aircraft = dataset.sizes["time"], dataset.sizes["aircraft"]
     names = dataset["aircraft"].values.astype(object)
     return [
@@ -115,7 +115,7 @@ _WORST = {"miss_m": "Greatest miss of its aircraft", "arrival_s": "Last arrival 
 def write_campaign_tables(
     dataset: xr.Dataset, estimates: Mapping[str, Any], influences: Mapping[str, Any], folder: Path
 ) -> tuple[Path, ...]:
-    """Write the tables of a campaign, replacing earlier ones.
+    """Write the tables of a campaign into a folder, replacing earlier ones; return their paths.
 
     `flights.parquet` has a row for each flight: sampled inputs, results, and the worst value over the aircraft
     (infinite if missing for an aircraft). `aircraft.parquet` has a row for each aircraft of each flight.
@@ -126,8 +126,10 @@ def write_campaign_tables(
     ----------
     dataset
         Result of `anser.campaigns.CampaignStore.dataset`.
-    estimates, influences
-        Results of their methods `as_dict`.
+    estimates
+        Result of `CampaignEstimates.as_dict`.
+    influences
+        Result of `Influences.as_dict`.
 
     Raises
     ------
@@ -181,7 +183,10 @@ def _aircraft_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _estimates_table(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """A row for each quantile and a row for the success probability (name "met", no share)."""
+    """Return the columns of `answers.parquet`: a row for each quantile, and one for the success probability.
+
+    The latter has the name "met" and no share.
+    """
     success = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
     records = [
         success | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
@@ -201,7 +206,7 @@ def _indices_table(influences: Mapping[str, Any]) -> dict[str, np.ndarray]:
 
 
 def _column(values: list[Any], *, texts: bool = False) -> np.ndarray:
-    """Column of numbers with NaN for None; a column with text or flags keeps None."""
+    """Return a list of values as an array: numbers with NaN for None; a column with text or flags keeps None."""
     if texts or any(isinstance(value, str | bool) for value in values):
         return np.array(values, dtype=object)
     return np.array([np.nan if value is None else value for value in values], dtype=float)
@@ -212,7 +217,7 @@ _MATLAB_LABELS = ("units", "long_name", "frame")
 
 
 def to_mat(dataset: xr.Dataset) -> bytes:
-    """Write a flight as a MATLAB 5 file, readable by MATLAB and Octave.
+    """Return a flight as a MATLAB 5 file, readable by MATLAB and Octave.
 
     Contents: `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
     time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each variable,
