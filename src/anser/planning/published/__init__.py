@@ -1,4 +1,4 @@
-"""The published planner: polynomial paths of equal length, flown in equal time."""
+"""The published planner: polynomial paths of equal length, flown in equal time so that the fleet arrives together."""
 
 import lazy_loader
 

@@ -44,10 +44,10 @@ _SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the
 
 
 class FleetPlan(eqx.Module):
-    """One trajectory per aircraft, with a common arrival time of the active aircraft."""
+    """Plan of a fleet: one trajectory per aircraft, with a common arrival time of the active aircraft."""
 
     trajectories: Trajectory
-    """Stacked, leading axis aircraft."""
+    """Trajectories of the aircraft, stacked."""
     arrival_time: Scalar
     """Common time of arrival, s."""
     arrival_times: Float[Array, " aircraft"]
@@ -57,18 +57,18 @@ class FleetPlan(eqx.Module):
     speed: Scalar
     """Mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed."""
     reference_length: Scalar
-    """Longest nominal length of active aircraft with reachable goals, m: the common length (plus deficits)."""
+    """Common length of the paths, m, plus deficits: the longest nominal length with a reachable goal (active aircraft)."""
     lengths: Float[Array, " aircraft"]
     """Lengths of the planned paths, m."""
     lateral_bends: Float[Array, " aircraft"]
-    """m, positive to the right; exactly 0 for the farthest aircraft and for aircraft that never flew."""
+    """Lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew."""
     farthest: Count
-    """Index of the aircraft on its nominal path."""
+    """Index of the aircraft that flies its nominal path, because this path is the longest."""
     converged: Bool[Array, " aircraft"]
     """Whether the aircraft's trajectory has the reference length and arrival time."""
     goal_reachable: Bool[Array, " aircraft"]
     status: Int[Array, " aircraft"]
-    """Index into PLAN_MESSAGES."""
+    """Status of each aircraft: index into PLAN_MESSAGES."""
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
@@ -124,7 +124,7 @@ def nominal_trajectory(
     speed: ScalarLike,
     end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Trajectory without bend to the predicted rendezvous, and whether the prescribed arrival direction is flown.
+    """Return the trajectory without bend to the predicted rendezvous, and whether its arrival direction is as prescribed.
 
     `end_slopes` are |dr/ds| at both ends, m; None: airspeed times duration.
     """
@@ -141,19 +141,25 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Lengths without bend, minus the aircraft's deficits (L_i of theory section 8 without deficit)."""
+    """Length of each aircraft's path without bend, less its `path_length_deficit`, m.
+
+    Without deficits, this is L_i of theory section 8.
+    """
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
 def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Active aircraft; every aircraft if none is active, so that the numbers stay finite."""
+    """Mask of the aircraft to plan for: the active aircraft.
+
+    Every aircraft if none is active, so that the numbers stay finite.
+    """
     return tasks.active | ~jnp.any(tasks.active)
 
 
 def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, " aircraft"]]) -> tuple[Scalar, Scalar]:
-    """Arrival time minus the flight time of the longest path at the airspeed, and the slope."""
+    """Arrival time less the flight time of the longest path at the airspeed, s, and the slope of the difference."""
     tasks, speed, included = data
 
     def value(duration: Scalar) -> Scalar:
@@ -163,7 +169,11 @@ def _shortfall(duration: Scalar, data: tuple[PlanningTask, Scalar, Bool[Array, "
 
 
 def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, Bool[Array, " aircraft"]]:
-    """Least time equal to the flight time of the longest path, its existence, and the reachable goals."""
+    """Find the least duration (s) that equals the flight time of the longest path at a mean airspeed.
+
+    Also returns whether there is such a duration, and the mask of the aircraft with reachable goals. Without a
+    solution, the duration is the time along straight lines.
+    """
 
     def to_go(task: PlanningTask) -> tuple[Scalar, Flag]:
         line = task.goal_position_n + task.rendezvous.stand_off_n - task.position_n
@@ -191,7 +201,7 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
 
 
 class _CommonTime(NamedTuple):
-    """Mean airspeed and arrival time of a fleet, and the nominal paths for that time."""
+    """Mean airspeed (m/s) and flight duration (s) of a fleet, and the nominal paths for this duration."""
 
     speed: Scalar
     duration: Scalar
@@ -203,7 +213,10 @@ class _CommonTime(NamedTuple):
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
-    """Common time at the fleet's mean airspeed, raised to the least descent speed of the farthest active aircraft."""
+    """Find the common duration at the fleet's mean airspeed.
+
+    With `may_raise`, the airspeed is raised if the farthest active aircraft cannot descend at it.
+    """
     speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
 
     @jax.jit  # one trace, also for the shapes
@@ -305,7 +318,7 @@ COMMITTED_S = 15.0  # time before the arrival without new coordination, see `rep
 def _continue_plan(
     plan: FleetPlan, time: ScalarLike, tasks: PlanningTask, speed: ScalarLike, even_speed: Flag | bool
 ) -> FleetPlan:
-    """Plan with the same arrival time and the rest of the same paths, refitted to the predicted rendezvous."""
+    """Return the plan with the same arrival time, the rest of each path refitted to the rendezvous predicted now."""
     duration = jnp.maximum(plan.arrival_time - time, DURATION_MIN_S)
 
     def continue_path(old_path: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
@@ -333,7 +346,7 @@ def _continue_plan(
 
 
 def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " aircraft"]) -> FleetPlan:
-    """New plan, with the previous data of inactive aircraft."""
+    """Return the new plan with the rows of inactive aircraft from the previous plan."""
 
     def aircraft_fields(p: FleetPlan) -> tuple[object, ...]:
         return p.trajectories, p.arrival_times, p.nominal_lengths, p.lengths, p.lateral_bends, p.goal_reachable
@@ -355,7 +368,7 @@ def replan(
     even_speed: Flag | bool = False,
     allow_replanning: bool = True,
 ) -> tuple[FleetPlan, Flag]:
-    """Replan from the present state.
+    """Continue a plan from the present state, or coordinate the fleet again.
 
     Every path is refitted from the aircraft's position to the predicted rendezvous. Arrival time and shape of the
     remaining path are kept (exactly: replanning on the planned path returns the same plan) while every aircraft's mean

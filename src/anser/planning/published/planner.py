@@ -1,4 +1,4 @@
-"""Published planner as a part of the closed loop: choice of detour sides, and check against the limits."""
+"""The published planner in the closed loop: choice of the detours' sides, and check of the paths against the limits."""
 
 import equinox as eqx
 import jax
@@ -23,7 +23,7 @@ _SAME_DISTANCE = 1.0  # m: smaller differences are ignored, because rendezvous p
 
 
 def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: int = 65) -> Float[Array, " aircraft"]:
-    """Side of each aircraft's detour: as requested, or else the side with the larger distance to the other aircraft.
+    """Choose the side of each aircraft's detour: as requested, or else the side farther from the other aircraft.
 
     Parameters
     ----------
@@ -121,26 +121,26 @@ _PULL_SHARE = 0.75
 
 
 class LimitReport(eqx.Module):
-    """Extremes along a trajectory, and flags of the satisfied limits."""
+    """Extremes along a trajectory, and which limits they satisfy."""
 
     speed_min: Scalar
-    """m/s, relative to the air."""
+    """Least airspeed, m/s."""
     speed_max: Scalar
-    """m/s, relative to the air."""
+    """Greatest airspeed, m/s."""
     turn_rate_max: Scalar
-    """Greatest course rate, either way, rad/s."""
+    """Greatest magnitude of the course rate, rad/s."""
     turn_utilization_max: Scalar
     """Greatest ratio of the course rate to the rate at the bank limit and the local speed; 1 is the limit."""
     climb_rate_max: Scalar
     """Greatest vertical speed relative to the air, up or down, m/s."""
     altitude_min: Scalar
-    """m, over the ground frame's origin."""
+    """Least altitude, m, over the ground frame's origin."""
     level_off_altitude: Scalar
-    """Altitude at the end of a level-off after the arrival, by the hold with 1 g beyond the weight, m."""
+    """Least altitude, m, if the hold levels off after the arrival with 1 g in excess of the weight."""
     is_satisfied: Bool[Array, " limits"]
-    """In the order of LIMIT_MESSAGES, from the second on."""
+    """Whether each limit is satisfied, in the order of LIMIT_MESSAGES from the second on."""
     status: Count
-    """First violated limit, an index into LIMIT_MESSAGES; 0: none."""
+    """Index of the first violated limit in LIMIT_MESSAGES; 0: none."""
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
@@ -184,7 +184,7 @@ def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike
 
 
 def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Height that the hold needs to level off from a trajectory's arrival, m."""
+    """Height, m, that the hold loses until it is level after a trajectory's arrival."""
     end = trajectory.start_time + trajectory.duration
     end_point = trajectory.at(end)
     end_demand = demand(end_point.velocity_n - trajectory.wind_n, end_point.acceleration_n, gravity)
@@ -198,8 +198,10 @@ class PublishedPlanState(eqx.Module):
 
     Attributes
     ----------
+    plan
+        Current plan.
     sides
-        Sides of the detours, chosen with the first plan.
+        Sides of the detours, chosen with the first plan: +1 right, -1 left.
     deceleration
         Deceleration with the engine idle in level flight at the start, m/s^2.
     flown_length
@@ -216,7 +218,7 @@ class PublishedPlanState(eqx.Module):
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner of theory section 8, see `coordinate` and `replan`.
+    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), see `coordinate` and `replan`.
 
     Attributes
     ----------
@@ -227,7 +229,7 @@ class PublishedPlanner(AbstractPlanner):
     speed
         Mean airspeed of the fleet, m/s.
     even_speed
-        Whether paths are flown at an even speed rather than with the published time law.
+        Whether the airspeed changes evenly along a path; otherwise by the published time law, see `time_law`.
     """
 
     start_positions_n: Float[Array, "aircraft 3"]
@@ -236,7 +238,7 @@ class PublishedPlanner(AbstractPlanner):
     even_speed: Flag
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:
-        """Plan with any sides, choose the sides of the detours, and plan again."""
+        """Plan with any sides, choose the sides of the detours from this plan, and plan again."""
         requested = self.sides.astype(float)
         flown_length, deceleration = jnp.zeros_like(requested), performance.deceleration
         tasks = self._tasks(time, reports, self.speed, flown_length, deceleration)
@@ -257,7 +259,7 @@ class PublishedPlanner(AbstractPlanner):
     def replan(
         self, planner_state: PublishedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> PublishedPlanState:
-        """Continue the same paths, or coordinate the fleet again."""
+        """Continue the same paths, or coordinate the fleet again, see `replan`."""
         tasks = self._tasks(
             time, reports, planner_state.plan.speed, planner_state.flown_length, planner_state.deceleration
         )
@@ -276,7 +278,7 @@ class PublishedPlanner(AbstractPlanner):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> PublishedPlanState:
-        """Add the length flown in a step."""
+        """Add the length that each aircraft has flown in a step."""
         flown_length = planner_state.flown_length + jnp.where(reports.active, step * reports.airspeed, 0.0)
         return eqx.tree_at(lambda m: m.flown_length, planner_state, flown_length)
 

@@ -32,7 +32,7 @@ _SAME_INSTANT_S = 1e-6
 
 
 def _collocation() -> Float[np.ndarray, "rule rule"]:
-    """Weights that integrate a function known at the rule's nodes, from 0 to each node."""
+    """Weights that integrate a function, given at the rule's nodes, from 0 to each node."""
     powers = np.arange(_RULE.nodes.size)
     ascending = _RULE.nodes[:, None] ** powers
     return (_RULE.nodes[:, None] * ascending / (powers + 1)) @ np.linalg.inv(ascending)
@@ -42,7 +42,7 @@ _NODE_WEIGHTS = _collocation()
 
 
 def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: int) -> Vector3:
-    """Derivative of order 0 to 3 of the path with respect to s, m."""
+    """Derivative of the path with respect to s, m, of order 0 (position) to 3."""
     factors = np.ones(5 - order)
     for reduction in range(order):
         factors *= np.arange(order, 5) - reduction
@@ -53,7 +53,7 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
 
 
 class Clock(eqx.Module):
-    """Path parameter with its first two rates."""
+    """Path parameter s at one time, with its first two time derivatives."""
 
     s: Scalar
     s_dot: Scalar
@@ -61,24 +61,24 @@ class Clock(eqx.Module):
 
 
 class Cell(eqx.Module):
-    """A section of a path from s to s + h, at the nodes of the rule."""
+    """Lengths and energy along one section of a path, from s to s + h, at the nodes of the quadrature rule."""
 
     slopes: Float[Array, " rule"]
-    """|dr/ds|, m."""
+    """|dr/ds| at the nodes, m."""
     length_to_node: Float[Array, " rule"]
-    """Length from the start of the cell, m."""
+    """Length from the start of the cell to each node, m."""
     energy_gain: Float[Array, " rule"]
-    """Potential energy per mass released since the start, m^2/s^2."""
+    """Potential energy per mass released from the start of the cell to each node, m^2/s^2."""
     length: Scalar
     """Length of the cell, m."""
 
     def time(self, squares: Float[Array, " rule"], width: ScalarLike) -> Scalar:
-        """Flight time, s, for squared airspeeds at the nodes."""
+        """Flight time through the cell, s, for squared airspeeds at the nodes (m^2/s^2)."""
         return width * jnp.sum(jnp.asarray(_RULE.weights, squares.dtype) * self.slopes / jnp.sqrt(squares))
 
 
 def _clip(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
-    """Clip, with the full derivative at the bounds."""
+    """Clip a value to bounds, with the full derivative at the bounds."""
     return jnp.where(value < low, low, jnp.where(value > high, high, value))
 
 
@@ -144,13 +144,19 @@ class TimeLaw(eqx.Module):
         )
 
     def _demanded_square(self, k: Count, energy_gain: Array, length_to_node: Array) -> Array:
-        """Square of the airspeed demanded in cell k, after a height and a length from the start of the cell."""
+        """Square of the airspeed demanded in cell `k`, m^2/s^2.
+
+        For an energy gain (m^2/s^2) and a length (m) since the start of the cell.
+        """
         return self.squares[k] + 2 * (self.exchange * energy_gain - self.braking * length_to_node)
 
     def _motion(
         self, coefficients_n: Float[Array, "3 5"], k: Count, offset: Scalar
     ) -> tuple[Scalar, Scalar, Flag, Scalar]:
-        """|dr/ds|, airspeed, whether it is at the minimum, and time (s), at an offset from the start of cell k."""
+        """Evaluate the motion at an offset of s from the start of cell `k`.
+
+        Returns |dr/ds| (m), airspeed (m/s), whether it is the least airspeed, and the time (s) since the start of the cell.
+        """
         start = k.astype(offset.dtype) / CELLS
         cell = _cell(coefficients_n, start, offset)
         slope = jnp.maximum(norm(path_derivative(coefficients_n, start + offset, 1)), _TINY)
@@ -162,7 +168,7 @@ class TimeLaw(eqx.Module):
         return slope, jnp.sqrt(jnp.maximum(demanded, self.slowest**2)), demanded < self.slowest**2, time
 
     def _offset_in_cell(self, coefficients_n: Float[Array, "3 5"], k: Count, time_in_cell: ScalarLike) -> Scalar:
-        """Parameter offset in cell k after `time_in_cell` seconds: Newton steps from a cubic through the ends.
+        """Find the offset of s in cell `k` after `time_in_cell` seconds, by Newton steps from a cubic through the ends.
 
         Only the last step is differentiated: at the solution, one step has the full derivative.
         """
@@ -196,7 +202,7 @@ def published_law() -> TimeLaw:
 
 
 class _Profile(eqx.Module):
-    """Even law of one path, before the choice of the braking."""
+    """Data for the even law of one path, before the braking is solved."""
 
     cells: Cell
     """Stacked cells."""
@@ -225,12 +231,12 @@ class _Profile(eqx.Module):
 
 
 def _lateness(braking: Scalar, profile: _Profile) -> tuple[Scalar, Scalar]:
-    """Delay of the path's end for a braking, s, and the slope."""
+    """How late the path ends for a braking (m/s^2), s, and the derivative by the braking."""
     return jax.jvp(lambda e: profile.times(e)[-1] - profile.duration, (braking,), (jnp.ones_like(braking),))
 
 
 def _solve_braking(profile: _Profile) -> Scalar:
-    """Braking for which the path takes its duration; the flight time increases with the braking."""
+    """Find the braking, m/s^2, for which the path takes its duration; the flight time increases with the braking."""
     total, v0 = jnp.maximum(profile.lengths[-1], _TINY), profile.speed_0
     mean = total / profile.duration
     exchanged_energy = profile.exchange * profile.energy_gain
@@ -276,11 +282,12 @@ def even_law(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> TimeLaw:
-    """Time law of a path flown in `duration` seconds, from `speed_0` (m/s), with constant braking.
+    """Time law of a path flown in `duration` seconds from the airspeed `speed_0`, with constant braking.
 
     V dV/dl = exchange g (-dh/dl) - e: the braking e is solved for the duration, by safeguarded Newton steps on the
-    flight time, which increases with e. With exchange 0 the acceleration is constant (for a matching length, the
-    speed); with 1 the throttle is constant. The speed is at least 0.3 of the mean.
+    flight time, which increases with e. The exchange is the fraction of the lost potential energy that becomes kinetic:
+    with 0 the acceleration is constant (for a matching length, the speed); with 1 the throttle is constant. The speed
+    is at least 0.3 of the mean.
 
     Parameters
     ----------

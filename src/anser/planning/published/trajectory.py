@@ -42,13 +42,13 @@ class Trajectory(AbstractReference):
     duration: Scalar
     """Time from start to rendezvous, s; positive."""
     coefficients_n: Float[Array, "3 5"]
-    """Ascending powers of s, one row per NED axis, m."""
+    """Coefficients of the path for ascending powers of s, one row per NED axis, m."""
     wind_n: Vector3
     """Velocity of the air over the ground, NED, m/s."""
     lateral_n: Vector3
     """Horizontal unit vector along which lateral bends act, NED."""
     law: TimeLaw
-    """Path parameter by time."""
+    """Time law: path parameter s as a function of time."""
 
     def clock(self, time: ScalarLike) -> Clock:
         """Path parameter s and its rates at a time: s is 0 at the start, 1 at the rendezvous."""
@@ -63,7 +63,7 @@ class Trajectory(AbstractReference):
         return path_derivative(self.coefficients_n, phase, order)
 
     def at(self, time: ScalarLike) -> PathPoint:
-        """Motion over the ground at a time (in steady wind the acceleration is the same in both frames)."""
+        """Motion over the ground at a time (s); in steady wind the acceleration is the same in both frames."""
         clock = self.clock(time)
         slope_n, bend_n = self.path_derivative(clock.s, 1), self.path_derivative(clock.s, 2)
         return PathPoint(
@@ -79,7 +79,7 @@ class Trajectory(AbstractReference):
 
 
 def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
-    """Horizontal unit vector to the right of the line from start to rendezvous in the frame of the path, NED.
+    """Horizontal unit vector, NED, to the right of the line from start to rendezvous (in the frame of the path).
 
     A vertical line is replaced by the horizontal direction of the start velocity, or else by north.
     """
@@ -91,11 +91,11 @@ def lateral_direction_n(line_n: Vector3, velocity_0_n: Vector3) -> Vector3:
 
 
 def bend_trajectory(trajectory: Trajectory, lateral_bend: ScalarLike, vertical_bend: ScalarLike = 0.0) -> Trajectory:
-    """Add a lateral and a vertical bend to a trajectory; end points, end directions and times are unchanged.
+    """Add a sideways and an upward bend to a trajectory; end points, end directions and times stay.
 
-    A bend (m) is the coefficient of the fourth power of the path parameter (0 to 1): kappa = b_4 duration^4 laterally,
-    c_4 duration^4 vertically. The middle of the path moves by a sixteenth of the bend, along `lateral_n` or upwards.
-    The result has the published time law; `with_even_speed` replaces it.
+    A bend (m) is the coefficient of the fourth power of the path parameter (0 to 1). It moves the middle of the path by
+    a sixteenth of the bend, along `lateral_n` or upwards. In the symbols of the theory: kappa = b_4 duration^4
+    laterally, c_4 duration^4 vertically. The result has the published time law; `with_even_speed` replaces it.
     """
     shift = lateral_bend * trajectory.lateral_n - vertical_bend * jnp.array([0.0, 0.0, 1.0])
     coefficients = trajectory.coefficients_n + shift[:, None] * jnp.array(BEND_COEFFICIENTS)[None, :]
@@ -109,7 +109,10 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """The same path and times, with an airspeed that changes evenly from `speed_0` (m/s); see `even_law`."""
+    """Replace the time law: same path and times, but an airspeed that changes evenly from `speed_0` (m/s).
+
+    See `even_law`.
+    """
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
@@ -126,7 +129,7 @@ def fit_trajectory(
     wind_n: Vector3 | None = None,
     line_n: Vector3 | None = None,
 ) -> Trajectory:
-    """Trajectory through positions and velocities at both ends.
+    """Fit a trajectory to positions and velocities at both ends.
 
     Parameters
     ----------
@@ -141,7 +144,7 @@ def fit_trajectory(
     velocity_f
         Velocity relative to the air at the rendezvous, NED, m/s.
     lateral_bend, vertical_bend
-        Shape parameters, m, see `bend_trajectory`; zero is the nominal path.
+        Bends, m, see `bend_trajectory`; zero is the nominal path.
     wind_n
         Steady wind, NED, m/s; None: still air.
     line_n
@@ -170,7 +173,7 @@ def fit_trajectory(
 def arc_length(
     trajectory: Trajectory, start_phase: ScalarLike = 0.0, rule: QuadratureRule = GAUSS_LEGENDRE_16
 ) -> Scalar:
-    """Length of the air path from a path parameter s in [0, 1] to the rendezvous, m.
+    """Length of the air path, m, from a path parameter s (0 to 1) to the rendezvous.
 
     From `trajectory.phase(t)` on, it is the remaining length at time t. The rule's positive weights keep the length
     convex in the bends.
@@ -183,7 +186,10 @@ def arc_length(
 
 
 def arc_length_estimate(trajectory: Trajectory, start_phase: ScalarLike = 0.0) -> Scalar:
-    """Length by the six-point closed Newton-Cotes rule, m, as published (theory section 6; section 9, item 1)."""
+    """Length of the air path, m, by the six-point closed Newton-Cotes rule, as published.
+
+    Theory section 6; section 9, item 1.
+    """
     return arc_length(trajectory, start_phase, NEWTON_COTES_6)
 
 
@@ -191,7 +197,7 @@ _SPEED_SHARE_MIN = 0.3  # least airspeed with idle engine, fraction of the initi
 
 
 def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: ScalarLike) -> Scalar:
-    """Least mean airspeed of an aircraft on a path, with the engine idle all the way, m/s.
+    """Least mean airspeed, m/s, at which an aircraft can fly a path: with the engine idle all the way.
 
     V dV/dl = g (-dh/dl) - a with the deceleration a (minus the reserve of the even law). On a level path, the result is
     far below any speed of interest; on a path steeper than the glide, it exceeds the initial speed.
@@ -219,7 +225,7 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 
 
 class Bend(eqx.Module):
-    """A lateral bend, and whether it gives the required length."""
+    """Result of `solve_lateral_bend`: a lateral bend, and whether it gives the required length."""
 
     kappa: Scalar
     """Lateral bend, m; positive to the right."""
@@ -227,14 +233,14 @@ class Bend(eqx.Module):
 
 
 def bend_slope(phase: np.ndarray) -> np.ndarray:
-    """Slope of s^2 (1 - s)^2."""
+    """Derivative of the bend's shape s^2 (1 - s)^2 with respect to s."""
     return 2.0 * phase * (1.0 - phase) * (1.0 - 2.0 * phase)
 
 
 def _length_excess(
     size: Scalar, data: tuple[Float[Array, "nodes 3"], Float[Array, "nodes 3"], Float[Array, " nodes"], Scalar]
 ) -> tuple[Scalar, Scalar]:
-    """Length minus the required length, and the slope, for a bend of a size."""
+    """Length of a path with a bend of a given size less the required length, m, and the derivative by the size."""
     straight, sideways, weights, required_length = data
     tangent = straight + size * sideways
     square = jnp.sum(tangent * tangent, axis=1)
@@ -250,7 +256,7 @@ def solve_lateral_bend(
     guess: ScalarLike | None = None,
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Bend:
-    """Lateral bend that brings a trajectory to a reference length, by safeguarded Newton steps.
+    """Find the lateral bend with which a path has a required length, by safeguarded Newton steps.
 
     Parameters
     ----------
