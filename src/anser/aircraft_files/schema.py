@@ -176,7 +176,7 @@ def coefficient_index(name: str, surfaces: tuple[str, ...]) -> tuple[int, int] |
 def replaced_columns(table: CoefficientTable, index: tuple[int, int]) -> tuple[int, ...]:
     """Return the columns of the derivatives that a table replaces.
 
-    A table of a whole coefficient leaves the derivatives by surfaces.
+    For a table of a whole coefficient, the columns of the surfaces are not included.
     """
     if table.replaces not in COEFFICIENTS:
         return (index[1],)

@@ -1,4 +1,4 @@
-"""Scenario files: tables, checks, and the construction of a flight from a scenario."""
+"""Scenario files: their tables (schema_*), checks, and the construction of a flight from a scenario (build_*)."""
 
 import lazy_loader
 

@@ -1,4 +1,7 @@
-"""Construction of a flight from a scenario, with faults and goal motions changed by events.
+"""Construction of a flight from a scenario, before it is flown.
+
+Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, and goals
+that stop or turn get their whole motion. What the planner does at an event is in `anser.missions.replanning`.
 
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
@@ -38,7 +41,7 @@ from anser.units import DEG_RAD
 
 
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
-    """Faults of one aircraft from the scenario's events: times of thrust loss, goal sensor loss and departure."""
+    """Collect the faults of one aircraft from the events: times of thrust loss, goal sensor loss and departure."""
 
     def first(kind: str) -> Event | None:
         matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
@@ -54,7 +57,7 @@ def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
 
 
 def motion_after_events(goal: Goal, motion: GoalMotion, events: Sequence[Event]) -> GoalMotion:
-    """Motion of a goal after the events that stop it or turn it."""
+    """Return a goal's motion during the whole flight, with the changes by the events that stop or turn the goal."""
     goal_events = sorted((event for event in events if event.goal == goal.name), key=lambda event: event.time_s)
     for event in goal_events:
         motion = _motion_after_event(motion, event)
@@ -85,7 +88,7 @@ _WAYPOINTS = 4  # smallest bucket size of a route with waypoints
 
 
 def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0) -> Flight:
-    """Build the arrays from which a flight is computed.
+    """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes.
 
     Every number of the scenario becomes an array, so another value of the same shape does not compile again. The shape
     is set by the Earth model and by the numbers of aircraft, waypoints, wind layers and keep-outs; the last three

@@ -1,6 +1,8 @@
-"""Airframe, autopilot gains, flight limits and guidance of an aircraft, built from a table [[aircraft]].
+"""Construction of airframe, autopilot gains, flight limits and guidance of an aircraft from a table [[aircraft]].
 
-Defaults left out of the scenario are derived from the aircraft's trim map.
+Limits and gains that the scenario leaves out are derived once, before the flight, from the nominal airframe: limits
+from a trim map, gains from the trim, both at the start altitude (rounded to 500 m) and the preferred airspeed. The
+library's F-16 has published gains and the scenario's default limits.
 """
 
 import functools
@@ -50,12 +52,15 @@ from anser.units import DEG_RAD
 
 
 def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
-    """Nominal airframe of one aircraft, as assumed by autopilot and planner."""
+    """Build the nominal airframe of one aircraft, as assumed by autopilot and planner."""
     return airframe_of_table(aircraft.type, aircraft.variant, aircraft.x_cg_over_c, aircraft.airframe)
 
 
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Airframe with the scenario's deviations; raises TypeError if the airframe has no known coefficients."""
+    """Build the airframe that flies: the nominal one with the scenario's deviations.
+
+    Raises TypeError for an airframe whose coefficients are not known.
+    """
     if isinstance(nominal, AbstractF16):
         return dispersed_f16(nominal, _f16_dispersion(deviation))
     if isinstance(nominal, DerivativeAircraft | DaveMlAircraft):
@@ -84,7 +89,7 @@ _BANK_MAX_DEG = 45.0
 
 
 class DerivedDefaults(NamedTuple):
-    """Performance limits of an aircraft, and the loop bandwidths that its actuators and sampling allow."""
+    """Values derived from an airframe: performance limits, and the loop bandwidths that its actuators allow."""
 
     capability: Capability
     bandwidths: Bandwidths
@@ -92,7 +97,7 @@ class DerivedDefaults(NamedTuple):
 
 @dataclass(frozen=True)
 class ResolvedAircraft:
-    """An aircraft of a scenario with the values that the scenario leaves open: derived from the aircraft, or defaults.
+    """One aircraft of a scenario, with limits and gains completed by derived values or defaults.
 
     Attributes
     ----------
@@ -101,13 +106,13 @@ class ResolvedAircraft:
     airframe
         Nominal airframe, as assumed by autopilot and planner.
     limits, gains
-        Limits and autopilot gains.
+        Flight limits (units of the file) and autopilot gains.
     correction_max_m_s
         Greatest velocity correction by position feedback, m/s.
     plan_roll_rate
-        Mean roll rate of plans, rad/s.
+        Mean roll rate that plans assume, rad/s.
     capability
-        Performance limits by the trim map; None for the library's F-16.
+        Performance limits derived from the trim map; None for the library's F-16.
     """
 
     table: Aircraft
@@ -120,12 +125,12 @@ class ResolvedAircraft:
 
 
 def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
-    """Resolve the limits, gains and path-following values of every aircraft of a scenario."""
+    """Complete the limits, gains and guidance values of every aircraft of a scenario; see `ResolvedAircraft`."""
     return tuple(_resolve_aircraft(scenario, aircraft) for aircraft in scenario.aircraft)
 
 
 def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:
-    """Resolve the limits, gains and path-following values of one aircraft."""
+    """Complete the limits, gains and guidance values of one aircraft."""
     airframe, limits, gains = build_airframe_of(aircraft), scenario.limits_for(aircraft), build_gains(aircraft)
     roll_rate = _ROLL_RATE_DEG_S * DEG_RAD
     if aircraft.is_library_f16:
@@ -147,7 +152,7 @@ def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraf
 
 @dataclass(frozen=True)
 class _FlightCase:
-    """Arguments of `compute_defaults`; equal if the aircraft have the same content."""
+    """Arguments of `compute_defaults` as a cache key; the airframe is compared by `aircraft_content`."""
 
     aircraft_content: tuple[str, str, float | None, str]
     airframe: AbstractAirframe = field(compare=False)
@@ -158,7 +163,10 @@ class _FlightCase:
 
 
 def _derive_defaults(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> DerivedDefaults:
-    """Derived defaults at the rounded start altitude and the preferred airspeed, in the standard atmosphere."""
+    """Derive limits and bandwidths of an aircraft at its rounded start altitude and preferred airspeed, cached.
+
+    The atmosphere is the standard atmosphere.
+    """
     speed, data_range = scenario.speed_for(aircraft), aircraft.range.airspeed_m_s
     altitude = round(aircraft.start.altitude_m / _ALTITUDE_STEP_M) * _ALTITUDE_STEP_M
     speeds = (_SPEED_SEARCH_RANGE[0] * speed, _SPEED_SEARCH_RANGE[1] * speed) if data_range is None else data_range
@@ -175,7 +183,7 @@ def _defaults_of(case: _FlightCase) -> DerivedDefaults:
 def compute_defaults(
     airframe: AbstractAirframe, altitude_m: float, speed_m_s: float, speeds_m_s: tuple[float, float], step_s: float
 ) -> DerivedDefaults:
-    """Performance limits and loop bandwidths of an airframe at one altitude, in the standard atmosphere.
+    """Compute performance limits and loop bandwidths of an airframe at one altitude, in the standard atmosphere.
 
     Parameters
     ----------
@@ -184,7 +192,7 @@ def compute_defaults(
     speeds_m_s
         Airspeeds between which level flight is searched for.
     step_s
-        Sample time of the autopilot.
+        Sampling period of the autopilot.
     """
     speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
     points, bandwidths = _capability_and_bandwidths(
@@ -215,7 +223,7 @@ def _capability_and_bandwidths(
 def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
-    """Automatic gains, except in the loops for which the scenario gives gains."""
+    """Return the gains derived from the bandwidths, except in loops for which the scenario gives gains."""
     gains = automatic_gains(defaults.bandwidths)
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:
@@ -224,7 +232,7 @@ def _with_derived_gains(
 
 
 def _derived_limits(limits: Limits, capability: Capability) -> Limits:
-    """Limits of the scenario; keys left out follow from the aircraft's trim map.
+    """Complete the scenario's limits: keys left out follow from the performance limits of the aircraft.
 
     The minimum airspeed is the minimum of level flight times the square root of the load factor at the greatest bank,
     so that the aircraft can still turn with that bank.
@@ -249,7 +257,7 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
 
 
 def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
-    """Limits of the scenario beyond the aircraft's capability, one sentence each."""
+    """Describe each limit of the scenario that exceeds the aircraft's performance, one sentence each."""
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
@@ -277,7 +285,10 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
-    """Gains of one aircraft's autopilot as the scenario gives them, completed by the published gains."""
+    """Build the gains that the scenario gives, completed by the published gains.
+
+    They are final for the library's F-16; for other aircraft `resolve_fleet` replaces the published ones.
+    """
     return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
 
 
@@ -311,7 +322,7 @@ _BANK_LAG_MAX = math.radians(10.0)  # greatest lag of the bank angle behind a pl
 
 
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Limits of the scenario beyond the capability of its aircraft by their trim maps, one sentence each."""
+    """Describe each limit of the scenario that exceeds the performance of an aircraft, one sentence each."""
     enable_compilation_cache()
     return tuple(
         message
@@ -322,7 +333,7 @@ def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
 
 
 def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> GuidanceSettings:
-    """Path-following settings for one aircraft, or common settings for several (the smallest limits)."""
+    """Build the guidance settings for one aircraft, or common settings for several (the smallest limits)."""
     guidance, hold = scenario.guidance, scenario.hold
     return GuidanceSettings(
         position_gain=as_array(guidance.position_gain_per_s),
@@ -334,7 +345,7 @@ def build_guidance(scenario: Scenario, aircraft: Sequence[ResolvedAircraft]) -> 
 
 
 def build_flight_limits(limits: Limits) -> FlightLimits:
-    """Limits enforced by the autopilot."""
+    """Convert limits to those of the autopilot, SI units and rad."""
     return FlightLimits(
         speed_min=as_array(limits.speed_min_m_s),
         speed_max=as_array(limits.speed_max_m_s),
@@ -350,7 +361,7 @@ def build_flight_limits(limits: Limits) -> FlightLimits:
 
 
 def build_path_limits(scenario: Scenario) -> PathLimits:
-    """Path limits that hold for every aircraft of the scenario."""
+    """Build path limits that every aircraft of the scenario can keep."""
     fleet_limits = [aircraft.limits for aircraft in resolve_fleet(scenario)]
     slowest = max(limits.speed_min_m_s for limits in fleet_limits)
     fastest = min(limits.speed_max_m_s for limits in fleet_limits)
@@ -364,7 +375,7 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
-    """Path limits with a fraction of the bank, bank rate and climb rate, and of the load factor's part above 1.
+    """Build path limits from a fraction of bank, bank rate, climb rate, and of the load factor's part above 1.
 
     Airspeeds are as given, altitudes those of `limits`.
     """
@@ -381,13 +392,16 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
 
 
 def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:
-    """Fraction of the bank rate limit, rad/s; None if the scenario sets no limit."""
+    """Return a fraction of the bank rate limit, rad/s; None if the scenario sets no limit."""
     limit_deg_s = limits.roll_rate_max_deg_s
     return None if limit_deg_s is None else as_array(fraction * limit_deg_s * DEG_RAD)
 
 
 def planned_limits(scenario: Scenario, aircraft: ResolvedAircraft) -> PathLimits:
-    """Path limits less the planning reserve; the airspeed window is widened to contain the start airspeed."""
+    """Build one aircraft's path limits with the planning reserve taken off.
+
+    The airspeed range is widened where necessary to contain the start airspeed.
+    """
     limits, speed, reserve = aircraft.limits, scenario.speed_for(aircraft.table), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)

@@ -25,14 +25,17 @@ _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 
 
 def build_environment(scenario: Scenario) -> Environment:
-    """Environment of a scenario: standard atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
+    """Build the environment: standard atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
     latitude, longitude = (as_array(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
     earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
     return Environment(StandardAtmosphere(), build_wind(scenario), earth)
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:
-    """Wind of a scenario: a steady wind, or layers padded to a bucket size above the highest layer."""
+    """Build the wind: uniform, or layers.
+
+    Layers are padded to a bucket size with copies above the highest layer.
+    """
     profile = scenario.wind.profile_m_s
     if scenario.wind.layers is None:
         return SteadyWind(ned(profile[0][1]))
@@ -48,13 +51,13 @@ def build_wind(scenario: Scenario) -> AbstractWind:
 
 
 def ned(position_up_m: Sequence[float]) -> Vector3:
-    """Vector (north, east, up) converted to (north, east, down)."""
+    """Convert a vector (north, east, up) to (north, east, down)."""
     north, east, up = position_up_m
     return as_array([north, east, -up])
 
 
 def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> AbstractGusts:
-    """Gusts of one aircraft: turbulence, scaled with the wing span, and discrete gusts that meet this aircraft."""
+    """Build the gusts of one aircraft: turbulence, scaled with the wing span, and its discrete gusts."""
     parts: list[AbstractGusts] = []
     turbulence = scenario.turbulence
     if turbulence.intensity != "none":
@@ -87,7 +90,7 @@ def build_gusts(scenario: Scenario, aircraft: Aircraft, span_m: ScalarLike) -> A
 
 @functools.cache
 def exceedance_table() -> ExceedanceTable:
-    """Turbulence intensity by height and probability of exceedance, read from the data file."""
+    """Read the table of turbulence intensity by height and probability of exceedance from the data file."""
     path = resources.files("anser.environment").joinpath("data/turbulence.json")
     data = json.loads(path.read_text(encoding="utf-8"))
     with jax.ensure_compile_time_eval():  # cached, so it must not belong to the trace of the first caller

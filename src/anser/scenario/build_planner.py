@@ -29,7 +29,10 @@ _SIDES = {"auto": 0, "right": 1, "left": -1}
 
 
 def build_planner(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> AbstractPlanner:
-    """Planner of a fleet; the fleet may be longer than the scenario's list by its padding."""
+    """Build the planner that the scenario selects.
+
+    `fleet` may be longer than the scenario's list: it includes padding aircraft.
+    """
     return _PLANNERS[scenario.fleet.planner](scenario, fleet, guidance)
 
 
@@ -47,7 +50,7 @@ def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
 
 
 def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
-    """The certified planner; acceleration limits left out of the scenario are infinite."""
+    """Build the certified planner; acceleration limits left out of the scenario are infinite."""
     separation = scenario.separation
     is_separated = separation.horizontal_m > 0.0
     return CertifiedPlanner(
@@ -79,7 +82,10 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
 def _decentralised(
     scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings
 ) -> DecentralisedPlanner:
-    """Decentralised planner; the separation is widened by path deviations and clock differences between messages."""
+    """Build the decentralised planner.
+
+    Its separation is widened by path deviations and by clock differences between messages.
+    """
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
     separation, fastest = (
@@ -104,7 +110,7 @@ def _decentralised(
 
 
 def build_network(scenario: Scenario) -> Network:
-    """Communication network of a fleet without a centre."""
+    """Build the communication network of a decentralised fleet."""
     settings = scenario.network or NetworkTable()
     delay = round(settings.delay_s / settings.period_s)
     return Network(

@@ -30,7 +30,7 @@ _GRAVITY_M_S2 = 9.81
 
 
 def build_sensors(scenario: Scenario) -> AbstractSensors:
-    """Sensors of an aircraft; ideal sensors if both sensor tables are "exact"."""
+    """Build the set of sensors of an aircraft; ideal sensors if both sensor tables are "exact"."""
     vehicle_sensors, goal_sensor = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
     return (
         IdealSensors()
@@ -40,7 +40,7 @@ def build_sensors(scenario: Scenario) -> AbstractSensors:
 
 
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
-    """Estimator behind the sensors; measurements pass unfiltered if all sensors are exact and the air is smooth.
+    """Build the estimator; it uses the readings directly if all sensors are exact and the air is smooth.
 
     `model` is the airframe assumed by the estimator; None: the airframe that flies.
     """
@@ -89,7 +89,7 @@ def _motion_models(table: Estimator) -> tuple[AbstractMotionModel, ...]:
 
 
 def build_vehicle_sensors(table: Navigation) -> VehicleSensors | None:
-    """Satellite navigation, inertial sensors and air data with the table's errors; None if the sensors are exact."""
+    """Build the vehicle sensors with the errors of the table [navigation]; None if they are exact."""
     if table.sensors == "exact":
         return None
     return VehicleSensors(
@@ -131,7 +131,7 @@ def _navigation_filter(table: Navigation) -> NavigationFilter:
 
 
 def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
-    """Goal sensor with the table's numbers, completed by the preset; None if the sensor is exact."""
+    """Build the goal sensor from the table's numbers, completed by the preset; None if the sensor is exact."""
     if table.preset == "exact":
         return None
     number = table.number
@@ -179,7 +179,7 @@ def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
 
 
 def _motion_history_slots(table: GoalSensorTable, step_s: float) -> int:
-    """Number of past samples of the vehicle's motion stored for delayed measurements; a power of two."""
+    """Return how many past samples of the aircraft's motion delayed measurements require, as a power of two."""
     latest_s = table.number("latency_s")[1]
     return 0 if latest_s <= 0.0 else 2 ** math.ceil(math.log2(latest_s / step_s + 2.0))
 

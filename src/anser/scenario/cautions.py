@@ -10,7 +10,7 @@ from anser.scenario.unused_keys import unused_key_cautions
 
 
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
-    """Cautions of a scenario, one sentence each; empty if there are none.
+    """List the cautions about a scenario, one sentence each; empty without any.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def _limit_cautions(scenario: Scenario) -> list[str]:
 
 
 def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
-    """Cautions for cascaded loops with too little bandwidth ratio; the published gains have enough."""
+    """Cautions for nested loops whose bandwidths are too close; those of the published gains are not."""
     if aircraft.gains == Gains():
         return []
     gains, cautions = aircraft.gains, []
@@ -105,7 +105,7 @@ def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
 
 
 def _bandwidths(loop: RateGains | AttitudeGains | VelocityGains) -> tuple[float, ...]:
-    """Bandwidth of each channel, 1/s: as given, or K_P/(1 + K_D)."""
+    """Return the bandwidth of each channel, 1/s: the table's, or K_P/(1 + K_D) of its gains."""
     if loop.bandwidth_rad_s is not None:
         return loop.bandwidth_rad_s
     return tuple(gain / (1.0 + derivative) for gain, derivative in zip(loop.proportional, loop.derivative, strict=True))

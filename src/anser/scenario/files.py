@@ -80,7 +80,7 @@ def parse_scenario(text: str, source: str) -> dict[str, Any]:
 
 
 def _duplicate_table_hint(line: str) -> str:
-    """Hint for a table that is declared twice: the header that was probably intended, or an empty text."""
+    """Suggest the header that was probably intended for a table declared twice; empty for other lines."""
     header = _HEADER.match(line)
     table = header[1] if header is not None else ""
     for model, introduction in ((Scenario, "; a scenario has "), (Aircraft, "; an aircraft has ")):
@@ -141,7 +141,7 @@ SCENARIO_SCHEMA = "anser-scenario.schema.json"
 
 
 def starter_scenario() -> str:
-    """Text (TOML) of the starter scenario: two aircraft, two drifting buoys, every key with a comment."""
+    """Return the text (TOML) of the starter scenario: two aircraft, two drifting buoys, every key with a comment."""
     return files("anser.scenario").joinpath("starter.toml").read_text(encoding="utf-8")
 
 

@@ -16,7 +16,9 @@ from anser.steady.trim_diagnosis import nearest_trims
 
 
 def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
-    """Refuse starts without steady flight; the message names the violated limits and the nearest trim points.
+    """Raise ScenarioError if an aircraft has no steady flight at its start.
+
+    The message names the violated limits and the nearest conditions with a trim.
 
     Parameters
     ----------
@@ -47,12 +49,12 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
 
 
 _DIRECT_TABLES = ("timing", "limits", "arrival", "separation", "requirements", "network", "event")
-"""Tables that planner, closed loop and verdict read from the scenario directly."""
+"""Tables that planner, closed loop and the check of requirements read from the scenario, not from the flight."""
 _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Refuse varied key paths that change nothing.
+    """Raise ScenarioError if a study varies a key path that changes no flight.
 
     Parameters
     ----------
@@ -104,13 +106,13 @@ def _differs(scenario: Scenario, changed_scenario: Scenario, numbered_path: str)
 
 
 def _direct_values(scenario: Scenario) -> list[Any]:
-    """Values that planner, closed loop and verdict read from the scenario directly."""
+    """Return the values that planner, closed loop and the check of requirements read from the scenario."""
     aircraft = [[getattr(aircraft_table, key) for key in _DIRECT_AIRCRAFT_KEYS] for aircraft_table in scenario.aircraft]
     return [*(getattr(scenario, name) for name in _DIRECT_TABLES), aircraft]
 
 
 def _flight_arrays(scenario: Scenario) -> tuple[Any, list[np.ndarray]]:
-    """Tree structure and arrays of the built flight."""
+    """Build the flight; return its tree structure and arrays, by which two flights are compared."""
     leaves, structure = jax.tree.flatten(build_flight(scenario))
     return structure, [np.asarray(leaf) for leaf in leaves]
 

@@ -182,7 +182,7 @@ class Scenario(Table):
         return scenario
 
     def _common_limits(self) -> Limits:
-        """Limits completed by the aircraft's data range if the fleet has one common range."""
+        """Return the limits, completed by the range of the aircraft's data if all aircraft have the same range."""
         ranges = {aircraft.range for aircraft in self.aircraft}
         return limits_for(self.limits, self.aircraft[0].range) if len(ranges) == 1 else self.limits
 
@@ -199,7 +199,7 @@ class Scenario(Table):
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
+        """Return the SHA-256 of the validated values, 64 hexadecimal digits; see :func:`scenario_hash`."""
         return scenario_hash(self)
 
     @property
@@ -212,7 +212,7 @@ class Scenario(Table):
 
     @property
     def requires_separation(self) -> bool:
-        """Whether the verdict on a flight includes the separation of its aircraft."""
+        """Whether a flight must keep its aircraft separated to meet the requirements."""
         return self.separation.required_m is not None or self.requirements.separation_min_m is not None
 
     @property
@@ -221,15 +221,15 @@ class Scenario(Table):
         return self.turbulence.intensity != "none"
 
     def limits_for(self, aircraft: Aircraft) -> Limits:
-        """Limits of one aircraft; keys left out of the scenario follow from the range of the aircraft's data."""
+        """Return one aircraft's limits; keys left out of the scenario follow from the range of its data."""
         return limits_for(self.limits, aircraft.range)
 
     def speed_for(self, aircraft: Aircraft) -> float:
-        """Preferred airspeed of one aircraft, m/s: from its table, or else from the fleet."""
+        """Return the preferred airspeed of one aircraft, m/s: from its table, or else from the fleet."""
         return self.fleet.speed_m_s if aircraft.speed_m_s is None else aircraft.speed_m_s
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
-        """Goal of an aircraft of this scenario."""
+        """Return the goal of an aircraft of this scenario."""
         return next(goal for goal in self.goal if goal.name == aircraft.goal)
 
     def replace(self, path: str, value: object, /, *further_changes: object) -> "Scenario":
@@ -294,7 +294,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """Hash of a scenario's values; comments, the order of keys and written-out defaults do not change the hash.
+    """Compute a scenario's hash, which comments, the order of keys and written-out defaults do not change.
 
     SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Airframes from entry points,
     which are code, enter with the name and version of their distribution.

@@ -74,7 +74,7 @@ class Goal(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a missing or doubly defined motion, and waypoints out of order."""
+        """List a motion that is missing or defined twice, and waypoints whose times do not increase."""
         problems: list[Problem] = []
         if self.waypoints is None:
             coordinates = {"north_m": self.north_m, "east_m": self.east_m}
@@ -89,11 +89,11 @@ class Goal(Table):
         return problems
 
     def velocity_m_s(self) -> Vector:
-        """Velocity over the ground (north, east, up) at time 0 of a goal without waypoints, m/s."""
+        """Velocity over the ground (north, east, up) at time 0, m/s; for a goal without waypoints."""
         return velocity_on_course(self.speed_m_s, self.course_deg, self.climb_rate_m_s)
 
     def position_m(self, time_s: float) -> Vector:
-        """Position (north, east, up), m, at a time since the start, s; a goal stops at its last waypoint."""
+        """Return the position (north, east, up), m, at a time since the start (s); constant after the last waypoint."""
         if self.waypoints is None:
             north, east, up = self.velocity_m_s()
             start_north_m, start_east_m = self.north_m or 0.0, self.east_m or 0.0
@@ -157,7 +157,7 @@ class Rendezvous(Table):
 
     @property
     def stand_off_m(self) -> tuple[float, float, float]:
-        """Rendezvous point seen from the goal (north, east, up), m."""
+        """Vector from the goal to the rendezvous point (north, east, up), m."""
         return self.stand_off_north_m, self.stand_off_east_m, self.stand_off_up_m
 
     @property
@@ -167,7 +167,7 @@ class Rendezvous(Table):
 
 
 class _LoopGains(Table):
-    """Alternative definition of a loop's gains by bandwidth and damping, common to all loops."""
+    """Keys common to the gains of all loops: bandwidth and damping, from which gains may be computed."""
 
     bandwidth_rad_s: Gain3 | None = optional_gain("required bandwidth, instead of proportional and integral", "rad/s")
     damping: Gain3 | None = optional_gain("required damping of the pair of poles; left out: no integral")
@@ -231,7 +231,7 @@ class Gains(Table):
 
 
 def _validated_file(value: object) -> object:
-    """Aircraft file as a validated table; a dictionary is validated as the file type that its tables indicate."""
+    """Validate the contents of an aircraft file as the kind of file that its tables indicate."""
     if value is None or is_aircraft_file(value):
         return value
     if isinstance(value, dict):
@@ -280,23 +280,23 @@ class Aircraft(Table):
 
     @property
     def range(self) -> AirframeRange:
-        """Range of airspeeds, altitudes and angles of attack covered by the aircraft's data."""
+        """Ranges of airspeed, altitude and angle of attack that the aircraft's data cover."""
         return airframe_range(self.type, self.airframe)
 
     @property
     def is_library_f16(self) -> bool:
-        """Whether the airframe is the library's F-16, whose gains and limits do not derive from the aircraft."""
+        """Whether the airframe is the library's F-16: its gains are published and its limits are not derived."""
         return self.airframe is None and self.type == "f16"
 
     @property
     def file(self) -> AirframeFile | DaveMlFile | None:
-        """Aircraft file, from the library or the `airframe` path; None for the F-16 and entry points."""
+        """Contents of the aircraft file, from the library or the path `airframe`; None for F-16 and entry points."""
         if self.airframe is not None:
             return self.airframe
         return library_file(self.type) if self.type in LIBRARY_FILES else None
 
     def consistency_problems(self) -> list[Problem]:
-        """List an unknown or doubly defined airframe, keys of other airframes, and a start outside the data range."""
+        """List an airframe that is unknown or defined twice, keys of other airframes, and a start outside the data."""
         if self.type not in AIRFRAMES and self.type not in aircraft_types():
             return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
         problems = []
@@ -346,7 +346,7 @@ class Aircraft(Table):
 
 
 def _factor_names(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:
-    """Names of the derivatives or coefficients of a file for which a deviation can set a factor."""
+    """Return the names of a file's derivatives or coefficients on which a deviation may set a factor."""
     if isinstance(file, DaveMlFile):
         return BODY_COEFFICIENTS
     derivatives = [name for name in DERIVATIVES if getattr(file.aerodynamics, name) != 0.0]

@@ -51,7 +51,7 @@ class Arrival(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the rule does not use or that are missing."""
+        """List keys that the rule requires but the table lacks, and keys that the rule does not use."""
         problems = []
         for key, rule in _RULE_OF.items():
             value = getattr(self, key)
@@ -68,14 +68,14 @@ class Arrival(Table):
         return self.rule in ("together", "earliest", "at") or (self.rule == "sequence" and self.spacing_s == 0.0)
 
     def arrive_together(self, aircraft: Aircraft, second_aircraft: Aircraft) -> bool:
-        """Whether two aircraft of the fleet arrive at the same time by this rule."""
+        """Whether this rule makes two aircraft of the fleet arrive at the same time."""
         return self.is_common or (self.rule == "times" and aircraft.arrive_s == second_aircraft.arrive_s)
 
 
 def arrival_problems(scenario: "Scenario") -> list[Problem]:
-    """List missing or unused times, an invalid order, and arrivals after the end of the flight.
+    """List missing or unused arrival times, an invalid order, and arrivals after the end of the flight.
 
-    The names of the aircraft are unique.
+    Requires that the names of the aircraft are unique.
     """
     aircraft_tables, arrival, timing = scenario.aircraft, scenario.arrival, scenario.timing
     problems = [] if arrival.time_s is None else _end_of_flight_problems("arrival.time_s", arrival.time_s, timing)
@@ -155,7 +155,7 @@ def _sequence_problems(order: tuple[str, ...], aircraft_tables: tuple[Aircraft, 
 
 
 class Separation(Table):
-    """Minimum separation between any two aircraft, holds included: horizontal or vertical."""
+    """Minimum separation of any two aircraft, also in their holds: either horizontal or vertical suffices."""
 
     horizontal_m: float = number("horizontal distance; 0: no requirement", 0, 50_000, "m", 0.0)
     vertical_m: float = number(
@@ -164,7 +164,7 @@ class Separation(Table):
     reserve_m: float = number("margin added to both by the plan, for path-following errors", 0, 1_000, "m", 10.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List a vertical separation without a horizontal one."""
+        """List a vertical separation without a horizontal separation."""
         if self.horizontal_m > 0.0 or self.vertical_m == 0.0:
             return []
         expected = "horizontal_m above 0 beside it: aircraft are apart in the plane or in altitude"
@@ -172,7 +172,7 @@ class Separation(Table):
 
     @property
     def required_m(self) -> tuple[float, float] | None:
-        """Horizontal and vertical separation, m; None if no separation is required."""
+        """Required separation (horizontal, vertical), m; None if no separation is required."""
         return (self.horizontal_m, self.vertical_m) if self.horizontal_m > 0.0 else None
 
     def is_satisfied(self, first_m: Vector, second_m: Vector) -> bool:
@@ -202,7 +202,7 @@ class KeepOut(Table):
         return velocity_on_course(self.speed_m_s, self.course_deg)
 
     def contains(self, position_m: Vector) -> bool:
-        """Whether a position (north, east, up), m, is inside the cylinder at time 0; the surface is outside."""
+        """Whether a position (north, east, up), m, is inside the cylinder at time 0; points on its surface are not."""
         distance_m = math.dist(position_m[:2], (self.north_m, self.east_m))
         return distance_m < self.radius_m and self.bottom_m < position_m[2] < self.top_m
 
@@ -248,7 +248,7 @@ def separation_problems(scenario: "Scenario") -> list[Problem]:
 def keep_out_problems(scenario: "Scenario") -> list[Problem]:
     """List keep-outs with the same name, starts inside a keep-out, and rendezvous points that stay inside a keep-out.
 
-    The goal of every aircraft exists.
+    Requires that the goal of every aircraft exists.
     """
     keep_outs, aircraft_tables, goals = scenario.keep_out, scenario.aircraft, scenario.goal
     problems = []
@@ -311,7 +311,7 @@ def _floor_to_tenths(length_m: float) -> str:
 
 
 def _have_equal_motion(goal: Goal, keep_out: KeepOut) -> bool:
-    """Whether the goal and the cylinder have no relative motion."""
+    """Whether goal and cylinder move with the same velocity."""
     if goal.waypoints is None:
         return goal.velocity_m_s() == keep_out.velocity_m_s()
     positions = {(point.north_m, point.east_m, point.altitude_m) for point in goal.waypoints}

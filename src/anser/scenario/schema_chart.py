@@ -33,7 +33,7 @@ class _Position(NamedTuple):
 
 
 def chart_problems(scenario: "Scenario") -> list[Problem]:
-    """List an origin whose chart is too inaccurate for the fleet's positions, or too close to a pole.
+    """List an origin whose chart is too inaccurate at the fleet's positions, and one that is too close to a pole.
 
     The result has at most one problem, which suggests a suitable latitude. The chart of a flat Earth has no scale
     error, but its positions still need a longitude and a latitude.
@@ -57,7 +57,7 @@ def chart_problems(scenario: "Scenario") -> list[Problem]:
 
 
 def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
-    """Defect of the chart at an origin's latitude, and a remedy besides another origin; None if it suffices."""
+    """Return the chart's defect for an origin's latitude, and a remedy other than a new origin; None without defect."""
     speed_m_s, duration_s = scenario.fleet.speed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
         worst = max(positions, key=lambda position: scale_error(latitude_deg, position.north_m, position.east_m))
@@ -89,7 +89,7 @@ def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg:
 
 
 def _positions(scenario: "Scenario") -> list[_Position]:
-    """Start positions of the aircraft, and the corners of the squares around goals and their holds."""
+    """List the start positions of the aircraft, and the corners of squares around the goals and their holds."""
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
     positions = []
     for index, aircraft in enumerate(scenario.aircraft):
@@ -115,7 +115,7 @@ def _positions(scenario: "Scenario") -> list[_Position]:
 
 
 def scale_error(latitude_deg: float, north_m: float, east_m: float) -> float:
-    """Relative error of lengths at a position in the chart of an origin; infinite beyond a pole."""
+    """Compute the relative error of lengths at a position in the chart of an origin; infinite beyond a pole."""
     origin = math.radians(latitude_deg)
     north, east = north_m / _RADIUS_M, east_m / (_RADIUS_M * math.cos(origin))
     latitude = origin + math.atan(north)

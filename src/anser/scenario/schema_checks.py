@@ -28,7 +28,7 @@ _KEYS = (
 
 
 def limits_for(limits: Limits, data_range: AirframeRange) -> Limits:
-    """Limits of one aircraft; airspeeds and angles of attack left out of the scenario follow from the aircraft file.
+    """Return one aircraft's limits; airspeeds and angles of attack left out follow from the aircraft file.
 
     An aircraft without a file keeps the scenario's limits.
     """
@@ -55,7 +55,10 @@ def order_problems(scenario: "Scenario") -> list[Problem]:
 
 
 def range_problems(scenario: "Scenario") -> list[Problem]:
-    """List limits beyond the range of an aircraft's data; altitudes beyond the range are only marked later."""
+    """List limits beyond the range of an aircraft's data.
+
+    Altitudes beyond the range are no problem here: the results mark the time spent there.
+    """
     aircraft_tables, limits = scenario.aircraft, scenario.limits
     problems: dict[str, Problem] = {}
     for data_range in dict.fromkeys(aircraft.range for aircraft in aircraft_tables):
@@ -92,12 +95,15 @@ _CERTIFIED_AIRCRAFT_KEYS = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to
 
 
 def label(kind: str, item: Aircraft | Goal) -> str:
-    """Name of an aircraft or a goal in a message, such as ``goal "ship"``."""
+    """Format the name of an aircraft or a goal for a message, such as ``goal "ship"``."""
     return f'{kind} "{item.name}"'
 
 
 def connected_groups(count: int, is_connected: Callable[[int, int], bool]) -> list[list[int]]:
-    """Connected components with two or more members, in rising order, of a graph with `count` nodes."""
+    """Return the connected components, of two or more nodes each, of a graph with the nodes 0 to `count` - 1.
+
+    The nodes of a component are in rising order.
+    """
     groups: list[list[int]] = []
     for index in range(count):
         joined = [group for group in groups if any(is_connected(index, member) for member in group)]
@@ -107,7 +113,7 @@ def connected_groups(count: int, is_connected: Callable[[int, int], bool]) -> li
 
 
 def format_list(kind: str, items: Sequence[Aircraft] | Sequence[Goal], indices: Sequence[int]) -> str:
-    """Names of several list items in a message, such as ``aircraft[0] "north" and aircraft[2] "south"``."""
+    """Format list items for a message, such as ``aircraft[0] "north" and aircraft[2] "south"``."""
     names = [f'{kind}[{index}] "{items[index].name}"' for index in indices]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -176,7 +182,7 @@ def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraf
 
 
 def _limits_owner(scenario: "Scenario", aircraft: Aircraft) -> str:
-    """Addition to a message for fleets with several aircraft types: the owner of the limits, and a remedy."""
+    """Return text that tells, for a fleet of several types, which aircraft the limits come from, and a remedy."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
     remedy = "" if aircraft.speed_m_s is not None else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
@@ -231,7 +237,10 @@ def start_problems(scenario: "Scenario") -> list[Problem]:
 
 
 def rendezvous_problems(scenario: "Scenario") -> list[Problem]:
-    """List stand-offs below the minimum and arrivals that are too steep; every aircraft's goal exists."""
+    """List stand-offs below the minimum and arrivals that are too steep.
+
+    Requires that the goal of every aircraft exists.
+    """
     problems = []
     goal_kinds = {goal.name: goal.kind for goal in scenario.goal}
     for index, aircraft in enumerate(scenario.aircraft):
@@ -279,7 +288,7 @@ def goal_problems(scenario: "Scenario") -> list[Problem]:
 
 
 def _climb_rate_problems(path: str, subject: str, angle_deg: float, speed_m_s: float, limits: Limits) -> list[Problem]:
-    """List a path angle whose climb or descent exceeds the climb rate limit."""
+    """List a path angle at which the aircraft would climb or descend faster than the limit."""
     rate_m_s = speed_m_s * math.sin(math.radians(angle_deg))
     if abs(rate_m_s) <= limits.climb_rate_max_m_s:
         return []

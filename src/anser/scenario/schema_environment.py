@@ -94,7 +94,7 @@ class Wind(Table):
 
     @property
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
-        """Altitude (m) and velocity of the air over the ground (north, east, up; m/s) of the layers."""
+        """Layers of the wind: pairs of altitude (m) and velocity over the ground (north, east, up), m/s."""
         if self.layers is None:
             return ((0.0, _wind_velocity(self)),)
         return tuple((layer.altitude_m, _wind_velocity(layer)) for layer in self.layers)
@@ -105,7 +105,7 @@ class Wind(Table):
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
 
     def velocity_m_s(self, altitude_m: float) -> Vector:
-        """Velocity of the air over the ground (north, east, up), m/s, at an altitude, m."""
+        """Return the velocity of the air over the ground (north, east, up), m/s, at an altitude (m)."""
         return interpolate(self.profile_m_s, altitude_m)
 
 
@@ -118,7 +118,7 @@ INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe":
 
 
 class Turbulence(Table):
-    """Continuous gusts by MIL-F-8785C and MIL-HDBK-1797 (equal numbers), independent for every aircraft."""
+    """Turbulence by MIL-F-8785C and MIL-HDBK-1797 (with the same numbers), independent for every aircraft."""
 
     intensity: Literal["none", "light", "moderate", "severe"] = choice(
         "how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
@@ -129,7 +129,7 @@ class Turbulence(Table):
 
 
 class DiscreteGust(Table):
-    """A gust of the form 1 - cos that meets one aircraft or all aircraft."""
+    """A gust of the form 1 - cos, which one aircraft or every aircraft flies into at a given time."""
 
     time_s: float = number("time at which the aircraft meets the gust", 0, DURATION_MAX_S, "s")
     aircraft: str | None = Field(

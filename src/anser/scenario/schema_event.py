@@ -23,7 +23,7 @@ KINDS = (
     "arrival-put-off",
 )
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
-"""Events that change neither fleet nor airspace; the fleet replans towards the estimated goal positions."""
+"""Events that change only a goal's motion or the estimate of it; periodic replanning follows the estimate."""
 _REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),
@@ -87,7 +87,7 @@ class Event(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the kind of event requires or does not allow."""
+        """List keys that the kind of event requires but the table lacks, and keys that it does not allow."""
         problems = []
         required, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
         for key in required:

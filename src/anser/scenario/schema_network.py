@@ -99,7 +99,7 @@ def _number_problems(network: Network, scenario: "Scenario") -> list[Problem]:
 
 
 def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
-    """Greatest deviation of a clock rate from 1 for which a plan with the reserve still satisfies the limits.
+    """Return the greatest deviation of a clock rate from 1 for which a plan with the reserve keeps its limits.
 
     Accelerations scale with the square of the clock rate; the tangent of the bank angle grows at least in proportion to
     the angle. The clock rate scales the velocity over the ground; the wind speed is at most `wind_m_s`.

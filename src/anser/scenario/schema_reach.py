@@ -20,7 +20,7 @@ _HALVINGS = 40  # bisection of the longest flight to less than a microsecond
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """The airspeed used to check whether a goal can be reached.
+    """Airspeed with which the checks decide whether an aircraft can reach its goal, and where it comes from.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class ReferenceSpeed:
 
 
 def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
-    """Airspeed that decides whether an aircraft can reach its goal."""
+    """Return the airspeed with which the checks decide whether an aircraft can reach its goal."""
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
@@ -61,7 +61,7 @@ def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
-    """Time to intercept a point in steady motion, on a straight line at constant airspeed.
+    """Compute the time in which an aircraft on a straight line at constant airspeed meets a moving point.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
     scenario
         Scenario in which every aircraft has a goal and the wind is slower than the fleet.
     unaided
-        Whether to exclude a faster plan by descent and a tail wind at altitudes other than the start's.
+        Whether to ignore that a descent, or a tail wind at other altitudes than the start's, can make a plan faster.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):
@@ -128,7 +128,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
 
 
 def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
-    """List arrival times before the fastest flight: straight, at the greatest airspeed, with the strongest tail wind.
+    """List arrival times that are too early even for a straight flight at the greatest airspeed and tail wind.
 
     For a window the end counts. `reach_problems` has found no problem, so every goal is reached within the flight.
     """
@@ -157,7 +157,7 @@ def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
 
 
 def _earliest_arrival_s(scenario: "Scenario", aircraft: Aircraft) -> float:
-    """Lower bound of an aircraft's arrival time, s, for any flight within the limits."""
+    """Return a lower bound of an aircraft's arrival time, s, for any flight within the limits."""
     goal, wind = scenario.goal_of(aircraft), scenario.wind
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
@@ -180,7 +180,7 @@ def _earliest_arrival_s(scenario: "Scenario", aircraft: Aircraft) -> float:
 
 
 def _fastest_mean_airspeed_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
-    """Upper bound of the mean airspeed to which the planner may raise the fleet's airspeed, m/s.
+    """Return an upper bound of the fleet's mean airspeed (m/s) that the published planner may choose.
 
     In a descent without drag, kinetic plus potential energy is constant, which bounds the airspeed. The bound is the
     greatest over the fleet.
@@ -208,7 +208,7 @@ def _plus(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
 def _leg_speed_problems(
     path: str, goal: Goal, reference: ReferenceSpeed, winds_m_s: tuple[Vector, ...]
 ) -> list[Problem]:
-    """List legs of a goal whose speed through the air exceeds the fleet's airspeed, in any of the winds."""
+    """List legs on which a goal is faster through the air than the aircraft, in at least one wind of `winds_m_s`."""
     problems = []
     points = goal.waypoints or ()
     for index in range(1, len(points)):
@@ -234,7 +234,7 @@ def _leg_speed_problems(
 def _aircraft_reach_problems(
     path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
-    """List the problems of one aircraft on the way to the goal."""
+    """List the reasons why one aircraft cannot reach its goal."""
     goal, limits, wind, timing = (
         scenario.goal_of(aircraft),
         scenario.limits_for(aircraft),

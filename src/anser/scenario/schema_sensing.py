@@ -1,4 +1,4 @@
-"""Scenario tables for sensors and estimators, and the check of the stand-off under goal uncertainty."""
+"""Scenario tables for sensors and estimators, and the check that the stand-off allows for an uncertain goal."""
 
 import functools
 import json
@@ -33,12 +33,12 @@ _PERIOD_MAX_S = 600.0
 
 @functools.cache
 def goal_sensor_presets() -> dict[str, Any]:
-    """Sensor presets: their numbers and sources."""
+    """Return the presets of goal sensors by name: their numbers and sources."""
     return json.loads(files("anser.scenario").joinpath("data/goal_sensors.json").read_text(encoding="utf-8"))
 
 
 class Navigation(Table):
-    """Navigation of an aircraft: exact, or by satellite navigation, inertial sensors and air data with errors.
+    """Sensors of the aircraft's own motion: exact; or satellite navigation, inertial sensors, air data with errors.
 
     All errors are standard deviations. The defaults represent satellite navigation with 2 m per axis, an attitude and
     heading reference of tactical grade, and an air data computer (RTCA DO-229, DO-334, SAE AS8002).
@@ -102,7 +102,7 @@ class GoalSensor(Table):
     outage_mean_s: float = number("mean duration of an outage", 0.001, 3600, "s", 1.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List numbers that the sensor does not use, and latencies out of order."""
+        """List keys that the sensor does not use, and a `latency_s` whose least value exceeds its greatest."""
         problems = []
         kind = None if self.preset == "exact" else goal_sensor_presets()[self.preset]["kind"]
         for key in sorted(self.model_fields_set - {"preset"}):
@@ -126,7 +126,7 @@ class GoalSensor(Table):
         return problems
 
     def number(self, key: str, default: Any = None) -> Any:
-        """Number of the sensor: from the table, or else from the preset."""
+        """Return the value of a key: the table's, else the preset's, else `default`."""
         value = getattr(self, key, None)
         return goal_sensor_presets()[self.preset].get(key, default) if value is None else value
 
@@ -191,11 +191,12 @@ _MEASUREMENTS = 2000  # upper limit of the recursion; the filter has settled by 
 def goal_sigma_m(
     sensor: GoalSensor, estimator: Estimator, navigation: Navigation, timing: Timing, fleet: Fleet, distance_m: float
 ) -> float:
-    """Standard deviation of the estimated goal position at the arrival when the plan is frozen, m.
+    """Compute the standard deviation (m) of the goal's position at the arrival, as predicted when the plan freezes.
 
-    One axis of a steadily moving goal, by the Kalman filter's recursion from the briefed uncertainty, predicted over
-    the freeze time; measurement errors are those at mid-freeze range. A goal's own report is compared with the
-    aircraft's position, so the error of satellite navigation adds to the report's error.
+    The value is for one axis of a goal in steady motion: the Kalman filter's recursion from the briefed uncertainty,
+    then a prediction over the freeze time. Measurement errors are those at the range in the middle of the freeze time.
+    A goal's own report is compared with the aircraft's position, so the error of satellite navigation adds to the
+    report's error.
     """
     if sensor.preset == "exact":
         return 0.0
@@ -236,7 +237,10 @@ def goal_sigma_m(
 def _predict_variances(
     position_variance: float, covariance: float, speed_variance: float, density: float, span_s: float
 ) -> tuple[float, float, float]:
-    """Variances of position and speed, and their covariance, after `span_s` with white-noise acceleration."""
+    """Predict position variance, covariance and speed variance over `span_s` seconds with white-noise acceleration.
+
+    `density` is the acceleration's spectral density, m^2/s^3.
+    """
     return (
         position_variance + 2.0 * span_s * covariance + span_s**2 * speed_variance + density * span_s**3 / 3.0,
         covariance + span_s * speed_variance + density * span_s**2 / 2.0,
@@ -245,7 +249,10 @@ def _predict_variances(
 
 
 def margin_problems(scenario: "Scenario") -> list[Problem]:
-    """List rendezvous points too close to an uncertain goal for the minimum stand-off; all goals exist."""
+    """List rendezvous points that are too near an uncertain goal for the minimum stand-off.
+
+    Requires that the goal of every aircraft exists.
+    """
     sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
     goal_kinds = {goal.name: goal.kind for goal in scenario.goal}
     problems = []

@@ -17,7 +17,7 @@ def is_multiple(period_s: float, step_s: float) -> bool:
 
 
 def multiple_message(period_s: float, key: str, step_s: float) -> str:
-    """Message that a time must be a whole number of steps, with the nearest valid values."""
+    """Return the message that a time must be a whole number of steps, with the nearest valid values."""
     below = math.floor(period_s / step_s)
     nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
     return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
@@ -131,7 +131,9 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List altitudes without a width; the ranges of the two load factors do not overlap and need no check.
+        """List a least altitude that is not below the greatest altitude.
+
+        Load factors need no such check: the ranges of their two keys do not overlap.
 
         Airspeeds and angles of attack left out of the scenario follow from the aircraft: see
         `schema_checks.limits_for`.

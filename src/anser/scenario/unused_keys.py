@@ -1,4 +1,4 @@
-"""Keys without effect: settings for something that the scenario does not contain, with a remedy for each."""
+"""Search for keys without effect: settings for something that the scenario does not contain."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ class UnusedKeys:
         return any(path == key or path.startswith((f"{key}.", f"{key}[")) for key in keys)
 
     def problems(self) -> Iterator[Problem]:
-        """Problems for keys in the file whose values differ from the defaults."""
+        """Yield a problem for each of the keys that the file sets to another value than the default."""
         for key in self.keys[:1] if self.is_whole else self.keys:
             value = getattr(self.table, key)
             if key in self.table.model_fields_set and value != type(self.table).model_fields[key].default:
@@ -61,7 +61,7 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario) -> list[Problem]:
-    """Problems for keys in the file without effect on flight, plan or verdict that are refused."""
+    """List problems for those keys without effect for which a file is refused."""
     return [
         problem
         for unused_keys in find_unused_keys(scenario)
@@ -71,7 +71,7 @@ def unused_key_problems(scenario: Scenario) -> list[Problem]:
 
 
 def unused_key_cautions(scenario: Scenario) -> list[str]:
-    """Cautions for keys in the file without effect that are not refused, one sentence each."""
+    """List cautions, one sentence each, for those keys without effect for which a file is not refused."""
     problems = [
         problem
         for unused_keys in find_unused_keys(scenario)
@@ -82,7 +82,7 @@ def unused_key_cautions(scenario: Scenario) -> list[str]:
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
-    """All keys of a scenario without effect, in the file or not, as far as the tables alone determine this."""
+    """List all keys of a scenario without effect, in the file or not, as far as the tables alone show this."""
     return [
         *_unused_sensing_keys(scenario),
         *_unused_air_keys(scenario),
@@ -134,7 +134,7 @@ def _unused_air_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
 
 
 def _unused_directions(scenario: Scenario) -> Iterator[UnusedKeys]:
-    """Directions of winds, goals and keep-outs at rest."""
+    """Yield the direction keys of winds, goals and keep-outs whose speed is 0."""
     remedy = "speed_m_s above 0 beside it"
     wind = scenario.wind
     layers = [] if wind.layers is None else [(f"wind.layers[{k}]", layer) for k, layer in enumerate(wind.layers)]
