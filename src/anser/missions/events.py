@@ -230,7 +230,7 @@ def _with_row(tree: Any, index: int, values: Any) -> Any:
     return jax.tree.map(replace_row, tree, values)
 
 
-_SEARCHES_MAX = 3  # after one event
+_SEARCHES_MAX = 3  # complete searches after one event
 _SETTLED_S = 10.0  # time after an event in which every replanning is checked: a goal filter also needs time to settle
 
 

@@ -105,7 +105,17 @@ _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
 class Routes(NamedTuple):
-    """Turns and legs of candidates between their endpoints, and the index of the profile that completes each path."""
+    """Routes of candidates, and the profile that completes each route to a path.
+
+    Attributes
+    ----------
+    endpoints
+        Start and end conditions of each route.
+    turns_and_legs
+        Turns and legs between the endpoints.
+    profile
+        Index of the profile in `Candidates.profiles`.
+    """
 
     endpoints: PathEndpoints
     turns_and_legs: TurnsAndLegs

@@ -237,7 +237,12 @@ class CertifiedPlan(eqx.Module):
 class FixedPaths(eqx.Module):
     """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft.
 
-    `selected` marks the aircraft with a fixed path; the paths and arrival times (s) of the others are arbitrary.
+    Attributes
+    ----------
+    selected
+        Mask of the aircraft with a fixed path.
+    paths, arrival_times
+        Fixed paths, and arrival times, s; arbitrary for the other aircraft.
     """
 
     selected: Bool[Array, " aircraft"]

@@ -38,7 +38,7 @@ class CertifiedPlanState(eqx.Module):
     plan
         Current plan.
     replanning
-        Outcome of the latest replanning: index into `REPLANNING_MESSAGES`.
+        Outcome of the latest replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
     holds
         Planned holds after the arrivals; None: each aircraft's default hold.
     limits

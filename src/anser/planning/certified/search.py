@@ -55,7 +55,17 @@ _DIRECT_INTERVALS = 64
 
 @dataclass(frozen=True)
 class FleetTask:
-    """Planning problem of a fleet: stacked tasks, the airspace and the arrival rule."""
+    """Planning problem of a fleet.
+
+    Attributes
+    ----------
+    tasks
+        Planning problem of each aircraft, stacked.
+    airspace
+        Environment that the aircraft share.
+    request
+        Arrival rule.
+    """
 
     tasks: AircraftTask
     airspace: Airspace
@@ -458,7 +468,17 @@ class _Attempt:
 
 @dataclass(frozen=True)
 class _State:
-    """Progress of the search: the attempts, and the plan if found; further fields as in `SearchOutcome`."""
+    """Progress of the search.
+
+    Attributes
+    ----------
+    tried
+        Attempts so far.
+    plan
+        Plan of the latest attempt; None if it failed.
+    best_attempt, plan_without_holds
+        As in `SearchOutcome`.
+    """
 
     tried: tuple[_Attempt, ...] = ()
     plan: CertifiedPlan | None = None
@@ -493,7 +513,7 @@ class _State:
 
 @dataclass(frozen=True)
 class _Searcher:
-    """Constant data of a search, see `search`."""
+    """Data of a search that do not change from attempt to attempt: the arguments of `search`."""
 
     start_time: float
     fleet: FleetTask

@@ -29,7 +29,15 @@ Coefficients = Float[Array, "coefficients 3"]
 
 
 class Spline(eqx.Module):
-    """Position of one aircraft over a duration (s): a uniform cubic B-spline, intervals + 3 coefficients, NED, m."""
+    """Position of one aircraft over time: a uniform cubic B-spline.
+
+    Attributes
+    ----------
+    duration
+        Duration, s.
+    coefficients
+        Coefficients, one for each interval and three more, (coefficient, NED axis), m.
+    """
 
     duration: Scalar
     coefficients: Coefficients
@@ -258,7 +266,17 @@ class SplineStart(NamedTuple):
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of least squares: half the sum of squares, gradient, and Gauss-Newton matrix."""
+    """Normal equations of a least-squares problem.
+
+    Attributes
+    ----------
+    cost
+        Half the sum of squares.
+    gradient
+        Gradient of the cost.
+    form
+        Gauss-Newton matrix.
+    """
 
     cost: Scalar
     gradient: Float[Array, "groups n"]

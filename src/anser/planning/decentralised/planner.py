@@ -65,14 +65,18 @@ _DELAY_FRACTIONS = (
 
 
 class DecentralisedPlanState(eqx.Module):
-    """State of the planner; data of each aircraft that only this aircraft needs to know.
+    """State of the planner of a decentralised fleet. The row of an aircraft is known to this aircraft only.
 
     Attributes
     ----------
+    plan
+        Paths that the aircraft fly, as functions of their clocks.
     replanning
-        Result of the last replanning: index into `REPLANNING_MESSAGES`.
+        Result of the last replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
     limits
-        As in `CertifiedPlanState`.
+        Flight limits of each path, including the accelerations available from the engine.
+    exchange
+        State of the agreement on paths.
     clocks, network, time
         Present state of clocks and network, and time, s.
     replan_needed

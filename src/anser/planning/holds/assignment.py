@@ -69,6 +69,8 @@ class _HoldOption(eqx.Module):
 
     Attributes
     ----------
+    path, circle
+        Path of the hold, and its circle.
     whole, hold_track
         Track of approach and hold, and the part after the arrival.
     cylinders, cylinders_after

@@ -57,7 +57,7 @@ class FleetPlan(eqx.Module):
     speed: Scalar
     """Mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed."""
     reference_length: Scalar
-    """Common length of the paths, m, plus deficits: the longest nominal length with a reachable goal (active aircraft)."""
+    """Common length of the paths, m, plus deficits: the longest nominal length of active aircraft that can arrive."""
     lengths: Float[Array, " aircraft"]
     """Lengths of the planned paths, m."""
     lateral_bends: Float[Array, " aircraft"]
@@ -77,7 +77,7 @@ class FleetPlan(eqx.Module):
 
 
 class PlanningTask(eqx.Module):
-    """Data of one aircraft for planning; stacked, data of a fleet.
+    """Planning problem of one aircraft for the published planner; stacked, of a fleet.
 
     Attributes
     ----------
@@ -87,6 +87,8 @@ class PlanningTask(eqx.Module):
         Velocity of the aircraft relative to the air, NED, m/s.
     goal_position_n, goal_velocity_n
         Sensed goal, NED, m and m/s over the ground; predicted at constant velocity.
+    rendezvous
+        Stand-off and arrival conditions at the goal.
     wind_n
         Wind measured by the aircraft, NED, m/s.
     origin_n
@@ -124,7 +126,7 @@ def nominal_trajectory(
     speed: ScalarLike,
     end_slopes: tuple[Scalar, Scalar] | None = None,
 ) -> tuple[Trajectory, Flag]:
-    """Return the trajectory without bend to the predicted rendezvous, and whether its arrival direction is as prescribed.
+    """Return the trajectory without bend to the predicted rendezvous; and whether it has the prescribed end direction.
 
     `end_slopes` are |dr/ds| at both ends, m; None: airspeed times duration.
     """

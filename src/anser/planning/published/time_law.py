@@ -155,7 +155,7 @@ class TimeLaw(eqx.Module):
     ) -> tuple[Scalar, Scalar, Flag, Scalar]:
         """Evaluate the motion at an offset of s from the start of cell `k`.
 
-        Returns |dr/ds| (m), airspeed (m/s), whether it is the least airspeed, and the time (s) since the start of the cell.
+        Returns |dr/ds| (m), airspeed (m/s), whether it is the least airspeed, and the time since the cell's start (s).
         """
         start = k.astype(offset.dtype) / CELLS
         cell = _cell(coefficients_n, start, offset)
