@@ -93,7 +93,7 @@ class Deviation(Table):
     @model_validator(mode="before")
     @classmethod
     def _without_moment_factors(cls, values: object) -> object:
-        """Drop factors of 1 on moments of inertia, which earlier versions wrote; refuse other factors."""
+        """Drop factors of 1 on moments of inertia, which files of earlier versions contain; refuse other factors."""
         if not isinstance(values, dict):
             return values
         problems = [

@@ -247,7 +247,7 @@ class TrimCheck(Table):
 
 
 class Check(Table):
-    """Check data: results from the aircraft's source, which `anser.aircraft_files.check_data` compares."""
+    """Check data: results from the aircraft's source, for comparison with computed values."""
 
     forces: tuple[ForceCheck, ...] = tables(
         "force and moment of conditions", "tables [[check.forces]], in double brackets", at_least=0, default=()

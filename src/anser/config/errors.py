@@ -21,7 +21,7 @@ class Problem:
         Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
         the whole file.
     arrived
-        Value in the file.
+        Description of the value in the file.
     expected
         Description of a valid value.
     subject

@@ -84,7 +84,7 @@ def _arc_height(speed_squared: Scalar, sink: Scalar, pull: Scalar) -> Scalar:
 
 
 def _one_minus_cosine(sine_squared: Scalar) -> Scalar:
-    """1 - cos of an angle from the square of the sine, without cancellation; 1 for vertical and steeper paths."""
+    """Compute 1 - cos(angle) from sin(angle)^2 without cancellation; 1 for vertical and steeper paths."""
     limited_square = jnp.minimum(sine_squared, 1.0 - 1e-9)
     return limited_square / (1 + jnp.sqrt(1 - limited_square))
 

@@ -48,18 +48,18 @@ class AbstractReference(eqx.Module):
 
     @abc.abstractmethod
     def at(self, time: ScalarLike) -> PathPoint:
-        """Position, velocity and acceleration at a time, s."""
+        """Return position, velocity and acceleration at a time, s."""
 
     def position_n(self, time: ScalarLike) -> Vector3:
-        """Position over the ground at a time, NED, m."""
+        """Return the position in the Earth's chart at a time (s), NED, m."""
         return self.at(time).position_n
 
     def velocity_n(self, time: ScalarLike) -> Vector3:
-        """Velocity over the ground at a time, NED, m/s."""
+        """Return the velocity over the ground at a time (s), NED, m/s."""
         return self.at(time).velocity_n
 
     def acceleration_n(self, time: ScalarLike) -> Vector3:
-        """Acceleration over the ground at a time, NED, m/s^2."""
+        """Return the acceleration over the ground at a time (s), NED, m/s^2."""
         return self.at(time).acceleration_n
 
 

@@ -203,14 +203,16 @@ def _expand_entries(values: Any, entries: Any) -> Any:
 
 
 class AircraftReport(eqx.Module):
-    """Report of one aircraft to the planner; stacked for a fleet. Velocities are rates in the Earth's chart.
+    """Report of one aircraft to the planner: its state, its goal's and its rendezvous; stacked for a fleet.
+
+    Velocities are rates of the coordinates in the Earth's chart.
 
     Attributes
     ----------
     position_n
         Position of the aircraft, NED, m.
     air_velocity_n, wind_n
-        Velocity relative to the air, and wind, as measured by the aircraft, NED, m/s.
+        Measured velocity relative to the air, and measured wind, NED, m/s.
     airspeed
         Airspeed, m/s.
     goal_position_n, goal_velocity_n
@@ -260,9 +262,9 @@ class NetworkView(eqx.Module):
     rate
         Rate of the aircraft's clock: 1 is the rate of true time.
     hears
-        Aircraft whose messages arrived at the last exchange.
+        Flags of the aircraft whose messages arrived at the last exchange.
     offers
-        Whether the aircraft offers another path.
+        Whether the aircraft offers the fleet another path (see `anser.planning.decentralised`).
     """
 
     lag: Scalar
@@ -277,7 +279,7 @@ class AircraftPlan(eqx.Module):
     Attributes
     ----------
     trajectory
-        Reference motion up to the arrival.
+        Motion up to the arrival, which the guidance follows.
     arrival_time
         Time of arrival at the rendezvous, s.
     status
@@ -289,7 +291,7 @@ class AircraftPlan(eqx.Module):
     replanning
         Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
     hold
-        Motion after the arrival; None: the aircraft's hold.
+        Motion after the arrival; None: the hold of the aircraft's mission.
     hold_reach
         Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
         the hold is not moved (see `hold_reference`).

@@ -1,7 +1,7 @@
 """Construction of a flight from a scenario, before it is flown.
 
-Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, and goals
-that stop or turn get their whole motion. What the planner does at an event is in `anser.missions.replanning`.
+Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, and stops
+and turns of a goal become part of its motion. The planner's actions at an event are in `anser.missions.replanning`.
 
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """

@@ -57,7 +57,7 @@ def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
 
 
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Build the airframe that flies: the nominal one with the scenario's deviations.
+    """Build the airframe that flies: the nominal airframe with the scenario's deviations.
 
     Raises TypeError for an airframe whose coefficients are not known.
     """
@@ -257,7 +257,7 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
 
 
 def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capability: Capability) -> tuple[str, ...]:
-    """Describe each limit of the scenario that exceeds the aircraft's performance, one sentence each."""
+    """Describe the limits of the scenario beyond the aircraft's performance, one sentence for each limit."""
     aircraft = scenario.aircraft[index]
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
@@ -285,9 +285,9 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
 
 
 def build_gains(aircraft: Aircraft) -> AutopilotGains:
-    """Build the gains that the scenario gives, completed by the published gains.
+    """Build the gains from the scenario's table, completed by the published gains.
 
-    They are final for the library's F-16; for other aircraft `resolve_fleet` replaces the published ones.
+    The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the published gains.
     """
     return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
 
@@ -322,7 +322,7 @@ _BANK_LAG_MAX = math.radians(10.0)  # greatest lag of the bank angle behind a pl
 
 
 def capability_cautions(scenario: Scenario) -> tuple[str, ...]:
-    """Describe each limit of the scenario that exceeds the performance of an aircraft, one sentence each."""
+    """Describe the limits of the scenario beyond the performance of any aircraft, one sentence for each limit."""
     enable_compilation_cache()
     return tuple(
         message

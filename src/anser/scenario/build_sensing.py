@@ -40,7 +40,7 @@ def build_sensors(scenario: Scenario) -> AbstractSensors:
 
 
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
-    """Build the estimator; it uses the readings directly if all sensors are exact and the air is smooth.
+    """Build the estimator; readings are used directly, without filters, if all sensors are exact and the air is smooth.
 
     `model` is the airframe assumed by the estimator; None: the airframe that flies.
     """

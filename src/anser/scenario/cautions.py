@@ -45,7 +45,7 @@ def _format_cautions(scenario: Scenario) -> list[str]:
 
 
 def _seed_cautions(scenario: Scenario) -> list[str]:
-    """Caution for a seed without effect."""
+    """Caution for a seed in a scenario without random numbers."""
     if scenario.seed == type(scenario).model_fields["seed"].default or scenario.is_random:
         return []
     random_tables = "[turbulence], [navigation] and [goal_sensor] are what is"
@@ -88,7 +88,7 @@ def _limit_cautions(scenario: Scenario) -> list[str]:
 
 
 def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
-    """Cautions for nested loops whose bandwidths are too close; those of the published gains are not."""
+    """Cautions for nested loops whose bandwidths are too close; the published gains cause no caution."""
     if aircraft.gains == Gains():
         return []
     gains, cautions = aircraft.gains, []

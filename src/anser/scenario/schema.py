@@ -182,7 +182,7 @@ class Scenario(Table):
         return scenario
 
     def _common_limits(self) -> Limits:
-        """Return the limits, completed by the range of the aircraft's data if all aircraft have the same range."""
+        """Return the limits, completed by the range of the aircraft's data if the fleet has one common range."""
         ranges = {aircraft.range for aircraft in self.aircraft}
         return limits_for(self.limits, self.aircraft[0].range) if len(ranges) == 1 else self.limits
 

@@ -33,7 +33,7 @@ class _Position(NamedTuple):
 
 
 def chart_problems(scenario: "Scenario") -> list[Problem]:
-    """List an origin whose chart is too inaccurate at the fleet's positions, and one that is too close to a pole.
+    """Report an origin whose chart is too inaccurate at the fleet's positions, or an origin too close to a pole.
 
     The result has at most one problem, which suggests a suitable latitude. The chart of a flat Earth has no scale
     error, but its positions still need a longitude and a latitude.

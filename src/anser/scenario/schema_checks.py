@@ -57,7 +57,7 @@ def order_problems(scenario: "Scenario") -> list[Problem]:
 def range_problems(scenario: "Scenario") -> list[Problem]:
     """List limits beyond the range of an aircraft's data.
 
-    Altitudes beyond the range are no problem here: the results mark the time spent there.
+    Altitudes beyond the range are allowed: the results mark the time spent outside.
     """
     aircraft_tables, limits = scenario.aircraft, scenario.limits
     problems: dict[str, Problem] = {}
@@ -182,7 +182,7 @@ def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraf
 
 
 def _limits_owner(scenario: "Scenario", aircraft: Aircraft) -> str:
-    """Return text that tells, for a fleet of several types, which aircraft the limits come from, and a remedy."""
+    """Return an addition to messages about a fleet of several types: the origin of the limits, and a remedy."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
     remedy = "" if aircraft.speed_m_s is not None else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"

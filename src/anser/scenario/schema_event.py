@@ -87,7 +87,7 @@ class Event(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the kind of event requires but the table lacks, and keys that it does not allow."""
+        """List missing keys, which the kind of event requires, and keys that the kind does not allow."""
         problems = []
         required, allowed = _REQUIRED_KEYS[self.kind], (*_REQUIRED_KEYS[self.kind], *_OPTIONAL_KEYS.get(self.kind, ()))
         for key in required:

@@ -20,7 +20,7 @@ _HALVINGS = 40  # bisection of the longest flight to less than a microsecond
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """Airspeed with which the checks decide whether an aircraft can reach its goal, and where it comes from.
+    """Airspeed with which the checks decide whether an aircraft can reach its goal, and the origin of this airspeed.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
     scenario
         Scenario in which every aircraft has a goal and the wind is slower than the fleet.
     unaided
-        Whether to ignore that a descent, or a tail wind at other altitudes than the start's, can make a plan faster.
+        Whether to leave out the gain in speed by a descent, or by a tail wind at altitudes above or below the start.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):

@@ -102,7 +102,7 @@ class GoalSensor(Table):
     outage_mean_s: float = number("mean duration of an outage", 0.001, 3600, "s", 1.0)
 
     def consistency_problems(self) -> list[Problem]:
-        """List keys that the sensor does not use, and a `latency_s` whose least value exceeds its greatest."""
+        """List keys without use by the sensor, and a `latency_s` with a least value above the greatest value."""
         problems = []
         kind = None if self.preset == "exact" else goal_sensor_presets()[self.preset]["kind"]
         for key in sorted(self.model_fields_set - {"preset"}):

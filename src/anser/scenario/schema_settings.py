@@ -133,7 +133,7 @@ class Limits(Table):
     def consistency_problems(self) -> list[Problem]:
         """List a least altitude that is not below the greatest altitude.
 
-        Load factors need no such check: the ranges of their two keys do not overlap.
+        Load factors need no check: the ranges of the two keys do not overlap.
 
         Airspeeds and angles of attack left out of the scenario follow from the aircraft: see
         `schema_checks.limits_for`.

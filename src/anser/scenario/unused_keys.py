@@ -61,7 +61,7 @@ class UnusedKeys:
 
 
 def unused_key_problems(scenario: Scenario) -> list[Problem]:
-    """List problems for those keys without effect for which a file is refused."""
+    """List problems for keys without effect that make a file invalid."""
     return [
         problem
         for unused_keys in find_unused_keys(scenario)
@@ -71,7 +71,7 @@ def unused_key_problems(scenario: Scenario) -> list[Problem]:
 
 
 def unused_key_cautions(scenario: Scenario) -> list[str]:
-    """List cautions, one sentence each, for those keys without effect for which a file is not refused."""
+    """List cautions, in sentences, for keys without effect that do not make a file invalid."""
     problems = [
         problem
         for unused_keys in find_unused_keys(scenario)

@@ -117,7 +117,7 @@ class GoalSensor(eqx.Module):
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
-        """Sensor state before the first sample."""
+        """Draw the biases of this flight and the outage at the start; return the state before the first sample."""
         biases = self.bias_sigmas * instant.normals(GOAL_SENSOR, _NORMALS, once=True)
         uniforms = instant.uniforms(GOAL_SENSOR, _NORMALS + _UNIFORMS, once=True)
         outage = self.dropouts.initial_outage(uniforms[_NORMALS])

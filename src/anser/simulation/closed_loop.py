@@ -98,7 +98,7 @@ def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gus
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
-    """Quantities that determine the gusts at an aircraft; the ground is at altitude 0."""
+    """Return the quantities that determine the gusts at an aircraft; the ground is at altitude 0."""
     wind_n = instant.environment.wind.at(state.position_n, instant.time)
     R_bn = rotation_from_quaternion(state.quaternion)
     airspeed = safe_norm(state.velocity_b - rotate(R_bn, wind_n))

@@ -115,7 +115,7 @@ class SummaryRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
-        """Summary before the first sample."""
+        """Return the empty summary before the first sample; `aircraft` is the number of aircraft."""
         zero, infinite = jnp.zeros(aircraft), jnp.full(aircraft, jnp.inf)
         code = jnp.zeros(aircraft, dtype=jnp.int32)
         speeds = AirspeedStatistics(zero, infinite, -infinite)
@@ -208,7 +208,7 @@ class SummaryRecorder(AbstractRecorder):
         return summary, current
 
     def _ratio(self, position_n: Float[Array, "aircraft 3"]) -> Scalar:
-        """Least ratio of distance to required separation of any two aircraft at a sample."""
+        """Return the least ratio of distance to required separation of any two aircraft at a sample."""
         count = position_n.shape[0]
         if self.separation is None or count < 2:
             return jnp.asarray(jnp.inf)
@@ -218,7 +218,7 @@ class SummaryRecorder(AbstractRecorder):
         return jnp.min(separation_ratio(horizontal, vertical, self.separation.horizontal, self.separation.vertical))
 
     def output(self, sample: FleetSample, instant: Instant) -> None:
-        """No rows."""
+        """Return None: the recorder stores no rows."""
 
 
 def _select(condition: Bool[Array, " aircraft"], new: Any, old: Any) -> Any:

@@ -238,9 +238,9 @@ class AircraftSample(eqx.Module):
     truth, belief
         True and estimated state.
     controls, signals
-        Outputs and signals of the controller.
+        Outputs of the controller (surfaces and throttle), and its signals.
     command, reference_n
-        Command of the guidance, and reference position (NED, m).
+        Command of the guidance, and position that the guidance follows (NED, m).
     approach
         Approach to the goal; None for an aircraft without a mission.
     status

@@ -119,7 +119,7 @@ class SurveySample(NamedTuple):
 
 
 def empty_summary(surface_count: int) -> SurveySummary:
-    """Summary before the first sample."""
+    """Return the summary before the first sample."""
     zero, minimum, maximum = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
     return SurveySummary(
         final_error=zero,
@@ -308,7 +308,7 @@ class SteppedPath(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Velocity command after the step; a turn continues at its rate before the step.
+        """Return the velocity command after the step; a turn continues at its rate before the step.
 
         The reference position is the aircraft's own.
         """
@@ -341,17 +341,17 @@ class SurveyRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> SurveySummary:
-        """Summary before the first sample."""
+        """Return the summary before the first sample."""
         return empty_summary(self.surfaces)
 
     def update(self, recorder_state: SurveySummary, sample: AircraftSample, instant: Instant) -> SurveySummary:
-        """Summary with one more sample."""
+        """Return the summary with one more sample."""
         survey_sample = take_sample(sample, instant.environment, instant.time, self.limits, self.start)
         is_final = instant.number >= final_part_start(self.count)
         return add_sample(recorder_state, survey_sample, self.size, self.tolerance, instant.step, is_final)
 
     def output(self, sample: AircraftSample, instant: Instant) -> None:
-        """No rows."""
+        """Return None: the recorder stores no rows."""
 
 
 def survey_flight(

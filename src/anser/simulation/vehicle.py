@@ -57,7 +57,7 @@ class Faults(eqx.Module):
 
 
 def no_faults() -> Faults:
-    """Faults that never occur."""
+    """Return faults that never occur."""
     never = as_array(jnp.inf)
     return Faults(never, as_array(1.0), never, never)
 
@@ -110,7 +110,7 @@ class Mission(eqx.Module):
         return jnp.where(self.airborne, AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M)
 
     def goal_at(self, time: ScalarLike) -> GoalState:
-        """True position and velocity of the goal at a time (s)."""
+        """Return the true position and velocity of the goal at a time, s."""
         return GoalState(self.goal.position_n(time), self.goal.velocity_n(time))
 
 
