@@ -64,7 +64,7 @@ class Campaign:
         return estimate_campaign(self.dataset, self.store.flights, self.store.study)
 
     def influences(self) -> Influences:
-        """Sensitivity of outputs to inputs: Sobol indices for Saltelli sampling, otherwise rank correlations."""
+        """Sensitivity of outputs to inputs: Sobol indices with Saltelli sampling, otherwise rank correlations."""
         return influences(self.dataset, self.store.study, self.store.varied)
 
     def report(

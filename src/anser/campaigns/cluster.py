@@ -31,7 +31,7 @@ _CONSECUTIVE_FAILURES = 3
 def fly_on_cluster(
     address: str, fly: Callable[[Path, int], object], folder: Path, chunks: list[int]
 ) -> Generator[int, None, None]:
-    """Fly chunks on the workers of a cluster; yield each completed chunk.
+    """Fly chunks of a campaign on the workers of a cluster; yield the number of each completed chunk.
 
     A chunk that repeatedly kills workers is abandoned while the remaining chunks continue.
 
@@ -151,7 +151,7 @@ def _abandoned_error(address: str, chunks: list[int]) -> StoreError:
 
 @contextlib.contextmanager
 def _client(address: str) -> Iterator[tuple[Any, Any]]:
-    """Connect to a cluster; yield the client and the module `distributed`."""
+    """Connect to a cluster in the `with` block; yield the client and the module `distributed`."""
     try:
         distributed = importlib.import_module("distributed")
     except ImportError:
@@ -168,7 +168,7 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence the log of dask's client about lost connections: a single StoreError reports the loss."""
+    """Silence the log of dask's client in the `with` block: a single StoreError reports a lost connection."""
     logger = logging.getLogger("distributed.client")
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)

@@ -134,7 +134,7 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
 
 @contextlib.contextmanager
 def _block_interrupts() -> Iterator[None]:
-    """Start worker processes that ignore Ctrl-C from the beginning; the main process terminates them."""
+    """Let worker processes started in the `with` block ignore Ctrl-C; the main process terminates them."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -33,7 +33,7 @@ _THRESHOLDS = 121
 
 
 class WorstPoint(NamedTuple):
-    """A flight of the last level: signed value (greater is worse), flight number, and point."""
+    """A flight of the last level: signed value (greater is worse), number, and random numbers as a point."""
 
     value: float
     number: int
@@ -169,7 +169,7 @@ class RareEvent:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Content of `rare.json`."""
+        """Content of `rare.json`: the results as plain data."""
         return rare_document(self.store, self.flights, self.repetitions, self.estimate)
 
     @property

@@ -112,7 +112,7 @@ _BATCH_MAX = 64
 
 
 class RareFlights:
-    """Flights of a study's rare event.
+    """Flights of a study's rare event: their random numbers, scenarios and signed values.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class RareFlights:
 
     @functools.cached_property
     def config(self) -> RareEventConfig:
-        """The table [rare]; raises ScenarioError if missing or incompatible with the scenario."""
+        """The study's table [rare]; raises ScenarioError if missing or incompatible with the scenario."""
         config, problems = self.study.rare, []
         if config is None:
             raise ScenarioError(self.study.name, [Problem("rare", "nothing", "a table [rare]")])
@@ -141,7 +141,7 @@ class RareFlights:
 
     @functools.cached_property
     def plan(self) -> SubsetPlan:
-        """Numbers of points, levels and repetitions."""
+        """Numbers of points, levels and repetitions of the subset simulation."""
         rare = self.config
         return SubsetPlan(rare.flights // rare.repetitions, 1.0 / rare.chain_length, rare.levels_max, rare.repetitions)
 

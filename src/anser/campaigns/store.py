@@ -381,7 +381,7 @@ class CampaignStore(AbstractFlightStore):
         return flights.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
 
     def series(self) -> xr.Dataset:
-        """Time series of completed flights, read lazily; dimensions flight, aircraft and time.
+        """Return the time series of completed flights, read when used; dimensions flight, aircraft and time.
 
         Quantities are float32, NaN if missing; codes and flags are int32, -1 if missing.
 

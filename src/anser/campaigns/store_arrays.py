@@ -136,7 +136,7 @@ _PIECE = 1 << 26
 
 
 def series_bytes(selection: SeriesSelection, scenario: Scenario) -> int:
-    """Uncompressed size of the series of one flight, bytes."""
+    """Return the uncompressed size of the time series of one flight, bytes."""
     return 4 * len(selection.keys) * len(scenario.aircraft) * selection.rows(scenario)
 
 

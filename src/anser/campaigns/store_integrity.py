@@ -21,7 +21,7 @@ UNCHECKED_FORMAT = 1
 
 
 class StoreError(ValueError):
-    """A folder is not a valid store of the study; `str()` is the complete message."""
+    """Error for a folder that is not a valid store of the study; `str()` is the complete message."""
 
 
 @contextlib.contextmanager
@@ -160,7 +160,7 @@ class StoreChecksums:
         self._write(str(chunk), files, {})
 
     def forget_chunk(self, chunk: int) -> None:
-        """Remove the record of a chunk, which marks the chunk as incomplete."""
+        """Remove the record of a chunk, which thereby counts as incomplete."""
         self._path(str(chunk)).unlink(missing_ok=True)
 
     def chunks(self) -> set[int]:

@@ -144,7 +144,7 @@ def _requirement_text(name: str) -> str:
 
 
 def _suggestion(name: str) -> str:
-    """Suggest similar names, or refer to the list of names."""
+    """Return a hint to variables with similar names, or to the list of names."""
     if name in _KEY_BY_NAME:
         return f"perhaps {describe_value(_KEY_BY_NAME[name])}: here without its unit"
     matches = difflib.get_close_matches(name, _KEYS, n=3)
@@ -197,7 +197,7 @@ class RareEventConfig(Table):
 
     @property
     def breached_below(self) -> bool:
-        """Whether the event is a value below the threshold."""
+        """Whether the event is a value below the threshold; otherwise it is a value above."""
         return self.statistic in BREACHED_BELOW
 
     @property
@@ -438,7 +438,7 @@ class Study(Table):
         return problems
 
     def _problems_without_sampling(self) -> list[Problem]:
-        """Problems of a study without a table [sampling]."""
+        """Return the problems of a study that has no table [sampling]."""
         problems = []
         if self.rare is None:
             problems.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
@@ -448,14 +448,14 @@ class Study(Table):
 
     @property
     def sampled(self) -> Sampling:
-        """The table [sampling]; raises ScenarioError if the study has none."""
+        """The study's table [sampling]; raises ScenarioError if missing."""
         if self.sampling is None:
             raise ScenarioError(self.name, [Problem("sampling", "nothing", "a table [sampling], to fly a campaign")])
         return self.sampling
 
     @property
     def block(self) -> int:
-        """Size of a block of dependent flights: number of varied parameters plus two for Saltelli sampling, else 1."""
+        """Number of flights that depend on each other: in Saltelli sampling the varied parameters plus two, else 1."""
         return len(self.vary) + 2 if self.sampling is not None and self.sampling.method == "saltelli" else 1
 
     @property
@@ -493,7 +493,7 @@ def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str,
 
 
 def validate_study(values: dict[str, Any], source: str = "<values>") -> Study:
-    """Validate a study from nested dictionaries and lists; raises `ScenarioError`."""
+    """Return the study given by nested dictionaries and lists; raises ScenarioError if invalid."""
     check_file_kind("study", values, source)
     try:
         return Study.model_validate(values)

@@ -25,7 +25,7 @@ LimitState = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class SampleSpace(Protocol):
-    """Space of the chains: points that represent independent standard normal numbers, as rows of an array."""
+    """Space in which the chains move: points, rows of an array, represent independent standard normal numbers."""
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
         """Return independent random points, one per number."""
@@ -149,7 +149,7 @@ def subset_simulation(
     plan: SubsetPlan,
     seed: int,
 ) -> tuple[Repetition, ...]:
-    """Run subset simulation, with the repetitions advancing in parallel.
+    """Simulate all repetitions of a subset simulation together, so that their points are evaluated in one call.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Commands about aircraft themselves: list, show, check, new."""
+"""Commands about airframes: list, show, check, new."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -168,7 +168,7 @@ def _report(
     findings: "tuple[Finding, ...]",
     signals: "Mapping[str, tuple[Variable, ...]]",
 ) -> None:
-    """Print check data and findings; `signals` are the inputs and outputs of a DAVE-ML file."""
+    """Print an aircraft file's check data and findings; `signals` are the inputs and outputs of a DAVE-ML file."""
     failed = [item for item in checked_values if not item.passed]
     print_document(
         lambda: {

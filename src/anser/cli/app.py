@@ -1,7 +1,7 @@
 """Registration of commands in the typer app.
 
-Adds --json and --quiet to every command, examples and exit codes to the help, and anser's messages for invalid option
-values.
+Every command gets the options --json and --quiet, examples and exit codes in its help, and anser's messages for
+invalid option values.
 """
 
 import functools
@@ -20,21 +20,21 @@ from anser.config.validation_messages import conversion_hint
 
 _KINDS = {"float": "a number", "int": "a whole number", "bool": "true or false"}
 _UNITS = {"_deg_s": "deg/s", "_m_s": "m/s", "_deg": "deg", "_s": "s", "_m": "m"}
-"""Units by suffix of parameter names, longest first."""
+"""Units by the end of a parameter's name, longest first."""
 COMMAND_IMPLIED = "anser.implied"
-"""Context key: the command name was omitted on the command line."""
+"""Key in the context of a command whose name was omitted on the command line."""
 
 
 class PlainCommand(TyperCommand):
-    """Command with anser's messages for invalid option values."""
+    """Command that reports invalid option values with anser's messages instead of typer's."""
 
     def get_usage(self, ctx: Any) -> str:
-        """Usage text, without the command name if it was omitted."""
+        """Return the usage text, without the command's name if it was omitted on the command line."""
         usage = super().get_usage(ctx)
         return usage.replace(f" {self.name} ", " ", 1) if ctx.meta.get(COMMAND_IMPLIED) else usage
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options; raises RefusedError with option, value and expected value."""
+        """Parse the options; raises RefusedError with the option, the value, and what was expected."""
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:
@@ -73,14 +73,14 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Attach examples and exit codes to a command, for the end of its help.
+    """Return a decorator that attaches examples and exit codes to a command, for the end of its help.
 
     Parameters
     ----------
     *examples
         Command lines, simplest first.
     unmet
-        Meaning of exit code 1; None if unused.
+        Meaning of exit code 1; None if the command does not use it.
     """
     codes = [
         "0  done",
@@ -100,10 +100,11 @@ def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function
 
 
 def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
-    """Register a function decorated with `help_epilog` as a command with the options --json and --quiet.
+    """Register a function decorated with `help_epilog` as a command, with the options --json and --quiet.
 
     The function prints results with `print_line` and `print_table`, messages with `print_note`, errors with
-    `print_problem`, and passes its JSON document to `print_document` once. --json and --quiet are handled there.
+    `print_problem`. It calls `print_document` once with its results as a JSON document. --json and --quiet are handled
+    in these functions.
     """
 
     @functools.wraps(command)

@@ -1,4 +1,4 @@
-"""Arguments common to several commands, and their shell completion."""
+"""Arguments that several commands share, and their completion in the shell."""
 
 import itertools
 from collections.abc import Callable, Iterator
@@ -12,29 +12,32 @@ from anser.files import read_file
 from anser.missions.saved_flights import RUN_FILES
 
 _ENTRIES_MAX = 500
-"""Greatest number of folder entries examined by a completion, for speed."""
+"""Greatest number of folder entries that a completion examines, to stay fast."""
 _DEPTH = 2
-"""Depth of folders searched by a completion."""
+"""Number of folder levels that a completion searches."""
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Complete the path of a scenario file in this folder or two levels below; without a match the shell completes."""
+    """Return scenario files in this folder or two levels below that complete a path.
+
+    If there are none, the shell completes the path itself.
+    """
     return _matching_paths(incomplete, _is_scenario)
 
 
 def complete_run(incomplete: str) -> list[str]:
-    """Complete the path of a run folder in this folder or two levels below."""
+    """Return run folders that complete a path, in this folder or two levels below."""
     return _matching_paths(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
-    """Complete the name of an airframe or the path of an aircraft file in this folder or two levels below."""
+    """Return airframe names, and aircraft files in this folder or two levels below, that complete a text."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
     return names + _matching_paths(incomplete, _is_airframe)
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Complete a variant of the aircraft on the command line, or of any aircraft without one."""
+    """Return the variants, of the aircraft on the command line or else of any aircraft, that complete a text."""
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]
@@ -49,7 +52,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[str]:
-    """Paths that start with the typed text, in the typed notation."""
+    """Return the paths that start with the typed text and that `accepts` selects, written as the user typed them."""
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
     typed_prefix = incomplete[: len(incomplete) - len(name)]
@@ -64,7 +67,10 @@ def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[st
 
 
 def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
-    """Entries with a name prefix, and their contents down to a depth; hidden entries only for a non-empty prefix."""
+    """Yield the entries of a folder whose names start with `prefix`, and their contents down to `depth` levels.
+
+    Hidden entries are included only if a prefix is given.
+    """
     try:
         entries = sorted(folder.iterdir())
     except OSError:

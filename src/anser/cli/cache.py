@@ -1,4 +1,4 @@
-"""Command cache."""
+"""Command cache: the store of compiled programs."""
 
 import contextlib
 from pathlib import Path

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 _KEYS = 12
-"""Greatest number of differing scenario keys printed."""
+"""Greatest number of differing scenario keys that are printed."""
 _CampaignFolder = Annotated[
     Path, typer.Argument(help="Folder of a campaign: flights.zarr.", show_default=False, metavar="FOLDER")
 ]
@@ -147,7 +147,10 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
 
 
 def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
-    """Open the store of a campaign folder; raises RefusedError without one."""
+    """Open the store of a campaign folder; raises RefusedError if the folder has none.
+
+    `argument` names the folder on the command line.
+    """
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
@@ -158,7 +161,7 @@ def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
 
 
 _CAUSES = 8
-"""Greatest number of failure causes printed."""
+"""Greatest number of failure causes that are printed."""
 _MILLISECONDS_BELOW_S = 0.01
 
 
@@ -207,7 +210,7 @@ def fly(
 
 @contextlib.contextmanager
 def _locked(store: "CampaignStore") -> Iterator[None]:
-    """Lock a campaign against other processes; report damaged chunks, which are flown again."""
+    """Lock a campaign against other processes in the `with` block; report damaged chunks, which are flown again."""
     from anser.campaigns.store_integrity import StoreError
 
     with contextlib.ExitStack() as lock:
@@ -221,7 +224,7 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
 
 
 def _fly(store: "CampaignStore", out: Path, processes: int | None, cluster: str | None) -> None:
-    """Fly the missing flights, print the estimates and write the report."""
+    """Fly the missing flights of a campaign, print the estimates and write the report."""
     from anser.campaigns.campaign_folder import Campaign
     from anser.campaigns.flights import campaign_process_limit, fly_campaign
     from anser.campaigns.replay import archive_worst
@@ -269,7 +272,7 @@ def _resume_note(store: "CampaignStore") -> str:
 
 
 def _write(store: "CampaignStore", flown_before: int) -> list[str]:
-    """Write the report without replaying flights; return the names of the written files.
+    """Write the report of a campaign without replaying flights; return the names of the written files.
 
     An existing report stays if no flight was added: it may show the worst flights, which need replays.
     """
@@ -281,7 +284,10 @@ def _write(store: "CampaignStore", flown_before: int) -> list[str]:
 
 
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    """Store of a campaign folder and scenario of one flight; raises RefusedError for an invalid folder or number."""
+    """Return the store of a campaign folder and the scenario of one flight.
+
+    Raises RefusedError for an invalid folder or number.
+    """
     from anser.campaigns.flights import flight_scenario
 
     store = read_campaign_store(folder, "--campaign")
@@ -294,7 +300,7 @@ def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario
 
 
 def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") -> None:
-    """Report whether a replayed flight reproduces its result in the campaign."""
+    """Print whether a flight flown again reproduces its result in the campaign."""
     from anser.campaigns.replay import replay_differences
 
     if number not in store.flown:
@@ -313,7 +319,7 @@ def report_replay(store: "CampaignStore", number: int, flown: "FlightResult") ->
 
 
 def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
-    """Bound, its interval and unit; short times in milliseconds."""
+    """Return the table cells of a quantile: value, confidence interval and unit; short times in milliseconds."""
     values = quantile.value, quantile.low, quantile.high
     magnitudes = [abs(value) for value in values if value is not None]
     if quantile.unit == "s" and max(magnitudes, default=1.0) < _MILLISECONDS_BELOW_S:
@@ -322,7 +328,7 @@ def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
 
 
 def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
-    """Print probability, quantiles and failure causes."""
+    """Print success probability, quantiles and failure causes of a campaign."""
     from anser.results.separation import NO_SEPARATION, proximity_warning
 
     name, data = flown.store.study.name, flown.dataset
@@ -401,7 +407,7 @@ def rare(
 
 
 def _print_rare_event(rare_event: "RareEvent") -> None:
-    """Print probability and levels."""
+    """Print the probability of a rare event, and its levels."""
     document, estimate = rare_event.document, rare_event.estimate
     confidence = f"at {100 * document['confidence']:g} % confidence"
     event = f"{document['statistic']} {document['breached']} {document['threshold']:g}"

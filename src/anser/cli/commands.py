@@ -1,4 +1,4 @@
-"""All commands and command groups of `anser`, and the exit code.
+"""All commands and command groups of `anser`, and the exit code of the process.
 
 A group runs its first command if no command is named: `anser campaign STUDY`.
 """
@@ -36,13 +36,13 @@ from anser.config.errors import ScenarioError
 
 
 class DefaultCommandGroup(TyperGroup):
-    """Command group with its first command as the default.
+    """Command group that runs its first command if the command line names none.
 
-    A first word that resembles a command, and is not an existing file, is treated as a misspelt command.
+    A first word that resembles a command's name, and is not an existing file, is reported as a misspelt command.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert the default command's name if the first word is not a command."""
+        """Insert the default command's name if the first word is not a command, then parse the arguments."""
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
             close = difflib.get_close_matches(args[0], self.commands)
             if not close or Path(args[0]).exists():
@@ -51,7 +51,7 @@ class DefaultCommandGroup(TyperGroup):
         return super().parse_args(ctx, args)
 
     def shell_complete(self, ctx: Any, incomplete: str) -> list[Any]:
-        """Complete commands and arguments of the default command."""
+        """Return the completions of command names and of the default command's arguments."""
         default_command = next(iter(self.commands.values()))
         completions = super().shell_complete(ctx, incomplete)
         argument = next((p for p in default_command.params if p.param_type_name == "argument"), None)
@@ -65,7 +65,7 @@ class DefaultCommandGroup(TyperGroup):
 def register_group(
     app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], summary: str, examples: Sequence[str]
 ) -> None:
-    """Register commands decorated with `help_epilog` under a common name; the first is the default.
+    """Register commands decorated with `help_epilog` as a group with a common name; the first is the default.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def exit_code() -> int:
 
 
 def _system_refusal(error: OSError) -> str:
-    """Message for an operating-system error."""
+    """Return the message for an operating-system error."""
     if error.filename is None:
         return f"arrived a refusal of the system ({error}); expected files and folders that can be read and written"
     name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes | os.PathLike) else error.filename

@@ -1,4 +1,4 @@
-"""Output common to all commands: destinations, tables, and errors for invalid input.
+"""Output common to all commands: consoles, tables, progress, and errors for invalid input.
 
 Three consoles: `screen` prints results on standard output; `note` prints messages (cautions, written files) and
 progress on standard error; `err` prints errors on standard error and is never silent. With ``--json``, `screen` is
@@ -39,7 +39,7 @@ from anser.cli.process import interrupts
 
 
 def _console(**look: Any) -> Console:
-    """Console without markup (square brackets) and emoji codes (words between colons)."""
+    """Return a console that prints square brackets and words between colons as they are, not as markup or emoji."""
     return Console(markup=False, emoji=False, **look)
 
 
@@ -58,17 +58,25 @@ _RANGES = {
     "path_rate_deg_s": (-60, 60),
     "pitch_rate_deg_s": (-60, 60),
 }
-"""Permitted ranges of flight-condition options, in the order of checking."""
+"""Permitted range of each flight-condition option, in the order in which they are checked."""
 _BAR_WIDTH = 16  # fits 80 columns with the longest description
 _SPEED_PERIOD_S = 3600.0
-"""Averaging period for the estimate of the remaining time: steps of a campaign are minutes apart."""
+"""Period over which progress is averaged to estimate the remaining time, s: steps of a campaign are minutes apart."""
 _LOG_PERIOD_S = 60.0
-"""Time between progress lines without a terminal."""
+"""Time between progress lines if the output is not a terminal, s."""
 
 
 @dataclass
 class _Request:
-    """Output options of the current command, and whether its document was printed."""
+    """Whether the current command was called with --json, and whether its JSON document was printed.
+
+    Attributes
+    ----------
+    as_json
+        Whether --json was given.
+    answered
+        Whether the JSON document was printed.
+    """
 
     as_json: bool = False
     answered: bool = False
@@ -79,7 +87,7 @@ _request = _Request()
 
 @contextlib.contextmanager
 def output(as_json: bool, quiet: bool) -> Iterator[None]:
-    """Direct the output of a command.
+    """Apply --json and --quiet to the consoles in the `with` block, the run of one command.
 
     Raises
     ------
@@ -120,14 +128,14 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Report why there is no result and exit with code 1; the JSON document contains the reasons.
+    """Print why there is no result, and exit with code 1; the JSON document contains the reasons.
 
     Parameters
     ----------
     status
         Status in the document, such as "no plan".
     reasons
-        Messages.
+        Reasons, one sentence each.
     prefix
         Text before each reason on standard error.
     """
@@ -148,15 +156,15 @@ def print_problem(text: str) -> None:
 
 
 def print_line(text: str) -> None:
-    """Print a line of the results."""
+    """Print a line of the results, except with ``--json`` or ``--quiet``."""
     screen.print(text, soft_wrap=True, highlight=False)
 
 
 class _Times(ProgressColumn):
-    """Elapsed time, and remaining time once it can be estimated."""
+    """Column of a progress bar: elapsed time, and remaining time once it can be estimated."""
 
     def render(self, task: Task) -> Text:
-        """Text of the column."""
+        """Return the text of the column."""
         elapsed, remaining = task.elapsed or 0.0, task.time_remaining
         remaining_text = "" if remaining is None or task.finished else f", {_clock(remaining)} left"
         return Text(_clock(elapsed) + remaining_text, style="progress.elapsed")
@@ -170,9 +178,10 @@ def _clock(seconds: float) -> str:
 
 
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
-    """Progress bar with elapsed and remaining time, removed at the end; without a terminal, a line each minute.
+    """Return a context manager that shows a progress bar with elapsed and remaining time, removed at the end.
 
-    The yielded function takes a description and the completed fraction, or None for an unknown fraction.
+    Without a terminal it prints a line each minute. The function that it yields takes a description and the completed
+    fraction, 0..1, or None for an unknown fraction.
     """
     return _progress_display(
         "starting", 1.0, _description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times()
@@ -180,7 +189,10 @@ def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | N
 
 
 def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
-    """Spinner with elapsed time, for work of unknown duration; the yielded function takes a new description."""
+    """Return a context manager that shows a spinner with elapsed time, for work of unknown duration.
+
+    The function that it yields takes a new description.
+    """
     return _progress_display(description, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 
 
@@ -192,7 +204,10 @@ def _description_column() -> TextColumn:
 def _progress_display(
     first_description: str, total: float | None, *columns: ProgressColumn
 ) -> Iterator[Callable[..., None]]:
-    """Progress line; the yielded function takes a description and a fraction. Compilation is shown as such."""
+    """Show a progress line in the `with` block; the yielded function takes a description and a fraction.
+
+    While a program is being compiled, the line says so and shows no fraction.
+    """
     from anser.compiling.program import watch_compilation  # late import: help needs no JAX
 
     disable = not note.is_terminal or note.quiet
@@ -220,7 +235,7 @@ def _progress_display(
 
 @contextlib.contextmanager
 def _log_progress(bar: Progress) -> Iterator[None]:
-    """Without a terminal, print a progress line each minute."""
+    """Print a progress line each minute in the `with` block, if the output is not a terminal."""
     if note.is_terminal or note.quiet:
         yield
         return
@@ -242,7 +257,7 @@ def _log_progress(bar: Progress) -> Iterator[None]:
 
 
 class RefusedError(Exception):
-    """Invalid input detected by the command line; the text is the complete message."""
+    """Invalid input on the command line; `str()` is the complete message."""
 
 
 def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
@@ -253,7 +268,17 @@ def must_be_in_range(option: str, value: float, low: float, high: float) -> None
 
 @dataclass(frozen=True)
 class TableColumn:
-    """Column of `print_table`: heading, decimals of its numbers, and rich's options (`justify`, `overflow`, ...)."""
+    """Column of `print_table`.
+
+    Attributes
+    ----------
+    heading
+        Heading.
+    digits
+        Number of decimals of its numbers.
+    options
+        Options of rich's `add_column`: `justify`, `overflow`, ...
+    """
 
     heading: str
     digits: int = 0
@@ -261,7 +286,7 @@ class TableColumn:
 
 
 def columns(*headings: str, digits: int = 0, **options: Any) -> list[TableColumn]:
-    """Columns of equal format."""
+    """Return columns with the given headings and equal format."""
     return [TableColumn(heading, digits, options) for heading in headings]
 
 
@@ -276,7 +301,7 @@ def print_table(
     rows: Iterable[Sequence[str | float | Text | None]],
     styles: Iterable[str | None] = (),
 ) -> None:
-    """Print a table without lines between rows; without a terminal, unfolded and uncut.
+    """Print a table without lines between rows; without a terminal, lines are neither wrapped nor cut.
 
     Parameters
     ----------
@@ -300,7 +325,7 @@ def print_table(
 
 
 def flight_point(at: str) -> tuple[float, float]:
-    """Speed and altitude (m/s, m) of an option --at."""
+    """Return the speed (m/s) and altitude (m) of an option --at; raises RefusedError if invalid."""
     try:
         speed, altitude = (float(part) for part in at.split(","))
     except ValueError:
@@ -312,7 +337,7 @@ def flight_point(at: str) -> tuple[float, float]:
 
 @contextlib.contextmanager
 def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
-    """`activity` that ends the command with exit code 1 on ConditionError (no steady flight)."""
+    """Show `activity` in the `with` block; on ConditionError (no steady flight), end the command with exit code 1."""
     from anser.analysis.trim_points import ConditionError
 
     try:
@@ -323,7 +348,7 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise RefusedError for values outside their range, or a pitch rate together with another rate.
+    """Raise RefusedError if a value is outside its range, or a pitch rate is given together with another rate.
 
     Parameters
     ----------
@@ -347,13 +372,13 @@ def _option(parameter: str) -> str:
 
 
 def must_be_f16(aircraft: str, instead: str) -> None:
-    """Raise RefusedError for airframes other than the F-16; `instead` describes an alternative."""
+    """Raise RefusedError if the aircraft is not the F-16; `instead` says what to use for other aircraft."""
     if aircraft not in VARIANTS:
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected f16 with any --variant: {instead}")
 
 
 def must_be_known_aircraft(aircraft: str, variant: str) -> None:
-    """Raise RefusedError for an unknown airframe or variant; aircraft files are read later."""
+    """Raise RefusedError if an airframe's name or variant is unknown; paths of aircraft files are not checked."""
     if Path(aircraft).suffix not in (*SUFFIXES, DAVE_ML_SUFFIX) and aircraft not in aircraft_types():
         expected = f"{unknown_type_hint(aircraft)}, or the path of an aircraft file (.toml)"
         raise RefusedError(f"--aircraft: arrived {aircraft!r}; expected {expected}")

@@ -132,7 +132,10 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Start time, s, of the first status other than flying, for each aircraft that started flying."""
+    """Return the start time, s, of the first status other than flying, by name of the aircraft.
+
+    Aircraft without such a change are left out.
+    """
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
         stopped_rows = codes.nonzero()[0]
@@ -142,7 +145,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Status of an aircraft, with its start time for a change in flight."""
+    """Return the status of an aircraft, and for a change in flight its start time."""
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -194,7 +197,7 @@ def _fail_unmet(summary: dict, stopped_s: dict[str, float]) -> None:
 
 
 _UNITS = {"m": ("m", 0), "m s-1": ("m/s", 1), "m s-2": ("m/s^2", 2), "degree": ("deg", 1), "1": ("", 2)}
-"""Printed unit and number of decimals, by unit."""
+"""Unit as printed and number of decimals, by unit in the dataset."""
 _SAME_TIME_S = 5e-3
 
 
@@ -252,7 +255,7 @@ def plan(
 
 
 def _picture_folder(recorded: "RecordedPlan", out: Path | None) -> Path:
-    """Folder with the picture of a plan: the output folder, or a temporary folder."""
+    """Return the folder with the picture of a plan: the output folder, or a new temporary folder."""
     if out is not None:
         return out
     folder = Path(tempfile.mkdtemp(prefix="anser-"))
@@ -275,7 +278,7 @@ def _print_paths(summary: dict[str, Any]) -> None:
 
 
 def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]:
-    """Cells of an aircraft by heading; the headings are equal for the whole fleet."""
+    """Return the table cells of an aircraft's path by heading; the headings are equal for the whole fleet."""
     planned = {limit["name"]: limit["planned"] for limit in aircraft["limits"]}
     cells = {} if arrive_together else {"arrival\ns": number(aircraft["arrival_s"], 2)}
     if "nominal_length_m" in aircraft:
@@ -316,7 +319,7 @@ def _print_margins(summary: dict[str, Any]) -> None:
 
 
 def _separation_lines(summary: dict[str, Any]) -> list[str]:
-    """Lines about the closest pairs and the keep-outs."""
+    """Return lines of text about the closest pairs and the keep-outs."""
     lines = []
     separation, closest = summary["separation"], summary["least_distance"]
     if separation is not None and separation["pair"] is not None:

@@ -1,4 +1,4 @@
-"""Output folders and files of commands (new, or replaced with --force), and folders of finished runs."""
+"""Output folders and files of commands, new or replaced with --force, and folders of finished runs."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -28,10 +28,10 @@ Force = Annotated[
 
 @contextlib.contextmanager
 def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
-    """Create the output folder and yield a folder to write into; raises RefusedError if it exists.
+    """Create the output folder and yield a folder to write into; raises RefusedError if the output folder exists.
 
-    Files move to their final place when all are complete; a new folder is removed if it stays empty. With `force` the
-    folder may exist, and files of the same names are replaced.
+    Files move to the output folder when all are complete; a new folder is removed if it stays empty. With `force` the
+    output folder may exist, and files of the same names are replaced.
     """
     is_old = force and _is_folder(folder)
     expected_place = "a folder in which files can be replaced" if is_old else "a place where a folder can be made"
@@ -52,7 +52,7 @@ def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
 
 
 def make_next_folder(folder: Path) -> Path:
-    """Create the default output folder; if it exists, the first free name with suffix -2, -3, ..."""
+    """Create the default output folder, or if it exists the first free one with suffix -2, -3, ...; return its path."""
     candidate, count = folder, 1
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -70,7 +70,10 @@ def make_next_folder(folder: Path) -> Path:
 
 
 def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bool = False) -> None:
-    """Raise RefusedError if a file cannot be written, before any computation; with `force` the file may exist."""
+    """Raise RefusedError, before any computation, if a file has a wrong suffix or cannot be written.
+
+    With `force` the file may exist.
+    """
     if path.suffix not in suffixes:
         endings = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
         raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {endings}")
@@ -78,7 +81,7 @@ def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bo
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Raise RefusedError if a file exists (unless `force`) or its folder does not exist."""
+    """Raise RefusedError if a file exists (unless `force`), or if its folder does not exist."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
             remedy = "a new file, or --force (nothing is overwritten without it)"
@@ -92,7 +95,10 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, moved to its place when complete; raises RefusedError on failure."""
+    """Yield a temporary path for an output file, which moves to its place when complete.
+
+    Raises RefusedError if the file cannot be written.
+    """
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
 
@@ -104,7 +110,7 @@ def _is_folder(path: Path) -> bool:
 
 @contextlib.contextmanager
 def _refusing(option: str, path: Path, expected: str) -> Iterator[None]:
-    """Convert operating-system errors for an option's path to RefusedError."""
+    """Convert operating-system errors in the `with` block to RefusedError, with an option's path."""
     try:
         yield
     except OSError as error:
@@ -115,7 +121,7 @@ __all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "check_run_folder", "read_f
 
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:
-    """Raise RefusedError if a folder is not a run; `argument` names the folder on the command line."""
+    """Raise RefusedError if a folder is not that of a run; `argument` names the folder on the command line."""
     try:
         saved_flights.check_run_folder(folder)
     except RunFolderError as error:
@@ -123,7 +129,7 @@ def check_run_folder(folder: Path, argument: str = "RUN") -> None:
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
-    """Read the dataset and summary of a run folder; raises RefusedError if incomplete."""
+    """Return the dataset and summary of a run folder; raises RefusedError if it is not a complete run."""
     check_run_folder(folder, argument)
     try:
         flight = load_flight(folder)
@@ -133,7 +139,10 @@ def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[st
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """As `read_run`; also raises RefusedError if the dataset lacks variables."""
+    """Return the dataset and summary of a run folder; raises RefusedError if one of the named variables is missing.
+
+    Also raises the errors of `read_run`.
+    """
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:

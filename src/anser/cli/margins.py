@@ -1,4 +1,4 @@
-"""Command margins."""
+"""Command margins: stability margins of the autopilot."""
 
 import math
 from pathlib import Path
@@ -193,13 +193,13 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
 
 
 def _disk(radius: float) -> tuple[float, float]:
-    """Gain (dB) and phase (deg) variations within a disk margin, each alone."""
+    """Return the gain (dB) and the phase (deg), each varied alone, that a disk margin allows."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
 
 
 def _gain(margin_db: float, searched_db: float, sign: float) -> str | float:
-    """Gain margin in one direction, or the searched range without a stability boundary."""
+    """Return the gain margin in one direction, dB; without a stability boundary, the searched range as text."""
     if math.isfinite(margin_db) or not math.isfinite(searched_db):
         return sign * margin_db
     return f"none to {sign * searched_db:.1f}"

@@ -34,7 +34,10 @@ PlannerName = Annotated[
 def load_with_overrides(
     path: Path, settings: Sequence[str] = (), planner: str | None = None, *, with_trim_maps: bool = True
 ) -> Scenario:
-    """Load a scenario, apply overrides and print the cautions; `with_trim_maps` as in `find_cautions`."""
+    """Load a scenario, apply the options --set and --planner, and print the cautions.
+
+    `with_trim_maps` is passed to `find_cautions`.
+    """
     scenario = load(path)
     overrides = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
     if overrides:
@@ -51,7 +54,7 @@ def load_with_overrides(
 
 
 def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
-    """Raise ScenarioError for overrides without effect."""
+    """Raise ScenarioError if an override has no effect in the scenario."""
     numbers = {indexed_path(scenario, path) for path in paths}
     idle = [problem for problem in unused_key_problems(scenario) if problem.path in numbers]
     if idle:
@@ -59,7 +62,7 @@ def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
 
 
 def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
-    """Values of options --set (PATH=VALUE), by path."""
+    """Return the values of options --set (PATH=VALUE), by key path."""
     overrides: dict[str, object] = {}
     for text in texts:
         path, value = split_assignment(text, "PATH=VALUE, such as wind.speed_m_s=8")
@@ -70,7 +73,7 @@ def parse_overrides(texts: Sequence[str]) -> dict[str, object]:
 
 
 def split_assignment(text: str, expected: str) -> tuple[str, str]:
-    """Parts before and after the equals sign of an option --set."""
+    """Return the two parts of an option --set, before and after the equals sign; raises RefusedError without one."""
     path, sign, value = (part.strip() for part in text.partition("="))
     if not sign or not path or not value:
         raise RefusedError(f"--set: arrived {text!r}; expected {expected}")
@@ -78,7 +81,7 @@ def split_assignment(text: str, expected: str) -> tuple[str, str]:
 
 
 def parse_value(text: str) -> object:
-    """Parse a number, truth value, list or table in TOML notation; other text stays as text."""
+    """Return a value given in TOML notation (number, truth value, list, table); other text stays text."""
     word = text.strip()
     if word in ("true", "false"):
         return word == "true"

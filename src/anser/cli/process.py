@@ -1,6 +1,6 @@
 """Process of the command line: Ctrl-C with one message and exit code 130; closed or full standard streams.
 
-Standard library only, because this module is imported first.
+This module uses the standard library only, because it is imported first.
 """
 
 import contextlib
@@ -15,7 +15,7 @@ INTERRUPTED = 130
 
 
 class Interrupts:
-    """Interrupts (Ctrl-C) of this process.
+    """Record of interrupts (Ctrl-C) of this process.
 
     Attributes
     ----------
@@ -28,7 +28,7 @@ class Interrupts:
 
     @contextlib.contextmanager
     def watched(self) -> Iterator[None]:
-        """Record interrupts in the block, besides raising KeyboardInterrupt; inactive if the process ignores them."""
+        """Record interrupts in the `with` block and raise KeyboardInterrupt; inactive if the process ignores Ctrl-C."""
         self.arrived = False
         handler = signal.getsignal(signal.SIGINT)
         if handler is not signal.default_int_handler:
@@ -46,7 +46,7 @@ class Interrupts:
             raise KeyboardInterrupt
 
     def end_process(self) -> None:
-        """Print the message and end at once, without waiting for threads of compilers and libraries."""
+        """Print the message and end the process at once, without waiting for threads of compilers and libraries."""
         from anser.files import remove_temporary_outputs
 
         remove_temporary_outputs()
@@ -66,7 +66,7 @@ interrupts = Interrupts()
 
 
 class GuardedStream:
-    """Text stream that becomes silent after the first failed write.
+    """Text stream that discards everything after the first failed write.
 
     Attributes
     ----------
@@ -79,12 +79,12 @@ class GuardedStream:
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write text, unless the stream is silent."""
+        """Write text, or discard it after a failure."""
         self._guard(lambda: self._stream.write(text))
         return len(text)
 
     def flush(self) -> None:
-        """Flush the stream, unless the stream is silent."""
+        """Flush the stream; after a failure, do nothing."""
         self._guard(self._stream.flush)
 
     def __getattr__(self, name: str) -> Any:
@@ -102,7 +102,7 @@ class GuardedStream:
 
 @contextlib.contextmanager
 def guarded_streams() -> Iterator[Callable[[], str | None]]:
-    """Guard standard output and standard error in the block.
+    """Replace standard output and standard error by `GuardedStream` in the `with` block.
 
     A reader that closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
 
@@ -128,7 +128,7 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:
-    """Write characters outside a stream's encoding as escapes; a closed stream becomes the null device."""
+    """Return the stream, set to write characters outside its encoding as escapes; the null device if it is closed."""
     if stream is None:
         return open(os.devnull, "w", encoding="utf-8")
     reconfigure = getattr(stream, "reconfigure", None)
@@ -138,7 +138,7 @@ def _tolerant(stream: TextIO | None) -> TextIO:
 
 
 def _open_closed_descriptors() -> None:
-    """Open the null device for closed standard streams; otherwise a later file would get their descriptor."""
+    """Open the null device in place of closed standard streams: a file opened later would take their descriptor."""
     for number in range(3):
         try:
             os.fstat(number)
@@ -147,7 +147,7 @@ def _open_closed_descriptors() -> None:
 
 
 def _discard(stream: TextIO) -> None:
-    """Send the buffered text to the null device; otherwise the write fails again at exit."""
+    """Send the buffered text of a stream to the null device; otherwise the write fails again at exit."""
     with contextlib.suppress(OSError, ValueError):
         target = os.open(os.devnull, os.O_WRONLY)
         os.dup2(target, stream.fileno())

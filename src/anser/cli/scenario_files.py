@@ -109,7 +109,7 @@ def new(path: Annotated[Path, typer.Argument(help="File to write; it must not ex
 
 
 def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_command: str) -> None:
-    """Write a starter file with its schema, and print the next command."""
+    """Write a starter file and its schema for editors, and print the next command to run."""
     schema_path = path.with_name(schema_name)
     schema_exists = schema_path.exists()
     write(path)

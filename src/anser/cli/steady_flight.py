@@ -88,7 +88,7 @@ def trim(
 
 _SUFFIXES = (".nc", ".json")
 _ROUNDING = 1e-12
-"""Table entries below this are rounding errors of cancelling terms, printed as 0."""
+"""Table entries of smaller magnitude are rounding errors of terms that cancel; they are printed as 0."""
 
 
 @help_epilog(
@@ -204,7 +204,7 @@ def _entry(value: float) -> str:
 def _block(
     name: str, columns: tuple[str, ...], quantities: tuple[str, ...], values: Iterable[Iterable[float]]
 ) -> list[str]:
-    """Fixed-width text of a matrix, in pieces that fit the screen width."""
+    """Return a matrix as fixed-width text, split by columns into pieces that fit the screen width."""
     cells = [[_entry(float(value)) for value in entries] for entries in values]
     label_width = max(len(name), *(len(entries) for entries in quantities))
     widths = [max(len(column), *(len(entries[k]) for entries in cells)) for k, column in enumerate(columns)]

@@ -1,4 +1,4 @@
-"""Commands step and gallery."""
+"""Commands step and gallery: step tests of the autopilot."""
 
 import textwrap
 from collections.abc import Sequence
@@ -228,7 +228,7 @@ def _print_metrics(flights: Sequence["StepTestResult"]) -> None:
 
 
 def _surfaces_used(flight: "StepTestResult") -> str:
-    """Column heading for the use of all control surfaces, in narrow lines."""
+    """Return the column heading for the use of all control surfaces, in narrow lines."""
     names = [name.replace("_", " ") for name in flight.document()["surface_use_percent"]]
     return textwrap.fill(f"{', '.join(names)} used, %", 20)
 

@@ -116,7 +116,7 @@ _F16_STUDY_ONLY = (
     "factors and conditions of this study are the F-16's; of another aircraft anser campaign varies "
     "aircraft[0].deviation of a scenario"
 )
-"""Hint for studies of other aircraft."""
+"""Advice if a study of another aircraft is requested."""
 
 
 @help_epilog(
@@ -172,7 +172,7 @@ def robustness(
 
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
-    """Success rates by part of the study and by inversion."""
+    """Return the success rates by part of the study, then by inversion."""
     from anser.results.robustness_statistics import flights_in_part, success
 
     spread, condition = (data[name].values for name in ("spread_percent", "condition"))
@@ -191,7 +191,7 @@ def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
 
 
 def _failure_factors(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
-    """Factors with the strongest correlation with failures, by inversion."""
+    """Return the factors with the strongest correlation with failures, by inversion."""
     from anser.results.robustness_statistics import failure_correlations, flights_in_part
 
     dispersed = flights_in_part(data, "dispersed")
@@ -225,7 +225,7 @@ def _study_document(study: "RobustnessStudy") -> dict[str, Any]:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Replace NaN by None."""
+    """Return the values with NaN replaced by None."""
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in values.items()}
 
 
@@ -256,7 +256,7 @@ def _print_study(study: "RobustnessStudy") -> None:
 
 
 def _shortened(reasons: dict[str, int]) -> str:
-    """Most frequent reasons with their numbers, and the number of other failures."""
+    """Return the most frequent reasons with their numbers, and the number of other failures, as text."""
     shown = [f"{reason.replace('_', ' ')} {count}" for reason, count in list(reasons.items())[:_REASONS]]
     other_count = sum(list(reasons.values())[_REASONS:])
     return ", ".join([*shown, f"others {other_count}"] if other_count else shown)

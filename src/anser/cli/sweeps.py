@@ -1,4 +1,4 @@
-"""Command sweep: a scenario flown with every combination of some values."""
+"""Command sweep: a scenario flown with every combination of several values."""
 
 import itertools
 import re
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _RANGE = re.compile(r"[^:]+:[^:]+:[^:]+")
 _VALUES_MAX = 10_000
 _PRINTED_ROWS = 60
-"""Greatest number of flights printed."""
+"""Greatest number of flights that are printed."""
 _EXPECTED = "PATH=VALUES, such as wind.speed_m_s=0,5,10 or wind.speed_m_s=0:20:5 (first, last, step)"
 
 
@@ -75,7 +75,7 @@ def sweep(
 
 
 def parse_sweep_values(texts: list[str]) -> dict[str, list[object]]:
-    """Values of options --set, by path."""
+    """Return the values of options --set (PATH=VALUES), by key path."""
     sweep_values: dict[str, list[object]] = {}
     for text in texts:
         path, values = split_assignment(text, _EXPECTED)
@@ -103,7 +103,7 @@ def _range(text: str, values: str) -> list[object]:
 
 
 def _flights(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> list[dict[str, Any]]:
-    """Values and results of each flight; the last path varies fastest."""
+    """Return the values and results of each flight; the last key path varies fastest."""
 
     def number_at(name: str, index: tuple[int, ...]) -> float | None:
         values = data[name].values[index] if name in data else np.array(np.nan)

@@ -1,4 +1,4 @@
-"""Command verify."""
+"""Command verify: comparison of computed values with published ones."""
 
 import math
 import time
@@ -105,7 +105,7 @@ def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
 
 
 def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
-    """Worst comparison of each group, in group order; without published figures, the last comparison."""
+    """Return the worst comparison of each group, in group order; without published values, the group's last one."""
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
         current = worst.get(comparison.group)
@@ -120,7 +120,7 @@ def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
 
 
 def _shortfalls(outcome: "Outcome") -> list[str]:
-    """Describe a failed check, with a line for each quantity."""
+    """Return lines that describe a failed check, one for each quantity."""
     key = outcome.check.key
     if outcome.problem is not None:
         return [f"falls short: {key}: could not be computed: {outcome.problem}"]
@@ -139,7 +139,7 @@ def _shortfalls(outcome: "Outcome") -> list[str]:
 
 
 def _quantity(comparison: "Comparison") -> str:
-    """Quantity with its unit, unless the name contains the unit, and the point."""
+    """Return the name of a quantity, its unit unless the name contains it, and the point."""
     unit = comparison.unit
     in_name = "_" + unit.translate(str.maketrans({"/": "_", "^": None, " ": None}))
     shown = "" if unit in ("", "1") or f"{in_name}_" in f"{comparison.group}_" else f" {unit}"
@@ -147,7 +147,7 @@ def _quantity(comparison: "Comparison") -> str:
 
 
 def _figures(comparison: "Comparison") -> tuple[str, str]:
-    """Expected and obtained value, with enough digits to show their difference relative to the tolerance."""
+    """Return the expected and the computed value as text, with enough digits to show their difference."""
     expected, obtained, tolerance = comparison.expected, comparison.obtained, comparison.tolerance
     if not math.isfinite(obtained):
         return ("-" if expected is None else f"{expected:.10g}"), str(obtained)

@@ -98,7 +98,7 @@ class ReplayedFlight:
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """Content of the report page of a campaign.
+    """Everything that the report page of a campaign shows.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ def quantization_step(values: np.ndarray, unit: str) -> float:
 
 
 def pack(columns: Sequence[tuple[np.ndarray, float]]) -> tuple[str, list[list[list[int]]]]:
-    """Pack arrays into one text.
+    """Compress arrays into one text for the report page.
 
     Parameters
     ----------

@@ -75,7 +75,7 @@ def _form(kind: str, speed_m_s: float) -> str:
 
 
 def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
-    """Median speed of an aircraft's goal, m/s; 0 with fewer than two recorded positions."""
+    """Return the median speed of an aircraft's goal, m/s; 0 with fewer than two recorded positions."""
     position = np.stack([aircraft[f"goal_{axis}_m"].values for axis in ("north", "east", "altitude")])
     is_recorded = np.isfinite(position).all(axis=0)
     if is_recorded.sum() < 2:

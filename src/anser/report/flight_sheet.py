@@ -182,7 +182,7 @@ class FlightSheet:
 
     @functools.cached_property
     def panel_height(self) -> float:
-        """Height of a panel in a figure of several, inches; enough for the names of the aircraft beside the panel."""
+        """Height of one of several panels, inches: enough for the names of the aircraft beside the panel."""
         height = float(np.clip(0.26 * self.figure_format.width, _PANEL_HEIGHT_MIN, _PANEL_HEIGHT_MAX))
         return max(height, minimum_panel_height(self.count) + 0.1) if self.has_line_names else height
 

@@ -125,7 +125,7 @@ def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor:
 
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
-    """Name each initial goal, and in a large fleet each aircraft, on the side away from the tracks."""
+    """Write the name of each initial goal, and in a large fleet of each aircraft, on the side away from the tracks."""
     occupied = [
         (_position(sheet, "rendezvous_", line_style, factor, -1), MARKER_SIZE) for line_style in sheet.line_styles
     ]

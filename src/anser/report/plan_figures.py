@@ -224,7 +224,7 @@ _KEEP_OUT = ("east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s", "ra
 
 
 def _draw_closest_pair(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Connect the positions of the closest pair at the time of their least distance."""
+    """Draw a line between the positions of the closest pair at the time of their least distance."""
     measure = "separation" if "separation_m" in dataset else "distance"
     pair, time_s = dataset[f"least_{measure}_pair"].values, dataset[f"least_{measure}_at_s"].item()
     if pair[0] < 0:

@@ -139,6 +139,7 @@ def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Ma
 
 
 def _influence_text(measures: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return the value and interval of each measure of an influence as text."""
     return "; ".join(
         f"{name} {influence['value']:.3f} ({influence['low']:.3f} to {influence['high']:.3f})"
         for name, influence in measures.items()

@@ -167,7 +167,7 @@ _MILLISECONDS_BELOW_S = 0.0995
 
 @dataclass(frozen=True)
 class ArrivalAccuracy:
-    """Accuracy of a fleet's arrivals.
+    """Accuracy of a fleet's arrival times, by the measure that suits the arrival rule.
 
     Attributes
     ----------

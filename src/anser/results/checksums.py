@@ -21,7 +21,7 @@ _DOCUMENT_BYTES_MAX = 32 * MIB
 
 
 class DamagedFileError(ValueError):
-    """A file with damaged content; `str()` is the complete message."""
+    """Error for a file whose content is damaged; `str()` is the complete message."""
 
 
 def damaged_file_error(path: Path, arrived: str, expected: str = "the file as anser wrote it") -> DamagedFileError:
@@ -30,7 +30,7 @@ def damaged_file_error(path: Path, arrived: str, expected: str = "the file as an
 
 
 def append_checksum(path: Path) -> None:
-    """Append the checksum of a complete binary file to the file."""
+    """Append to a complete binary file the checksum of its content."""
     trailer = checksum_trailer(file_digest(path))
     with path.open("ab") as file:
         file.write(trailer)

@@ -33,7 +33,7 @@ def to_dataset(
     attributes: Mapping[str, str | int | float],
     surfaces: Sequence[Sequence[str]] = (),
 ) -> xr.Dataset:
-    """Label a history: dimensions (time, aircraft), one variable per catalogue entry.
+    """Convert a flight's history to an xarray dataset over (time, aircraft), one variable per catalogue entry.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, F
 
 
 def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[str, ...]:
-    """Select the quantities that the fleet has: a single aircraft has neither spread nor separation."""
+    """Return those of the named quantities that the fleet has: a single aircraft has neither spread nor separation."""
     return tuple(name for name in names if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
 

@@ -45,7 +45,7 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tup
 
 
 def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Mean of independent estimates of a positive quantity, and its interval: Student's interval of the logarithms.
+    """Return the geometric mean of independent positive estimates and its interval (Student's, of the logarithms).
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float
 
 
 def order_statistic_interval(values: np.ndarray, share: float, confidence: float = 0.95) -> tuple[float, float]:
-    """Distribution-free confidence interval of a quantile, between two order statistics.
+    """Return a confidence interval of a quantile that assumes no distribution: two of the sorted values.
 
     The number of values below the quantile is binomial; each bound excludes the quantile with at most half of the
     allowed error probability. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
@@ -116,7 +116,7 @@ def quantile(values: np.ndarray, share: float) -> float:
 
 
 def mcnemar_exact(first_only: int, second_only: int) -> float:
-    """Two-sided p-value of unequal success in pairs of flights, if both variants are equally good.
+    """Return the two-sided p-value of McNemar's exact test of equal success in pairs of flights of two variants.
 
     The hypothesis is that in pairs with exactly one success both variants succeed equally often. Source: Q. McNemar,
     *Note on the sampling error of the difference between correlated proportions or percentages*, Psychometrika 12(2),
@@ -137,7 +137,7 @@ _PAIRS_MIN = 4
 
 
 def rank_correlation(inputs: np.ndarray, outputs: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
-    """Spearman's rank correlation and its confidence interval.
+    """Return Spearman's rank correlation of inputs and outputs, and its confidence interval.
 
     Only ranks count, so that an infinite output is simply the greatest. The interval is Fisher's, with the variance of
     D. G. Bonett, T. A. Wright, *Sample size requirements for estimating Pearson, Kendall and Spearman correlations*,
@@ -190,7 +190,7 @@ class SobolIndices(NamedTuple):
 
 
 def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
-    """Points of the unit cube for the estimation of Sobol indices: consecutive blocks of inputs + 2 points.
+    """Return the input samples for the estimation of Sobol indices: consecutive blocks of inputs + 2 points.
 
     A block is a point A, for each input the point A with that input replaced from a point B, and B; A and B together
     form a point of a scrambled Sobol sequence. Source: A. Saltelli et al., *Variance based sensitivity analysis of

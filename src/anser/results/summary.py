@@ -84,7 +84,7 @@ def summarize(
     goals: Sequence[str] = (),
     surfaces: Sequence[Sequence[str]] = (),
 ) -> dict[str, Any]:
-    """Summarize a flight from its full-resolution history.
+    """Compute the summary of a flight from its complete history.
 
     Arrivals are those of `arrival_outcome`; without an arrival, time and miss are None. Speeds (without gusts) and
     position error count up to the arrival or, without an arrival, while the plan is flown (the hold has no planned
