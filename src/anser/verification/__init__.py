@@ -1,4 +1,4 @@
-"""Verification by published figures."""
+"""Verification: checks that compare results of anser with published values."""
 
 import lazy_loader
 

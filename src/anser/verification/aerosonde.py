@@ -16,12 +16,15 @@ from anser.verification.checks import Check, Comparison, load_published
 
 _TOLERANCE = 1e-10
 _SPEED_OF_SOUND_M_S = 340.0
-"""Placeholder: the aircraft's coefficients do not depend on the Mach number."""
+"""Placeholder for the air data: the aircraft's coefficients do not depend on the Mach number."""
 _AXES = ("x", "y", "z")
 
 
 def _rotation(quaternion: list[float]) -> np.ndarray:
-    """R(q) / det R(q), body to NED, as in the authors' simulator: the published |q| is 1 to 1e-8 only."""
+    """Return the rotation matrix from body to NED axes of a quaternion, as in the authors' simulator: R(q) / det R(q).
+
+    The length of the published quaternion is 1 only to 1e-8.
+    """
     q0, q1, q2, q3 = quaternion
     R = np.array(
         [

@@ -1,6 +1,6 @@
-"""Checks: a published figure, the same figure computed here, and the tolerance between them.
+"""Checks: comparisons of published values with the same quantities computed by anser, each with a tolerance.
 
-The package's published data, and the JSON document of the outcomes.
+Also the reader of the package's published data, and the JSON document of the outcomes.
 """
 
 import functools
@@ -14,25 +14,25 @@ from typing import Any
 from anser.results.documents import software_versions
 
 NOT_JUDGED = "flown, not judged"
-"""Verdict on a figure without a published value."""
+"""Verdict on a computed value without a published value."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A figure and its published value.
+    """Comparison of a computed value with its published value.
 
     Attributes
     ----------
     group
         Quantity, `alpha_dot`; a table shows the worst comparison of each group.
     point
-        Point, `V 300 ft/s`.
+        Condition of the comparison, `V 300 ft/s`.
     unit
         Unit of expected, obtained and tolerance; empty for a pure number.
     expected
-        Published figure; None if only the definition is published.
+        Published value; None if only the definition is published.
     obtained
-        Figure computed here.
+        Value computed here.
     tolerance
         Largest accepted absolute difference; None if, and only if, `expected` is None.
     time_s
@@ -66,22 +66,22 @@ class Comparison:
 
     @property
     def error(self) -> float | None:
-        """Obtained minus expected; None without a published figure."""
+        """Obtained minus expected value; None without a published value."""
         return None if self.expected is None else self.obtained - self.expected
 
     @property
     def judged(self) -> bool:
-        """True if a published figure exists."""
+        """Whether a published value exists."""
         return self.expected is not None
 
     @property
     def fails(self) -> bool:
-        """True if the figure is not finite, or differs from the published figure by more than the tolerance."""
+        """Whether the computed value is not finite, or differs from the published value by more than the tolerance."""
         return not self._agrees
 
     @property
     def passes(self) -> bool:
-        """True if a published figure exists and agrees."""
+        """Whether a published value exists and agrees."""
         return self.judged and self._agrees
 
     @property
@@ -92,7 +92,10 @@ class Comparison:
 
     @property
     def severity(self) -> float:
-        """Error over tolerance, to find the worst comparison of a group; infinite for NaN and infinity."""
+        """Size of the error divided by the tolerance; infinite for NaN and infinity.
+
+        The comparison with the greatest value is the worst of its group.
+        """
         if not math.isfinite(self.obtained):
             return math.inf
         if self.expected is None or self.tolerance is None:
@@ -105,7 +108,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Check:
-    """Published figures of one source, and their computation here.
+    """Check: the published values of one source, and the function that computes them here.
 
     Attributes
     ----------
@@ -136,7 +139,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a check.
+    """Outcome of a check: its comparisons, or the reason why the computation failed.
 
     Attributes
     ----------
@@ -157,51 +160,54 @@ class Outcome:
 
     @property
     def passes(self) -> bool:
-        """True if the computation succeeded, a published figure exists, and every published figure agrees."""
+        """Whether the computation succeeded, a published value exists, and every published value agrees."""
         return self.judged and not self.fails
 
     @property
     def fails(self) -> bool:
-        """True if the computation failed, there are no comparisons, or a comparison fails."""
+        """Whether the computation failed, there are no comparisons, or a comparison fails."""
         return self.problem is not None or not self.comparisons or any(c.fails for c in self.comparisons)
 
     @property
     def judged(self) -> bool:
-        """True if a comparison has a published figure."""
+        """Whether a comparison has a published value."""
         return any(comparison.judged for comparison in self.comparisons)
 
     @property
     def verdict(self) -> str:
-        """`passed`, `failed` or `NOT_JUDGED`."""
+        """Verdict on the check as text: `passed`, `failed` or `NOT_JUDGED`."""
         return "failed" if self.fails else "passed" if self.judged else NOT_JUDGED
 
 
 @functools.cache
 def load_published(name: str) -> dict[str, Any]:
-    """Read a file of published figures by name, without suffix; the entry `about` names the source."""
+    """Read a JSON file of published values in `verification/data`, by name without suffix.
+
+    The entry `about` names the source.
+    """
     text = resources.files("anser.verification").joinpath(f"data/{name}.json").read_text(encoding="utf-8")
     return json.loads(text)
 
 
 def half_of_last_digit(printed: str) -> float:
-    """Return half a unit of the last digit of a printed figure, `2.6499e4`: the greatest rounding error."""
+    """Return half a unit of the last digit of a printed number such as `2.6499e4`: the greatest rounding error."""
     mantissa, _, exponent = printed.partition("e")
     decimals = len(mantissa.partition(".")[2])
     return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
 
 
 def half_of_significant(figure: float, digit_count: int) -> float:
-    """Return half a unit of the last significant digit, for a data format that drops final zeros."""
+    """Return half a unit of the last of `digit_count` significant digits, for a data format that drops final zeros."""
     return 0.5 * 10.0 ** (math.floor(math.log10(abs(figure))) - digit_count + 1)
 
 
 def compare_as_printed(group: str, point: str, unit: str, printed: str, obtained: float) -> Comparison:
-    """Compare with a printed figure, to half a unit of its last digit."""
+    """Compare a computed value with a printed number; the tolerance is half a unit of the last printed digit."""
     return Comparison(group, point, unit, float(printed), float(obtained), half_of_last_digit(printed))
 
 
 FORMAT_VERSION = 2
-"""Format version of the document; raised when a name is removed or changes meaning."""
+"""Format version of the JSON document; raised when a name is removed or changes meaning."""
 
 
 def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:

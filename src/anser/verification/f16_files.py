@@ -1,4 +1,4 @@
-"""Verification of the built-in s119 F-16 by its DAVE-ML files: coefficients, thrust, and NESC case 11."""
+"""Verification of the built-in s119 F-16 against its DAVE-ML files: coefficients, thrust, and NESC case 11."""
 
 import equinox as eqx
 import jax
@@ -27,7 +27,7 @@ STATES = 10_000
 _TOLERANCE = 1e-12
 _MOMENT_REFERENCE, _CG_PCT_MAC = 0.35, 25.0
 _FLIGHT_SHARE = 1e-6
-"""Accepted difference of the two flights of NESC case 11, as a part of the case's tolerances."""
+"""Accepted difference between the two flights of NESC case 11, as a fraction of the case's tolerances."""
 _COEFFICIENTS = {
     "CX": "aeroBodyForceCoefficient_X",
     "CY": "aeroBodyForceCoefficient_Y",
@@ -44,7 +44,7 @@ _SURFACES = ("elevatorDeflection", "aileronDeflection", "rudderDeflection")
 def file_coefficients(
     aerodynamics: Evaluator, V: ScalarLike, alpha: ScalarLike, beta: ScalarLike, rates_b: Vector3, surfaces: Vector
 ) -> dict[str, Scalar]:
-    """Return the coefficients about the file's moment reference, and the reference lengths, by their names; SI."""
+    """Return the coefficients about the file's moment reference, and the reference lengths, by name; SI units."""
     inputs = {"trueAirspeed": V, "angleOfAttack": alpha, "angleOfSideslip": beta}
     inputs |= {f"bodyAngularRate_{axis}": rates_b[k] for k, axis in enumerate(_AXES)}
     inputs |= {name: surfaces[k] for k, name in enumerate(_SURFACES)}
@@ -52,7 +52,7 @@ def file_coefficients(
 
 
 class FileEngine(EngineOverride):
-    """Engine with the thrust of F16_prop.dml; `base` has the lag and the inverses.
+    """Engine with the thrust of F16_prop.dml; lag and inverse functions are those of `base`.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class FileEngine(EngineOverride):
     thrust: Evaluator
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x; the file's thrust has no lateral components."""
+        """Return the thrust along body x; the file's thrust has no lateral components."""
         inputs = {"powerLeverAngle": 0.01 * power, "altitudeMSL": air_data.altitude, "mach": air_data.mach}
         return thrust_along_body_x(self.thrust.evaluate_si(inputs, ("thrustBodyForce_X",))["thrustBodyForce_X"])
 
@@ -88,7 +88,7 @@ class FileF16(AbstractAirframe):
     cg_forward: Scalar
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
-        """Force at the moment reference, and moment about the centre of gravity."""
+        """Compute the force at the moment reference (N) and the moment about the centre of gravity (N m), body axes."""
         coefficients = file_coefficients(
             self.coefficients, jnp.maximum(air_data.V, 1.0), air_data.alpha, air_data.beta, rates_b, surfaces
         )
@@ -101,7 +101,7 @@ class FileF16(AbstractAirframe):
         return Wrench(force_b=force_b, moment_b=about_reference_b + lever)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """True outside the tables' ranges of the flow angles, or outside the engine's ranges."""
+        """Whether the flow angles are outside the tables, or the flight condition outside the engine's ranges."""
         alpha, beta = air_data.alpha, air_data.beta
         outside = (alpha < self.alpha_range[0]) | (alpha > self.alpha_range[1])
         outside = outside | (beta < self.beta_range[0]) | (beta > self.beta_range[1])
@@ -109,7 +109,7 @@ class FileF16(AbstractAirframe):
 
 
 def f16_of_files() -> FileF16:
-    """Build the F-16 of the four files, with actuators and ranges of the built-in s119 variant."""
+    """Build the F-16 of its four DAVE-ML files, with actuators and ranges of the built-in s119 variant."""
     built_in = load_f16("s119")
     inertia = published_model("F16_inertia").evaluate_si({"vrsPositionOfCM": _CG_PCT_MAC / 100.0})
     J = {axes: float(inertia[name]) for name, axes in _INERTIA.items()}
@@ -134,7 +134,10 @@ _INERTIA = {"XIXX": "xx", "XIYY": "yy", "XIZZ": "zz", "XIZX": "zx", "XIXY": "xy"
 
 
 def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "state 13"]:
-    """Return V, alpha, beta, rates, surfaces, power, altitude, Mach of random states within and beyond the tables."""
+    """Return random states within and beyond the tables, shape (count, 13).
+
+    Columns: V, alpha, beta, body rates, surfaces, power, altitude, Mach number.
+    """
     random = np.random.default_rng(seed)
     lower = [
         5.0,
@@ -152,7 +155,10 @@ def random_states(count: int = STATES, seed: int = 24) -> Float[np.ndarray, "sta
 
 @compiled_quickly
 def compare_models(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, states: Array) -> tuple[dict, dict]:
-    """Compute each state's coefficients about the moment reference and thrust (lbf), from the files and built in."""
+    """Compute the coefficients and the thrust (lbf) of each state twice: by the files and by the built-in model.
+
+    The moments refer to the moment reference.
+    """
     file_engine = FileEngine(airframe.engine, thrust)
 
     def compare_state(state: Array) -> tuple[dict[str, Scalar], dict[str, Scalar]]:
@@ -172,7 +178,10 @@ def compare_models(airframe: F16, aerodynamics: Evaluator, thrust: Evaluator, st
 
 
 def _coefficients() -> tuple[Comparison, ...]:
-    """Compare coefficients and thrust in the state of the greatest difference; CZ also with the file's rounded pi."""
+    """Compare coefficients and thrust, each at the state of the greatest difference.
+
+    CZ is also compared with pi rounded as in the file.
+    """
     airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
     as_filed, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
     exact_pi = eqx.tree_at(lambda e: e.constants["rtd"], as_filed, as_array(RAD_DEG))
@@ -211,7 +220,10 @@ def _worst(
 
 
 def _flight() -> tuple[Comparison, ...]:
-    """Compare NESC case 11 flown with the files and with the built-in model, each column at its greatest difference."""
+    """Compare NESC case 11 flown with the files with the flight of the built-in model.
+
+    Each column is compared at its greatest difference.
+    """
     case = TRIMMED_FLIGHTS[0]
     built_in = trimmed_logs()[case.number]
     from_files = fly_trimmed([case], f16_of_files())[case.number]

@@ -1,6 +1,7 @@
 """Verification of the F-16's aerodynamic and engine data.
 
-Static check shots of the s119 data files, and the tables of the founding thesis, entry by entry.
+Check shots (published pairs of inputs and outputs) of the s119 data files, and the tables of the founding thesis,
+entry by entry.
 """
 
 import functools
@@ -23,7 +24,7 @@ from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, LBF_N
 from anser.verification.checks import Check, Comparison, load_published
 
 _MOMENT_REFERENCE = 0.35
-"""Moment reference of the data, x/c, used as centre of gravity: the shots' moments have no lever."""
+"""Moment reference of the data, x/c, used as the centre of gravity so that the moments have no lever."""
 _UNITS = {"nd": "", "ft": "ft", "ft2": "ft^2", "lbf": "lbf", "ftlbf": "ft lbf"}
 _AERO_INPUTS = {
     "trueAirspeed": FOOT_M,
@@ -36,14 +37,14 @@ _AERO_INPUTS = {
     "aileronDeflection": DEG_RAD,
     "rudderDeflection": DEG_RAD,
 }
-"""Inputs of the aerodynamic shots, in order, and their factors to SI."""
+"""Inputs of the aerodynamic check shots, in the order of the columns, with their factors to SI units."""
 _ROTATION_AXES = ("Roll", "Pitch", "Yaw")
 _ENGINE_INPUTS = {"powerLeverAngle": 1.0, "altitudeMSL": FOOT_M, "mach": 1.0}
 
 
 @jax.jit
 def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str, Float[Array, " shot"]]:
-    """Coefficients of each shot, independent of the air: sea level is used."""
+    """Compute the coefficients of each check shot; density has no effect, so sea level is used."""
 
     def coefficients_of_shot(
         speed: Array, alpha: Array, beta: Array, rates_b: Vector3, surfaces: Vector3
@@ -68,7 +69,7 @@ def _shot_coefficients(airframe: F16, shots: Float[Array, "shot 9"]) -> dict[str
 
 @jax.jit
 def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Float[Array, " shot"]]:
-    """Thrust and its moment in each shot, lbf and ft lbf."""
+    """Compute the thrust (lbf) and its moment (ft lbf) in each check shot."""
 
     def thrust_of_shot(shot: Vector3) -> dict[str, Array]:
         wrench = thrust_along_body_x(airframe.engine.thrust(shot[0], shot[1], shot[2]))
@@ -84,7 +85,10 @@ def _shot_thrust(airframe: F16, shots: Float[Array, "shot 3"]) -> dict[str, Floa
 def _measure_shots(
     file: str, factors: dict[str, float], compute: Callable[[F16, Array], dict[str, Float[Array, " shot"]]]
 ) -> tuple[Comparison, ...]:
-    """Compare the shots of a file; `factors` convert the inputs, in order, to SI and rad."""
+    """Compare the model with a file's check shots (published pairs of inputs and outputs).
+
+    `factors` lists the inputs in the order of `compute`'s columns, each with the factor to SI units and rad.
+    """
     shots = load_published(file)["shots"]
     inputs = jnp.array([[shot["inputs"][name][0] * factor for name, factor in factors.items()] for shot in shots])
     airframe = load_f16("s119", x_cg_over_c=_MOMENT_REFERENCE)
@@ -126,13 +130,16 @@ _SPEED_M_S = 100.0
 _TOLERANCE, _TOLERANCE_LBF = 1e-12, 1e-9
 _RATES = {"p": 0, "q": 1, "r": 2}
 _DEFLECTIONS = {"da": (1, 21.5), "dr": (2, 30.0)}
-"""Surface index, and the deflection (deg) of the printed increment."""
+"""For each printed increment, the index of the surface and its deflection (deg)."""
 _POWERS = {"T_idle": 0.0, "T_mil": 50.0, "T_max": 100.0}
 
 
 @jax.jit
 def _coefficients(airframe: F16, points: Float[Array, "point 8"]) -> Float[Array, "point 6"]:
-    """CX, CY, CZ, Cl, Cm, Cn at rows of alpha, beta, elevator, aileron, rudder (deg) and dimensionless P, Q, R."""
+    """Compute CX, CY, CZ, Cl, Cm, Cn at points (rows).
+
+    Columns: alpha, beta, elevator, aileron, rudder (deg), dimensionless P, Q, R.
+    """
     lengths = jnp.stack([airframe.span, airframe.mean_chord, airframe.span])
 
     def coefficients(point: Vector) -> Vector:
@@ -147,7 +154,7 @@ def _coefficients(airframe: F16, points: Float[Array, "point 8"]) -> Float[Array
 
 @jax.jit
 def _thrusts(airframe: F16, points: Float[Array, "point 3"]) -> Float[Array, " point"]:
-    """Thrust (lbf) at rows of power (percent), altitude (ft) and Mach number."""
+    """Compute the thrust (lbf) at points (rows). Columns: power (percent), altitude (ft), Mach number."""
 
     def thrust(point: Vector) -> Scalar:
         return airframe.engine.thrust(point[0], point[1] * FOOT_M, point[2]) / LBF_N
@@ -156,12 +163,15 @@ def _thrusts(airframe: F16, points: Float[Array, "point 3"]) -> Float[Array, " p
 
 
 def _grid_points(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
-    """Grid points of a table by the names of its axes, the last axis fastest."""
+    """Return the grid points of a table, each as values by axis name, the last axis fastest."""
     return [dict(zip(axes, point, strict=True)) for point in itertools.product(*axes.values())]
 
 
 def _entries(name: str, axes: Mapping[str, Sequence[float]], airframe: F16) -> np.ndarray:
-    """Compute a table's entries from the aircraft model: a coefficient, or the increment of a rate or deflection."""
+    """Compute the entries of a thesis table from the aircraft model.
+
+    An entry is a coefficient, or the increment of a coefficient by a rate or a deflection.
+    """
     grid_points = _grid_points(axes)
     if name in _POWERS:
         points = [[_POWERS[name], grid_point["altitude_ft"], grid_point["mach"]] for grid_point in grid_points]

@@ -1,4 +1,4 @@
-"""Verification of the integrator: observed order, and invariants of a body without air forces."""
+"""Verification of the integrator: its observed order, and conserved quantities of a body without air forces."""
 
 import functools
 import itertools
@@ -50,7 +50,7 @@ def _environment() -> Environment:
 
 
 def _start() -> EarthFixedState:
-    """State of a brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
+    """Return the initial state: a brick thrown at 200 m/s, tumbling as in [NESC] cases 2 and 3, 30,000 ft up."""
     local_start = AircraftState(
         position_n=jnp.array([0.0, 0.0, -30_000.0 * FOOT_M]),
         velocity_b=jnp.array([180.0, 60.0, 60.0]),
@@ -63,7 +63,7 @@ def _start() -> EarthFixedState:
 
 
 def order() -> tuple[Comparison, ...]:
-    """Observed order for three step sizes at a time: log2 of the ratio of successive differences."""
+    """Compute the observed order for three step sizes at a time: log2 of the ratio of successive differences."""
     final_states = [_fly_for("brick", _start(), step_s, _DURATION_S) for step_s in _STEPS_S]
     comparisons = []
     for name, label in {"rates_b": "rates", "quaternion": "attitude", "velocity_b": "velocity"}.items():
@@ -76,7 +76,10 @@ def order() -> tuple[Comparison, ...]:
 
 
 def invariants() -> tuple[Comparison, ...]:
-    """Energy, orbital and rotational angular momentum in inertial axes over 30 s of free flight, relative changes."""
+    """Compute the relative changes of energy and of orbital and rotational angular momentum in 30 s of free flight.
+
+    The angular momenta are in inertial axes.
+    """
     start = _start()
     end = _fly_for("undamped-brick", start, 0.01, 30.0)
     start_values, end_values = _conserved(start, jnp.asarray(0.0)), _conserved(end, jnp.asarray(30.0))

@@ -25,7 +25,7 @@ _SPEED_M_S = 502.0 * FOOT_M
 _X_CG = 0.30
 _NAMES = {"VT": "V", "pow": "power"}
 _PER_UNIT = {"VT": FOOT_M, "elevator_deg": DEG_RAD, "aileron_deg": DEG_RAD, "rudder_deg": DEG_RAD}
-"""SI per printed unit; 1 for the other quantities."""
+"""Factor from each printed unit to SI; 1 for the other quantities."""
 _PRINTED_MODES = (
     ("short period", "-1.2039", "1.4922"),
     ("phugoid", "-0.0087", "0.0739"),
@@ -41,7 +41,10 @@ _CUT = "last digit cut, not rounded"
 def linear_flight(
     airframe: AbstractAirframe, environment: Environment, target: TrimTarget
 ) -> tuple[TrimPoint, LinearModel]:
-    """Trim and linearize; above full throttle, linearize below the stop because the textbook's gearing has no stop."""
+    """Trim and linearize a steady flight.
+
+    Above full throttle, the model is linearized below the stop, because the textbook's gearing has no stop.
+    """
     point = solve_trim(airframe, environment, target)
     controls = eqx.tree_at(lambda c: c.throttle, point.controls, jnp.minimum(point.controls.throttle, 0.99))
     return point, linearize(airframe, environment, point.state, controls)
@@ -71,7 +74,7 @@ def printed_block(
 
 
 def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
-    """Half a unit of the last printed digit.
+    """Return half a unit of the last printed digit of each number, as its tolerance.
 
     Three digits are printed (four of 1087), one for numbers below 0.001. The tolerance of a printed 0 is half the
     smallest unit of the row.

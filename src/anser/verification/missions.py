@@ -1,4 +1,4 @@
-"""Verification by whole missions: effects of the flat Earth and of the integration step."""
+"""Verification by whole missions: effects of a flat Earth and of the integration step on the results."""
 
 import functools
 from importlib import resources
@@ -16,13 +16,13 @@ from anser.units import DEG_RAD, RAD_DEG
 from anser.verification.checks import Check, Comparison
 
 MISSION = "three-aircraft.toml"
-"""Standard mission: a copy of the shipped scenario; a test keeps both equal."""
+"""Reference mission of three aircraft: a copy of the shipped scenario; a test keeps both equal."""
 
 SINGLE_AIRCRAFT = "single-aircraft.toml"
 """Single-aircraft case of the founding work: a copy of the shipped scenario; a test keeps both equal."""
 
 STEPS_S = (0.02, 0.01, 0.005, 0.0025)
-"""50, 100, 200 and 400 Hz; the second is the default."""
+"""Integration steps of 50, 100, 200 and 400 Hz; the second is the default."""
 
 _DURATION_S = 75.0
 """Duration of the mission, beyond the interval of the arrival (60.4 s); comparisons end at the arrival."""
@@ -33,7 +33,9 @@ _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
 
 @functools.cache
 def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
-    """Fly the standard mission past its arrival, over an Earth, with a step of integration and autopilots, s.
+    """Fly the reference mission past its arrival. Cached.
+
+    `earth` is the scenario's Earth, "flat" or "wgs84"; `step_s` the step of integration and autopilots.
 
     Raises
     ------
@@ -50,12 +52,12 @@ def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
 
 
 def mission_scenario(earth: str, step_s: float) -> Scenario:
-    """Return the standard mission, ended after the arrival, over an Earth, with a step, s."""
+    """Return the scenario of the reference mission, ended after the arrival, with the given Earth and step (s)."""
     return _scenario(MISSION).replace("timing.duration_s", _DURATION_S, "timing.step_s", step_s, "earth", earth)
 
 
 def published_flights() -> dict[str, FlightResult]:
-    """Fly the single and three-aircraft cases of the founding work; the second ends after the arrival."""
+    """Fly the founding work's case of a single aircraft and its case of three aircraft (ended after the arrival)."""
     return {"single": run(_scenario(SINGLE_AIRCRAFT)), "three": mission()}
 
 
@@ -65,7 +67,10 @@ def _scenario(name: str) -> Scenario:
 
 
 def flat_and_round() -> tuple[Comparison, ...]:
-    """Compare the mission over both Earths: the differences predicted by theory, and small differences at arrival."""
+    """Compare the reference mission flown over a flat and over a round Earth.
+
+    Lift and bank differ as theory predicts; miss, path and arrival spread hardly differ.
+    """
     flat, round_earth = mission("flat"), mission("wgs84")
     lowest, highest = _STRAIGHT_S
     straight = [flight.dataset.isel(aircraft=0).sel(time=slice(lowest, highest)) for flight in (flat, round_earth)]
@@ -107,7 +112,10 @@ def flat_and_round() -> tuple[Comparison, ...]:
 
 
 def steps() -> tuple[Comparison, ...]:
-    """Compare the mission's arrival at each step with the finest; only the default step must agree to a hundredth."""
+    """Compare the reference mission's arrival at each integration step with the arrival at the finest step.
+
+    Only the default step is judged: it must agree with half the step to a hundredth of the requirements.
+    """
     finest, comparisons = mission(step_s=STEPS_S[-1]), []
     miss_limit = 0.01 * finest.scenario.requirements.miss_max_m
     spread_limit = 0.01 * finest.scenario.requirements.arrival_spread_max_s
@@ -132,14 +140,20 @@ def steps() -> tuple[Comparison, ...]:
 
 
 def climb_and_turn_error() -> tuple[Comparison, ...]:
-    """Greatest position error of the climb-and-turn with the founding variant, on velocity commands alone."""
+    """Return the greatest position error of the climb-and-turn, flown on velocity commands alone.
+
+    The variant is that of the founding work.
+    """
     flight = fly_climb_and_turn("founding")
     error = float(flight.summary["aircraft"][0]["position_error_max_m"])
     return (Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M),)
 
 
 def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
-    """Apparent accelerations down and to the right over the rotating, curved Earth, m/s^2 ([SL] eq. 1.7-18)."""
+    """Return the apparent accelerations down and to the right, m/s^2, over the rotating, curved Earth.
+
+    Source: [SL] eq. 1.7-18.
+    """
     speed, course = dataset.ground_speed_m_s.values, dataset.ground_course_deg.values * DEG_RAD
     latitude = dataset.latitude_deg.values * DEG_RAD
     east = speed * np.sin(course)
@@ -149,7 +163,7 @@ def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) -> float:
-    """Greatest distance between two flights of an aircraft at the same time, up to the arrival, m."""
+    """Return the greatest distance (m) between aircraft k in two flights at the same time, up to the arrival."""
     arrived = flight.dataset.time.values <= flight.summary["aircraft"][k]["arrival_s"]
     offsets = [
         (flight.dataset[name].isel(aircraft=k) - reference.dataset[name].isel(aircraft=k)).values[arrived]
@@ -159,7 +173,7 @@ def _greatest_distance(flight: FlightResult, reference: FlightResult, k: int) ->
 
 
 def _drift_m(flight: FlightResult, k: int) -> float:
-    """Bound of the drift by the unmodelled acceleration, m: velocity error a / K_P, over the whole approach.
+    """Return a bound (m) of the drift by an unmodelled acceleration a: velocity error a / K_P, whole approach.
 
     Replanning starts at the aircraft's position; the drift is therefore corrected in the last seconds only.
     """

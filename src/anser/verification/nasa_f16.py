@@ -1,6 +1,6 @@
 """NASA's F-16 of the NESC check-cases.
 
-Published DAVE-ML files, and the built-in model with actuators and engine that follow the commands without lag.
+Its published DAVE-ML files, and the built-in model with actuators and an engine that follow commands almost at once.
 """
 
 import functools
@@ -28,45 +28,45 @@ def published_model(name: str) -> Model:
 
 
 _LAGS_IN_STEP = 1.6
-"""Integration step over lag. A classical Runge-Kutta step leaves at least 27 % of a difference, at this ratio."""
+"""Ratio of integration step to lag: here a classical Runge-Kutta step leaves the least part of a difference, 27 %."""
 
 
 class EngineOverride(AbstractEngine):
-    """Engine that delegates to `base`; subclasses override the differing methods."""
+    """Engine that passes every call on to `base`; subclasses override single methods."""
 
     base: AbstractEngine
 
     def steady_state(self, power: ScalarLike) -> Any:
-        """State of the base engine."""
+        """Return the base engine's state of steady running at a power (percent)."""
         return self.base.steady_state(power)
 
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
-        """Rate of the base engine."""
+        """Return the time derivative of the base engine's state."""
         return self.base.rate(state, throttle, air_data)
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust of the base engine."""
+        """Return force and moment of the base engine."""
         return self.base.propulsion(power, air_data)
 
     def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
-        """Inverse of the base engine."""
+        """Return the base engine's power (percent) for a thrust (N)."""
         return self.base.power_for_thrust(thrust, air_data)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Inverse of the base engine."""
+        """Return the base engine's throttle for a power (percent)."""
         return self.base.throttle_for_power(power)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Inverse of the base engine."""
+        """Return the base engine's throttle for a power rate (percent/s)."""
         return self.base.throttle_for_power_rate(power, power_rate)
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Range of the base engine."""
+        """Whether the flight condition is outside the base engine's data."""
         return self.base.outside_tables(air_data)
 
 
 class PromptEngine(EngineOverride):
-    """Engine with the thrust tables of `base`; the power follows the throttle (1: 100 percent) at once.
+    """Engine with the thrust tables of `base`, whose power follows 100 times the throttle with a very short lag.
 
     Attributes
     ----------
@@ -77,19 +77,19 @@ class PromptEngine(EngineOverride):
     lag: Scalar
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
-        """State: power alone."""
+        """Return the engine state: the power alone."""
         return EnginePower(jnp.asarray(power))
 
     def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
-        """First-order lag."""
+        """Return the rate of the power, percent/s, by the first-order lag."""
         return EnginePower((100.0 * jnp.clip(throttle, 0.0, 1.0) - state.power) / self.lag)
 
     def throttle_for_power(self, power: ScalarLike) -> Scalar:
-        """Power as a fraction."""
+        """Return the power as a fraction (0..1)."""
         return jnp.clip(jnp.asarray(power) / 100.0, 0.0, 1.0)
 
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
-        """Inverse of the lag."""
+        """Return the throttle for a power rate (percent/s): the inverse of the lag."""
         return self.throttle_for_power(power + self.lag * power_rate)
 
 

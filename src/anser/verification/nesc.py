@@ -1,4 +1,4 @@
-"""NESC check-cases as checks: published checkpoints, or logged results for cases without checkpoints."""
+"""NESC check-cases as checks against published checkpoints; cases without checkpoints list logged results."""
 
 import functools
 from typing import Any
@@ -71,7 +71,7 @@ _NOTES: dict[int | str, str] = {
 
 
 def _key(case: _Case) -> str:
-    """Number in the check's key: 09, 13.1."""
+    """Return the number of a case as in the check's key: 09, 13.1."""
     return f"{case.number:02d}" if isinstance(case.number, int) else case.number
 
 
@@ -108,7 +108,7 @@ def _sentences(case: _Case, published: dict[str, Any] | None) -> tuple[str, ...]
 
 
 def _checkpoints(case: _Case) -> dict[str, Any] | None:
-    """Return the published figures of a case, or None."""
+    """Return the published checkpoints of a case, or None."""
     return load_published("nesc_checkpoints")["cases"].get(_key(case).replace(".", "p"))
 
 
@@ -121,7 +121,7 @@ def _logs(case_class: type[_Case], law: LawName | None = None) -> dict[int | str
 
 
 def _measure(case: _Case) -> tuple[Comparison, ...]:
-    """Compare the judged checkpoints with both participants; without checkpoints, list the logged figures."""
+    """Compare a case with both participants at the judged checkpoints; without checkpoints, list the logged values."""
     log, published = _logs(type(case), getattr(case, "law", None))[case.number], _checkpoints(case)
     if published is None:
         logged = (_comparison(name, log, time_s) for name in log for time_s in case.times_s)
@@ -145,7 +145,7 @@ def _measure(case: _Case) -> tuple[Comparison, ...]:
 def _comparison(
     name: str, log: Log, time_s: float, simulation: str = "", expected: float | None = None, tolerance: float = 0.0
 ) -> Comparison:
-    """Compare a column at a time with a participant's figure, if any."""
+    """Compare a logged column at a time (s) with a participant's value, if any."""
     obtained = float(log[name][round(time_s / LOG_PERIOD_S)])
     if expected is not None and name.startswith(_PERIODIC_COLUMNS):
         obtained += 360.0 * round((expected - obtained) / 360.0)
@@ -163,7 +163,7 @@ def _comparison(
 
 
 def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) -> Comparison:
-    """Compare the equivalent airspeed at the end with a participant's."""
+    """Compare the equivalent airspeed at the end of the flight with a participant's."""
     obtained = float(log[_KEAS][round(time_s / LOG_PERIOD_S)])
     point = f"settled, {simulation}"
     return Comparison(f"{_KEAS}, settled", point, column_unit(_KEAS), expected, obtained, _SETTLED_TOLERANCE_KT)
@@ -171,6 +171,6 @@ def _compare_settled(log: Log, time_s: float, simulation: str, expected: float) 
 
 _KEAS = "equivalentAirspeed_nmi_h"
 _PERIODIC_COLUMNS = ("eulerAngle", "longitude")
-"""Prefixes of the columns that are defined up to whole turns."""
+"""Prefixes of the names of angle columns, which are compared up to whole turns."""
 NESC_CHECKS: tuple[Check, ...] = tuple(_check(case) for case in (*FREE_FLIGHTS, *TRIMMED_FLIGHTS, *LAW_FLIGHTS))
-"""Cases 1 to 13, 15 and 16."""
+"""Checks of the NESC cases 1 to 13, 15 and 16."""

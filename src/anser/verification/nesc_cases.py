@@ -44,7 +44,7 @@ _CRUISE_S = (0.0, 1.0, 10.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 
 @dataclass(frozen=True)
 class FreeFlight:
-    """Check-case without controls.
+    """NESC check-case of a body without controls.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class FreeFlight:
 
 @dataclass(frozen=True)
 class TrimmedFlight:
-    """Check-case of the F-16, trimmed with wings level and no sideslip, controls fixed.
+    """NESC check-case of the F-16 with fixed controls, trimmed with wings level and no sideslip.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Flights of the NESC check-cases, with the log of the published participants."""
+"""Flights of the NESC check-cases, logged in the columns and units of the published participants."""
 
 import functools
 from collections.abc import Sequence
@@ -63,11 +63,11 @@ _FALL_STEPS = 10
 _CRUISE_STEPS = 5
 
 Log = dict[str, np.ndarray]
-"""Values at each logged time by column of the published data."""
+"""Log of a flight: by published column name, the values at each logged time."""
 
 
 def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
-    """Fly check-cases without controls in one batch; case number -> log, every 0.1 s from time 0."""
+    """Fly the check-cases without controls in one batch; return logs by case number, every 0.1 s from time 0."""
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
     starts = [_start_free(*start_arguments) for start_arguments in zip(airframes, environments, cases, strict=True)]
@@ -78,7 +78,7 @@ def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
 
 
 def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
-    """Trim and fly check-cases of the F-16 in one batch; case number -> log, every 0.1 s from time 0.
+    """Trim and fly check-cases of the F-16 in one batch; return logs by case number, every 0.1 s from time 0.
 
     The published vehicle has neither lags nor engine momentum: controls and power are constant. `airframe` None: the
     library's s119 variant.
@@ -90,14 +90,14 @@ def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | Non
 
 @functools.cache
 def trimmed_logs() -> dict[int, Log]:
-    """Fly cases 11 and 12 with the library's s119 variant, once per process."""
+    """Return the logs of cases 11 and 12, flown with the library's s119 variant once per process."""
     return fly_trimmed(TRIMMED_FLIGHTS)
 
 
 def trimmed_starts(
     airframe: AbstractAirframe, cases: Sequence[TrimmedFlight | LawFlight]
 ) -> tuple[Environment, EarthFixedState, Controls]:
-    """Return stacked environments, states and controls of check-cases that start in trim.
+    """Return the environments, initial states and controls of check-cases that start in trim, stacked over the cases.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def _logs(
     controls: Controls,
     steps: int,
 ) -> dict[int, Log]:
-    """Fly stacked cases for the longest duration; logs by case number."""
+    """Fly stacked cases, each for the longest duration, and return the logs by case number."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
     logs = _fly_all(airframes, environments, starts, controls, periods, steps)
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
@@ -163,7 +163,10 @@ def _trim_all(
     positions_n: Float[Array, "case 3"],
     velocities_n: Float[Array, "case 3"],
 ) -> tuple[EarthFixedState, Controls, Float[Array, " case"]]:
-    """States with wings level, no sideslip, constant body velocity and constant pitch rate, with their controls."""
+    """Trim each case: wings level, no sideslip, constant body velocity and pitch rate.
+
+    Returns states, controls, and a residual for each case.
+    """
     trim = functools.partial(_trim_level, airframe)
     return jax.vmap(trim)(environments, positions_n, velocities_n)
 
@@ -205,7 +208,7 @@ def _fly_all(
     periods: int,
     steps: int,
 ) -> dict[str, Array]:
-    """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
+    """Return the log of each case, shape (case, time), every `LOG_PERIOD_S` from time 0."""
 
     def fly(
         airframe: AbstractAirframe, environment: Environment, start: EarthFixedState, fixed_controls: Controls
@@ -229,7 +232,10 @@ def _fly_all(
 def log_row(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: EarthFixedState
 ) -> dict[str, Scalar]:
-    """Return a row of a participant's log, by the published column names and in their units, with the KEAS."""
+    """Return a row of a participant's log by column name, in the published units, with the KEAS.
+
+    KEAS is the equivalent airspeed in knots.
+    """
     earth = require_round_earth(environment)
     local = local_state(earth, state)
     condition = flight_condition(airframe, environment, time, local)

@@ -33,7 +33,7 @@ from anser.verification.nesc_flight import LOG_PERIOD_S, Log, log_row, trimmed_s
 LAW_STEPS = 80
 """Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the files define no sampling."""
 _LAW_TRIMS = ("trimmedPilotControl_long", "trimmedPilotControl_throttle")
-"""Feed-forward of the laws: stick and throttle."""
+"""Inputs of the control laws for the feed-forward of stick and throttle."""
 _FULL_STICK_DEG = 25.0
 """Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
 _COMMAND_UNITS = {
@@ -45,7 +45,7 @@ _COMMAND_UNITS = {
 
 
 def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[str, Log]:
-    """Trim and fly check-cases under one law in one batch; case number -> log, every 0.1 s from time 0.
+    """Trim and fly check-cases under one control law in one batch; return logs by case number, every 0.1 s from time 0.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def _row_of(controls: Controls, k: int) -> Controls:
 
 
 def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
-    """Inputs of the law: autopilot on, stick centred, trim as feed-forward, and the change at its time."""
+    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and the change at its time."""
     north, east, _ = case.velocity_ft_s
     initial_commands: dict[str, float] = {
         **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
@@ -99,7 +99,7 @@ def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
 
 
 class _LogRecorder(AbstractRecorder):
-    """Record of the participants' columns."""
+    """Recorder of the columns that the published participants log."""
 
     stride: int = eqx.field(static=True)
 
@@ -107,7 +107,7 @@ class _LogRecorder(AbstractRecorder):
         """Return None: the recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Return None: the recorder has no state."""
+        """Return None: there is no state to update."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return a row by the published column names."""
@@ -125,7 +125,7 @@ def _exact_belief(airframe: F16, environment: Environment, start: EarthFixedStat
 
 @compiled_quickly
 def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
-    """Equivalent airspeed at each start, m/s."""
+    """Return the equivalent airspeed (m/s) at each start."""
 
     def airspeed(environment: Environment, start: EarthFixedState) -> Scalar:
         return named_signals(_exact_belief(airframe, environment, start))["equivalentAirspeed"]
@@ -194,7 +194,7 @@ def _fly_all(
     periods: int,
     steps: int,
 ) -> dict[str, Array]:
-    """Log of each case, (case, time), every `LOG_PERIOD_S` from time 0."""
+    """Return the log of each case, shape (case, time), every `LOG_PERIOD_S` from time 0."""
     step = jnp.asarray(LOG_PERIOD_S / steps)
 
     def fly(environment: Environment, guidance: NamedCommands, start: EarthFixedState, trim_controls: Controls) -> dict:

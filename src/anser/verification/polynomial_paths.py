@@ -29,7 +29,7 @@ _BOUND = "printed bound"
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
-    """Return a trajectory of the published lengths (theory section 6).
+    """Return a path of the published tables of lengths (theory section 6).
 
     Parameters
     ----------
@@ -40,7 +40,8 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 
     Returns
     -------
-    t in [0, 36] s from N 0, E 0, 2000 m to N 5000 m, E 0, 0 m, 150 m/s and due North at both ends, level at the start.
+    Trajectory over t in [0, 36] s, from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0; 150 m/s and due North
+    at both ends, level at the start.
     """
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(
@@ -58,7 +59,10 @@ def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4:
 @jax.jit
 @jax.vmap
 def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Six-point estimate, sum of the speeds at `_SAMPLES` times, and length by the trapezoidal rule over these, m."""
+    """Compute the length of a path in three ways, m.
+
+    Six-point estimate, sum of the speeds at `_SAMPLES` times, and trapezoidal rule over these speeds.
+    """
     path = published_path(final_path_angle_deg, b_4, c_4)
     times = jnp.linspace(0.0, DURATION_S, _SAMPLES)
     speeds = jax.vmap(lambda time: safe_norm(path.at(time).velocity_n))(times)
@@ -112,13 +116,13 @@ _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *SHAPE_VARIABL
 
 
 def shape_families() -> dict[str, xr.Dataset]:
-    """Return the paths of the published tables of lengths (theory section 6).
+    """Return the published families of paths (theory section 6), one dataset per shape parameter.
 
     Returns
     -------
-    `b4` and `c4`. Over `path` and `time`: the path, and the commands of an aircraft at the published speeds. Over
-    `path`: shape parameter, length, estimate by the six-point rule, and printed length. Over `member`: the two computed
-    lengths of many more members of the family. Paths and members are sorted by the parameter.
+    Datasets `b4` and `c4`. Over `path` and `time`: the path, and the commands of an aircraft at the published speeds.
+    Over `path`: shape parameter, length, estimate by the six-point rule, and printed length. Over `member`: the two
+    computed lengths of many more members of the family. Paths and members are sorted by the parameter.
     """
     published_rows = load_published("arc_lengths")["rows"]
     # The lateral family ends at another path angle.

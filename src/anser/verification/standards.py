@@ -84,7 +84,7 @@ USSA76 = Check(
 _ROUNDING_M = 1e-8
 """Rounding error, about ten units in the last place of 6.4e6 m."""
 _GRAVITY_M_S2 = 1e-9
-"""Half a unit of the ninth decimal of the printed gravity at 45 deg, plus the difference of the formulas, 1e-10."""
+"""Tolerance: half a unit of the ninth printed decimal of gravity at 45 deg, plus 1e-10 for the formulas' difference."""
 _NESC_TOLERANCE_REASON = "half the last digit of each"
 _DIGITS = 10
 """Significant digits of the check-case data."""
@@ -94,7 +94,7 @@ _DIGITS = 10
 def _convert_both_ways(
     positions: Float[Array, "place 3"], points_e: Float[Array, "place 3"]
 ) -> tuple[Float[Array, "place 3"], Float[Array, "place 3"]]:
-    """Earth-fixed points of geodetic positions, and geodetic positions of Earth-fixed points."""
+    """Return the Earth-fixed points of geodetic positions, and the geodetic positions of Earth-fixed points."""
     return jax.vmap(ecef_from_geodetic)(*positions.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
 
 
@@ -122,13 +122,13 @@ def _ellipsoid() -> Iterator[Comparison]:
 
 
 def _compare_closed_form(group: str, point: str, unit: str, expected: float, obtained: float) -> Comparison:
-    """Compare with a closed form, to rounding."""
+    """Compare a value with a closed form; the tolerance is the rounding error."""
     tolerance = _ROUNDING_M / float(WGS84.a) if unit == "rad" else _ROUNDING_M
     return Comparison(group, point, unit, expected, obtained, tolerance, tolerance_reason="closed form; rounding")
 
 
 def _positions() -> Iterator[Comparison]:
-    """Compare equator and poles in closed form, both ways, and a start of the NESC check-cases."""
+    """Compare positions on equator and poles with the closed form, both ways, and a start of the NESC check-cases."""
     a, b = float(WGS84.a), float(WGS84.b)
     quarter = math.pi / 2
     closed = [
@@ -156,7 +156,10 @@ def _positions() -> Iterator[Comparison]:
 def _nesc_position(
     degrees: tuple[float, float], height_ft: float, feet: tuple[float, ...], forward: Vector3, back: Vector3
 ) -> Iterator[Comparison]:
-    """Compare a position in both coordinates; tolerances follow from the printed digits of the other coordinates."""
+    """Compare a published position given in geodetic and in Earth-fixed coordinates, converted both ways.
+
+    The tolerance of one set of coordinates follows from the printed digits of the other.
+    """
     point = "NESC case 11, start"
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M
     for axis, expected in zip("xyz", feet, strict=True):

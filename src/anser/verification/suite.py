@@ -35,7 +35,7 @@ CHECKS: tuple[Check, ...] = (
     *NESC_CHECKS,
     *MISSION_CHECKS,
 )
-"""The checks, in print order."""
+"""All checks, in the order in which they are printed."""
 
 Progress = Callable[[str, float], None]
 """Called with the key of the current check and the completed part, 0 to 1."""
@@ -82,7 +82,7 @@ def _normalized_key(key: str) -> str:
 def verify(
     keys: Iterable[str] | None = None, progress: Progress | None = None, checks: Sequence[Check] | None = None
 ) -> tuple[Outcome, ...]:
-    """Run checks.
+    """Run checks and return their outcomes.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def verify(
 
 
 class _BackgroundRun(threading.Thread):
-    """Thread with a result. Interrupts of the program do not wait for the thread."""
+    """Run of checks in a background thread; an interrupt of the program does not wait for the thread."""
 
     def __init__(self, work: Callable[[], dict[str, Outcome]]) -> None:
         super().__init__(daemon=True)
@@ -139,7 +139,7 @@ class _BackgroundRun(threading.Thread):
             self._raised = raised
 
     def result(self) -> dict[str, Outcome]:
-        """Wait for the result; raises the error of the work, if any."""
+        """Wait for the thread and return the outcomes by key; raise the error of the run, if any."""
         self.join()
         if self._raised is not None:
             raise self._raised

@@ -1,6 +1,6 @@
-"""F-16 with the constants of Stevens & Lewis' program, as used for the printed figures.
+"""F-16 with the constants of Stevens & Lewis' program, with which the textbook's numbers were computed.
 
-Source: second note of the aircraft's data file. Each constant changes the last digits of a printed figure.
+Source: second note of the aircraft's data file. Each constant changes the last digits of a printed number.
 """
 
 import equinox as eqx
@@ -24,9 +24,11 @@ from anser.spatial.wind_axes import flow_angles
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
 
 TextbookState = Float[Array, "13"]
-"""VT ft/s, alpha, beta, phi, theta, psi rad, P, Q, R rad/s, north, east, altitude ft, power percent."""
+"""State vector of the textbook: VT (ft/s), alpha, beta, phi, theta, psi (rad), P, Q, R (rad/s).
+
+Then north, east, altitude (ft) and power (percent)."""
 TextbookControls = Float[Array, "4"]
-"""Throttle 0..1, elevator, aileron, rudder deg."""
+"""Control vector of the textbook: throttle (0..1), elevator, aileron, rudder (deg)."""
 
 INERTIA_RATIOS = (-0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5)
 """c1..c9 of the textbook's program, rounded to four digits; moments in ft lbf."""
@@ -34,10 +36,10 @@ ENGINE_MOMENTUM_SLUG_FT2_S = 160.0
 
 
 class TextbookAtmosphere(AbstractAtmosphere):
-    """[SL] appendix A, subroutine ADC."""
+    """Atmosphere of the textbook's program ([SL] appendix A, subroutine ADC)."""
 
     def at(self, altitude: ScalarLike) -> Air:
-        """Air at an altitude, m."""
+        """Return the air at an altitude (m)."""
         h = altitude / FOOT_M
         factor = 1.0 - 0.703e-5 * h
         temperature = jnp.where(h >= 35000.0, 390.0, 519.0 * factor)
@@ -82,12 +84,15 @@ class TextbookF16(AbstractAirframe):
         return Wrench(wrench.force_b, moment_for_acceleration(self.mass_properties, rates_b, acceleration))
 
     def outside_tables(self, air_data: AirData) -> Flag:
-        """Range of the F-16's tables."""
+        """Whether the flight condition is outside the F-16's tables."""
         return self.f16.outside_tables(air_data)
 
 
 def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
-    """[SL] eq. (1.7-5) in the form of the textbook's program, with the engine's angular momentum HE."""
+    """Compute the angular acceleration (rad/s^2) as the textbook's program does, with the engine's angular momentum HE.
+
+    Source: [SL] eq. (1.7-5).
+    """
     c1, c2, c3, c4, c5, c6, c7, c8, c9 = INERTIA_RATIOS
     P, Q, R = rates_b
     L, M, N = moment_b / FT_LBF_N_M
@@ -102,7 +107,7 @@ def _textbook_acceleration(rates_b: Vector3, moment_b: Vector3) -> Vector3:
 
 
 def textbook_aircraft(x_cg_over_c: float, *, rounded_inertia: bool = True) -> TextbookF16:
-    """Build the F-16 of the printed figures, 1/0.00157 slug."""
+    """Build the F-16 of the textbook's printed numbers, with a mass of 1/0.00157 slug."""
     f16 = load_f16("textbook", x_cg_over_c)
     mass_properties = eqx.tree_at(lambda m: m.mass, f16.mass_properties, jnp.asarray(SLUG_KG / 1.57e-3))
     return TextbookF16(
@@ -124,7 +129,7 @@ def textbook_environment() -> Environment:
 
 
 def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
-    """Convert the textbook's state vector; the surfaces are at the commanded deflections, without lag."""
+    """Convert the textbook's state vector to an aircraft state; the surfaces are at the commanded deflections."""
     VT, alpha, beta = x[0] * FOOT_M, x[1], x[2]
     direction = [jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)]
     return AircraftState(
@@ -138,14 +143,14 @@ def textbook_state(x: TextbookState, u: TextbookControls) -> AircraftState:
 
 
 def textbook_controls(u: TextbookControls) -> Controls:
-    """Convert the textbook's control vector."""
+    """Convert the textbook's control vector to controls in SI units."""
     return Controls(surfaces=u[1:] * DEG_RAD, throttle=u[0])
 
 
 def textbook_rates(
     airframe: AbstractAirframe, environment: Environment, x: TextbookState, u: TextbookControls
 ) -> TextbookState:
-    """Time derivative of the textbook's state vector in the textbook's units, per second: subroutine F."""
+    """Return the time derivative of the textbook's state vector, in its units per second: subroutine F."""
     state = textbook_state(x, u)
     rate = state_derivative(airframe, environment, 0.0, state, textbook_controls(u))
     _, (V_dot, alpha_dot, beta_dot) = jax.jvp(flow_angles, (state.velocity_b,), (rate.velocity_b,))

@@ -22,7 +22,7 @@ from anser.verification.textbook import TextbookF16, textbook_aircraft, textbook
 SINGLE_PRECISION = 4e-7
 """Relative error of the textbook's program: about three units in the last place of single precision."""
 _DIGITS = 7
-"""Significant digits of the turn example's figures."""
+"""Significant digits of the numbers in the turn example."""
 _CONDITION_STATES = ("VT", "pN", "pE", "h")
 """States that define the example's condition and are not results of its trim."""
 _STEADY_STATES = ("VT", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "h", "pow")
@@ -31,7 +31,7 @@ _TURN_RATE_RAD_S = 0.3
 
 
 def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
-    """Return state and controls of a textbook example as one vector, in the textbook's units."""
+    """Return state and controls of a textbook example as one vector (17,), in the textbook's units."""
     controls = figures["controls"]
     surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
     return np.array([*figures["state"], controls["throttle"], *surfaces])
@@ -57,7 +57,7 @@ def _rates_of(figures: dict[str, Any]) -> tuple[Float[np.ndarray, "13"], Float[n
 
 
 def _units() -> list[str]:
-    """Units of the rates."""
+    """Return the units of the rates of the textbook's state vector."""
     units = load_published("textbook_checks")["derivative_table_3_5_2"]["rates_units"]
     return [unit.replace("/s/s", "/s^2") for unit in units]
 
@@ -150,7 +150,10 @@ _NAMES = {
 
 
 class TextbookFlight(NamedTuple):
-    """Steady flight of the textbook at sea level: x_cg/c, speed ft/s, turn rate and pull-up's pitch rate rad/s."""
+    """Steady flight of the textbook at sea level.
+
+    Centre of gravity x_cg/c, airspeed (ft/s), turn rate (rad/s), and pitch rate of a pull-up (rad/s).
+    """
 
     x_cg: float
     V_ft_s: float
@@ -159,7 +162,7 @@ class TextbookFlight(NamedTuple):
 
 
 def trim_published(flights: list[TextbookFlight]) -> tuple[TrimPoint, Float[np.ndarray, "flight 3"]]:
-    """Trim steady flights with the textbook's constants; batched trim points and Euler angles (rad).
+    """Trim steady flights with the textbook's constants; return stacked trim points, and Euler angles (rad).
 
     Raises
     ------
@@ -203,7 +206,7 @@ def _measure() -> tuple[Comparison, ...]:
 
 
 def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float]:
-    """Figures of a trim by their published names."""
+    """Return the results of a trim by their published names, in the published units."""
     elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
     P, Q, R = (float(rate) for rate in point.state.rates_b)
     power = float(point.power)
@@ -227,7 +230,10 @@ def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float
 def _compare_level(
     published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
 ) -> Iterator[Comparison]:
-    """Compare to three decimals of the throttle, and three significant digits of the angles (final zeros omitted)."""
+    """Compare trims in level flight with the printed table.
+
+    Tolerances: three decimals of the throttle, three significant digits of the angles (final zeros are not printed).
+    """
     for published_row, figures in zip(published_rows, trim_figures, strict=True):
         for name in ("throttle", "alpha_deg", "elevator_deg"):
             tolerance = 0.5e-3 if name == "throttle" else half_of_significant(published_row[name], 3)
@@ -236,7 +242,10 @@ def _compare_level(
 
 
 def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
-    """Compare to four significant digits; two for the sideslip, printed as 4.8E-4 and 4.1E-5."""
+    """Compare trims with the printed cases, to four significant digits.
+
+    The sideslip has two, printed as 4.8E-4 and 4.1E-5.
+    """
     for case, figures in zip(cases, trim_figures, strict=True):
         for name, printed in case["published"].items():
             if abs(printed) < 10 * _NOISE:
