@@ -171,6 +171,7 @@ def _store(campaign: Campaign | str | os.PathLike[str]) -> CampaignStore:
 
 
 def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
+    """Raise ValueError if the campaigns differ in the number of flights or in a flight's seed."""
     if store_1.flights != store_2.flights:
         message = (
             f"arrived campaigns of {store_1.flights} and {store_2.flights} flights; expected as many in both, in pairs"
@@ -186,6 +187,7 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
 
 
 def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> "xr.Dataset":
+    """Return the results of the paired flights, dimensions campaign and flight, for the given flight numbers."""
     import xarray as xr
 
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
@@ -200,6 +202,7 @@ def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) 
 
 
 def _difference(name: str, values: np.ndarray, shares: list[float], confidence: float) -> Difference:
+    """Return the difference of one quantity; `values` has the shape (2, flights), first and second campaign."""
     values_1, values_2 = values
     alike = values_1 == values_2  # including two infinite values
     difference = np.where(alike, 0.0, np.where(alike, 0.0, values_2) - np.where(alike, 0.0, values_1))
@@ -233,6 +236,7 @@ def _difference(name: str, values: np.ndarray, shares: list[float], confidence: 
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
+    """Return the number of pairs whose sampled values differ, by key path; paths without a difference are left out."""
     values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
     counts = {}
     for path in dict.fromkeys([*values[0], *values[1]]):

@@ -72,16 +72,21 @@ class CampaignEstimates:
 
     Attributes
     ----------
-    flights, flown, met
-        Number of planned flights, of completed flights (including flights that could not start), and of flights with
-        every requirement met.
+    flights
+        Number of planned flights.
+    flown
+        Number of completed flights, including flights that could not start.
+    met
+        Number of flights with every requirement met.
     confidence
         Confidence level of the intervals.
     independent
         Number of independent completed flights: all, except in the blocks of a Saltelli sampling. Probability and
         quantiles use only independent flights; otherwise the intervals would be too narrow.
-    probability, low, high
-        Probability that every requirement is met, and its Wilson interval.
+    probability
+        Probability that every requirement is met; None before the first flight.
+    low, high
+        Bounds of the Wilson interval of the probability.
     causes
         Number of flights by failure cause, most frequent first.
     quantiles
@@ -157,6 +162,7 @@ def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> Campa
 def _quantile_estimate(
     name: str, description: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
 ) -> QuantileEstimate:
+    """Return the estimate of one quantile; `values` has the worst value of each flight, infinite for a failure."""
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)
     value = sign * quantile(sign * values, share)

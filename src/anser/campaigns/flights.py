@@ -121,6 +121,7 @@ def fly_campaign(
 
 
 def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: str | None) -> None:
+    """Fly the incomplete chunks of a locked campaign until all are complete or the stopping rule is satisfied."""
     total = store.flights
     missing = [int(chunk) for chunk in np.flatnonzero(~store.chunk_is_complete)]
     flown_count = store.flown.size

@@ -203,6 +203,7 @@ class RareFlights:
         return max(self.signed_value(float(value)) for value in values)  # pyright: ignore[reportArgumentType]
 
     def _cases(self, points: np.ndarray) -> Iterator[tuple[int, FlightCase]]:
+        """Yield the index and the flight of each point with a valid scenario."""
         for k, (point, applied) in enumerate(zip(points, self._applied_by_flight(points), strict=True)):
             try:
                 yield k, self._case(point, applied)
@@ -214,10 +215,12 @@ class RareFlights:
         return FlightCase(scenario, randomness=self.space.randomness_at(point))
 
     def _applied_by_flight(self, points: np.ndarray) -> list[dict[str, np.ndarray]]:
+        """Return the values applied to the scenario at each point, by key path."""
         applied = self._applied(points)
         return [{path: values[k] for path, values in applied.items()} for k in range(points.size)]
 
     def _applied(self, points: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the values applied to the scenario by key path; each array has one value per point."""
         shares = stats.norm.cdf(self.space.dispersions(points, len(self.study.vary)))
         return apply_samples(self.study, self.scenario, apply_distributions(self.study, shares))
 

@@ -98,6 +98,7 @@ def influences(data: "xr.Dataset", study: Study, varied: list[str]) -> Influence
 
 
 def _outputs(data: "xr.Dataset") -> dict[str, np.ndarray]:
+    """Return the value of each output in every flight, by name: success 0 or 1, and the worst value of the fleet."""
     is_met = data["met"].values
     worst = {name: worst_of_fleet(data, name) for name in applicable_quantities(_OUTPUTS, data) if name != "met"}
     return {"met": is_met.astype(float), **worst}
@@ -115,6 +116,7 @@ def _whole_blocks(numbers: np.ndarray, block: int) -> np.ndarray:
 
 
 def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
+    """Compute first-order and total Sobol indices of each output; `data` contains whole Saltelli blocks."""
     confidence, outputs = study.answers.confidence, _outputs(data)
     entries: list[Influence] = []
 
@@ -138,6 +140,7 @@ def _sobol(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
 
 
 def _ranks(data: "xr.Dataset", study: Study, varied: list[str]) -> Influences:
+    """Compute the rank correlation of each output with each input."""
     confidence, outputs = study.answers.confidence, _outputs(data)
     inputs = {path: ordered_values(data[path].values, study, path) for path in varied}
     not_computed = {path: "texts of a table have no order" for path, values in inputs.items() if values is None}

@@ -204,6 +204,7 @@ def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
 
 
 def _aircraft_events(aircraft: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
+    """Return the events of one aircraft; see `find_events`."""
     names = str(aircraft["phase"].attrs.get("flag_meanings", "approach frozen hold")).split()
     phases = [
         [names[code] if code < len(names) else str(code), *span]
@@ -227,6 +228,7 @@ def _aircraft_events(aircraft: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
 
 
 def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
+    """Return [time, s, index into `REPLANNING_OUTCOMES`] for each change of an aircraft's active plan."""
     outcome, arrival = aircraft["renewal"].values.astype(int), aircraft["arrival_time_s"].values
     shape = np.stack([aircraft["planned_length_m"].values, np.nan_to_num(aircraft["lateral_bend_m"].values)])
     new_outcome = np.diff(outcome) != 0

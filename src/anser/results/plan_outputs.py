@@ -79,6 +79,8 @@ def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Return the entry of aircraft number `k` in the summary of a plan."""
+
     def number(key: str) -> float | None:
         return finite_or_none(dataset[key].values[k])
 
@@ -119,6 +121,7 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
+    """Return the entry of the closest pair of aircraft over the plan; `quantity` is "distance" or "separation"."""
     pair = dataset[f"least_{quantity}_pair"].values
     return {
         "value_m": finite_or_none(dataset[f"least_{quantity}_m"].item()),
@@ -154,6 +157,7 @@ def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] |
 
 
 def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
+    """Return an entry for each keep-out, with the aircraft that comes nearest to it."""
     entries = []
     for k in range(dataset.sizes.get("keep_out", 0)):
         margins = dataset["keep_out_room_m"].values[:, k]

@@ -127,6 +127,7 @@ def evaluate_requirements(
 
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
+    """Return the entry {name, limit, value, met} of one requirement; aircraft that left the fleet do not count."""
     name, limit = requirement.name, requirement.limit
     at_most = name in _AT_MOST
     if requirement.aircraft_limits is not None:

@@ -210,6 +210,7 @@ def read_summary(path: Path) -> dict[str, Any]:
 def _aircraft_entry(
     time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int, surfaces: Sequence[str]
 ) -> dict[str, Any]:
+    """Return the entry of the aircraft in `column` of the history, without its description of the path."""
     record = {key: np.asarray(values)[:, column] for key, values in history.items()}
     planned = float(record["arrival_time"][-1])
     approach = _approach(time, record, planned)
@@ -291,6 +292,7 @@ def _speed_statistics(
 
 
 def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
+    """Return the least distance between two aircraft over the record, m; None for a single aircraft."""
     position = np.stack([history["north"], history["east"], history["altitude"]], axis=-1)
     # One aircraft at a time: the memory of all pairs would grow with the square of the fleet.
     pairs = [least_distance(position[:, i + 1 :] - position[:, i : i + 1]) for i in range(position.shape[1] - 1)]
