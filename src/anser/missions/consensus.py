@@ -147,7 +147,18 @@ class _NoAgreementError(Exception):
 class _MessageFlood:
     """Messages before the flight: each aircraft passes on every message that it has received.
 
-    Keeps the exchange that the negotiation has reached.
+    Attributes
+    ----------
+    links
+        Whether each link is up at each exchange, (exchange, aircraft, aircraft).
+    delay
+        Delay of messages, exchanges.
+    names
+        Names of the aircraft.
+    period_s
+        Time between two exchanges, s.
+    exchange_index
+        Exchange that the negotiation has reached.
     """
 
     links: np.ndarray  # (exchange, aircraft, aircraft)
@@ -224,6 +235,7 @@ def _reach_agreement(
     flood: _MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan, PlannedHolds]:
+    """Agree on arrival times, then on paths and holds; raises `_NoAgreementError` with the reason if this fails."""
     names, request = flood.names, arrival_request(scenario, np.asarray(tasks.active).size)
     offsets = request.offsets(np.asarray(tasks.active).size)
     is_fixed = request.times_s is not None

@@ -36,7 +36,21 @@ _INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """State of the fleet at the sample at which the goals of departing aircraft become free."""
+    """State of the fleet at the sample at which the goals of departing aircraft become free.
+
+    Attributes
+    ----------
+    scenario
+        Scenario of the flight.
+    goals
+        Name of the goal of each aircraft.
+    snapshot
+        The fleet as input of the planner.
+    arrival_times_s
+        Planned arrival times, s.
+    now_s
+        Time of the sample, s.
+    """
 
     scenario: Scenario
     goals: tuple[str, ...]

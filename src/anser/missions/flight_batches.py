@@ -162,6 +162,10 @@ def fly_many(
 
 
 def _fly_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
+    """Fly one case as `anser.run` does and return its result row.
+
+    The row of a flight that cannot start contains the reason.
+    """
     if case.number != 0 or case.randomness is not None:
         received = f"the number {case.number}" if case.randomness is None else "random numbers of its own"
         raise ValueError(f"{case.scenario.name}: arrived {received}; expected 0 and none, as it is flown alone")

@@ -228,6 +228,8 @@ def apply_event(
 
 @dataclass(frozen=True)
 class _OutcomeOf:
+    """Makes the outcome of an event from `planned` and `message`."""
+
     event: Event
     whom: str
 
@@ -401,6 +403,11 @@ def _search_plan(
     target_times_s: np.ndarray,
     on_progress: Callable[[str], None],
 ) -> FlightState | None:
+    """Search for a new plan from a time (`now_s`) on; return the state with this plan, or None.
+
+    Each request is tried with gentle accelerations first, then with the limits of a corrected path. Arrived and
+    departed aircraft keep their paths.
+    """
     plan_state, planner = state.planner, _planner(flight)
     can_replan = np.asarray(snapshot.tasks.active) > 0.0
     intervals = interval_count(plan_state.plan.paths)

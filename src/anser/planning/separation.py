@@ -8,9 +8,14 @@ from anser.shapes import Scalar
 
 
 class Separation(eqx.Module):
-    """Required distances between two aircraft, m: either the horizontal or the vertical one must be kept.
+    """Required distances between two aircraft: either the horizontal or the vertical one must be kept.
 
-    0 means no requirement in this direction.
+    Attributes
+    ----------
+    horizontal
+        Horizontal distance, m; 0: no separation is required.
+    vertical
+        Vertical distance, m; 0: only the horizontal distance counts.
     """
 
     horizontal: Scalar
@@ -20,8 +25,8 @@ class Separation(eqx.Module):
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:
     """Ratio of distance to required separation: the larger of the horizontal and the vertical ratio.
 
-    At least 1 means separated; infinite if nothing is required. `level` and `height` are the horizontal and vertical
-    distances, `horizontal` and `vertical` the required ones, m; NumPy or JAX arrays.
+    At least 1 means separated; infinite if no horizontal distance is required. `level` and `height` are the horizontal
+    and vertical distances, `horizontal` and `vertical` the required ones, m (see `Separation`); NumPy or JAX arrays.
     """
     xp = level.__array_namespace__()
     is_required, is_vertical = horizontal > 0.0, vertical > 0.0

@@ -289,6 +289,7 @@ def _aircraft_candidates(
     task: AircraftTask,
     duration: Scalar,
 ) -> Candidates:
+    """Generate all candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
     routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 

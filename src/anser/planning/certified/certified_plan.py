@@ -39,7 +39,15 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """Index of each aircraft's chosen candidate, and whether the candidate is within the aircraft's limits."""
+    """Result of `place_candidates`, one row per aircraft.
+
+    Attributes
+    ----------
+    chosen
+        Index of the chosen candidate.
+    valid
+        Whether the chosen candidate is within the aircraft's limits.
+    """
 
     chosen: Int[Array, " aircraft"]
     valid: Bool[Array, " aircraft"]

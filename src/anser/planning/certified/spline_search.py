@@ -111,6 +111,7 @@ def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 @functools.cache
 def _random_guesses(count: int, seed: int) -> tuple[np.ndarray, ...]:
+    """Draw the parameters of `count` guesses: one array (guess, ...) for each field of `Guess`."""
     rng = np.random.default_rng([13, seed])
     guesses = []
     for k in range(count):

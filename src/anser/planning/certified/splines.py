@@ -214,7 +214,7 @@ _LEVEL_MIN = 1.0  # m/s
 
 
 class SplineProblem(NamedTuple):
-    """Task and airspace of one aircraft, and the flight duration, s."""
+    """Problem of a spline search: task and airspace of one aircraft, and the flight duration, s."""
 
     task: AircraftTask
     airspace: Airspace

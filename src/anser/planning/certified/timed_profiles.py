@@ -268,6 +268,7 @@ def speeds_for_mean(task: AircraftTask, duration: ScalarLike, mean: ScalarLike) 
 def _profile(
     task: AircraftTask, airspace: Airspace, duration: Scalar, speeds: tuple[Scalar, Scalar], altitude_detour: ScalarLike
 ) -> tuple[Profile, ArrivalMotion]:
+    """Make the profile with given middle and final airspeeds (m/s); also return the motion at the arrival."""
     begin = task.position_n
     end_down = task.meeting_n(duration)[2]
     wind_0 = airspace.wind.at(begin, 0.0)

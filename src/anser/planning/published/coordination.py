@@ -203,7 +203,23 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
 
 
 class _CommonTime(NamedTuple):
-    """Mean airspeed (m/s) and flight duration (s) of a fleet, and the nominal paths for this duration."""
+    """Mean airspeed and flight duration that are common to a fleet, and the nominal paths for this duration.
+
+    Attributes
+    ----------
+    speed, duration
+        Mean airspeed, m/s, and duration from now to the arrival, s.
+    is_solved
+        Whether the duration equals the flight time of the longest path.
+    reachable
+        Mask of the aircraft with reachable goals.
+    nominal
+        Paths without bend, stacked.
+    attainable
+        Whether each path has the prescribed arrival direction.
+    lengths
+        Lengths of the paths, m.
+    """
 
     speed: Scalar
     duration: Scalar

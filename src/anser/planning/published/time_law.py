@@ -53,7 +53,7 @@ def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: i
 
 
 class Clock(eqx.Module):
-    """Path parameter s at one time, with its first two time derivatives."""
+    """Path parameter `s` at one time, with its first time derivative (1/s) and its second (1/s^2)."""
 
     s: Scalar
     s_dot: Scalar
