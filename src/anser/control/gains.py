@@ -210,7 +210,7 @@ def derived_bandwidths(
 def _required_stiffness(
     airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, actuator_bandwidth: Scalar
 ) -> Vector:
-    """Return the loop stiffness (1/s^2, of P, Q, R) that keeps the loops stable if the actuators respond too strongly.
+    """Return the least stiffness (1/s^2; P, Q, R) for which the loops stay stable with `_GAIN_MARGIN` times the gain.
 
     Inversion cancels the natural stiffness S and replaces it with the stiffness of the loops, the product of the loops'
     bandwidths. An actuator with lag tau and k times the nominal gain moves r = k tau B (1 + K_D)/(k tau B (1 + K_D) -

@@ -343,7 +343,7 @@ class AbstractPlanner(eqx.Module):
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether a new plan was needed while `allow_replanning` is false; the caller then repeats the steps with it.
+        """Whether a new plan was needed while `allow_replanning` is false; the steps are then repeated with replanning.
 
         By default never.
         """

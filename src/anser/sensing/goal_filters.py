@@ -307,9 +307,9 @@ def innovation(reading: GoalReading, predicted: Float[Array, "6"]) -> Float[Arra
 def hand_over_goal(receiver_state: Any, giver_state: Any) -> Any:
     """Return the sensor and estimator states of an aircraft that takes over another aircraft's goal.
 
-    The states of goal sensor and goal filter are copied from the giver (`GoalTrack`, `GoalState` and
-    `MeasurementQueue`); delayed measurements of the receiver's former goal are dropped. The receiver's navigation state
-    stays.
+    The estimate of the goal (`GoalTrack` or `GoalState`) is the giver's. The receiver's queue of delayed measurements
+    (`MeasurementQueue`) is emptied, because they concern the former goal; the other states stay the receiver's. Only
+    these types are recognized: a user-defined sensor or filter with another state type is not handed over.
 
     Parameters
     ----------

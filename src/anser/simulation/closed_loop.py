@@ -169,7 +169,8 @@ def act(
     plan
         The aircraft's plan; None without a planner. Required for an aircraft with a mission.
     freeze
-        Time before the arrival during which the plan is frozen, s; sets the recorded phase only.
+        Time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then
+        breaks off; the recorded phase is `FROZEN`.
     """
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
