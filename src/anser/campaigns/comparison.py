@@ -236,7 +236,7 @@ def _difference(name: str, values: np.ndarray, shares: list[float], confidence: 
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:
-    """Return the number of pairs whose sampled values differ, by key path; paths without a difference are left out."""
+    """Return the number of pairs whose sampled values differ, by key path; paths with equal values are omitted."""
     values = [store.applied(slice(None))[1] for store in (store_1, store_2)]
     counts = {}
     for path in dict.fromkeys([*values[0], *values[1]]):

@@ -159,7 +159,7 @@ class RareEvent:
 
     @property
     def estimate(self) -> SubsetEstimate:
-        """Probability of the event with confidence interval; None as probability if the threshold was not reached."""
+        """Probability of the event with confidence interval; probability None if the threshold was not reached."""
         return self.probability_of(self.flights.config.threshold)
 
     @property

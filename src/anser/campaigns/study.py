@@ -144,7 +144,7 @@ def _requirement_text(name: str) -> str:
 
 
 def _suggestion(name: str) -> str:
-    """Return a hint to variables with similar names, or to the list of names."""
+    """Return advice for an unknown variable name: similar names, or where the names are listed."""
     if name in _KEY_BY_NAME:
         return f"perhaps {describe_value(_KEY_BY_NAME[name])}: here without its unit"
     matches = difflib.get_close_matches(name, _KEYS, n=3)

@@ -37,7 +37,7 @@ def complete_aircraft(incomplete: str) -> list[str]:
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the variants, of the aircraft on the command line or else of any aircraft, that complete a text."""
+    """Return the aircraft variants that complete a text: of the aircraft on the command line, or else of any."""
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]

@@ -110,7 +110,7 @@ def new_figure(size: tuple[float, float]) -> tuple[Any, "Figure"]:
 
 @functools.cache
 def _figure_class() -> Any:
-    """Return a figure class that a notebook displays without pyplot."""
+    """Return a subclass of matplotlib's figure that a notebook displays without pyplot."""
 
     class Drawing(_matplotlib().figure.Figure):
         """A figure that needs no window."""

@@ -57,7 +57,7 @@ class _SummaryKeys(_Section):
 
 
 def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
-    """Return what is wrong in a summary, with the first such key, and what is expected; None for a valid summary."""
+    """Return the problem of the first invalid key in a summary, and the content expected; None if all are valid."""
     try:
         _SummaryKeys.model_validate(summary)
     except ValidationError as error:
