@@ -272,7 +272,7 @@ class PlannedPath(Protocol):
 def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the sample times from the start to the last arrival, s, and the mask of the regular times.
 
-    Arrival times are inserted between the regular times.
+    Every arrival time is a sample time, in addition to the regular times.
     """
     arrivals = np.unique(arrival_times)
     count = int(np.ceil((arrivals[-1] - start_s) / SAMPLE_STEP_S))

@@ -53,10 +53,11 @@ class Demand(eqx.Module):
     def excess(
         self, bank: ScalarLike, normal: ScalarLike, acceleration: ScalarLike, deceleration: ScalarLike
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return how far the demand exceeds three limits; negative within a limit.
+        """Return how far the demand exceeds three limits, m/s^2; negative within a limit.
 
-        The excess of the bank angle (limit `bank`, rad) is a difference of tangents; those of the force normal to the
-        velocity (limit `normal`) and of the force along it (`acceleration`, `deceleration`) are in m/s^2.
+        The first limit, `bank`, is the tangent of the greatest bank angle: its excess is `side` less `lift` times `bank`. The
+        second is the normal force (`normal`, m/s^2), the third the force along the velocity (`acceleration` and
+        `deceleration`, m/s^2).
         """
         return (
             jnp.abs(self.side) - self.lift * bank,

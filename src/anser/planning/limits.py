@@ -128,9 +128,9 @@ class Limit:
         return self.extreme is np.min
 
     def excess(self, value: Scalar, limit: Scalar) -> Scalar:
-        """How far an extreme exceeds the limit, relative to the limit; at most 0 within the limit.
+        """How far an extreme exceeds the limit, relative to the limit (at least 1); at most 0 within the limit.
 
-        For angles, tangents are compared. An infinite limit is never exceeded.
+        For angles, tangents are compared. An infinite limit is never exceeded; a NaN is never within the limit.
 
         Parameters
         ----------

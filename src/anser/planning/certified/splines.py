@@ -361,7 +361,7 @@ def _limit_violations(
 
 
 def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[Array, "3"]) -> Scalar:
-    """Depth of a position inside keep-outs, m, summed over the volumes."""
+    """Depth of a position inside keep-outs, summed over the volumes, in the unit of the other violations."""
     limits, volumes = problem.task.limits, problem.airspace.keep_outs
     altitude = -position[2]
     offset = position[None, :2] - volumes.position_n - time * volumes.velocity_n
