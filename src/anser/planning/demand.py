@@ -55,9 +55,9 @@ class Demand(eqx.Module):
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Return how far the demand exceeds three limits, m/s^2; negative within a limit.
 
-        The first limit, `bank`, is the tangent of the greatest bank angle: its excess is `side` less `lift` times `bank`. The
-        second is the normal force (`normal`, m/s^2), the third the force along the velocity (`acceleration` and
-        `deceleration`, m/s^2).
+        1. Bank: the excess of `side` over `lift` times `bank`, the tangent of the greatest bank angle.
+        2. Force normal to the velocity: the limit `normal` is in m/s^2.
+        3. Force along the velocity: the limits `acceleration` and `deceleration` are in m/s^2.
         """
         return (
             jnp.abs(self.side) - self.lift * bank,

@@ -164,8 +164,8 @@ def hold_reference(
     """Return one aircraft's reference in its hold around its sensed goal, and whether the reference may be flown.
 
     `holds` has no leading axis. The reference is not flown after its end, or if the goal's velocity deviates from the
-    prediction by more than `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), it is flown for any
-    motion of the goal, and moves with the goal by at most the reach.
+    prediction by more than `GOAL_VELOCITY_TOLERANCE` of the airspeed (m/s). With a `reach` (m), any velocity of the
+    goal is accepted, and the reference moves with the goal by at most the reach.
     """
     offset_rate_n = goal_velocity_n - holds.goal_velocities_n
     offset_n = goal_position_n - holds.goal_positions_n - (time - holds.forecast_time) * holds.goal_velocities_n
