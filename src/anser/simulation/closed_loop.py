@@ -49,7 +49,7 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "airborne one): broke off and went to its hold",
     "the plan ended nearer to the goal than a rendezvous may be (150 m to a surface goal, 100 m to an airborne one): "
     "it was refused, and the aircraft went to its hold",
-    "left the fleet and flew straight on",
+    "left the fleet and flew its exit path",
     "its goal was never seen: it held at the reported position of the goal",
     "the filter of its goal diverged: it held at the last estimated position of the goal",
 )
