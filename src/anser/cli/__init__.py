@@ -11,7 +11,7 @@ from anser.cli.process import INTERRUPTED, guarded_streams, interrupts
 
 
 def main() -> None:
-    """Run the command line and exit with its code.
+    """Run the command line and exit with the exit code of the command.
 
     The commands and their libraries are imported inside, so that Ctrl-C also works during the imports.
     """

@@ -26,7 +26,7 @@ COMMAND_IMPLIED = "anser.implied"
 
 
 class PlainCommand(TyperCommand):
-    """Command that reports invalid option values with anser's messages instead of typer's."""
+    """Command that reports invalid option values with anser's messages."""
 
     def get_usage(self, ctx: Any) -> str:
         """Return the usage text, without the command's name if it was omitted on the command line."""

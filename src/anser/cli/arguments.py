@@ -18,26 +18,26 @@ _DEPTH = 2
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Return scenario files in this folder or two levels below that complete a path.
+    """Return scenario files in this folder or two levels below for the completion of a path.
 
-    If there are none, the shell completes the path itself.
+    Without a match, the shell completes the path.
     """
     return _matching_paths(incomplete, _is_scenario)
 
 
 def complete_run(incomplete: str) -> list[str]:
-    """Return run folders that complete a path, in this folder or two levels below."""
+    """Return run folders in this folder or two levels below for the completion of a path."""
     return _matching_paths(incomplete, lambda path: all((path / name).is_file() for name in RUN_FILES))
 
 
 def complete_aircraft(incomplete: str) -> list[str]:
-    """Return airframe names, and aircraft files in this folder or two levels below, that complete a text."""
+    """Return airframe names, and aircraft files in this folder or two levels below, for the completion of a text."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
     return names + _matching_paths(incomplete, _is_airframe)
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the aircraft variants that complete a text: of the aircraft on the command line, or else of any."""
+    """Return the variants of the aircraft on the command line for the completion of a text; by default any variants."""
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]
@@ -52,7 +52,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[str]:
-    """Return the paths that start with the typed text and that `accepts` selects, written as the user typed them."""
+    """Return the paths selected by `accepts` that start with the typed text, in the user's notation."""
     typed_folder, _, name = incomplete.rpartition("/")
     folder = Path("/" if incomplete.startswith("/") and not typed_folder else typed_folder or ".")
     typed_prefix = incomplete[: len(incomplete) - len(name)]

@@ -178,7 +178,7 @@ def exit_code() -> int:
 
 
 def _system_refusal(error: OSError) -> str:
-    """Return the message that reports an operating-system error as invalid input."""
+    """Return the message for an operating-system error, reported as invalid input."""
     if error.filename is None:
         return f"arrived a refusal of the system ({error}); expected files and folders that can be read and written"
     name = os.fsdecode(error.filename) if isinstance(error.filename, str | bytes | os.PathLike) else error.filename

@@ -128,16 +128,16 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print why there is no result, and exit with code 1; the JSON document contains the reasons.
+    """Print the reasons for a missing result and exit with code 1; the JSON document contains the reasons.
 
     Parameters
     ----------
     status
         Status in the document, such as "no plan".
     reasons
-        Reasons, one sentence each.
+        Reasons, a sentence per entry.
     prefix
-        Text before each reason on standard error.
+        Text before every reason on standard error.
     """
     print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
     for reason in reasons:
@@ -161,7 +161,7 @@ def print_line(text: str) -> None:
 
 
 class _Times(ProgressColumn):
-    """Column of a progress bar: elapsed time, and remaining time once it can be estimated."""
+    """Column of a progress bar: elapsed time, and an estimate of the remaining time if possible."""
 
     def render(self, task: Task) -> Text:
         """Return the text of the column."""
@@ -180,8 +180,8 @@ def _clock(seconds: float) -> str:
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
     """Return a context manager that shows a progress bar with elapsed and remaining time, removed at the end.
 
-    Without a terminal it prints a line each minute. The function that it yields takes a description and the completed
-    fraction, 0..1, or None for an unknown fraction.
+    Without a terminal, a line is printed every minute. The context manager yields a function of a description and the
+    completed fraction, 0..1, or None for an unknown fraction.
     """
     return _progress_display(
         "starting", 1.0, _description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times()
@@ -191,7 +191,7 @@ def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | N
 def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:
     """Return a context manager that shows a spinner with elapsed time, for work of unknown duration.
 
-    The function that it yields takes a new description.
+    The context manager yields a function of a new description.
     """
     return _progress_display(description, None, SpinnerColumn(), _description_column(), TimeElapsedColumn())
 

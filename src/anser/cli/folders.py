@@ -52,7 +52,7 @@ def open_output_folder(folder: Path, force: bool = False) -> Iterator[Path]:
 
 
 def make_next_folder(folder: Path) -> Path:
-    """Create the default output folder, or if it exists the first free one with suffix -2, -3, ...; return its path."""
+    """Create the default output folder, or the first free folder with suffix -2, -3, ...; return the path."""
     candidate, count = folder, 1
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -81,7 +81,7 @@ def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bo
 
 
 def must_be_writable(option: str, path: Path, force: bool) -> None:
-    """Raise RefusedError if a file exists (unless `force`), or if its folder does not exist."""
+    """Raise RefusedError if a file exists (unless `force`) or the folder for the file does not exist."""
     with _refusing(option, path, "a place for a file"):
         if path.is_file() and not force:
             remedy = "a new file, or --force (nothing is overwritten without it)"

@@ -193,7 +193,7 @@ def _print_survey(surveyed: "MarginSurvey") -> None:
 
 
 def _disk(radius: float) -> tuple[float, float]:
-    """Return the gain (dB) and the phase (deg), each varied alone, that a disk margin allows."""
+    """Return the variations of gain (dB) and of phase (deg), separately, that a disk margin allows."""
     gain = 20 * math.log10((2 + radius) / (2 - radius)) if radius < 2 else math.inf
     return gain, math.degrees(2 * math.atan(radius / 2))
 

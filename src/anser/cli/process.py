@@ -79,7 +79,7 @@ class GuardedStream:
         self.failure: OSError | None = None
 
     def write(self, text: str) -> int:
-        """Write text, or discard it after a failure."""
+        """Write text, or discard the text after a failure."""
         self._guard(lambda: self._stream.write(text))
         return len(text)
 
