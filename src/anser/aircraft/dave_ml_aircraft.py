@@ -340,7 +340,10 @@ def _has_static_side_force(aircraft: DaveMlAircraft) -> bool:
 
 @jax.jit
 def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, powers: Vector) -> Array:
-    """Side force of air and engine without sideslip, rates and deflections, N, over angle of attack and airspeed."""
+    """Compute side forces (N) without sideslip, rates and deflections; shape (alphas, speeds, powers + 1).
+
+    The last axis holds the engine's side force at each power (percent), then that of the air. Inputs in rad and m/s.
+    """
     zero = jnp.zeros(())
 
     def side(alpha: Scalar, speed: Scalar) -> Vector:

@@ -171,7 +171,7 @@ class JetEngine(AbstractLaggedEngine):
         return self.thrust_factor * idle, self.thrust_factor * full
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x: idle + (full - idle) power / 100."""
+        """Compute the thrust along body x (N), idle + (full - idle) power / 100, and its moment (N m)."""
         idle, full = self.idle_and_full_thrust(air_data)
         return thrust_at_point(idle + (full - idle) * power / 100.0, jnp.zeros_like(idle), self.point_b)
 

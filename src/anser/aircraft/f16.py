@@ -45,7 +45,7 @@ class F16Engine(AbstractEngine):
         return EnginePower(self.power_rate(state.power, self.gearing(throttle)))
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x through the centre of gravity."""
+        """Return the thrust along body x (N) through the centre of gravity; the moment is zero."""
         return thrust_along_body_x(self.thrust(power, air_data.altitude, air_data.mach))
 
     def gearing(self, throttle: ScalarLike) -> Scalar:
@@ -63,7 +63,7 @@ class F16Engine(AbstractEngine):
         return jnp.where(power <= 64.94 * 0.77, power / 64.94, (power + 117.38) / 217.38)
 
     def thrust(self, power: ScalarLike, altitude: ScalarLike, mach: ScalarLike) -> Scalar:
-        """Thrust (N) at a power (percent), altitude (m) and Mach number ([SL] THRUST)."""
+        """Return the thrust (N) at a power (percent), altitude (m) and Mach number ([SL] THRUST)."""
         idle, military, maximum = self.thrust_tables(altitude, mach)[0]
         low = idle + (military - idle) * power / 50
         high = military + (maximum - military) * (power - 50) / 50

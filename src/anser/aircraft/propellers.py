@@ -81,7 +81,7 @@ class ElectricPropeller(AbstractLaggedEngine):
         return self.thrust_factor * thrust, torque
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
-        """Thrust along body x, negative for a braking propeller, and the torque reaction.
+        """Compute the thrust along body x (N), negative for a braking propeller, and the torque reaction (N m).
 
         Outside 0..100 percent, for trim solvers, the thrust is extrapolated with the slope of the static thrust, so
         that the excess of power is visible.

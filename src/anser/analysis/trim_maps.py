@@ -57,7 +57,7 @@ class TrimMap(NamedTuple):
     surfaces: tuple[str, ...]
 
     def gridded(self, values: Any) -> np.ndarray:
-        """Reshape values of the points, shape (points, ...), to the grid."""
+        """Reshape values of the trim points, shape (points, ...), to shape (condition, altitude, mach, ...)."""
         array = np.asarray(values)
         return array.reshape(len(self.conditions), *self.airspeeds.shape, *array.shape[1:])
 

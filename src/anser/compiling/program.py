@@ -237,7 +237,7 @@ def _shape_of(array: Any) -> jax.ShapeDtypeStruct:
 
 
 def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Callable[[list[Any]], Any]:
-    """Wrap a compiled program of flat arrays, so that the result has its original structure."""
+    """Wrap a compiled function of flat arrays, so that the result has its original structure."""
     leaves, structure = jax.tree.flatten(result)
     array_indices = [k for k, leaf in enumerate(leaves) if _is_shape(leaf)]
 

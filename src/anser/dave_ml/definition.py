@@ -202,12 +202,14 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Value of a variable in a check shot.
+    """Value of a variable in a check shot, with its unit and tolerance.
 
     Attributes
     ----------
     id
         varID of the variable.
+    value
+        Input value, or expected value of an output.
     units
         Units of value and tolerance; the variable's units if the file omits them.
     tolerance

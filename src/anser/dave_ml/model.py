@@ -210,7 +210,7 @@ class Model:
         return self.evaluator.structure.outputs
 
     def variables_with_role(self, role: Role) -> tuple[str, ...]:
-        """VarIDs of the variables marked with a role, such as ``isState`` or ``isStateDeriv``."""
+        """Return the varIDs of the variables marked with a role, such as ``isState`` or ``isStateDeriv``."""
         return tuple(v.id for v in self.definition.variables.values() if role in v.roles)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:

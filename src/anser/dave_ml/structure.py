@@ -1,4 +1,4 @@
-"""Order in which the variables of a DAVE-ML file are computed, and the variables on which each depends."""
+"""Order in which the variables of a DAVE-ML file are computed, and the sources of each variable."""
 
 import math
 from collections.abc import Collection

@@ -47,7 +47,7 @@ class StandardAtmosphere(AbstractAtmosphere):
     """
 
     def at(self, altitude: ScalarLike) -> Air:
-        """Air at a geometric altitude.
+        """Return the air at a geometric altitude.
 
         Parameters
         ----------

@@ -112,7 +112,7 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Line of sight to a second point, and the second point's velocity, seen from a position.
+        """Return the line of sight from a position to a second point, and the second point's velocity.
 
         Parameters
         ----------

@@ -120,7 +120,7 @@ class Environment(eqx.Module):
 def standard_environment(
     latitude: ScalarLike | None = None, wind_n: Vector3 | None = None, earth: AbstractEarth | None = None
 ) -> Environment:
-    """Combine the standard atmosphere, a steady wind and an Earth, by default flat.
+    """Build an environment of the standard atmosphere, a steady wind and an Earth, by default flat.
 
     Parameters
     ----------

@@ -181,7 +181,7 @@ def fold_key(key: Any, value: Any) -> UInt32[Array, "2"]:
 
 
 def threefry(key: Any, counter_high: Any, counter_low: Any) -> tuple[UInt32[Array, " n"], UInt32[Array, " n"]]:
-    """Threefry-2x32 in 20 rounds: two random words for each pair of counters.
+    """Return two random words for each pair of counters: the generator Threefry-2x32 in 20 rounds.
 
     Source: J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw, *Parallel random numbers: as easy as 1, 2, 3*, SC 2011.
     Unrolled here: JAX's implementation is a loop, slower inside a step than all of the step's other random work.
