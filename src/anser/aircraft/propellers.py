@@ -22,13 +22,13 @@ class ElectricPropeller(AbstractLaggedEngine):
     Attributes
     ----------
     diameter
-        D, m.
+        Propeller diameter D, m.
     thrust_polynomial, torque_polynomial
         Polynomials C_T and C_Q: coefficients of 1, J, J^2.
     motor_constant
-        K_V, V s / rad, and K_Q, N m / A.
+        Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
     resistance, no_load_current, voltage_max
-        R (ohm), i0 (A) and V_in (V) at full power.
+        Resistance R (ohm), no-load current i0 (A), and motor voltage V_in at full power (V).
     direction
         1 for a propeller that turns to the right as seen from behind, whose reaction rolls the aircraft to the left;
         otherwise -1.
@@ -138,7 +138,7 @@ class PistonPropeller(AbstractLaggedEngine):
     efficiency
         eta, propeller efficiency in fast flight.
     static_thrust
-        T0, N.
+        Static thrust T0, N.
     torque_per_power
         Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
         positive for a propeller that turns to the left as seen from behind.

@@ -58,13 +58,13 @@ class ScheduledFlapActuators(AbstractActuators):
     Attributes
     ----------
     time_constant, lower, upper, rate_limit
-        As in `AbstractActuators`, shape (4,).
+        Lag (s), position limits (rad) and rate limits (rad/s), shape (4,); see `AbstractActuators`.
     gain
         Flap deflection per angle of attack.
     pole
-        1/s.
+        Pole of the schedule's filter, 1/s.
     compression, offset
-        Rad.
+        Coefficient of qbar/ps, and constant term of the schedule, rad.
     alpha_down
         Angle of attack, rad, above which the flap is fully down.
     """
