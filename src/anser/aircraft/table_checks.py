@@ -169,7 +169,11 @@ def _shared_suspects(tables: Mapping[str, GriddedTable]) -> list[SuspectPoint]:
 
 
 def _departures(table: GriddedTable) -> np.ndarray:
-    """Compute the departure of each entry in each test, in units of the surrounding noise; 0 without neighbours."""
+    """Compute the distance of each entry from each estimate by its neighbours, as a multiple of the surrounding noise.
+
+    The estimates are the line along each axis and, for some tables, the mirror image. Distances are absolute, shape
+    (test, *table); 0 without an estimate.
+    """
     values, (axis_1, axis_2) = table.values, table.axes[:2]
     tests = [_departure_from_line(axis_1, values, 0), _departure_from_line(axis_2, values, 1)]
     for end, inner in ((0, 1), (-1, -2)):

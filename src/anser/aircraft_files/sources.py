@@ -72,7 +72,10 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Explain an unknown key that is a derivative by an angle's rate, which the model does not support."""
+    """Return the problem of an unknown key, with advice if the key is an alpha-dot or beta-dot derivative.
+
+    The advice is to add such a derivative (`Cm_alphadot`) to the derivative by q or r.
+    """
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem

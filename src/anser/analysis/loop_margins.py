@@ -406,7 +406,10 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 
 
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Return whether each cubic crosses 0 within the unit interval from `interval_start`, and the crossing."""
+    """Whether each cubic through `values` at positions 0 to 3 crosses 0 after `interval_start`, and the crossing.
+
+    The crossing is given in grid intervals, not in rad/s.
+    """
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
     crosses = sign * _cubic(values, low + 1) <= 0

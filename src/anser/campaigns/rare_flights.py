@@ -220,7 +220,7 @@ class RareFlights:
         return [{path: values[k] for path, values in applied.items()} for k in range(points.size)]
 
     def _applied(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the values applied to the scenario by key path; each array has one value per point."""
+        """Return the study's varied parameters at each point of random numbers, by key path: one entry per point."""
         shares = stats.norm.cdf(self.space.dispersions(points, len(self.study.vary)))
         return apply_samples(self.study, self.scenario, apply_distributions(self.study, shares))
 

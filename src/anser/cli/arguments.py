@@ -37,7 +37,7 @@ def complete_aircraft(incomplete: str) -> list[str]:
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:
-    """Return the variants of the aircraft on the command line for the completion of a text; by default any variants."""
+    """Return the variant names that start with the typed text: of the aircraft in the command, else of all."""
     variants = VARIANTS.get(context.params.get("aircraft") or "")
     names = variants if variants is not None else dict.fromkeys(itertools.chain(*VARIANTS.values()))
     return [name for name in names if name.startswith(incomplete)]

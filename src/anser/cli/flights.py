@@ -145,7 +145,10 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status of an aircraft, and for a change in flight its start time."""
+    """Return the status of an aircraft as text, with the time ("at 12.0 s: ...") if it left its plan in flight.
+
+    `stopped_s` holds those times, s, by aircraft name.
+    """
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 

@@ -317,7 +317,10 @@ class Program(Generic[_P, _R]):
 
     @functools.cached_property
     def _inner_function(self) -> Callable[..., Any]:
-        """Function for use inside another compiled function; JAX takes compiler options for the outermost only."""
+        """The program's function without its compiler options, for calls from inside another compiled function.
+
+        JAX accepts compiler options only for the outermost function.
+        """
         if self._static is None:
             return eqx.filter_jit(self._function)
         return jax.jit(self._function, static_argnames=self._static)

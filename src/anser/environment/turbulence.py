@@ -182,7 +182,10 @@ class Turbulence(AbstractGusts):
         return turbulence_levels(flow.height, self.wind_20ft, self.log_probability, self.table, self.family)
 
     def init(self, normals: Float[Array, " count"], flow: AirFlow) -> TurbulenceState:
-        """Return a random state with the stationary distribution; the wing's low-passes start at the gusts."""
+        """Return a random state with the stationary distribution.
+
+        The lags that form the pitch and yaw gust rates start at the gusts w and v.
+        """
         along, across = self.filters
         u, v, w, p = self._shared(normals)
         v, w = across.stationary_state(v), across.stationary_state(w)

@@ -56,9 +56,10 @@ class FleetSnapshot(NamedTuple):
 
 
 def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSnapshot:
-    """Take the snapshot of a fleet with the certified planner at sample `number`.
+    """Collect the data with which the certified planner replans a fleet in flight at sample `number`.
 
-    `flight` contains the departures, so that departed aircraft are known.
+    These are the tasks of the aircraft that can be replanned, and the fixed paths of the others (arrived, about to
+    arrive, or departed). `flight` must include the departures applied so far.
     """
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     planner, plan_state = _planner(flight), state.planner

@@ -338,7 +338,7 @@ class History(AbstractRecorder):
         """The recorder has no state."""
 
     def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
-        """The recorder has no state."""
+        """Do nothing: the history consists of the rows that `output` returns, and carries nothing between samples."""
 
     def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
         """Variables by aircraft, SI units and radians.

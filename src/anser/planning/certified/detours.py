@@ -99,9 +99,10 @@ def _word_angles(
 def _aim(
     endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"]
 ) -> tuple[Scalar, Scalar, Scalar]:
-    """Compute where a direct path with given turns ends.
+    """Compute the straight length, the miss distance and the whole length, m, of a direct path with given turns.
 
-    Returns the length of the straight part, the miss distance to the right of the end, and the length of the path, m.
+    `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius. The
+    miss distance is positive if the end lies to the right of the path.
     """
     initial = roll_out(endpoints)
     turns, turn_length, headings = chain_turns(

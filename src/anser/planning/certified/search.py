@@ -339,7 +339,11 @@ def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[
 
 
 def _preferred_arrival_times(fleet: FleetTask) -> ArrivalTimes | None:
-    """Arrival times that the rule prefers, s; None if they must be searched."""
+    """Arrival times (s, one per aircraft) preferred under the arrival request of the fleet.
+
+    None if the request has no preference (rule "earliest"), or if a preferred time is later than the latest allowed
+    arrival; then the times are searched.
+    """
     request, preferred = fleet.request, fleet.preferred_times
     if request.times_s is not None:
         return request.times_s

@@ -303,9 +303,10 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
 
 
 def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "9"]) -> TightenedLimits:
-    """Reduce the limits by the violations between the sample points and a margin.
+    """Tighten the limits imposed at the sample points, because the path violated the true limits between them.
 
-    `over` is the relative excess over each limit, from `path_bounds.excess`.
+    `speed_min` is raised and the others are lowered, by the violation times a safety factor. `over` is the relative
+    excess over each limit (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
     """
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)

@@ -168,9 +168,9 @@ class TimeLaw(eqx.Module):
         return slope, jnp.sqrt(jnp.maximum(demanded, self.slowest**2)), demanded < self.slowest**2, time
 
     def _offset_in_cell(self, coefficients_n: Float[Array, "3 5"], k: Count, time_in_cell: ScalarLike) -> Scalar:
-        """Find the offset of s in cell `k` after `time_in_cell` seconds, by Newton steps from a cubic through the ends.
+        """Path parameter s minus its value at the start of cell `k`, `time_in_cell` seconds later; no unit.
 
-        Only the last step is differentiated: at the solution, one step has the full derivative.
+        The value follows from Newton steps. The initial guess is the Hermite cubic of s over time in the cell.
         """
         law, path, elapsed = jax.lax.stop_gradient((self, coefficients_n, jnp.asarray(time_in_cell)))
         h = 1.0 / CELLS
