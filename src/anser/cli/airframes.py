@@ -134,7 +134,7 @@ def show(
     "anser aircraft check aerosonde --json",
     "anser aircraft check f16 --variant tp1538",
     "anser aircraft check my-aero.dml",
-    unmet="check data disagree, or something is probably not meant so",
+    unmet="check data disagree, or a value is probably wrong",
 )
 def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     """Compare an aircraft file's check data with computed values, and look for probable errors: signs, units, tables.

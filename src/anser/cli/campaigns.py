@@ -168,7 +168,7 @@ _MILLISECONDS_BELOW_S = 0.01
 @help_epilog(
     "anser campaign studies/how-surely.toml --out runs/how-surely",
     "anser campaign studies/how-surely.toml --out runs/how-surely --resume",
-    unmet="a flight did not meet every requirement, or could not begin",
+    unmet="a flight does not meet a requirement, or cannot start",
 )
 def fly(
     study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
@@ -364,7 +364,7 @@ def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
 @help_epilog(
     "anser rare studies/how-rarely.toml --out runs/how-rarely",
     "anser rare studies/how-rarely.toml --out runs/how-rarely --resume",
-    unmet="the levels end short of the threshold: the event is rarer than could be found",
+    unmet="the levels end before the threshold: the event is too rare for this method and its budget",
 )
 def rare(
     study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table [rare].", show_default=False)],

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     "anser run scenarios/three-aircraft.toml --json --quiet > summary.json",
     "anser run scenarios/twenty-aircraft.toml --plan plans/twenty",
     "anser run --campaign runs/how-surely --flight 17",
-    unmet="flown, but a requirement was not met; or there is no plan",
+    unmet="flown, but a requirement is not met; or no plan exists",
 )
 def run(
     scenario: Annotated[
@@ -208,7 +208,7 @@ _SAME_TIME_S = 5e-3
     "anser plan scenarios/three-aircraft.toml",
     "anser plan scenarios/twenty-aircraft.toml --out plans/twenty",
     "anser plan scenarios/three-aircraft.toml --planner certified --open",
-    unmet="no plan, or one beyond a limit",
+    unmet="no plan, or a plan beyond a limit",
 )
 def plan(
     scenario: ScenarioPath,

@@ -42,7 +42,7 @@ _FIGURES = (
 @help_epilog(
     "anser margins --at 150,1000 --bode margins.svg",
     "anser margins --envelope --coarse --out margins",
-    unmet="no steady flight there",
+    unmet="no steady flight at this condition",
 )
 def margins(
     at: Annotated[

@@ -78,7 +78,10 @@ _START = "2000-01-01T12:00:00Z"
 @help_epilog(
     "anser export runs/three-aircraft --format czml,kml",
     "anser export runs/three-aircraft --format csv --period-s 1 --out tables",
-    unmet="a format could not be written for want of a library; the others were (no other asked for: 2)",
+    unmet=(
+        "a format was not written because its library is missing, "
+        "the others were written (2 if no other format was requested)"
+    ),
 )
 def export(
     run: RunFolder,

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     "anser trim --speed-m-s 150 --altitude-m 1000",
     "anser trim --speed-m-s 150 --altitude-m 1000 --turn-rate-deg-s 5 --json",
     "anser trim --speed-m-s 153 --altitude-m 0 --cg 0.35 --pitch-rate-deg-s 10",
-    unmet="no steady flight there",
+    unmet="no steady flight at this condition",
 )
 def trim(
     speed_m_s: TrueAirspeed,
@@ -94,7 +94,7 @@ _ROUNDING = 1e-12
 @help_epilog(
     "anser linearize --speed-m-s 150 --altitude-m 1000",
     "anser linearize --speed-m-s 150 --altitude-m 1000 --loop attitude --out model.nc",
-    unmet="no steady flight there",
+    unmet="no steady flight at this condition",
 )
 def linearize(
     speed_m_s: TrueAirspeed,

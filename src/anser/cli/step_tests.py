@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     "anser step --loop velocity --channel chi --size 20 --at 150,1000",
     "anser step --loop rates --channel q --size -5 --at 150,2000 --out pitch.svg",
     "anser step --aircraft aerosonde --loop attitude --channel mu --size 30 --at 25,300",
-    unmet="no steady flight there",
+    unmet="no steady flight at this condition",
 )
 def step(
     loop: Annotated[Literal["rates", "attitude", "velocity"], typer.Option(help="Which loop is commanded.")],
@@ -98,7 +98,7 @@ def step(
 @help_epilog(
     "anser gallery --out gallery",
     "anser gallery --aircraft aerosonde --out gallery",
-    unmet="a response falls short of its limits",
+    unmet="a response does not meet its limits",
 )
 def gallery(
     out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @help_epilog(
     "anser envelope --out envelope",
     "anser envelope --coarse --inversion incremental --out coarse",
-    unmet="a flight falls short",
+    unmet="a flight does not succeed",
 )
 def envelope(
     out: SurveyFolder,

@@ -38,7 +38,7 @@ _EXPECTED = "PATH=VALUES, such as wind.speed_m_s=0,5,10 or wind.speed_m_s=0:20:5
 @help_epilog(
     "anser sweep scenarios/three-aircraft.toml --set wind.speed_m_s=0:20:5 --out sweep",
     "anser sweep mine.toml --set fleet.speed_m_s=140,150,160 --set goal[0].course_deg=0:315:45 --out sweep",
-    unmet="a requirement was not met in a flight, or one could not begin",
+    unmet="a flight does not meet a requirement, or cannot start",
 )
 def sweep(
     scenario: ScenarioPath,

@@ -9,8 +9,14 @@ from collections.abc import Sequence
 import equinox as eqx
 import numpy as np
 
-from anser.planning.certified.arrival_times import arrival_conflicts, arrival_distances_max, arrival_sets, reachable
-from anser.planning.certified.search import FleetTask, SearchOutcome, common_times, search
+from anser.planning.certified.arrival_times import (
+    arrival_conflicts,
+    arrival_distances_max,
+    arrival_sets,
+    common_times,
+    reachable,
+)
+from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import Intervals
 from anser.planning.holds.hold_paths import PlannedHolds
 from anser.planning.limits import RELAXED_TOGETHER

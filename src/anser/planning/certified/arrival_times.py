@@ -16,7 +16,7 @@ from anser.compiling.options import compiled_by_older_generator, compiled_quickl
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import as_array, take_rows
 from anser.planning.certified.candidates import fleet_candidates
-from anser.planning.certified.task import AircraftTask, Airspace
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import (
     ALONE_SPLINES,
     ALONE_STANDARD,
@@ -367,3 +367,20 @@ def arrival_sets(
         bounds = ([float(grid[k, 0])] if inside[k, 0] else []) + edges + ([end] if inside[k, -1] else [])
         refined.append(list(zip(bounds[::2], bounds[1::2], strict=True)))
     return refined
+
+
+def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
+    """Intervals (s) for the time of the first arrival such that every aircraft, later by its offset, can arrive."""
+    common: Intervals = [(0.0, float("inf"))]
+    for intervals, offset in zip(arrivals, offsets_s, strict=True):
+        first_arrivals = [(a - offset, b - offset) for a, b in intervals]
+        common = [(max(a, c), min(b, d)) for a, b in common for c, d in first_arrivals if max(a, c) <= min(b, d)]
+    return common
+
+
+def sample_interval(low: float, high: float) -> list[float]:
+    """Sample times of an interval, more densely at its beginning."""
+    if not high > low:
+        return [low]
+    top = min(high, 2.5 * low + 10.0)
+    return [low + (top - low) * u for u in (0.0, 0.002, 0.01, 0.03, 0.07, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0)]

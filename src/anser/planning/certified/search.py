@@ -18,10 +18,12 @@ from anser.planning.certified.arrival_times import (
     arrival_conflicts,
     arrival_sets,
     climb_times_min,
+    common_times,
     direct_times,
     earlier_times,
     first_index,
     may_arrive,
+    sample_interval,
 )
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, choose_interval_count, plan_at
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
@@ -29,23 +31,12 @@ from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLI
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # factors of the first time
 _DELAY_RATIO = 1.008  # ratio of two consecutive arrival times of the search
-_DELAY_BOUNDS = (
-    1.0,
-    1.03,
-    1.3,
-    3.0,
-)  # factors of the first time: every kind of candidate is tried before a longer delay
+# Factors of the first time: every kind of candidate is tried before a longer delay.
+_DELAY_BOUNDS = (1.0, 1.03, 1.3, 3.0)
 _LONG_DELAY = 1.3  # factor up to which the standard candidates are tried in single steps
-_DIRECT_TIME_FACTOR = (
-    1.0002  # slightly later than by the direct path: a path of exactly its length may not exist, to rounding
-)
-_LIST_FRACTIONS = (
-    0.0,
-    0.1,
-    0.25,
-    0.5,
-    0.8,
-)  # positions in the list of open times at which further candidates are tried
+# Slightly later than by the direct path: a path of exactly its length may not exist, to rounding.
+_DIRECT_TIME_FACTOR = 1.0002
+_LIST_FRACTIONS = (0.0, 0.1, 0.25, 0.5, 0.8)  # positions in the list of open times for further candidates
 _GRID_S = 0.25  # spacing of the arrival times tested for the necessary conditions
 _SMALL_FLEET = 12  # largest fleet, in aircraft, for which every kind of candidate is tried
 _WINDOW_FRACTIONS = (0.0, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -123,10 +114,7 @@ class FleetTask:
         return np.all(meets_conditions, axis=1) & ~arrival_conflicts(self.tasks, self.airspace, times).any(axis=(1, 2))
 
     def requested_times(self) -> Float[np.ndarray, "n aircraft"]:
-        """Arrival times that the rule allows, (set, aircraft), s: every quarter of a second, or the prescribed times.
-
-        Not for windows.
-        """
+        """Arrival times that the rule allows, (set, aircraft), s: each quarter second, or the prescribed times."""
         if self.request.times_s is not None:
             return self.request.times_s[None]
         latest_first_arrival = self.request.latest_s - float(np.max(self.offsets))
@@ -144,17 +132,7 @@ class FleetTask:
 
 @dataclass(frozen=True)
 class Proposal:
-    """Proposal to the search.
-
-    Attributes
-    ----------
-    times
-        Arrival times, s after the start.
-    candidate_set
-        Candidates to try.
-    message
-        Progress message; None: no message.
-    """
+    """Proposal to the search: arrival times (s after the start), candidates to try, and a progress message or None."""
 
     times: ArrivalTimes
     candidate_set: CandidateSet
@@ -365,22 +343,14 @@ def _times_open_to_all(fleet: FleetTask, arrivals: Sequence[Intervals]) -> Itera
     base = float(np.max(preferred - offsets))
     common = fleet.common_intervals(arrivals)
     if request.rule == "earliest":
-        first_arrivals = [t for a, b in common for t in _sample_interval(a, min(b, latest_first_arrival))]
+        first_arrivals = [t for a, b in common for t in sample_interval(a, min(b, latest_first_arrival))]
     else:
         first_arrivals = [min(max(base * f, a), b) for f in _DELAYS for a, b in common if a <= base * f <= b]
         first_arrivals += [
-            t for a, b in common if b >= base for t in _sample_interval(max(a, base), min(b, latest_first_arrival))
+            t for a, b in common if b >= base for t in sample_interval(max(a, base), min(b, latest_first_arrival))
         ]
     for time in sorted({round(t, 9) for t in first_arrivals if 0.0 < t <= latest_first_arrival}):
         yield time + offsets
-
-
-def _sample_interval(low: float, high: float) -> list[float]:
-    """Sample times of an interval, more densely at its beginning."""
-    if not high > low:
-        return [low]
-    top = min(high, 2.5 * low + 10.0)
-    return [low + (top - low) * u for u in (0.0, 0.002, 0.01, 0.03, 0.07, 0.14, 0.25, 0.4, 0.6, 0.8, 1.0)]
 
 
 def _window_times(
@@ -401,15 +371,6 @@ def _window_times(
     # Each aircraft at a different index of its grid: resolves conflicts that remain under a common shift.
     for shift in range(1, _WINDOW_ROTATIONS):
         yield np.array([grid[(k * shift) % len(grid)] for k, grid in enumerate(grids)])
-
-
-def common_times(arrivals: Sequence[Intervals], offsets_s: ArrivalTimes) -> Intervals:
-    """Intervals (s) for the time of the first arrival such that every aircraft, later by its offset, can arrive."""
-    common: Intervals = [(0.0, float("inf"))]
-    for intervals, offset in zip(arrivals, offsets_s, strict=True):
-        first_arrivals = [(a - offset, b - offset) for a, b in intervals]
-        common = [(max(a, c), min(b, d)) for a, b in common for c, d in first_arrivals if max(a, c) <= min(b, d)]
-    return common
 
 
 _TIME_TOLERANCE = 5e-4  # relative difference below which two arrival times count as the same attempt
@@ -453,16 +414,9 @@ class SearchOutcome:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Attempt of the search.
+    """Attempt of the search: arrival times (s after the start), the set of candidates, and the failed aircraft.
 
-    Attributes
-    ----------
-    times
-        Arrival times, s after the start.
-    candidate_set
-        Set of candidates that was tried.
-    failed
-        Mask of the aircraft without a valid path or hold at these times.
+    An aircraft has failed if it has no valid path or no hold at these times.
     """
 
     times: ArrivalTimes
@@ -472,16 +426,9 @@ class _Attempt:
 
 @dataclass(frozen=True)
 class _State:
-    """Progress of the search.
+    """Progress of the search: attempts so far, and the plan of the latest one (None if it failed).
 
-    Attributes
-    ----------
-    tried
-        Attempts so far.
-    plan
-        Plan of the latest attempt; None if it failed.
-    best_attempt, plan_without_holds
-        As in `SearchOutcome`.
+    The other fields are those of `SearchOutcome`.
     """
 
     tried: tuple[_Attempt, ...] = ()
