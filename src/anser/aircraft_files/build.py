@@ -118,7 +118,8 @@ def _jet(jet: schema_aerodynamics.Jet) -> JetEngine:
     shape = len(altitudes), len(machs)
     thrusts = [np.broadcast_to(np.asarray(thrust, dtype=float), shape) for thrust in (jet.idle_N, jet.full_N)]
     tables = make_tables(make_axes([altitudes, machs], clamp=True), [((0, 1), thrusts)])
-    return JetEngine(tables, *_engine_common(jet.lag_s, jet.point_m))
+    lag, point_b, factor = _engine_common(jet.lag_s, jet.point_m)
+    return JetEngine(thrust_tables=tables, lag=lag, point_b=point_b, thrust_factor=factor)
 
 
 def _electric(propeller: schema_aerodynamics.ElectricPropeller) -> ElectricPropeller:
