@@ -36,7 +36,7 @@ def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_co
     Parameters
     ----------
     flight, state, sample
-        Flight, number of the first sample, and the state there.
+        Flight, its state at the first sample, and the number of that sample.
     step_count
         Number of steps to fly, for a program that can fly part of a segment; None: the whole segment.
 

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from anser.constants import SURFACE_STAND_OFF_MIN_M
 from anser.control.guidance import GuidanceSettings
 from anser.planning.certified.clearance import (
     BoundingCylinders,
@@ -38,7 +39,6 @@ _RADII = (1.0, 1.5, 2.25)  # multiples of the scenario's radius, besides the tig
 _TIGHTEST_FACTOR = 1.2  # times the radius of the tightest turn over the ground
 _LEVELS = (0.0, 1.0, 2.0, 3.0)  # heights above the rendezvous, in units of the vertical separation
 _LEVEL_SPACING = 1.1  # distance of two levels, in units of the vertical separation
-_GOAL_DISTANCE_M = 150.0  # least distance from a surface goal, or the stand-off if less
 _ROUNDING_M = 1e-3  # rounding tolerance of holds that begin at the stand-off
 _ROUNDING = 1e-7  # relative to the separation
 _ALTITUDES = tuple(limit for limit in CERTIFIED_LIMITS if limit.variable == "altitude")
@@ -188,7 +188,7 @@ def assign_holds(
         hold_only = eqx.tree_at(lambda t: t.included, whole, jnp.where(is_holding(times, arrival), task.active, 0.0))
         keep_out_clearance = clearance_from_keep_outs(hold_only, times, volumes)
         goal_n = task.goal_position_n[None, :] + (times - start_time)[:, None] * task.goal_velocity_n[None, :]
-        goal_distance_min = jnp.minimum(safe_norm(task.rendezvous.stand_off_n) - _ROUNDING_M, _GOAL_DISTANCE_M)
+        goal_distance_min = jnp.minimum(safe_norm(task.rendezvous.stand_off_n) - _ROUNDING_M, SURFACE_STAND_OFF_MIN_M)
         keeps_goal_distance = jnp.all(
             (jax.vmap(safe_norm)(whole.positions_n - goal_n) >= goal_distance_min) | (times <= arrival)
         )
