@@ -23,21 +23,12 @@ _REGULARIZATION = 1e-6  # relative to the square of the greatest moment
 
 
 class SurfaceMoments(eqx.Module):
-    """Linearization of the aerodynamic moment about one set of surface deflections.
+    """Linearization of the aerodynamic moment about one set of surface deflections."""
 
-    Attributes
-    ----------
-    surfaces
-        Deflections (surfaces,), rad.
-    moment_b
-        Aerodynamic moment at `surfaces` (3,), N m.
-    slope
-        Control effectiveness, the derivative of the moment by the deflections (3, surfaces), N m/rad; 0 for surfaces
-        that no controller commands.
-    """
-
-    surfaces: Vector
-    moment_b: Vector3
+    surfaces: Vector  # deflections (surfaces,), rad
+    moment_b: Vector3  # aerodynamic moment at `surfaces` (3,), N m
+    # control effectiveness, the derivative of the moment by the deflections (3, surfaces), N m/rad; 0 for surfaces that
+    # no controller commands
     slope: Float[Array, "3 n"]
 
 
@@ -179,21 +170,12 @@ _MARGIN_MIN = 0.1
 
 
 class Authority(eqx.Module):
-    """Control authority: what the surfaces can still give, as deflection margins, rate limits and effectiveness.
+    """Control authority: what the surfaces can still give, as deflection margins, rate limits and effectiveness."""
 
-    Attributes
-    ----------
-    deflection
-        Deflection per angular acceleration (surfaces, 3), rad/(rad/s^2): the inverted control effectiveness.
-    margin
-        Deflection available up to the nearer stop (surfaces,), rad.
-    rate_limit
-        Greatest deflection rate (surfaces,), rad/s.
-    """
-
+    # deflection per angular acceleration (surfaces, 3), rad/(rad/s^2): the inverted control effectiveness
     deflection: Float[Array, "n 3"]
-    margin: Vector
-    rate_limit: Vector
+    margin: Vector  # deflection available up to the nearer stop (surfaces,), rad
+    rate_limit: Vector  # greatest deflection rate (surfaces,), rad/s
 
     @property
     def rates_jerk(self) -> Vector3:

@@ -27,17 +27,10 @@ class Excitation(eqx.Module):
     """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
 
     Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
-
-    Attributes
-    ----------
-    attitude
-        Addition to the commanded (mu, alpha, beta), rad.
-    rates_b
-        Addition to the commanded (P, Q, R), rad/s.
     """
 
-    attitude: Vector3
-    rates_b: Vector3
+    attitude: Vector3  # addition to the commanded (mu, alpha, beta), rad
+    rates_b: Vector3  # addition to the commanded (P, Q, R), rad/s
 
 
 _YAW = np.array([0.0, 0.0, 1.0])
@@ -45,32 +38,15 @@ _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
 
 
 class AutopilotSignals(eqx.Module):
-    """Commands between the loops, and limits reached, in one autopilot step; for the record.
+    """Commands between the loops, and limits reached, in one autopilot step; for the record."""
 
-    Attributes
-    ----------
-    motion
-        Measured path and attitude angles.
-    thrust
-        Commanded throttle and thrust.
-    attitude
-        Commanded (mu, alpha, beta).
-    rates_b
-        Commanded (P, Q, R), rad/s.
-    surfaces
-        Commanded deflections within the stops, rad.
-    speed_limited
-        Whether the commanded airspeed exceeds the limits.
-    rates_limited, surfaces_limited
-        Whether a commanded body rate is at the limit; whether a demanded deflection exceeds a stop.
-    """
-
-    motion: PathMotion
-    thrust: ThrustDemand
-    attitude: AttitudeDemand
-    rates_b: Vector3
-    surfaces: Vector
-    speed_limited: Flag
+    motion: PathMotion  # measured path and attitude angles
+    thrust: ThrustDemand  # commanded throttle and thrust
+    attitude: AttitudeDemand  # commanded (mu, alpha, beta)
+    rates_b: Vector3  # commanded (P, Q, R), rad/s
+    surfaces: Vector  # commanded deflections within the stops, rad
+    speed_limited: Flag  # whether the commanded airspeed exceeds the limits
+    # whether a commanded body rate is at the limit; whether a demanded deflection exceeds a stop
     rates_limited: Flag
     surfaces_limited: Flag
 

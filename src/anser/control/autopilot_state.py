@@ -9,50 +9,26 @@ from anser.shapes import Scalar, ScalarLike, Vector, Vector3
 
 
 class ModelResidual(eqx.Module):
-    """Low-pass filtered difference between measured and modelled force and angular acceleration.
+    """Low-pass filtered difference between measured and modelled force and angular acceleration."""
 
-    Attributes
-    ----------
-    force_b
-        Force missing in the model, specific force times mass, N.
-    acceleration_b
-        Angular acceleration missing in the model, rad/s^2.
-    rates_b
-        Gyro reading at the previous sample, rad/s.
-    model_acceleration_b
-        Modelled angular acceleration at the previous sample, rad/s^2.
-    """
-
-    force_b: Vector3
-    acceleration_b: Vector3
-    rates_b: Vector3
-    model_acceleration_b: Vector3
+    force_b: Vector3  # force missing in the model, specific force times mass, N
+    acceleration_b: Vector3  # angular acceleration missing in the model, rad/s^2
+    rates_b: Vector3  # gyro reading at the previous sample, rad/s
+    model_acceleration_b: Vector3  # modelled angular acceleration at the previous sample, rad/s^2
 
     def advance(
         self,
-        force_residual_b: Vector3,
-        rates_b: Vector3,
-        model_acceleration_b: Vector3,
+        force_residual_b: Vector3,  # measured minus modelled force at the new sample (3,), N
+        rates_b: Vector3,  # gyro reading (3,), rad/s
+        model_acceleration_b: Vector3,  # modelled angular acceleration at the new sample (3,), rad/s^2
+        # bandwidth of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion)
         bandwidth: ScalarLike,
-        step: ScalarLike,
+        step: ScalarLike,  # sampling period, s
     ) -> "ModelResidual":
         """Update the filter with a new sample.
 
         The measured angular acceleration is the change of the gyro reading since the previous sample over the period.
         The modelled acceleration is the mean of both samples, so that the residual of a perfect model is zero.
-
-        Parameters
-        ----------
-        force_residual_b
-            Measured minus modelled force at the new sample (3,), N.
-        rates_b
-            Gyro reading (3,), rad/s.
-        model_acceleration_b
-            Modelled angular acceleration at the new sample (3,), rad/s^2.
-        bandwidth
-            Bandwidth of the low-pass filter, rad/s; 0: the residual stays constant (model-based inversion).
-        step
-            Sampling period, s.
         """
         fade = -jnp.expm1(-bandwidth * step)
         measured_acceleration = (rates_b - self.rates_b) / step
@@ -72,32 +48,19 @@ def no_residual(rates_b: Vector3) -> ModelResidual:
 
 
 class AutopilotState(eqx.Module):
-    """State of one autopilot between samples: integrals of the loops' errors, filters, and residual of the model.
+    """State of one autopilot between samples: integrals of the loops' errors, filters, and residual of the model."""
 
-    Attributes
-    ----------
-    velocity_integral, attitude_integral, rates_integral
-        Time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R).
-    attitude_filter, rates_filter
-        Filters that differentiate the command to the attitude loop, and the command to the rate loop.
-    surfaces_filter
-        Filter that differentiates the deflections demanded by the rate loop.
-    surfaces_slow
-        Low-pass filtered deflections, rad.
-    residual
-        Measured minus modelled forces and accelerations.
-    bank_command
-        Previous commanded bank angle, rad; None if the limits do not bound the bank rate.
-    """
-
+    # time integrals of the errors in (V, gamma, chi), (mu, alpha, beta) and (P, Q, R)
     velocity_integral: Vector3
     attitude_integral: Vector3
     rates_integral: Vector3
+    # filters that differentiate the command to the attitude loop, and the command to the rate loop
     attitude_filter: Differentiator
     rates_filter: Differentiator
-    surfaces_filter: Differentiator
-    surfaces_slow: Vector
-    residual: ModelResidual
+    surfaces_filter: Differentiator  # filter that differentiates the deflections demanded by the rate loop
+    surfaces_slow: Vector  # low-pass filtered deflections, rad
+    residual: ModelResidual  # measured minus modelled forces and accelerations
+    # previous commanded bank angle, rad; None if the limits do not bound the bank rate
     bank_command: Scalar | None = None
 
 

@@ -134,21 +134,15 @@ class DaveMlLaw(AbstractController):
         """The law has no state."""
 
     def control(
-        self, controller_state: None, belief: Belief, command: Mapping[str, Scalar], step: ScalarLike
+        self,
+        controller_state: None,
+        belief: Belief,
+        command: Mapping[str, Scalar],  # inputs of the law by name, SI units and radians
+        step: ScalarLike,  # sampling period, s
     ) -> tuple[Controls, None, None]:
         """Evaluate the law and return surfaces and throttle.
 
-        Parameters
-        ----------
-        command
-            Inputs of the law by name, SI units and radians.
-        step
-            Sampling period, s.
-
-        Raises
-        ------
-        ValueError
-            If the law lacks an input with a commanded name, or an input has no value.
+        Raises ValueError if the law lacks an input with a commanded name, or an input has no value.
         """
         inputs = {**_select_inputs(self.law, named_signals(belief)), **command}
         outputs = self.law.evaluate_si(inputs, (*self.surfaces, self.power))
@@ -172,11 +166,8 @@ def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power
     power
         Name of the output with the commanded engine power.
 
-    Raises
-    ------
-    ValueError
-        If the file lacks an output, an output for a surface is not an angle, or the law has states, because the file
-        does not define how they evolve.
+    Raises ValueError if the file lacks an output, an output for a surface is not an angle, or the law has states,
+    because the file does not define how they evolve.
     """
     outputs = tuple(f"{name}Deflection" for name in surfaces)
     for name in (*outputs, power):

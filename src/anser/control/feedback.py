@@ -11,14 +11,9 @@ class Differentiator(eqx.Module):
     """First-order filter that estimates the rate of a command r: x_dot = N (r - x), exact for constant r over a step.
 
     N is the bandwidth, rad/s.
-
-    Attributes
-    ----------
-    state
-        x, one value per channel.
     """
 
-    state: Vector
+    state: Vector  # x, one value per channel
 
     def rate(self, reference: Vector, bandwidth: ScalarLike, step: ScalarLike) -> Vector:
         """Estimate the rate of the reference: the mean of x_dot over the coming step, which is unbiased for a ramp."""
@@ -43,18 +38,16 @@ def wrap_angle(angle: Vector3 | ScalarLike) -> Vector3:
 
 
 def virtual_control(
-    gains: LoopGains, error: Vector3, integral: Vector3, reference_rate: Vector3, measured_rate: Vector3 | ScalarLike
+    gains: LoopGains,
+    error: Vector3,  # r - y, shape (3,), angles wrapped
+    integral: Vector3,
+    # rates of the reference and of the output; only the derivative term uses the output's rate
+    reference_rate: Vector3,
+    measured_rate: Vector3 | ScalarLike,
 ) -> Vector3:
     """Compute the rate of the output that a loop demands (virtual control nu) from its error and rates.
 
     nu = K_FF r_dot + K_P e + K_I integral(e) + K_D (r_dot - y_dot) (theory section 5; sign per section 9 no. 4).
-
-    Parameters
-    ----------
-    error
-        r - y, shape (3,), angles wrapped.
-    reference_rate, measured_rate
-        Rates of the reference and of the output; only the derivative term uses the output's rate.
     """
     return (
         gains.feed_forward * reference_rate
@@ -64,7 +57,11 @@ def virtual_control(
     )
 
 
-def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) -> Vector3:
+def limit_to_braking(
+    gains: LoopGains,
+    error: Vector3,  # r - y, shape (3,)
+    acceleration: Vector3,  # L, shape (3,), units of the error per s^2, above 0
+) -> Vector3:
     """Limit the error so that the loop never approaches faster than it can brake with `acceleration`.
 
     The linear loop e_dot = -K e, K = K_P / (1 + K_D), converges with e_ddot = K^2 e, which exceeds the acceleration L
@@ -72,13 +69,6 @@ def limit_to_braking(gains: LoopGains, error: Vector3, acceleration: Vector3) ->
     which joins K e smoothly: the stop under bounded acceleration of time-optimal control (A. E. Bryson, Y.-C. Ho,
     *Applied Optimal Control*, 1975). Without the limit, large commands drive the surfaces into a limit cycle between
     the stops.
-
-    Parameters
-    ----------
-    error
-        r - y, shape (3,).
-    acceleration
-        L, shape (3,), units of the error per s^2, above 0.
     """
     bandwidth = jnp.maximum(gains.proportional / (1 + gains.derivative), 1e-6)
     linear_error_max = acceleration / bandwidth**2

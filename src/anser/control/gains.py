@@ -91,22 +91,17 @@ def published_gains() -> AutopilotGains:
 
 
 def design_gains(
-    bandwidth: Vector3, damping: Vector3, derivative: Vector3 | float = 0.0, feed_forward: Vector3 | float = 1.0
+    bandwidth: Vector3,  # bandwidth per channel (3,), 1/s
+    damping: Vector3,  # damping per channel (3,); infinite for a loop without integral
+    # K_D and K_FF
+    derivative: Vector3 | float = 0.0,
+    feed_forward: Vector3 | float = 1.0,
 ) -> LoopGains:
     """Compute gains for which the error dynamics (1 + K_D) s^2 + K_P s + K_I = 0 have a bandwidth and a damping.
 
     The bandwidth is K_P/(1 + K_D), the sum of both poles and nearly the faster pole for large damping. The damping is
     that of the quadratic, so that K_I = (1 + K_D) (bandwidth/(2 damping))^2. The published gains are bandwidths of 5, 2
     and 1 1/s with dampings of sqrt(50), infinity and sqrt(10).
-
-    Parameters
-    ----------
-    bandwidth
-        Bandwidth per channel (3,), 1/s.
-    damping
-        Damping per channel (3,); infinite for a loop without integral.
-    derivative, feed_forward
-        K_D and K_FF.
     """
     derivative, feed_forward = (jnp.asarray(x) * jnp.ones(3) for x in (derivative, feed_forward))
     inertia = 1.0 + derivative
@@ -143,37 +138,29 @@ _RATES_DAMPING, _VELOCITY_DAMPING = np.sqrt(50.0), np.sqrt(10.0)
 
 
 class Bandwidths(eqx.Module):
-    """Bandwidths of the three loops, the actuators and the engine, 1/s; from these `automatic_gains` follow.
+    """Bandwidths of the three loops, the actuators and the engine, 1/s; from these `automatic_gains` follow."""
 
-    Attributes
-    ----------
-    actuators, engine
-        Bandwidths of actuators and engine after inversion of their lags.
-    rates, attitude, velocity
-        Bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi).
-    """
-
+    # bandwidths of actuators and engine after inversion of their lags
     actuators: Scalar
     engine: Scalar
+    # bandwidths of (P, Q, R), (mu, alpha, beta), (V, gamma, chi)
     rates: Vector
     attitude: Vector
     velocity: Vector
 
 
 def derived_bandwidths(
-    airframe: AbstractAirframe, condition: FlightCondition, surfaces: Vector, power: ScalarLike, step: ScalarLike
+    airframe: AbstractAirframe,
+    condition: FlightCondition,
+    # trimmed deflections, rad, and engine power, percent
+    surfaces: Vector,
+    power: ScalarLike,
+    step: ScalarLike,  # sampling period, s
 ) -> Bandwidths:
     """Compute the loop bandwidths that an aircraft's actuators, engine and control authority allow.
 
     The ratios are those of the published gains of the F-16 ([TH]; theory section 5), which the function reproduces
     except for the rounding of the actuators' lag.
-
-    Parameters
-    ----------
-    surfaces, power
-        Trimmed deflections, rad, and engine power, percent.
-    step
-        Sampling period, s.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)

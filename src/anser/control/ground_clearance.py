@@ -25,22 +25,13 @@ _PULL_MIN = 0.1  # of gravity: least assumed pull if the lift hardly carries the
 
 
 def level_off_height(
-    speed: ScalarLike, sink: ScalarLike, fall: ScalarLike, bank: ScalarLike, pull: ScalarLike
+    speed: ScalarLike,  # airspeed, m/s
+    sink: ScalarLike,  # vertical speed, down positive, m/s
+    fall: ScalarLike,  # present downward acceleration, m/s^2: a path in a push-over steepens until the pull acts
+    bank: ScalarLike,  # bank about the velocity, rad; the aircraft rolls out first, without lift beyond 60 deg
+    pull: ScalarLike,  # upward acceleration normal to the path, in addition to carrying the weight, m/s^2
 ) -> Scalar:
     """Compute the height lost until the flight is level, m; 0 for an aircraft that does not sink.
-
-    Parameters
-    ----------
-    speed
-        Airspeed, m/s.
-    sink
-        Vertical speed, down positive, m/s.
-    fall
-        Present downward acceleration, m/s^2: a path in a push-over steepens until the pull acts.
-    bank
-        Bank about the velocity, rad; the aircraft rolls out first, without lift beyond 60 deg.
-    pull
-        Upward acceleration normal to the path, in addition to carrying the weight, m/s^2.
 
     Notes
     -----
@@ -97,32 +88,22 @@ _GAIN_MIN = 0.5  # 1/s: least gain of a channel, also for loops without gain
 
 
 class GroundClearance(eqx.Module):
-    """Ground clearance of an aircraft: whether it must pull up, and how much.
+    """Ground clearance of an aircraft: whether it must pull up, and how much."""
 
-    Attributes
-    ----------
-    is_lost
-        Whether the height above the floor no longer suffices to end the descent: the aircraft must break off at once.
-    pull
-        Acceleration normal to the path, in addition to carrying the weight, that keeps the aircraft above the least
-        altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink.
-    normal_acceleration_max
-        Greatest acceleration normal to the path, limited by lift and load factor, m/s^2.
-    """
-
+    # whether the height above the floor no longer suffices to end the descent: the aircraft must break off at once
     is_lost: Flag
+    # acceleration normal to the path, in addition to carrying the weight, that keeps the aircraft above the least
+    # altitude, limited to the aircraft's capability, m/s^2; 0 for an aircraft that does not sink
     pull: Scalar
-    normal_acceleration_max: Scalar
+    normal_acceleration_max: Scalar  # greatest acceleration normal to the path, limited by lift and load factor, m/s^2
     motion: PathMotion
 
 
-def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
+def ground_clearance(
+    belief: Belief,
+    limits: FlightLimits,  # least altitude, angle of attack and load factor
+) -> GroundClearance:
     """Compute the ground clearance of an aircraft's present motion; the ground is at altitude 0.
-
-    Parameters
-    ----------
-    limits
-        Least altitude, angle of attack and load factor.
 
     Notes
     -----
@@ -156,20 +137,14 @@ def ground_clearance(belief: Belief, limits: FlightLimits) -> GroundClearance:
 
 
 def level_off_command(
-    command: PathCommand, clearance: GroundClearance, gains: LoopGains, gravity: Scalar
+    command: PathCommand,  # command of the guidance, through the air
+    clearance: GroundClearance,
+    gains: LoopGains,  # gains of the controller's velocity loop (V, gamma, chi)
+    gravity: Scalar,  # acceleration of gravity, m/s^2
 ) -> PathCommand:
     """Raise the commanded pull-up to what ground clearance requires, and reduce the turn to the remaining lift.
 
     A command that already contains the required pull, with a turn within the remaining lift, is returned unchanged.
-
-    Parameters
-    ----------
-    command
-        Command of the guidance, through the air.
-    gains
-        Gains of the controller's velocity loop (V, gamma, chi).
-    gravity
-        Acceleration of gravity, m/s^2.
     """
     motion = clearance.motion
     speed = jnp.maximum(motion.V, 1.0)

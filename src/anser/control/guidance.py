@@ -57,10 +57,7 @@ class FollowPlan(AbstractGuidance):
     ) -> tuple[PathCommand, Vector3, None]:
         """Return the command that follows the plan's trajectory, and the planned position.
 
-        Raises
-        ------
-        ValueError
-            If the aircraft has no plan.
+        Raises ValueError if the aircraft has no plan.
         """
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
@@ -84,20 +81,16 @@ def command_from_chart(command: PathCommand, belief: Belief, environment: Enviro
 
 
 def follow(
-    planned: PathPoint, position_n: Vector3, velocity_n: Vector3, wind_n: Vector3, settings: GuidanceSettings
+    planned: PathPoint,  # present motion along the plan
+    # position of the aircraft (m) and velocity over ground (m/s), NED
+    position_n: Vector3,
+    velocity_n: Vector3,
+    wind_n: Vector3,  # wind measured by the aircraft (ground velocity minus air velocity), NED, m/s
+    settings: GuidanceSettings,
 ) -> PathCommand:
     """Compute the command (through the air) that flies a trajectory: velocity feed-forward plus position feedback.
 
     v = v_planned + k (p_planned - p), with rate a_planned + k (v_planned - v); the correction is limited smoothly.
-
-    Parameters
-    ----------
-    planned
-        Present motion along the plan.
-    position_n, velocity_n
-        Position of the aircraft (m) and velocity over ground (m/s), NED.
-    wind_n
-        Wind measured by the aircraft (ground velocity minus air velocity), NED, m/s.
     """
 
     def correction(offset_n: Vector3) -> Vector3:
@@ -110,13 +103,16 @@ def follow(
 
 
 def hold(
-    relative_n: Vector3,
+    relative_n: Vector3,  # position of the aircraft relative to the goal, NED, m
+    # velocities over ground, NED, m/s
     velocity_n: Vector3,
     goal_velocity_n: Vector3,
-    wind_n: Vector3,
+    wind_n: Vector3,  # measured wind, NED, m/s
+    # direction of the arrival. Used only within a tenth of the radius, near the singularity of the radial
+    # (`crosses_centre`)
     arrival_direction_n: Vector3,
-    height: ScalarLike,
-    speed: ScalarLike,
+    height: ScalarLike,  # commanded height above the goal, m
+    speed: ScalarLike,  # airspeed, m/s
     settings: GuidanceSettings,
 ) -> PathCommand:
     """Compute the command (through the air) that flies on after the arrival and joins a circle around the goal.
@@ -124,22 +120,6 @@ def hold(
     A vector field around the goal: the velocity is turned from the outward radial by the angle theta, pi/2 on the
     circle, less inside (pi/2 x^2 (2.5 - 1.5 x), x = distance/radius) and more outside. Inside, the curvature of the
     path starts from 0 and stays below 3 / radius, so that the aircraft flies straight through the arrival.
-
-    Parameters
-    ----------
-    relative_n
-        Position of the aircraft relative to the goal, NED, m.
-    velocity_n, goal_velocity_n
-        Velocities over ground, NED, m/s.
-    wind_n
-        Measured wind, NED, m/s.
-    arrival_direction_n
-        Direction of the arrival. Used only within a tenth of the radius, near the singularity of the radial
-        (`crosses_centre`).
-    height
-        Commanded height above the goal, m.
-    speed
-        Airspeed, m/s.
     """
     drift_n = (goal_velocity_n - wind_n).at[2].set(0.0)
     arrival_axis = arrival_direction_n[:2] / jnp.maximum(

@@ -29,21 +29,15 @@ class LoopSeparation(NamedTuple):
 
 
 def loop_separations(
+    # bandwidths of (P, Q, R), (mu, alpha, beta) and (V, gamma, chi), 1/s
     rates: Sequence[float],
     attitude: Sequence[float],
     velocity: Sequence[float],
+    # bandwidths of the actuators and of the engine, 1/s
     actuators: float = PUBLISHED_ACTUATOR_BANDWIDTH,
     engine: float = PUBLISHED_ENGINE_BANDWIDTH,
 ) -> tuple[LoopSeparation, ...]:
-    """List every channel with the channel it commands: gamma with alpha, chi with mu, V with the engine, and so on.
-
-    Parameters
-    ----------
-    rates, attitude, velocity
-        Bandwidths of (P, Q, R), (mu, alpha, beta) and (V, gamma, chi), 1/s.
-    actuators, engine
-        Bandwidths of the actuators and of the engine, 1/s.
-    """
+    """List every channel with the channel it commands: gamma with alpha, chi with mu, V with the engine, and so on."""
     return (
         LoopSeparation("V", "engine", velocity[0], engine),
         LoopSeparation("gamma", "alpha", velocity[1], attitude[1]),

@@ -19,31 +19,19 @@ from anser.spatial.wind_axes import bank_about_velocity
 
 
 class PathMotion(eqx.Module):
-    """Path and attitude angles of one aircraft, and their rates as functions of the body rates.
+    """Path and attitude angles of one aircraft, and their rates as functions of the body rates."""
 
-    Attributes
-    ----------
-    V, gamma, chi
-        Airspeed (m/s), path angle and course through the air (rad).
-    mu, alpha, beta
-        Bank about the velocity vector, angle of attack, sideslip, rad.
-    drift
-        The terms of (mu_dot, alpha_dot, beta_dot) without body rates, rad/s.
-    effectiveness
-        G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R).
-    path_rates
-        (V_dot, gamma_dot, chi_dot) from the acceleration, m/s^2 and rad/s.
-    """
-
+    # airspeed (m/s), path angle and course through the air (rad)
     V: Scalar
     gamma: Scalar
     chi: Scalar
+    # bank about the velocity vector, angle of attack, sideslip, rad
     mu: Scalar
     alpha: Scalar
     beta: Scalar
-    drift: Vector3
-    effectiveness: Matrix33
-    path_rates: Vector3
+    drift: Vector3  # the terms of (mu_dot, alpha_dot, beta_dot) without body rates, rad/s
+    effectiveness: Matrix33  # G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R)
+    path_rates: Vector3  # (V_dot, gamma_dot, chi_dot) from the acceleration, m/s^2 and rad/s
 
 
 def path_motion(

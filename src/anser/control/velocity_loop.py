@@ -29,27 +29,14 @@ class ThrustDemand(eqx.Module):
 
 
 class AttitudeDemand(eqx.Module):
-    """Demand to the attitude loop: (mu, alpha, beta), and flags of the limits for which the path is not followed.
+    """Demand to the attitude loop: (mu, alpha, beta), and flags of the limits for which the path is not followed."""
 
-    Attributes
-    ----------
-    angles
-        (mu, alpha, beta), rad.
-    alpha_saturated
-        The path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited.
-    bank_saturated
-        The course is not followed: bank or bank rate at a limit, bank faded out, or too little lift.
-    lift_short
-        The bank is limited by the lift at alpha_max.
-    load_factor_short
-        The bank is limited by the greatest load factor.
-    """
-
-    angles: Vector3
+    angles: Vector3  # (mu, alpha, beta), rad
+    # the path angle is not followed: alpha or load factor at a limit, lift unloaded, or a push-over limited
     alpha_saturated: Flag
-    bank_saturated: Flag
-    lift_short: Flag
-    load_factor_short: Flag
+    bank_saturated: Flag  # the course is not followed: bank or bank rate at a limit, bank faded out, or too little lift
+    lift_short: Flag  # the bank is limited by the lift at alpha_max
+    load_factor_short: Flag  # the bank is limited by the greatest load factor
 
 
 def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: ScalarLike) -> ThrustDemand:
@@ -174,18 +161,14 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
 
 
 def limit_bank_rate(
-    demand: AttitudeDemand, previous_bank: Scalar | None, limits: FlightLimits, step: ScalarLike
+    demand: AttitudeDemand,  # demand without rate limit
+    previous_bank: Scalar | None,  # bank angle commanded one step (s) earlier, rad; None without rate limit
+    limits: FlightLimits,
+    step: ScalarLike,
 ) -> tuple[AttitudeDemand, Scalar | None]:
     """Limit the rate of the bank angle; returns the limited demand and the bank angle for the next step.
 
     After an upset, beyond the greatest bank angle, the rate counts from the limit: the attitude loop rolls back.
-
-    Parameters
-    ----------
-    demand
-        Demand without rate limit.
-    previous_bank
-        Bank angle commanded one step (s) earlier, rad; None without rate limit.
     """
     if previous_bank is None or limits.bank_rate_max is None:
         return demand, previous_bank

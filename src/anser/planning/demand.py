@@ -16,24 +16,12 @@ _SPEED_MIN = 1e-6  # m/s: keeps results finite in vertical flight
 
 
 class Demand(eqx.Module):
-    """Airspeed, and the specific force (wings and engine minus drag, per mass) along three axes of the motion.
+    """Airspeed, and the specific force (wings and engine minus drag, per mass) along three axes of the motion."""
 
-    Attributes
-    ----------
-    speed
-        Airspeed, m/s.
-    side
-        Horizontal component normal to the velocity, right positive, m/s^2.
-    lift
-        Component normal to the velocity and to `side`, up positive, m/s^2.
-    along
-        Component along the velocity: V_dot + g sin(gamma), m/s^2.
-    """
-
-    speed: Scalar
-    side: Scalar
-    lift: Scalar
-    along: Scalar
+    speed: Scalar  # airspeed, m/s
+    side: Scalar  # horizontal component normal to the velocity, right positive, m/s^2
+    lift: Scalar  # component normal to the velocity and to `side`, up positive, m/s^2
+    along: Scalar  # component along the velocity: V_dot + g sin(gamma), m/s^2
 
     @property
     def bank(self) -> Scalar:
@@ -66,18 +54,16 @@ class Demand(eqx.Module):
         )
 
 
-def coordinated_demand(level: Scalar, climb: Scalar, side: Scalar, forward: Scalar, up: Scalar) -> Demand:
-    """Compute the demand of a motion that is resolved along and across its course.
-
-    Parameters
-    ----------
-    level, climb
-        Horizontal airspeed, and vertical airspeed, up positive, m/s.
-    side, forward
-        Horizontal acceleration across the course, right positive, and along the course, m/s^2.
-    up
-        Vertical acceleration plus gravity, m/s^2.
-    """
+def coordinated_demand(
+    # horizontal airspeed, and vertical airspeed, up positive, m/s
+    level: Scalar,
+    climb: Scalar,
+    # horizontal acceleration across the course, right positive, and along the course, m/s^2
+    side: Scalar,
+    forward: Scalar,
+    up: Scalar,  # vertical acceleration plus gravity, m/s^2
+) -> Demand:
+    """Compute the demand of a motion that is resolved along and across its course."""
     speed = jnp.sqrt(level**2 + climb**2)
     return Demand(speed, side, (level * up - climb * forward) / speed, (level * forward + climb * up) / speed)
 

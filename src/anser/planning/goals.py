@@ -65,10 +65,7 @@ def waypoint_goal(
     velocity_after_n
         Velocity after the last waypoint, NED, m/s; None: the goal stops.
 
-    Raises
-    ------
-    ValueError
-        If there is no waypoint, the counts differ, or the times do not increase.
+    Raises ValueError if there is no waypoint, the counts differ, or the times do not increase.
     """
     stamps = np.asarray(times, dtype=float)
     if stamps.ndim != 1 or stamps.size == 0 or stamps.size != positions_n.shape[0]:
@@ -85,10 +82,7 @@ def waypoint_goal(
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
     """Return the same motion with `count` waypoints, by repeating the last one, so that goals can be stacked.
 
-    Raises
-    ------
-    ValueError
-        If the goal has more than `count` waypoints.
+    Raises ValueError if the goal has more than `count` waypoints.
     """
     missing = count - goal.times.shape[0]
     if missing < 0:

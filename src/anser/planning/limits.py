@@ -68,39 +68,17 @@ def _largest_decrease(values: np.ndarray, axis: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Limit:
-    """One limit of a path: which extreme of which variable it bounds, and how it is named and displayed.
+    """One limit of a path: which extreme of which variable it bounds, and how it is named and displayed."""
 
-    Attributes
-    ----------
-    key
-        Name of the bounded extreme: "airspeed_min".
-    field
-        Name of the value in `PathLimits`: "speed_min".
-    suffix
-        Unit suffix in datasets and scenarios: "m_s"; empty for a dimensionless number.
-    variable
-        Bounded variable, by key in `anser.variables`.
-    extreme
-        Function that computes the extreme along an axis.
-    description
-        Description of the extreme in tables and labels.
-    heading
-        Short column heading; empty: the description.
-    violation
-        Message for a trajectory of the published planner beyond the limit; empty if not checked.
-    is_certified
-        Whether the certified planner proves the limit.
-    """
-
-    key: str
-    field: str
-    suffix: str
-    variable: str
-    extreme: Callable[[np.ndarray, int], np.ndarray]
-    description: str
-    heading: str = ""
-    violation: str = ""
-    is_certified: bool = True
+    key: str  # name of the bounded extreme: "airspeed_min"
+    field: str  # name of the value in `PathLimits`: "speed_min"
+    suffix: str  # unit suffix in datasets and scenarios: "m_s"; empty for a dimensionless number
+    variable: str  # bounded variable, by key in `anser.variables`
+    extreme: Callable[[np.ndarray, int], np.ndarray]  # function that computes the extreme along an axis
+    description: str  # description of the extreme in tables and labels
+    heading: str = ""  # short column heading; empty: the description
+    violation: str = ""  # message for a trajectory of the published planner beyond the limit; empty if not checked
+    is_certified: bool = True  # whether the certified planner proves the limit
 
     @property
     def name(self) -> str:
@@ -127,17 +105,14 @@ class Limit:
         """Whether the limit is a lower bound."""
         return self.extreme is np.min
 
-    def excess(self, value: Scalar, limit: Scalar) -> Scalar:
+    def excess(
+        self,
+        value: Scalar,  # the extreme
+        limit: Scalar,  # the limit; infinite: no limit
+    ) -> Scalar:
         """How far an extreme exceeds the limit, relative to the limit (at least 1); at most 0 within the limit.
 
         For angles, tangents are compared. An infinite limit is never exceeded; a NaN is never within the limit.
-
-        Parameters
-        ----------
-        value
-            The extreme.
-        limit
-            The limit; infinite: no limit.
         """
         if self.suffix == "deg":
             value, limit = jnp.tan(jnp.minimum(value, _BANK_LIMIT_RAD)), jnp.tan(limit)

@@ -35,17 +35,15 @@ def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) ->
     return xp.maximum(horizontal_ratio, vertical_ratio)
 
 
-def closest_fraction(begin: Any, change: Any, square_min: float = 1e-200) -> Any:
+def closest_fraction(
+    # first relative position and its change, (..., axis), m; NumPy or JAX arrays
+    begin: Any,
+    change: Any,
+    square_min: float = 1e-200,  # lower bound of the squared change, m^2; keeps derivatives finite
+) -> Any:
     """Fraction (0 to 1) at which the straight line from one relative position to another is closest to zero.
 
     Returns 0 if the relative position does not change.
-
-    Parameters
-    ----------
-    begin, change
-        First relative position and its change, (..., axis), m; NumPy or JAX arrays.
-    square_min
-        Lower bound of the squared change, m^2; keeps derivatives finite.
     """
     xp = begin.__array_namespace__()
     square = xp.sum(change * change, axis=-1)

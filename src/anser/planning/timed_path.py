@@ -17,20 +17,15 @@ _LENGTH_RULE = gauss_legendre(4)  # per cell, in which the airspeed hardly chang
 
 
 def hermite_quintic(
-    begin: Float[Array, "3 3"], end: Float[Array, "3 3"], span: ScalarLike, u: ScalarLike
+    # position, velocity and acceleration at both ends, shape (derivative, axis); m, m/s, m/s^2
+    begin: Float[Array, "3 3"],
+    end: Float[Array, "3 3"],
+    span: ScalarLike,  # time between the states, s, positive
+    u: ScalarLike,  # fraction of the time, 0 to 1
 ) -> Float[Array, "3 3"]:
     """Value and first two time derivatives of the quintic that joins two states.
 
     Returns the rows value, first and second derivative; columns are the axes.
-
-    Parameters
-    ----------
-    begin, end
-        Position, velocity and acceleration at both ends, shape (derivative, axis); m, m/s, m/s^2.
-    span
-        Time between the states, s, positive.
-    u
-        Fraction of the time, 0 to 1.
     """
     # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]

@@ -83,18 +83,12 @@ def goal_from_sight(earth: AbstractEarth, sight: LineOfSight, position_n: Vector
 
 
 class Briefing(eqx.Module):
-    """Briefing before the flight: the goal's position and velocity at the start, told with a random error.
+    """Briefing before the flight: the goal's position and velocity at the start, told with a random error."""
 
-    Attributes
-    ----------
-    position_n, velocity_n
-        True values, NED, m and m/s.
-    position_sigma, velocity_sigma
-        Horizontal standard deviations per axis, m and m/s; the vertical ones are a tenth of that.
-    """
-
+    # true values, NED, m and m/s
     position_n: Vector3
     velocity_n: Vector3
+    # horizontal standard deviations per axis, m and m/s; the vertical ones are a tenth of that
     position_sigma: Scalar
     velocity_sigma: Scalar
 

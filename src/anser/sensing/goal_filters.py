@@ -34,25 +34,14 @@ class VehicleMotion(eqx.Module):
 
 
 class GoalEstimate(eqx.Module):
-    """Estimate of a goal's motion at one sample.
+    """Estimate of a goal's motion at one sample."""
 
-    Attributes
-    ----------
-    mean, covariance
-        Position and velocity, NED, m and m/s.
-    is_measured
-        Whether a measurement arrived at this sample.
-    nis
-        Normalised innovation squared of the last measurement, divided by its dimension.
-    status
-        `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
-    """
-
+    # position and velocity, NED, m and m/s
     mean: Float[Array, "6"]
     covariance: Float[Array, "6 6"]
-    is_measured: Flag
-    nis: Scalar
-    status: Count
+    is_measured: Flag  # whether a measurement arrived at this sample
+    nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension
+    status: Count  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 class AbstractGoalFilter(eqx.Module):
@@ -73,32 +62,19 @@ class AbstractGoalFilter(eqx.Module):
 
 
 class GoalTrack(eqx.Module):
-    """State of a `GoalFilter` between two samples; means, covariances and shares have the leading axis models.
+    """State of a `GoalFilter` between two samples; means, covariances and shares have the leading axis models."""
 
-    Attributes
-    ----------
-    means, covariances
-        Estimate of each motion model at the time of the latest measurement, or at the start.
-    shares
-        Probability of each model; the sum is 1.
-    number
-        Sample number of the latest measurement.
-    count
-        Number of processed measurements.
-    nis, nis_mean
-        Normalised innovation squared of the last measurement and its fading mean, divided by the dimension.
-    vehicle_motion
-        Motion of the aircraft at the latest samples, for delayed measurements; sample number k is stored in row k
-        modulo the number of rows (slots).
-    """
-
+    # estimate of each motion model at the time of the latest measurement, or at the start
     means: Float[Array, "models n"]
     covariances: Float[Array, "models n n"]
-    shares: Float[Array, " models"]
-    number: Count
-    count: Count
+    shares: Float[Array, " models"]  # probability of each model; the sum is 1
+    number: Count  # sample number of the latest measurement
+    count: Count  # number of processed measurements
+    # normalised innovation squared of the last measurement and its fading mean, divided by the dimension
     nis: Scalar
     nis_mean: Scalar
+    # motion of the aircraft at the latest samples, for delayed measurements; sample number k is stored in row k modulo
+    # the number of rows (slots)
     vehicle_motion: VehicleMotion | None
 
 

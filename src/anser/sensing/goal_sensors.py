@@ -51,21 +51,11 @@ class FieldOfView(eqx.Module):
 
 
 class MeasurementQueue(eqx.Module):
-    """Measurements that were made but have not arrived yet; leading axis: places (slots) of the queue.
+    """Measurements that were made but have not arrived yet; leading axis: places (slots) of the queue."""
 
-    Attributes
-    ----------
-    readings
-        The measurements.
-    arrives
-        Sample number of each arrival.
-    waiting
-        Flags of the occupied slots.
-    """
-
-    readings: GoalReading
-    arrives: Int[Array, " slots"]
-    waiting: Bool[Array, " slots"]
+    readings: GoalReading  # the measurements
+    arrives: Int[Array, " slots"]  # sample number of each arrival
+    waiting: Bool[Array, " slots"]  # flags of the occupied slots
 
 
 class GoalSensorState(eqx.Module):

@@ -14,21 +14,12 @@ _LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Measurement(NamedTuple):
-    """Simultaneous measurements of a state with independent errors; input of the updates.
+    """Simultaneous measurements of a state with independent errors; input of the updates."""
 
-    Attributes
-    ----------
-    innovation
-        Function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi.
-    variances
-        Variances of the errors.
-    measured
-        Flags of the measured components.
-    """
-
+    # function of a state (n,): measured minus expected values (m,), angles wrapped to -pi..pi
     innovation: Callable[[Float[Array, " n"]], Float[Array, " m"]]
-    variances: Float[Array, " m"]
-    measured: Bool[Array, " m"]
+    variances: Float[Array, " m"]  # variances of the errors
+    measured: Bool[Array, " m"]  # flags of the measured components
 
 
 class KalmanUpdate(NamedTuple):

@@ -47,17 +47,12 @@ class SteadyMotion(AbstractMotionModel):
 
     Source: Y. Bar-Shalom, X. R. Li, T. Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001,
     6.2.2 (discretised continuous white noise acceleration model).
-
-    Attributes
-    ----------
-    density, density_up
-        Horizontal and vertical spectral densities, m^2/s^3.
-    turn_density
-        Spectral density of the unobserved turn rate, rad^2/s^3; None: the turn rate is not a state.
     """
 
+    # horizontal and vertical spectral densities, m^2/s^3
     density: Scalar
     density_up: Scalar
+    # spectral density of the unobserved turn rate, rad^2/s^3; None: the turn rate is not a state
     turn_density: Scalar | None = None
 
     @property
@@ -87,18 +82,12 @@ class CoordinatedTurn(AbstractMotionModel):
     """Horizontal coordinated turn with an unknown turn rate, and white noise of acceleration and turn rate.
 
     Source: as `SteadyMotion`, 11.7.1 and 11.7.2; positive turn rates are clockwise seen from above.
-
-    Attributes
-    ----------
-    density, density_up
-        Horizontal and vertical spectral densities of the acceleration, m^2/s^3.
-    turn_density
-        Spectral density of the turn rate's change, rad^2/s^3.
     """
 
+    # horizontal and vertical spectral densities of the acceleration, m^2/s^3
     density: Scalar
     density_up: Scalar
-    turn_density: Scalar
+    turn_density: Scalar  # spectral density of the turn rate's change, rad^2/s^3
 
     @property
     def size(self) -> int:

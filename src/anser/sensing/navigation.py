@@ -17,25 +17,14 @@ from anser.spatial.rotations import rotate, rotate_back
 
 
 class NavigationState(eqx.Module):
-    """State of the `NavigationFilter`: estimates and covariance.
+    """State of the `NavigationFilter`: estimates and covariance."""
 
-    Attributes
-    ----------
-    position_n, velocity_n
-        NED, m in the Earth's chart and m/s over the ground.
-    error_n
-        Estimated slow error of the satellite fixes, m.
-    acceleration_n
-        Acceleration at the last sample, m/s^2.
-    covariance
-        Covariance of (position, velocity, slow error) in each axis, as of the last fix.
-    """
-
+    # NED, m in the Earth's chart and m/s over the ground
     position_n: Vector3
     velocity_n: Vector3
-    error_n: Vector3
-    acceleration_n: Vector3
-    covariance: Float[Array, "3 3 3"]
+    error_n: Vector3  # estimated slow error of the satellite fixes, m
+    acceleration_n: Vector3  # acceleration at the last sample, m/s^2
+    covariance: Float[Array, "3 3 3"]  # covariance of (position, velocity, slow error) in each axis, as of the last fix
 
     @property
     def position_covariance(self) -> Matrix33:
@@ -50,25 +39,16 @@ class NavigationFilter(eqx.Module):
     error of satellite navigation is a state (first-order Gauss-Markov) that a fix can hardly separate from the
     position, so the position covariance stays above the error's. Source: P. D. Groves, *Principles of GNSS, Inertial,
     and Multisensor Integrated Navigation Systems*, 2nd ed., 14.2 and 14.3 (loosely coupled integration).
-
-    Attributes
-    ----------
-    slow_sigma, slow_time
-        Standard deviation (NED, m) and correlation time (s) of the slow error.
-    noise_sigma, velocity_sigma
-        Standard deviations of the white noise of a fix: NED, m and m/s.
-    acceleration_density
-        Spectral density of the acceleration errors, m^2/s^3.
-    period
-        Time between two fixes, s.
     """
 
+    # standard deviation (NED, m) and correlation time (s) of the slow error
     slow_sigma: Vector3
     slow_time: Scalar
+    # standard deviations of the white noise of a fix: NED, m and m/s
     noise_sigma: Vector3
     velocity_sigma: Vector3
-    acceleration_density: Scalar
-    period: Scalar
+    acceleration_density: Scalar  # spectral density of the acceleration errors, m^2/s^3
+    period: Scalar  # time between two fixes, s
 
     def init(self, fix: Fix, acceleration_n: Vector3) -> NavigationState:
         """Return the filter state after the first fix."""
@@ -171,13 +151,9 @@ class AirFilter(eqx.Module):
     Both are low-pass filtered. The gust filter is fast and only lateral: lateral gusts change the angles of attack and
     sideslip of the autopilot's model. The airspeed for control is relative to the mean wind, like inertially smoothed
     airspeed; longitudinal gusts would disturb the throttle.
-
-    Attributes
-    ----------
-    wind_time, gust_time
-        Time constants, s.
     """
 
+    # time constants, s
     wind_time: Scalar
     gust_time: Scalar
 
@@ -187,27 +163,13 @@ class AirFilter(eqx.Module):
 
     def step(
         self,
-        filter_state: AirMotion,
-        R_bn: Matrix33,
-        velocity_n: Vector3,
-        velocity_air_b: Vector3,
-        step: ScalarLike,
+        filter_state: AirMotion,  # state before the period
+        R_bn: Matrix33,  # rotation NED to body
+        velocity_n: Vector3,  # velocity over the ground, NED, m/s
+        velocity_air_b: Vector3,  # measured velocity through the air, body axes, m/s
+        step: ScalarLike,  # sampling period, s
     ) -> AirMotion:
-        """Return the filter state after one more sampling period.
-
-        Parameters
-        ----------
-        filter_state
-            State before the period.
-        R_bn
-            Rotation NED to body.
-        velocity_n
-            Velocity over the ground, NED, m/s.
-        velocity_air_b
-            Measured velocity through the air, body axes, m/s.
-        step
-            Sampling period, s.
-        """
+        """Return the filter state after one more sampling period."""
         difference_b = rotate(R_bn, velocity_n - filter_state.wind_n) - velocity_air_b
         wind_n = filter_state.wind_n - jnp.expm1(-step / self.wind_time) * rotate_back(R_bn, difference_b)
         square = jnp.maximum(jnp.sum(velocity_air_b**2), 1.0)

@@ -21,20 +21,11 @@ class Dropouts(eqx.Module):
 
     The chain of Gilbert (Bell System Technical Journal 39, 1960) and Elliott (42, 1963) in continuous time: durations
     of outages and of the intervals in between are exponentially distributed.
-
-    Attributes
-    ----------
-    probability
-        Probability of a single loss, 0..1.
-    outage_share
-        Fraction of the time in outages, 0..1.
-    outage_mean
-        Mean duration of an outage, s.
     """
 
-    probability: Scalar
-    outage_share: Scalar
-    outage_mean: Scalar
+    probability: Scalar  # probability of a single loss, 0..1
+    outage_share: Scalar  # fraction of the time in outages, 0..1
+    outage_mean: Scalar  # mean duration of an outage, s
 
     def initial_outage(self, uniform: ScalarLike) -> Flag:
         """Draw whether an outage exists at the start; `uniform` is a random number between 0 and 1."""
@@ -76,86 +67,51 @@ _FIX_NORMALS = 9  # at each fix: slow error 3, position 3, velocity 3
 
 
 class SatelliteNavigation(eqx.Module):
-    """Error parameters of satellite navigation (position and velocity).
+    """Error parameters of satellite navigation (position and velocity)."""
 
-    Attributes
-    ----------
-    position_sigma
-        Standard deviation of the slow error (Gauss-Markov) per axis, NED, m.
-    correlation_time
-        Correlation time of the slow error, s.
-    noise_sigma
-        Standard deviation of the white position noise of a fix, per axis, NED, m.
-    velocity_sigma
-        Standard deviation of the white velocity noise of a fix, per axis, NED, m/s.
-    period
-        Time between two fixes, s; a multiple of the sampling period.
-    """
-
-    position_sigma: Vector3
-    correlation_time: Scalar
-    noise_sigma: Vector3
-    velocity_sigma: Vector3
-    period: Scalar
+    position_sigma: Vector3  # standard deviation of the slow error (Gauss-Markov) per axis, NED, m
+    correlation_time: Scalar  # correlation time of the slow error, s
+    noise_sigma: Vector3  # standard deviation of the white position noise of a fix, per axis, NED, m
+    velocity_sigma: Vector3  # standard deviation of the white velocity noise of a fix, per axis, NED, m/s
+    period: Scalar  # time between two fixes, s; a multiple of the sampling period
 
 
 class InertialSensors(eqx.Module):
-    """Error parameters of the inertial sensors (attitude, body rates, specific force).
+    """Error parameters of the inertial sensors (attitude, body rates, specific force)."""
 
-    Attributes
-    ----------
-    attitude_sigma, attitude_time
-        Standard deviation of the attitude error about the body axes (Gauss-Markov), rad, and its correlation time, s.
-    rates_bias, rates_noise
-        Standard deviations of the gyro bias, drawn once per flight, and of the noise of each sample, rad/s.
-    force_bias, force_noise
-        Standard deviations of the accelerometers' bias and noise, m/s^2.
-    """
-
+    # standard deviation of the attitude error about the body axes (Gauss-Markov), rad, and its correlation time, s
     attitude_sigma: Vector3
     attitude_time: Scalar
+    # standard deviations of the gyro bias, drawn once per flight, and of the noise of each sample, rad/s
     rates_bias: Scalar
     rates_noise: Scalar
+    # standard deviations of the accelerometers' bias and noise, m/s^2
     force_bias: Scalar
     force_noise: Scalar
 
 
 class AirDataSensors(eqx.Module):
-    """Error parameters of pitot tube and vanes.
+    """Error parameters of pitot tube and vanes."""
 
-    Attributes
-    ----------
-    airspeed_bias, airspeed_noise
-        Standard deviations of the bias, drawn once per flight, and of the noise of each sample, m/s.
-    vane_bias, vane_noise
-        Standard deviations of bias and noise of the vanes (angle of attack, sideslip), rad.
-    """
-
+    # standard deviations of the bias, drawn once per flight, and of the noise of each sample, m/s
     airspeed_bias: Scalar
     airspeed_noise: Scalar
+    # standard deviations of bias and noise of the vanes (angle of attack, sideslip), rad
     vane_bias: Scalar
     vane_noise: Scalar
 
 
 class VehicleSensorErrors(eqx.Module):
-    """State of `VehicleSensors` between two samples: the present errors, and the last fix.
+    """State of `VehicleSensors` between two samples: the present errors, and the last fix."""
 
-    Attributes
-    ----------
-    position_n, attitude_b
-        Gauss-Markov errors, m (as of the last fix) and rad.
-    rates_b, force_b, air
-        Biases: rad/s, m/s^2, and (m/s, rad, rad) of airspeed, angle of attack and sideslip.
-    fix
-        The last fix.
-    """
-
+    # Gauss-Markov errors, m (as of the last fix) and rad
     position_n: Vector3
     attitude_b: Vector3
+    # biases: rad/s, m/s^2, and (m/s, rad, rad) of airspeed, angle of attack and sideslip
     rates_b: Vector3
     force_b: Vector3
     air: Vector3
-    fix: Fix
+    fix: Fix  # the last fix
 
 
 class VehicleReading(eqx.Module):

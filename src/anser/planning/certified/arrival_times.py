@@ -40,9 +40,7 @@ def first_index(count: int, one_by_one: int = 1) -> Generator[int, bool | None, 
     `one_by_one`, then in doubled steps, and back by bisection between the last infeasible and the first feasible index.
     Feasible times may have gaps, hence the small steps near the first time.
 
-    Returns
-    -------
-    Index of the first feasible time; None if every time is infeasible.
+    Returns the index of the first feasible time; None if every time is infeasible.
     """
     low, index, step = -1, 0, 1
     while low < count - 1:
@@ -69,9 +67,7 @@ def earlier_times(admissible: Float[np.ndarray, " n"], latest_time: float) -> Ge
     eighth over the rising times that meet the necessary conditions, because feasible times may have gaps, then by
     bisection between the last infeasible and the first feasible time, down to a ratio of `RESOLUTION`.
 
-    Returns
-    -------
-    Earliest feasible time, s: at most the feasible `latest_time`.
+    Returns the earliest feasible time, s: at most the feasible `latest_time`.
     """
     if admissible.size == 0 or latest_time <= admissible[0]:
         return latest_time
@@ -163,9 +159,7 @@ def arrival_distances_max(
     The aircraft with the later arrival (durations in s) can then be away from its rendezvous by at most the distance
     that it flies until its own arrival.
 
-    Returns
-    -------
-    Horizontal and vertical distance, m; infinite on the diagonal and for inactive aircraft.
+    Returns horizontal and vertical distance, m; infinite on the diagonal and for inactive aircraft.
     """
     limits, (wind, vertical_wind) = tasks.limits, _strongest_wind(tasks, airspace)
     rendezvous = np.asarray(tasks.rendezvous_n)

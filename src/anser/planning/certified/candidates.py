@@ -105,58 +105,27 @@ _INVALID, _NOT_SEARCHED = 1e6, 1e9
 
 
 class Routes(NamedTuple):
-    """Routes of candidates, and the profile that completes each route to a path.
+    """Routes of candidates, and the profile that completes each route to a path."""
 
-    Attributes
-    ----------
-    endpoints
-        Start and end conditions of each route.
-    turns_and_legs
-        Turns and legs between the endpoints.
-    profile
-        Index of the profile in `Candidates.profiles`.
-    """
-
-    endpoints: PathEndpoints
-    turns_and_legs: TurnsAndLegs
-    profile: Count
+    endpoints: PathEndpoints  # start and end conditions of each route
+    turns_and_legs: TurnsAndLegs  # turns and legs between the endpoints
+    profile: Count  # index of the profile in `Candidates.profiles`
 
 
 class Candidates(eqx.Module):
-    """Candidates of a fleet, shape (aircraft, candidate), splines last; of one aircraft, shape (candidate,).
+    """Candidates of a fleet, shape (aircraft, candidate), splines last; of one aircraft, shape (candidate,)."""
 
-    Attributes
-    ----------
-    generator
-        Generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`.
-    valid
-        Whether the candidate exists within its aircraft's limits.
-    cost
-        Preference, lower is better.
-    total_turn, speed
-        Sum of the absolute turn angles, rad, and mean airspeed, m/s.
-    tracks
-        Positions at the sample times that are common to the fleet.
-    penetration
-        Depth inside keep-outs, m.
-    routes
-        Routes of all candidates except the splines.
-    profiles
-        Altitude and airspeed over time, shape (aircraft, profile).
-    splines
-        Paths of the spline candidates, from time 0; None without a spline search.
-    """
-
-    generator: Int[Array, "*aircraft candidates"]
-    valid: Bool[Array, "*aircraft candidates"]
-    cost: Float[Array, "*aircraft candidates"]
+    generator: Int[Array, "*aircraft candidates"]  # generator of the candidate: `DETOUR`, `TURN_LEG_PATH` or `SPLINE`
+    valid: Bool[Array, "*aircraft candidates"]  # whether the candidate exists within its aircraft's limits
+    cost: Float[Array, "*aircraft candidates"]  # preference, lower is better
+    # sum of the absolute turn angles, rad, and mean airspeed, m/s
     total_turn: Float[Array, "*aircraft candidates"]
     speed: Float[Array, "*aircraft candidates"]
-    tracks: Track
-    penetration: Float[Array, "*aircraft candidates"]
-    routes: Routes
-    profiles: TabulatedProfile
-    splines: TimedPath | None
+    tracks: Track  # positions at the sample times that are common to the fleet
+    penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
+    routes: Routes  # routes of all candidates except the splines
+    profiles: TabulatedProfile  # altitude and airspeed over time, shape (aircraft, profile)
+    splines: TimedPath | None  # paths of the spline candidates, from time 0; None without a spline search
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
         """Paths of one chosen candidate per aircraft, from a start time (s) on."""
@@ -326,23 +295,15 @@ def _aircraft_candidates(
 def fleet_candidates(
     tasks: AircraftTask,
     airspace: Airspace,
-    durations: Float[Array, " aircraft"],
+    durations: Float[Array, " aircraft"],  # time to each rendezvous, s
+    # number of equal intervals of the paths and number of sample times
     intervals: int,
     instants: int,
     candidate_set: CandidateSet,
+    # aircraft for which `candidate_set.extra` is generated too; None: every active aircraft
     extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> Candidates:
-    """Generate all candidates of a fleet, with their tracks at common sample times up to the last arrival.
-
-    Parameters
-    ----------
-    durations
-        Time to each rendezvous, s.
-    intervals, instants
-        Number of equal intervals of the paths and number of sample times.
-    extra_for
-        Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
-    """
+    """Generate all candidates of a fleet, with their tracks at common sample times up to the last arrival."""
     times = jnp.max(durations) / instants * jnp.arange(instants + 1)
 
     def generator_of(members: CandidateSet) -> Callable[[AircraftTask, Scalar], Candidates]:

@@ -39,18 +39,10 @@ _Choice = tuple[BoundingCylinders, Array]  # cylinders and index of the candidat
 
 
 class Placement(eqx.Module):
-    """Result of `place_candidates`, one row per aircraft.
+    """Result of `place_candidates`, one row per aircraft."""
 
-    Attributes
-    ----------
-    chosen
-        Index of the chosen candidate.
-    valid
-        Whether the chosen candidate is within the aircraft's limits.
-    """
-
-    chosen: Int[Array, " aircraft"]
-    valid: Bool[Array, " aircraft"]
+    chosen: Int[Array, " aircraft"]  # index of the chosen candidate
+    valid: Bool[Array, " aircraft"]  # whether the chosen candidate is within the aircraft's limits
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
@@ -160,25 +152,15 @@ TIMES_PER_INTERVAL = 4
 
 
 class Certificate(eqx.Module):
-    """Rigorous bounds on a fleet's paths, valid between the sample times too.
+    """Rigorous bounds on a fleet's paths, valid between the sample times too."""
 
-    Attributes
-    ----------
-    bounds
-        Bounds of each path.
-    excess
-        Relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated.
-    clearance_ratio
-        Lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal.
-        In a large fleet exact for the nearest pairs only, see `anser.planning.certified.clearance`.
-    keep_out_clearance
-        Lower bound on each path's distance from each keep-out, m.
-    """
-
-    bounds: PathBounds
+    bounds: PathBounds  # bounds of each path
+    # relative excess over each limit, in the order of `CERTIFIED_LIMITS`; positive: violated
     excess: Float[Array, "aircraft limits"]
+    # lower bound on each pair's ratio of distance to separation; at least 1 is required. Infinite on the diagonal. In a
+    # large fleet exact for the nearest pairs only, see `anser.planning.certified.clearance`
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]  # lower bound on each path's distance from each keep-out, m
 
     @property
     def satisfied_individually(self) -> Bool[Array, " aircraft"]:
@@ -243,17 +225,10 @@ class CertifiedPlan(eqx.Module):
 
 
 class FixedPaths(eqx.Module):
-    """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft.
+    """Paths that stay unchanged while the rest of a fleet is planned around them; leading axis aircraft."""
 
-    Attributes
-    ----------
-    selected
-        Mask of the aircraft with a fixed path.
-    paths, arrival_times
-        Fixed paths, and arrival times, s; arbitrary for the other aircraft.
-    """
-
-    selected: Bool[Array, " aircraft"]
+    selected: Bool[Array, " aircraft"]  # mask of the aircraft with a fixed path
+    # fixed paths, and arrival times, s; arbitrary for the other aircraft
     paths: TimedPath
     arrival_times: Float[Array, " aircraft"]
 
@@ -320,25 +295,16 @@ def plan_fleet_at(
     tasks: AircraftTask,
     airspace: Airspace,
     durations: Float[Array, " aircraft"],
-    intervals: int,
-    candidate_set: CandidateSet,
+    intervals: int,  # number of equal intervals between the knots of a path
+    candidate_set: CandidateSet,  # candidates to generate for each aircraft
+    # aircraft for which `candidate_set.extra` is generated too; None: every active aircraft
     extra_for: Bool[Array, " aircraft"] | None = None,
+    # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
     """Plan a fleet from a start time (s): choose candidates with the given durations (s) and certify them.
 
     A duration is the time from the start to the rendezvous of one aircraft.
-
-    Parameters
-    ----------
-    intervals
-        Number of equal intervals between the knots of a path.
-    candidate_set
-        Candidates to generate for each aircraft.
-    extra_for
-        Aircraft for which `candidate_set.extra` is generated too; None: every active aircraft.
-    fixed_paths
-        Fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned.
     """
     volumes = airspace.keep_outs
     airspace_at_start = eqx.tree_at(

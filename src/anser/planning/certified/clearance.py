@@ -27,21 +27,12 @@ _TINY = 1e-9  # m^2
 
 
 class Track(eqx.Module):
-    """A path at equally spaced times.
+    """A path at equally spaced times."""
 
-    Attributes
-    ----------
-    positions_n
-        Over the ground, (time, axis), NED, m.
-    error_bound
-        Bound of the distance between the path and its chord in each interval, m.
-    included
-        1 in intervals that begin before the arrival, else 0.
-    """
-
-    positions_n: Float[Array, "*batch instants 3"]
+    positions_n: Float[Array, "*batch instants 3"]  # over the ground, (time, axis), NED, m
+    # bound of the distance between the path and its chord in each interval, m
     error_bound: Float[Array, "*batch intervals"]
-    included: Float[Array, "*batch intervals"]
+    included: Float[Array, "*batch intervals"]  # 1 in intervals that begin before the arrival, else 0
 
 
 def _vector_length_min(begin: Float[Array, "*b 2"], end: Float[Array, "*b 2"]) -> Float[Array, "*b"]:
@@ -104,25 +95,14 @@ _CYLINDER_TINY = (
 
 
 class BoundingCylinders(eqx.Module):
-    """Upright cylinders that enclose a path, one per group of consecutive intervals.
+    """Upright cylinders that enclose a path, one per group of consecutive intervals."""
 
-    Attributes
-    ----------
-    centre
-        Position of the axis, north and east, m.
-    radius
-        Radius, m.
-    low, high
-        Least and greatest down coordinate, m.
-    included
-        1 if any of the group's intervals is included, else 0.
-    """
-
-    centre: Float[Array, "*batch cylinders 2"]
-    radius: Float[Array, "*batch cylinders"]
+    centre: Float[Array, "*batch cylinders 2"]  # position of the axis, north and east, m
+    radius: Float[Array, "*batch cylinders"]  # radius, m
+    # least and greatest down coordinate, m
     low: Float[Array, "*batch cylinders"]
     high: Float[Array, "*batch cylinders"]
-    included: Float[Array, "*batch cylinders"]
+    included: Float[Array, "*batch cylinders"]  # 1 if any of the group's intervals is included, else 0
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
@@ -174,30 +154,19 @@ def cylinder_clearance_ratio(
 
 
 def fleet_clearance_ratio(
+    # a path and its cylinders
     track: Track,
     cylinders: BoundingCylinders,
-    fleet: BoundingCylinders,
+    fleet: BoundingCylinders,  # bounding cylinders of the fleet's paths, stacked
+    # function that returns the stacked tracks for aircraft indices
     tracks_of: Callable[[Int[Array, " selected"]], Track],
-    neighbours: Bool[Array, " aircraft"],
+    neighbours: Bool[Array, " aircraft"],  # mask of the aircraft to compare with; the ratio is infinite elsewhere
     separation: Separation,
 ) -> Float[Array, " aircraft"]:
     """Clearance ratio between one path and each path of a fleet: exact for near neighbours, else a lower bound.
 
-    Parameters
-    ----------
-    track, cylinders
-        A path and its cylinders.
-    fleet
-        Bounding cylinders of the fleet's paths, stacked.
-    tracks_of
-        Function that returns the stacked tracks for aircraft indices.
-    neighbours
-        Mask of the aircraft to compare with; the ratio is infinite elsewhere.
-
-    Returns
-    -------
-    Ratio as in `pair_clearance_ratio` for the `EXACT_PAIRS` aircraft whose cylinders are nearest, the cylinders' lower
-    bound elsewhere.
+    Returns the `pair_clearance_ratio` for the `EXACT_PAIRS` aircraft with the nearest cylinders; elsewhere, the lower
+    bound from the cylinders.
     """
     count = neighbours.shape[0]
 
@@ -216,30 +185,19 @@ _LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sa
 
 
 class ProfileSamples(eqx.Module):
-    """A profile at equally spaced times, shared by several candidates. After its end it continues at constant velocity.
+    """A profile at equally spaced times, shared by several candidates; after its end, at constant velocity."""
 
-    Attributes
-    ----------
-    since_end
-        Time since the end, s; 0 before it.
-    length
-        Horizontal length flown, m.
-    drift_n, wind_n, wind_dot_n
-        Displacement of the air, NED, m; wind and its rate at the aircraft, m/s and m/s^2.
-    altitude, climb, climb_dot
-        Over the ground, m, m/s, m/s^2.
-    speed, speed_dot
-        Horizontal airspeed and its rate, m/s and m/s^2.
-    """
-
-    since_end: Float[Array, " instants"]
-    length: Float[Array, " instants"]
+    since_end: Float[Array, " instants"]  # time since the end, s; 0 before it
+    length: Float[Array, " instants"]  # horizontal length flown, m
+    # displacement of the air, NED, m; wind and its rate at the aircraft, m/s and m/s^2
     drift_n: Float[Array, "instants 3"]
     wind_n: Float[Array, "instants 3"]
     wind_dot_n: Float[Array, "instants 3"]
+    # over the ground, m, m/s, m/s^2
     altitude: Float[Array, " instants"]
     climb: Float[Array, " instants"]
     climb_dot: Float[Array, " instants"]
+    # horizontal airspeed and its rate, m/s and m/s^2
     speed: Float[Array, " instants"]
     speed_dot: Float[Array, " instants"]
 
@@ -263,10 +221,9 @@ class _Instant(eqx.Module):
     """Position and acceleration of a candidate at one time."""
 
     position_n: Vector3
-    acceleration: Scalar
-    """Magnitude of the acceleration over the ground, m/s^2."""
+    acceleration: Scalar  # magnitude of the acceleration over the ground, m/s^2
+    # whether bank angle, load factor, and acceleration and deceleration along the path are within limits
     within_limits: Flag
-    """Whether bank angle, load factor, and acceleration and deceleration along the path are within limits."""
 
 
 def _instant(

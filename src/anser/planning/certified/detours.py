@@ -57,28 +57,15 @@ _PARALLEL = 1e-9
 
 
 class DirectPath(eqx.Module):
-    """Direct path of one Dubins word: a turn, a straight line, a turn.
+    """Direct path of one Dubins word: a turn, a straight line, a turn."""
 
-    Attributes
-    ----------
-    heading
-        Heading of the straight part, rad.
-    angles
-        Angles of the first and the last turn, rad, right positive.
-    straight, length
-        Length of the straight part and of the whole path, m.
-    exists
-        Whether the path reaches its end.
-    scales
-        Radius of each turn in units of the tightest turn's radius.
-    """
-
-    heading: Scalar
-    angles: Float[Array, "2"]
+    heading: Scalar  # heading of the straight part, rad
+    angles: Float[Array, "2"]  # angles of the first and the last turn, rad, right positive
+    # length of the straight part and of the whole path, m
     straight: Scalar
     length: Scalar
-    exists: Flag
-    scales: Float[Array, "2"]
+    exists: Flag  # whether the path reaches its end
+    scales: Float[Array, "2"]  # radius of each turn in units of the tightest turn's radius
 
 
 def _four_values(outer: Float[Array, "2"], inner: float = 0.0) -> Float[Array, "4"]:
@@ -181,25 +168,15 @@ def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"])
 
 
 class Detour(eqx.Module):
-    """Shape of a detour as arrays, so that a batch of detours of different kinds is one computation.
+    """Shape of a detour as arrays, so that a batch of detours of different kinds is one computation."""
 
-    Attributes
-    ----------
-    headings
-        Heading of each leg relative to the direct path's straight part, in units of the detour's angle; right positive.
-    first_parts, second_parts
-        Coefficients of the two unknown lengths in each leg's length.
-    fixed_parts
-        Fraction of the straight part's length that is added to each leg.
-    angle_max
-        Greatest angle of the search, rad.
-    """
-
+    # heading of each leg relative to the direct path's straight part, in units of the detour's angle; right positive
     headings: Float[Array, "3"]
+    # coefficients of the two unknown lengths in each leg's length
     first_parts: Float[Array, "3"]
     second_parts: Float[Array, "3"]
-    fixed_parts: Float[Array, "3"]
-    angle_max: Scalar
+    fixed_parts: Float[Array, "3"]  # fraction of the straight part's length that is added to each leg
+    angle_max: Scalar  # greatest angle of the search, rad
 
 
 def detour(kind: Count | int, side: ScalarLike) -> Detour:

@@ -26,40 +26,25 @@ _EDGE_M = 1e-6
 
 
 class PathBounds(eqx.Module):
-    """Rigorous bounds of the flight quantities along one path.
+    """Rigorous bounds of the flight quantities along one path."""
 
-    Attributes
-    ----------
-    speed_min, speed_max
-        Airspeed, m/s.
-    bank_max, load_factor_max
-        Bank angle and load factor required in coordinated flight, rad, 1.
-    climb_rate_max
-        Relative to the air, up or down, m/s.
-    altitude_min, altitude_max
-        Altitude, m.
-    acceleration_max, deceleration_max
-        Bounds of V_dot + g sin(gamma), m/s^2.
-    wind_error_max
-        Greatest difference between the drift's slope and the wind at the aircraft, m/s.
-    cell_acceleration
-        Acceleration over the ground in each cell, m/s^2; for distances between paths.
-    cell_along, cell_speeds, cell_load_factors
-        Per cell: `acceleration_max` and `deceleration_max`; least and greatest airspeed; least and greatest load
-        factor.
-    """
-
+    # airspeed, m/s
     speed_min: Scalar
     speed_max: Scalar
+    # bank angle and load factor required in coordinated flight, rad, 1
     bank_max: Scalar
     load_factor_max: Scalar
-    climb_rate_max: Scalar
+    climb_rate_max: Scalar  # relative to the air, up or down, m/s
+    # altitude, m
     altitude_min: Scalar
     altitude_max: Scalar
+    # bounds of V_dot + g sin(gamma), m/s^2
     acceleration_max: Scalar
     deceleration_max: Scalar
-    wind_error_max: Scalar
+    wind_error_max: Scalar  # greatest difference between the drift's slope and the wind at the aircraft, m/s
+    # acceleration over the ground in each cell, m/s^2; for distances between paths
     cell_acceleration: Float[Array, " cells"]
+    # per cell: `acceleration_max` and `deceleration_max`; least and greatest airspeed; least and greatest load factor
     cell_along: Float[Array, "cells 2"]
     cell_speeds: Float[Array, "cells 2"]
     cell_load_factors: Float[Array, "cells 2"]

@@ -31,26 +31,15 @@ _assign_holds = compiled_quickly(assign_holds)
 
 
 class CertifiedPlanState(eqx.Module):
-    """State of the certified planner.
+    """State of the certified planner."""
 
-    Attributes
-    ----------
-    plan
-        Current plan.
-    replanning
-        Outcome of the latest replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
-    holds
-        Planned holds after the arrivals; None: each aircraft's default hold.
-    limits
-        Flight limits of each path, including the accelerations available from the engine; leading axis aircraft.
-    replan_needed
-        Whether a new plan was needed that a planner without replanning cannot make.
-    """
-
-    plan: CertifiedPlan
+    plan: CertifiedPlan  # current plan
+    # outcome of the latest replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`
     replanning: Count
-    holds: PlannedHolds | None
+    holds: PlannedHolds | None  # planned holds after the arrivals; None: each aircraft's default hold
+    # flight limits of each path, including the accelerations available from the engine; leading axis aircraft
     limits: PathLimits
+    # whether a new plan was needed that a planner without replanning cannot make
     replan_needed: Flag = eqx.field(default_factory=lambda: as_array(False, bool))
 
 
@@ -99,10 +88,7 @@ class CertifiedPlanner(AbstractPlanner):
         `anser.missions` calls `search_plan` instead, which takes any arrival rule; `anser.missions.refusal` finds the
         reason for a missing plan.
 
-        Raises
-        ------
-        ValueError
-            If no plan is found.
+        Raises ValueError if no plan is found.
         """
         latest = float(self.latest_arrival)
         tasks = self.aircraft_tasks(reports, self.resolve_limits(performance))
@@ -141,30 +127,15 @@ class CertifiedPlanner(AbstractPlanner):
 
     def search_plan(
         self,
-        time: float,
-        tasks: AircraftTask,
-        request: ArrivalRequest,
-        end_time: float,
-        on_progress: Callable[[str], None] = lambda message: None,
+        time: float,  # start of the search, s
+        tasks: AircraftTask,  # tasks from `aircraft_tasks`
+        request: ArrivalRequest,  # arrival rule
+        end_time: float,  # end of the flight, s, up to which the holds keep the separation
+        on_progress: Callable[[str], None] = lambda message: None,  # callback for progress messages
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
         """Search for a first plan and its holds.
 
-        Parameters
-        ----------
-        time
-            Start of the search, s.
-        tasks
-            Tasks from `aircraft_tasks`.
-        request
-            Arrival rule.
-        end_time
-            End of the flight, s, up to which the holds keep the separation.
-        on_progress
-            Callback for progress messages.
-
-        Returns
-        -------
-        Outcome of the search, and the holds. Without a plan: the holds of the closest attempt, None if no attempt was
+        Returns the outcome, and the holds. Without a plan: the holds of the closest attempt, None if no attempt was
         feasible up to the arrivals. For the reasons of a missing plan, see `anser.missions.refusal`.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
@@ -190,20 +161,16 @@ class CertifiedPlanner(AbstractPlanner):
             choose_cell_count(end_time),
         )
 
-    def prepare_programs(self, tasks: AircraftTask, longest: float, end_time: float) -> Iterator[PreparedProgram]:
+    def prepare_programs(
+        self,
+        tasks: AircraftTask,  # the fleet's tasks, or their shapes
+        # rough flight time of the last aircraft, s: if this leaves the size of the paths open, no program is prepared
+        longest: float,
+        end_time: float,
+    ) -> Iterator[PreparedProgram]:
         """Prepare, one at a time, the programs needed by a search from time 0 to `end_time` (s).
 
-        Parameters
-        ----------
-        tasks
-            The fleet's tasks, or their shapes.
-        longest
-            Rough flight time of the last aircraft, s: if this leaves the size of the paths open, no program is
-            prepared.
-
-        Yields
-        ------
-        The programs for plans (`CertifiedPlan`) and for holds (`PlannedHolds`).
+        Yields the programs for plans (`CertifiedPlan`) and for holds (`PlannedHolds`).
         """
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:

@@ -35,47 +35,31 @@ class ProfileState(eqx.Module):
     """Altitude, airspeed and their rates at one time."""
 
     altitude: Scalar
-    climb: Scalar
-    """Over the ground, m/s."""
+    climb: Scalar  # over the ground, m/s
     climb_dot: Scalar
-    speed: Scalar
-    """Airspeed, m/s."""
+    speed: Scalar  # airspeed, m/s
     speed_dot: Scalar
 
 
 class Profile(eqx.Module):
-    """Altitude and airspeed over time, for a given duration.
+    """Altitude and airspeed over time, for a given duration."""
 
-    Attributes
-    ----------
-    duration
-        Duration, s.
-    altitude_0, climb_0, climb_1
-        Initial altitude, m; initial and final vertical speed over the ground, m/s.
-    climb_dot_0, speed_dot_0
-        Initial rates of the vertical speed and of the airspeed, m/s^2.
-    plateau, climb_ramp
-        Vertical speed in the middle, m/s, and duration of the change to and from it, s.
-    detour
-        Greatest additional altitude, in the middle, m.
-    speed_0, speed_1, speed_2
-        Initial, middle and final airspeed, m/s.
-    speed_ramp, speed_ramp_2
-        Durations of the first and of the last change of airspeed, s.
-    """
-
-    duration: Scalar
+    duration: Scalar  # s
+    # initial altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
     altitude_0: Scalar
     climb_0: Scalar
     climb_1: Scalar
     climb_dot_0: Scalar
+    # vertical speed in the middle, m/s, and duration of the change to and from it, s
     plateau: Scalar
     climb_ramp: Scalar
-    detour: Scalar
+    detour: Scalar  # greatest additional altitude, in the middle, m
+    # initial, middle and final airspeed, m/s, and initial rate of it, m/s^2
     speed_0: Scalar
     speed_1: Scalar
     speed_2: Scalar
     speed_dot_0: Scalar
+    # durations of the first and of the last change of airspeed, s
     speed_ramp: Scalar
     speed_ramp_2: Scalar
 
@@ -209,32 +193,18 @@ def last_to_mean_speed(
 
 
 def make_profile(
-    duration: ScalarLike,
+    duration: ScalarLike,  # s
+    # initial and final altitude, m; initial and final vertical speed over the ground, m/s, and its initial rate, m/s^2
     altitudes: tuple[ScalarLike, ScalarLike],
     climbs: tuple[ScalarLike, ScalarLike],
     climb_dot_0: ScalarLike,
-    detour: ScalarLike,
+    detour: ScalarLike,  # greatest additional altitude in the middle, m
+    # initial, middle and final airspeed, m/s; its initial rate, and greatest rates of gain and loss, m/s^2
     speeds: tuple[ScalarLike, ScalarLike, ScalarLike],
     speed_dot_0: ScalarLike,
     rates: Rates = _SPEED_RATES,
 ) -> Profile:
-    """Make the profile between two altitudes (m) and two vertical speeds over the ground (m/s).
-
-    Parameters
-    ----------
-    duration
-        Duration, s.
-    altitudes, climbs
-        Initial and final altitude, m; initial and final vertical speed over the ground, m/s.
-    climb_dot_0, speed_dot_0
-        Initial rates of the vertical speed and of the airspeed, m/s^2.
-    detour
-        Greatest additional altitude in the middle, m.
-    speeds
-        Initial, middle and final airspeed, m/s.
-    rates
-        Greatest rates of gain and loss of airspeed, m/s^2.
-    """
+    """Make the profile between two altitudes and two vertical speeds over the ground."""
     duration = jnp.asarray(duration, dtype=float)
     rise = jnp.asarray(altitudes[1] - altitudes[0], dtype=float)
     shortest = jnp.clip(duration / 8, jnp.minimum(_SHORTEST_RAMP_S, duration / 3), _GENTLE_RAMP_S)
@@ -262,24 +232,12 @@ def make_profile(
 
 
 class TabulatedProfile(eqx.Module):
-    """A profile in a wind, tabulated at equal intervals.
+    """A profile in a wind, tabulated at equal intervals."""
 
-    Attributes
-    ----------
-    profile
-        The tabulated profile.
-    wind
-        Motion of the air over the ground.
-    lengths
-        Horizontal length flown through the air since the start, m.
-    drifts_n
-        Displacement of the air since the start, NED, m.
-    """
-
-    profile: Profile
-    wind: AbstractWind
-    lengths: Float[Array, " intervals"]
-    drifts_n: Float[Array, "intervals 3"]
+    profile: Profile  # the tabulated profile
+    wind: AbstractWind  # motion of the air over the ground
+    lengths: Float[Array, " intervals"]  # horizontal length flown through the air since the start, m
+    drifts_n: Float[Array, "intervals 3"]  # displacement of the air since the start, NED, m
 
     @property
     def length(self) -> Scalar:

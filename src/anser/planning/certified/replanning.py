@@ -53,19 +53,16 @@ def interval_count(paths: TimedPath) -> int:
 
 
 def correct_path(
-    path: TimedPath, task: AircraftTask, time: ScalarLike, to_go: ScalarLike | None = None, lead: ScalarLike = 0.0
+    path: TimedPath,
+    task: AircraftTask,
+    time: ScalarLike,
+    to_go: ScalarLike | None = None,  # time to the end of the path, s; None: by the path's clock
+    lead: ScalarLike = 0.0,  # duration in which the path stays unchanged, s
 ) -> TimedPath:
     """Bend a path smoothly, from a knot on, so that it ends at the rendezvous expected now; C2 everywhere.
 
     The correction is d (10 u^3 - 15 u^4 + 6 u^5), a quintic, so each cell's quintic represents it exactly. The task has
     the currently measured goal; `time` (s) is on the path's clock.
-
-    Parameters
-    ----------
-    to_go
-        Time to the end of the path, s; None: by the path's clock.
-    lead
-        Duration in which the path stays unchanged, s.
     """
     end = path.times[-1]
     to_go = end - time if to_go is None else to_go
@@ -126,34 +123,17 @@ def task_from_plan(path: TimedPath, task: AircraftTask, time: ScalarLike) -> Air
 
 
 def arrival_delays(
-    arrival_times: Float[Array, " aircraft"],
-    time: ScalarLike,
-    replannable: Bool[Array, " aircraft"],
-    arrival_is_free: Flag,
-    latest_arrival: ScalarLike,
-    parts: tuple[float, ...] = DELAY_FRACTIONS,
+    arrival_times: Float[Array, " aircraft"],  # planned arrival times, s; -inf for an ignored aircraft
+    time: ScalarLike,  # current time, s
+    replannable: Bool[Array, " aircraft"],  # whether each aircraft may get a new plan, or is ignored
+    arrival_is_free: Flag,  # whether the arrival rule leaves the arrival times open
+    latest_arrival: ScalarLike,  # latest allowed arrival time, s
+    parts: tuple[float, ...] = DELAY_FRACTIONS,  # delays as fractions of the longest time to go
 ) -> tuple[Float[Array, " delays"], Count]:
-    """Delays to try for a fleet's arrivals, and the number of allowed delays.
+    """Delays to try for a fleet's arrivals, s, from zero on, and the number of allowed delays, at least one.
 
     The delay is the same for the whole fleet, so that common arrivals stay common and the spacing of a sequence stays.
     Hence no aircraft is delayed if one of them is fixed: it has arrived or is about to arrive.
-
-    Parameters
-    ----------
-    arrival_times
-        Planned arrival times, s; -inf for an ignored aircraft.
-    time, latest_arrival
-        Current time, and latest allowed arrival time, s.
-    replannable
-        Whether each aircraft may get a new plan, or is ignored.
-    arrival_is_free
-        Whether the arrival rule leaves the arrival times open.
-    parts
-        Delays as fractions of the longest time to go.
-
-    Returns
-    -------
-    Delays, s, from zero on, and the number of allowed delays, at least one.
     """
     last_arrival = jnp.max(arrival_times)
     delays = jnp.asarray(parts) * jnp.maximum(last_arrival - time, 0.0)
@@ -162,40 +142,22 @@ def arrival_delays(
 
 
 class AttemptLadder(eqx.Module):
-    """Order of the attempts at a new plan in flight: each allowed delay with the limits of a new path, then wider ones.
+    """Order of the attempts at a new plan in flight: every delay with the limits of a new path, then wider ones."""
 
-    Attributes
-    ----------
-    delays
-        Delays of the arrivals, s.
-    delay_count
-        Number of allowed delays, see `arrival_delays`.
-    limits
-        Limits of a new path.
-    relaxed_limits
-        Limits of a corrected path; None: the second round is omitted.
-    """
-
-    delays: Float[Array, " tries"]
-    delay_count: Count
-    limits: PathLimits
-    relaxed_limits: PathLimits | None
+    delays: Float[Array, " tries"]  # delays of the arrivals, s
+    delay_count: Count  # number of allowed delays, see `arrival_delays`
+    limits: PathLimits  # limits of a new path
+    relaxed_limits: PathLimits | None  # limits of a corrected path; None: the second round is omitted
 
     def first_success(
-        self, try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]], initial: _Plan
+        self,
+        # function of a delay (s) and limits; returns success and plan
+        try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]],
+        initial: _Plan,  # plan before the first attempt
     ) -> tuple[Flag, _Plan, Scalar]:
         """Attempt plans in order until the first success.
 
-        Parameters
-        ----------
-        try_plan
-            Function of a delay (s) and limits; returns success and plan.
-        initial
-            Plan before the first attempt.
-
-        Returns
-        -------
-        Success, the plan of the last attempt, and its delay, s.
+        Returns success, the plan of the last attempt, and its delay, s.
         """
         relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
         attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
@@ -217,60 +179,34 @@ class AttemptLadder(eqx.Module):
 
 
 class ReplanningResult(eqx.Module):
-    """Result of `replan_certified`.
+    """Result of `replan_certified`."""
 
-    Attributes
-    ----------
-    plan
-        Plan in force.
-    status
-        Index into `REPLANNING_MESSAGES`.
-    replan_needed
-        Whether a new plan was needed that `allow_replanning` forbids.
-    """
-
-    plan: CertifiedPlan
-    status: Count
-    replan_needed: Flag
+    plan: CertifiedPlan  # plan in force
+    status: Count  # index into `REPLANNING_MESSAGES`
+    replan_needed: Flag  # whether a new plan was needed that `allow_replanning` forbids
 
 
 def replan_certified(
     plan: CertifiedPlan,
     time: ScalarLike,
+    # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
+    # its last path and arrival time; the other aircraft neither avoid it nor wait for it
     tasks: AircraftTask,
     airspace: Airspace,
-    arrival_is_free: Flag,
-    freeze: ScalarLike = 0.0,
-    latest_arrival: ScalarLike = jnp.inf,
-    allow_replanning: bool = True,
+    arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
+    freeze: ScalarLike = 0.0,  # duration before the arrival in which a path is frozen, s
+    latest_arrival: ScalarLike = jnp.inf,  # latest allowed arrival time, s
+    allow_replanning: bool = True,  # whether a new plan is made if a correction is not feasible
+    # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
+    # (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
+    # goals are known exactly
     covariances: Float[Array, "aircraft 6 6"] | None = None,
+    # limits of a corrected path, if wider than the limits of a new path; None: the same
     correction_limits: PathLimits | None = None,
 ) -> ReplanningResult:
     """Correct or replace a plan so that it leads to the currently measured goals.
 
-    Parameters
-    ----------
-    tasks
-        The fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
-        its last path and arrival time; the other aircraft neither avoid it nor wait for it.
-    arrival_is_free
-        Whether the arrival times may be postponed, see `arrival_delays`.
-    freeze
-        Duration before the arrival in which a path is frozen, s.
-    latest_arrival
-        Latest allowed arrival time, s.
-    allow_replanning
-        Whether a new plan is made if a correction is not feasible.
-    covariances
-        Covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
-        (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
-        goals are known exactly.
-    correction_limits
-        Limits of a corrected path, if wider than the limits of a new path; None: the same.
-
-    Returns
-    -------
-    The first feasible of these plans:
+    Returns the first feasible of these plans:
 
     1. the current plan, corrected to the expected rendezvous;
     2. a new plan from the planned positions, velocities and accelerations, with the limits of a new path;

@@ -31,24 +31,12 @@ def cis(angle: ScalarLike) -> Plane:
 
 
 class Turn(eqx.Module):
-    """A turn as ramps and an arc.
+    """A turn as ramps and an arc."""
 
-    Attributes
-    ----------
-    angle
-        Change of course, rad, right positive.
-    ramp
-        Length of each ramp, m.
-    arc
-        Length of the arc between the ramps, m.
-    peak
-        Curvature of the arc, 1/m, right positive.
-    """
-
-    angle: Scalar
-    ramp: Scalar
-    arc: Scalar
-    peak: Scalar
+    angle: Scalar  # change of course, rad, right positive
+    ramp: Scalar  # length of each ramp, m
+    arc: Scalar  # length of the arc between the ramps, m
+    peak: Scalar  # curvature of the arc, 1/m, right positive
 
     @property
     def length(self) -> Scalar:
@@ -108,68 +96,35 @@ _PIECE_KINDS = np.array([_DOWN, *([_UP, _FLAT, _DOWN, _FLAT] * LEGS), _UP, _FLAT
 
 
 class PathEndpoints(eqx.Module):
-    """Start and end conditions of a horizontal path, and the limits of its turns.
+    """Start and end conditions of a horizontal path, and the limits of its turns."""
 
-    Attributes
-    ----------
-    start, heading, curvature
-        Start, relative to the air: position, north + i east, m; heading, rad; curvature, 1/m.
-    end
-        End position in the frame that drifts with the air, m.
-    end_heading, end_free
-        Heading through the air at the end, rad; whether the end heading is free (the heading of the last leg).
-    curvature_max
-        Greatest curvature, 1/m.
-    sharpness
-        Greatest rate of the curvature along the path, 1/m^2.
-    scale_max
-        Radius of the widest turn in units of the tightest turn's radius.
-    """
-
+    # start, relative to the air: position, north + i east, m; heading, rad; curvature, 1/m
     start: Plane
     heading: Scalar
     curvature: Scalar
-    end: Plane
+    end: Plane  # end position in the frame that drifts with the air, m
+    # heading through the air at the end, rad; whether the end heading is free (the heading of the last leg)
     end_heading: Scalar
     end_free: Flag
-    curvature_max: Scalar
-    sharpness: Scalar
-    scale_max: Scalar
+    curvature_max: Scalar  # greatest curvature, 1/m
+    sharpness: Scalar  # greatest rate of the curvature along the path, 1/m^2
+    scale_max: Scalar  # radius of the widest turn in units of the tightest turn's radius
 
 
 class TurnsAndLegs(eqx.Module):
-    """Four turns with three straight legs between them: the unknowns of a route; also a stack of such paths.
+    """Four turns with three straight legs between them: the unknowns of a route; also a stack of such paths."""
 
-    Attributes
-    ----------
-    angles
-        Turn angles, rad, right positive.
-    scales
-        Radius of each turn in units of the tightest turn's radius, see `turn_limits`.
-    legs
-        Lengths of the legs, m.
-    exists
-        Whether the solution is valid.
-    """
-
-    angles: Float[Array, "4"]
-    scales: Float[Array, "4"]
-    legs: Float[Array, "3"]
-    exists: Flag
+    angles: Float[Array, "4"]  # turn angles, rad, right positive
+    scales: Float[Array, "4"]  # radius of each turn in units of the tightest turn's radius, see `turn_limits`
+    legs: Float[Array, "3"]  # lengths of the legs, m
+    exists: Flag  # whether the solution is valid
 
 
 class RollOut(eqx.Module):
-    """First point of straight flight after the initial turn is ended as fast as possible.
+    """First point of straight flight after the initial turn is ended as fast as possible."""
 
-    Attributes
-    ----------
-    length
-        Length flown until then, m.
-    position, heading
-        Position, north + i east, m, and heading, rad.
-    """
-
-    length: Scalar
+    length: Scalar  # length flown until then, m
+    # position, north + i east, m, and heading, rad
     position: Plane
     heading: Scalar
 
@@ -184,27 +139,13 @@ def roll_out(endpoints: PathEndpoints) -> RollOut:
 
 
 class Route(eqx.Module):
-    """A path of turns and legs, resolved into pieces of constant or linearly changing curvature.
+    """A path of turns and legs, resolved into pieces of constant or linearly changing curvature."""
 
-    Attributes
-    ----------
-    marks
-        Length along the path at the ends of the pieces, m.
-    positions
-        Position at the marks: north + i east, m.
-    headings
-        Heading at the marks, rad.
-    curvatures
-        Curvature at the marks, 1/m.
-    sharpness
-        Signed rate of the curvature in each piece, 1/m^2.
-    """
-
-    marks: Float[Array, " marks"]
-    positions: Complex[Array, " marks"]
-    headings: Float[Array, " marks"]
-    curvatures: Float[Array, " marks"]
-    sharpness: Float[Array, " pieces"]
+    marks: Float[Array, " marks"]  # length along the path at the ends of the pieces, m
+    positions: Complex[Array, " marks"]  # position at the marks: north + i east, m
+    headings: Float[Array, " marks"]  # heading at the marks, rad
+    curvatures: Float[Array, " marks"]  # curvature at the marks, 1/m
+    sharpness: Float[Array, " pieces"]  # signed rate of the curvature in each piece, 1/m^2
 
     @property
     def length(self) -> Float[Array, "*batch"]:

@@ -46,21 +46,11 @@ _DIRECT_INTERVALS = 64
 
 @dataclass(frozen=True)
 class FleetTask:
-    """Planning problem of a fleet.
+    """Planning problem of a fleet."""
 
-    Attributes
-    ----------
-    tasks
-        Planning problem of each aircraft, stacked.
-    airspace
-        Environment that the aircraft share.
-    request
-        Arrival rule.
-    """
-
-    tasks: AircraftTask
-    airspace: Airspace
-    request: ArrivalRequest
+    tasks: AircraftTask  # planning problem of each aircraft, stacked
+    airspace: Airspace  # environment that the aircraft share
+    request: ArrivalRequest  # arrival rule
 
     @cached_property
     def active(self) -> Bool[np.ndarray, " aircraft"]:
@@ -198,18 +188,10 @@ def later_stage(fleet: FleetTask) -> Stage:
 
 @dataclass(frozen=True)
 class _Delays:
-    """Arrival times in ascending order for aircraft with a common delay: the fleet, or one aircraft with a window.
+    """Arrival times in ascending order for aircraft with a common delay: the fleet, or one aircraft with a window."""
 
-    Attributes
-    ----------
-    indices
-        Indices of the aircraft.
-    times
-        Sets of arrival times, s.
-    """
-
-    indices: Int[np.ndarray, " group"]
-    times: Float[np.ndarray, "n group"]
+    indices: Int[np.ndarray, " group"]  # indices of the aircraft
+    times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_Delays":
         """Keep the times before an index (None: every time).
@@ -541,14 +523,17 @@ class _Searcher:
 
 
 def search(
-    start_time: float,
+    start_time: float,  # current time, s
     tasks: AircraftTask,
     airspace: Airspace,
     request: ArrivalRequest,
-    on_progress: Progress = lambda message: None,
-    thorough: bool = True,
+    on_progress: Progress = lambda message: None,  # callback for progress messages
+    thorough: bool = True,  # False: only the preferred times are tried
+    # function from a feasible plan to the mask of aircraft that fail after their arrivals
     failed_after_arrival: FailedAfterArrival = lambda plan: np.zeros(plan.arrival_times.shape, dtype=bool),
+    # fixed paths of inactive aircraft that the planned paths avoid; None: no fixed paths
     fixed_paths: FixedPaths | None = None,
+    # number of equal intervals between the knots of the paths; None: derived from the arrival times
     intervals: int | None = None,
 ) -> SearchOutcome:
     """Find a plan whose limits, separation and keep-outs are all proven by its certificate.
@@ -556,21 +541,6 @@ def search(
     Arrival times are tried in this order: the times that the arrival rule of `request` prefers, with few candidate
     paths per aircraft; the earliest feasible times after them; the times at which each aircraft alone can arrive, with
     increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
-
-    Parameters
-    ----------
-    start_time
-        Current time, s.
-    on_progress
-        Callback for progress messages.
-    thorough
-        False: only the preferred times are tried.
-    failed_after_arrival
-        Function from a feasible plan to the mask of aircraft that fail after their arrivals.
-    fixed_paths
-        Fixed paths of inactive aircraft that the planned paths avoid; None: no fixed paths.
-    intervals
-        Number of equal intervals between the knots of the paths; None: derived from the arrival times.
     """
     fleet = FleetTask(tasks, airspace, request)
     searcher = _Searcher(start_time, fleet, on_progress, failed_after_arrival, fixed_paths, intervals)

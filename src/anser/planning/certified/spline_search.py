@@ -51,41 +51,21 @@ _TINY_M = 1e-6
 
 
 class Guess(NamedTuple):
-    """Random parameters of one initial guess of the search, reproducible by a seed.
+    """Random parameters of one initial guess of the search, reproducible by a seed."""
 
-    Attributes
-    ----------
-    line_fraction
-        Fraction of the straight line from start to rendezvous at each point.
-    along_detour, across_detour
-        Detour at each point, along and across the line, of unit size.
-    angle
-        Angle flown in full circles at each point, rad; 0 without circles.
-    circle_fraction
-        Number of circles as a fraction of the possible number; negative: to the left.
-    speed
-        Airspeed that determines the path's length, as a fraction of the airspeed range.
-    first_leg, last_leg
-        Length of the straight legs at the start and the end, in turn radii.
-    course
-        Course of arrival unless prescribed, rad.
-    hump
-        Detour in altitude, m.
-    limit_fraction
-        Fraction of the limits of bank, load factor and acceleration along the path.
-    """
-
-    line_fraction: Float[Array, " points"]
+    line_fraction: Float[Array, " points"]  # fraction of the straight line from start to rendezvous at each point
+    # detour at each point, along and across the line, of unit size
     along_detour: Float[Array, " points"]
     across_detour: Float[Array, " points"]
-    angle: Float[Array, " points"]
-    circle_fraction: Scalar
-    speed: Scalar
+    angle: Float[Array, " points"]  # angle flown in full circles at each point, rad; 0 without circles
+    circle_fraction: Scalar  # number of circles as a fraction of the possible number; negative: to the left
+    speed: Scalar  # airspeed that determines the path's length, as a fraction of the airspeed range
+    # length of the straight legs at the start and the end, in turn radii
     first_leg: Scalar
     last_leg: Scalar
-    course: Scalar
-    hump: Scalar
-    limit_fraction: Scalar
+    course: Scalar  # course of arrival unless prescribed, rad
+    hump: Scalar  # detour in altitude, m
+    limit_fraction: Scalar  # fraction of the limits of bank, load factor and acceleration along the path
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
@@ -257,27 +237,13 @@ def _spline_step(context: tuple[SplineStart, BlockTridiagonal], equations: Norma
 
 
 class Splines(eqx.Module):
-    """Spline trajectories of one aircraft; stacked, of a fleet.
+    """Spline trajectories of one aircraft; stacked, of a fleet."""
 
-    Attributes
-    ----------
-    paths
-        Position over time.
-    valid
-        Whether the certificate satisfies every constraint of the aircraft itself.
-    total_turn
-        Sum of the absolute changes of heading, rad.
-    speeds
-        Mean airspeeds, m/s.
-    accelerations
-        Acceleration bound in each interval of each path, m/s^2.
-    """
-
-    paths: TimedPath
-    valid: Bool[Array, "*splines"]
-    total_turn: Float[Array, "*splines"]
-    speeds: Float[Array, "*splines"]
-    accelerations: Float[Array, "*splines cells"]
+    paths: TimedPath  # position over time
+    valid: Bool[Array, "*splines"]  # whether the certificate satisfies every constraint of the aircraft itself
+    total_turn: Float[Array, "*splines"]  # sum of the absolute changes of heading, rad
+    speeds: Float[Array, "*splines"]  # mean airspeeds, m/s
+    accelerations: Float[Array, "*splines cells"]  # acceleration bound in each interval of each path, m/s^2
 
 
 def find_splines(

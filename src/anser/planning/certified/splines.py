@@ -29,18 +29,10 @@ Coefficients = Float[Array, "coefficients 3"]
 
 
 class Spline(eqx.Module):
-    """Position of one aircraft over time: a uniform cubic B-spline.
+    """Position of one aircraft over time: a uniform cubic B-spline."""
 
-    Attributes
-    ----------
-    duration
-        Duration, s.
-    coefficients
-        Coefficients, one for each interval and three more, (coefficient, NED axis), m.
-    """
-
-    duration: Scalar
-    coefficients: Coefficients
+    duration: Scalar  # duration, s
+    coefficients: Coefficients  # coefficients, one for each interval and three more, (coefficient, NED axis), m
 
     @property
     def cells(self) -> int:
@@ -158,22 +150,18 @@ def _crossings(
     return jnp.where(exists, 0.5 * (low + high), spline.duration), jnp.where(exists, direction, 0.0)
 
 
-def spline_path(start_time: ScalarLike, spline: Spline, wind: AbstractWind, intervals: int, knots: int) -> TimedPath:
+def spline_path(
+    start_time: ScalarLike,  # start time, s
+    # trajectory over the ground, and the wind
+    spline: Spline,
+    wind: AbstractWind,
+    intervals: int,  # number of equal intervals, a multiple of the spline's
+    knots: int,  # number of knots, more than `intervals`; half of the excess is for edges of layers
+) -> TimedPath:
     """Convert a spline to a timed path in a wind.
 
     At the edge of a wind layer the path has two knots, because the rate of the wind jumps. Empty intervals at the end
     pad the path to `knots` knots.
-
-    Parameters
-    ----------
-    start_time
-        Start time, s.
-    spline, wind
-        Trajectory over the ground, and the wind.
-    intervals
-        Number of equal intervals, a multiple of the spline's.
-    knots
-        Number of knots, more than `intervals`; half of the excess is for edges of layers.
     """
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     max_crossings = (knots - intervals - 1) // 2
@@ -222,65 +210,35 @@ class SplineProblem(NamedTuple):
 
 
 class TightenedLimits(NamedTuple):
-    """Limits of the search, narrower than the aircraft's own, so that they also hold between the sample points.
+    """Limits of the search, narrower than the aircraft's own, so that they also hold between the sample points."""
 
-    Attributes
-    ----------
-    speed_min, speed_max
-        Airspeed, m/s.
-    bank
-        Tangent of the bank angle.
-    load_factor
-        Load factor.
-    climb_rate
-        Climb rate, m/s.
-    acceleration, deceleration
-        Accelerations along the path, m/s^2.
-    """
-
+    # airspeed, m/s
     speed_min: Scalar
     speed_max: Scalar
-    bank: Scalar
-    load_factor: Scalar
-    climb_rate: Scalar
+    bank: Scalar  # tangent of the bank angle
+    load_factor: Scalar  # load factor
+    climb_rate: Scalar  # climb rate, m/s
+    # accelerations along the path, m/s^2
     acceleration: Scalar
     deceleration: Scalar
 
 
 class SplineStart(NamedTuple):
-    """Initial spline of a search.
+    """Initial spline of a search."""
 
-    Attributes
-    ----------
-    coefficients
-        Spline with the start's and the rendezvous's prescribed motion at its ends: (coefficient, axis).
-    frame
-        Directions of allowed changes of the last velocity, (axis, direction); 0 for forbidden directions.
-    allowed
-        Limits of the search.
-    """
-
+    # spline with the start's and the rendezvous's prescribed motion at its ends: (coefficient, axis)
     coefficients: Float[Array, "coefficients 3"]
+    # directions of allowed changes of the last velocity, (axis, direction); 0 for forbidden directions
     frame: Float[Array, "3 3"]
-    allowed: TightenedLimits
+    allowed: TightenedLimits  # limits of the search
 
 
 class NormalEquations(NamedTuple):
-    """Normal equations of a least-squares problem.
+    """Normal equations of a least-squares problem."""
 
-    Attributes
-    ----------
-    cost
-        Half the sum of squares.
-    gradient
-        Gradient of the cost.
-    form
-        Gauss-Newton matrix.
-    """
-
-    cost: Scalar
-    gradient: Float[Array, "groups n"]
-    form: BlockTridiagonal
+    cost: Scalar  # half the sum of squares
+    gradient: Float[Array, "groups n"]  # gradient of the cost
+    form: BlockTridiagonal  # Gauss-Newton matrix
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:

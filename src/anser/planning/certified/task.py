@@ -18,41 +18,22 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 
 
 class AircraftTask(eqx.Module):
-    """Planning problem of one aircraft; stacked, of a fleet.
+    """Planning problem of one aircraft; stacked, of a fleet."""
 
-    Attributes
-    ----------
-    position_n
-        Start of the plan, NED, m.
-    air_velocity_n, air_acceleration_n
-        Velocity relative to the air at the start, and its rate, NED, m/s and m/s^2.
-    goal_position_n, goal_velocity_n
-        Goal at the start of the plan, extrapolated at steady velocity, NED, m and m/s over the ground.
-    rendezvous
-        Stand-off and arrival conditions at the goal.
-    speed
-        Preferred mean airspeed, m/s.
-    side
-        Side of detours: positive right, negative left, 0 either.
-    limits
-        Flight limits of the path.
-    roll_rate_max
-        Greatest mean rate of the bank angle in a level turn, rad/s; `limits` may be tighter.
-    active
-        0 for a stopped aircraft or for padding of a fleet to a larger size: the other aircraft do not avoid it, and its
-        path never makes a plan infeasible.
-    """
-
-    position_n: Vector3
+    position_n: Vector3  # start of the plan, NED, m
+    # velocity relative to the air at the start, and its rate, NED, m/s and m/s^2
     air_velocity_n: Vector3
     air_acceleration_n: Vector3
+    # goal at the start of the plan, extrapolated at steady velocity, NED, m and m/s over the ground
     goal_position_n: Vector3
     goal_velocity_n: Vector3
-    rendezvous: Rendezvous
-    speed: Scalar
-    side: Int[Array, ""]
-    limits: PathLimits
-    roll_rate_max: Scalar
+    rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
+    speed: Scalar  # preferred mean airspeed, m/s
+    side: Int[Array, ""]  # side of detours: positive right, negative left, 0 either
+    limits: PathLimits  # flight limits of the path
+    roll_rate_max: Scalar  # greatest mean rate of the bank angle in a level turn, rad/s; `limits` may be tighter
+    # 0 for a stopped aircraft or for padding of a fleet to a larger size: the other aircraft do not avoid it, and its
+    # path never makes a plan infeasible
     active: Scalar
 
     @property

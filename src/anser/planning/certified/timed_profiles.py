@@ -52,39 +52,25 @@ PREFERRED, MATCHED, SLOWEST, FASTEST, SLOWER, FASTER, SLOW_FAST, FAST_SLOW, LATE
 
 
 class CandidateSet(NamedTuple):
-    """Which candidates to generate for each aircraft.
+    """Which candidates to generate for each aircraft."""
 
-    Attributes
-    ----------
-    speeds, altitude_detours
-        One entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and detour in altitude, m.
-    direct_ranks, detour_kinds, sides
-        One entry per detour: rank of its direct path by length, kind of detour (or `RACETRACK`), side.
-    turn_leg_starts
-        Number of starts of the search for turn-and-leg paths, per profile.
-    max_candidates
-        Number of detours and turn-and-leg paths retained per aircraft, the cheapest first; None: no limit.
-    with_wide_turns
-        Whether each detour is also generated with wide turns, see `anser.planning.certified.detours`.
-    rounds
-        Greatest number of rounds in which the fleet chooses its candidates, see `_choose_best_placement`.
-    spline_starts, max_splines
-        Number of starts of the search for splines, and number of splines retained, per aircraft.
-    extra
-        Additional, slow candidates for aircraft without a feasible candidate in this set.
-    """
-
+    # one entry per profile: choice of the airspeed (`PREFERRED` to `LATE_SLOW`), and detour in altitude, m
     speeds: tuple[int, ...]
     altitude_detours: tuple[float, ...]
+    # one entry per detour: rank of its direct path by length, kind of detour (or `RACETRACK`), side
     direct_ranks: tuple[int, ...]
     detour_kinds: tuple[int, ...]
     sides: tuple[int, ...]
-    turn_leg_starts: int = 0
+    turn_leg_starts: int = 0  # number of starts of the search for turn-and-leg paths, per profile
+    # number of detours and turn-and-leg paths retained per aircraft, the cheapest first; None: no limit
     max_candidates: int | None = None
+    # whether each detour is also generated with wide turns, see `anser.planning.certified.detours`
     with_wide_turns: bool = False
-    rounds: int = 1
+    rounds: int = 1  # greatest number of rounds in which the fleet chooses its candidates, see `_choose_best_placement`
+    # number of starts of the search for splines, and number of splines retained, per aircraft
     spline_starts: int = 0
     max_splines: int = 0
+    # additional, slow candidates for aircraft without a feasible candidate in this set
     extra: "CandidateSet | None" = None
 
     @property
@@ -146,24 +132,12 @@ _LEVEL_MIN = 1.0  # m/s: keeps the horizontal airspeed of a vertical arrival fin
 
 
 class ArrivalMotion(eqx.Module):
-    """Motion at the arrival.
+    """Motion at the arrival."""
 
-    Attributes
-    ----------
-    climb
-        Vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's.
-    heading
-        Heading of the velocity through the air, rad; if free, along the straight line over the ground.
-    heading_free
-        Whether the heading is free.
-    attainable
-        Whether the prescribed motion can be flown at this airspeed in this wind.
-    """
-
-    climb: Scalar
-    heading: Scalar
-    heading_free: Flag
-    attainable: Flag
+    climb: Scalar  # vertical speed over the ground, up positive, m/s: by the prescribed path angle, else the goal's
+    heading: Scalar  # heading of the velocity through the air, rad; if free, along the straight line over the ground
+    heading_free: Flag  # whether the heading is free
+    attainable: Flag  # whether the prescribed motion can be flown at this airspeed in this wind
 
 
 def arrival_motion(task: AircraftTask, wind: AbstractWind, duration: ScalarLike, speed: ScalarLike) -> ArrivalMotion:
@@ -324,10 +298,8 @@ class TimedProfile(eqx.Module):
 
     table: TabulatedProfile
     endpoints: PathEndpoints
-    direct: DirectPath
-    """Direct paths of the four words, the shortest first."""
-    wide_directs: DirectPath
-    """Direct paths with wider turns: (word, width)."""
+    direct: DirectPath  # direct paths of the four words, the shortest first
+    wide_directs: DirectPath  # direct paths with wider turns: (word, width)
     speed: Scalar
     within_limits: Flag
 

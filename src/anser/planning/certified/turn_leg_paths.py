@@ -77,25 +77,14 @@ class RadiusSchedule(eqx.Module):
 
 
 class KeepOutsAlongPath(eqx.Module):
-    """Keep-outs in the frame of the drifting air, as functions of path length.
+    """Keep-outs in the frame of the drifting air, as functions of path length."""
 
-    Attributes
-    ----------
-    step
-        Path length between two values, m.
-    norths, easts
-        Centre of each volume at the time of each path length, in the air's frame, m.
-    radii
-        Radii with a margin, m.
-    in_altitude_band
-        1 if the path is between bottom and top, else 0.
-    """
-
-    step: Scalar
+    step: Scalar  # path length between two values, m
+    # centre of each volume at the time of each path length, in the air's frame, m
     norths: Float[Array, "volumes intervals"]
     easts: Float[Array, "volumes intervals"]
-    radii: Float[Array, " volumes"]
-    in_altitude_band: Float[Array, "volumes intervals"]
+    radii: Float[Array, " volumes"]  # radii with a margin, m
+    in_altitude_band: Float[Array, "volumes intervals"]  # 1 if the path is between bottom and top, else 0
 
     def penetration(self, spot: Spot) -> tuple[Float[Array, " volumes"], Float[Array, "volumes 3"]]:
         """Depth of a point inside each volume, in units of the volume's radius, and its derivative by the point."""
@@ -151,21 +140,12 @@ def make_radius_schedule(
 
 
 class Starts(NamedTuple):
-    """Initial values of the searches, one row per search.
+    """Initial values of the searches, one row per search."""
 
-    Attributes
-    ----------
-    senses
-        Senses of the turns: 1 right, -1 left.
-    unknowns
-        Square roots of: the turn angles (rad), the leg lengths as fractions of the path, the turns' excess radii.
-    circling_fraction
-        Fraction of the spare length flown by each turn in full circles.
-    """
-
-    senses: Float[ArrayLike, "*starts 4"]
+    senses: Float[ArrayLike, "*starts 4"]  # senses of the turns: 1 right, -1 left
+    # square roots of: the turn angles (rad), the leg lengths as fractions of the path, the turns' excess radii
     unknowns: Float[ArrayLike, "*starts 11"]
-    circling_fraction: Float[ArrayLike, "*starts 4"]
+    circling_fraction: Float[ArrayLike, "*starts 4"]  # fraction of the spare length flown by each turn in full circles
 
 
 def make_starts(count: int, seed: int = 0) -> Starts:
@@ -187,19 +167,16 @@ class TurnLegProblem(eqx.Module):
     endpoints: PathEndpoints
     schedule: RadiusSchedule
     keep_outs: KeepOutsAlongPath
-    target_length: Scalar
-    """Length of the whole path, m."""
+    target_length: Scalar  # length of the whole path, m
 
 
 class _Flown(eqx.Module):
     """The part of a path up to a point, with derivatives by the unknowns (last axis, fields `..._by`)."""
 
-    position: Float[Array, "2"]
-    """North and east, m."""
+    position: Float[Array, "2"]  # north and east, m
     heading: Scalar
     length: Scalar
-    penetration: Float[Array, " volumes"]
-    """Depth inside each keep-out, summed over the checked points."""
+    penetration: Float[Array, " volumes"]  # depth inside each keep-out, summed over the checked points
     position_by: Float[Array, "2 11"]
     heading_by: Float[Array, "11"]
     length_by: Float[Array, "11"]
@@ -336,9 +313,7 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
     max_paths
         Number of searches continued after the first few steps, the smallest residuals first; None: every search.
 
-    Returns
-    -------
-    One path per continued search, in no particular order.
+    Returns one path per continued search, in no particular order.
     """
     problem = eqx.tree_at(
         lambda t: t.target_length, jax.lax.stop_gradient(problem), jnp.maximum(problem.target_length, 1.0)

@@ -17,27 +17,17 @@ from anser.spatial.rotations import safe_norm
 
 
 class ClockedPath(AbstractReference):
-    """A path that one aircraft flies by its own clock instead of time.
+    """A path that one aircraft flies by its own clock instead of time."""
 
-    Attributes
-    ----------
-    path, next_path
-        Present path and next path, as functions of the clock.
-    has_next_path
-        Whether the next path replaces the present one from its start on.
-    clock, rate, acceleration
-        Clock (s) at `time`, its rate (1) and acceleration (1/s).
-    time
-        Time to which clock and rate belong, s.
-    """
-
+    # present path and next path, as functions of the clock
     path: TimedPath
     next_path: TimedPath
-    has_next_path: Flag
+    has_next_path: Flag  # whether the next path replaces the present one from its start on
+    # clock (s) at `time`, its rate (1) and acceleration (1/s)
     clock: Scalar
     rate: Scalar
     acceleration: Scalar
-    time: Scalar
+    time: Scalar  # time to which clock and rate belong, s
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
@@ -54,42 +44,24 @@ class ClockedPath(AbstractReference):
 
 
 class Clocks(eqx.Module):
-    """Clocks of the fleet; leading axis aircraft.
+    """Clocks of the fleet; leading axis aircraft."""
 
-    Attributes
-    ----------
-    clock
-        Commanded progress along the path, s.
-    rate, acceleration
-        Rate (1) and acceleration (1/s) of the clock.
-    """
-
-    clock: Float[Array, " aircraft"]
+    clock: Float[Array, " aircraft"]  # commanded progress along the path, s
+    # rate (1) and acceleration (1/s) of the clock
     rate: Float[Array, " aircraft"]
     acceleration: Float[Array, " aircraft"]
 
 
 def clock_accelerations(
-    paths: ClockedPath,
-    network: NetworkState,
-    positions_n: Float[Array, "aircraft 3"],
+    paths: ClockedPath,  # paths and clocks of the fleet
+    network: NetworkState,  # state of the network after the exchange
+    positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
+    # masks of the flying aircraft and of the coordinated clocks; the rate of an uncoordinated clock returns to 1
     active: Bool[Array, " aircraft"],
     coordinated: Bool[Array, " aircraft"],
     gains: CoordinationGains,
 ) -> Float[Array, " aircraft"]:
-    """Compute the accelerations of the clocks, 1/s, by the coordination law, from received messages.
-
-    Parameters
-    ----------
-    paths
-        Paths and clocks of the fleet.
-    network
-        State of the network after the exchange.
-    positions_n
-        Positions of the aircraft, NED, m.
-    active, coordinated
-        Masks of the flying aircraft and of the coordinated clocks; the rate of an uncoordinated clock returns to 1.
-    """
+    """Compute the accelerations of the clocks, 1/s, by the coordination law, from received messages."""
     knowledge = network.knowledge
     estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)
     count = jnp.sum(active)

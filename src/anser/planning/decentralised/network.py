@@ -15,70 +15,36 @@ LinkMatrix = Bool[Array, "aircraft aircraft"]
 
 
 class KnowledgeMatrix(eqx.Module):
-    """What each aircraft knows about each other, (receiver, subject); on the diagonal, its own current data.
+    """What each aircraft knows about each other, (receiver, subject); on the diagonal, its own current data."""
 
-    Attributes
-    ----------
-    clocks
-        Clocks, s.
-    times
-        Times of the data, s.
-    tokens
-        Step counter of the subject's agreement on its path, see `path_exchange`; odd while its offer is open.
-    acknowledged
-        (receiver, subject, owner): last token of the owner that the subject has acknowledged.
-    delays
-        Requested delay of the fleet's arrivals, s.
-    """
-
-    clocks: Float[Array, "aircraft aircraft"]
-    times: Float[Array, "aircraft aircraft"]
+    clocks: Float[Array, "aircraft aircraft"]  # clocks, s
+    times: Float[Array, "aircraft aircraft"]  # times of the data, s
+    # step counter of the subject's agreement on its path, see `path_exchange`; odd while its offer is open
     tokens: Int[Array, "aircraft aircraft"]
+    # (receiver, subject, owner): last token of the owner that the subject has acknowledged
     acknowledged: Int[Array, "aircraft aircraft aircraft"]
-    delays: Float[Array, "aircraft aircraft"]
+    delays: Float[Array, "aircraft aircraft"]  # requested delay of the fleet's arrivals, s
 
 
 class Broadcast(eqx.Module):
-    """Data that each aircraft sends about itself in one exchange; leading axis aircraft.
+    """Data that each aircraft sends about itself in one exchange; leading axis aircraft."""
 
-    Attributes
-    ----------
-    clocks
-        Clock, s.
-    tokens
-        Step counter of the agreement on the aircraft's path, see `path_exchange`.
-    acknowledged
-        (aircraft, owner): last token of the owner that the aircraft has acknowledged.
-    delays
-        Requested delay of the fleet's arrivals, s.
-    """
-
-    clocks: Float[Array, " aircraft"]
-    tokens: Int[Array, " aircraft"]
+    clocks: Float[Array, " aircraft"]  # clock, s
+    tokens: Int[Array, " aircraft"]  # step counter of the agreement on the aircraft's path, see `path_exchange`
+    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
     acknowledged: Int[Array, "aircraft aircraft"]
-    delays: Float[Array, " aircraft"]
+    delays: Float[Array, " aircraft"]  # requested delay of the fleet's arrivals, s
 
 
 class NetworkState(eqx.Module):
-    """State of a network between two exchanges.
+    """State of a network between two exchanges."""
 
-    Attributes
-    ----------
-    outages
-        Links in an outage, (aircraft, aircraft).
-    hears
-        Links with a message in the last exchange: (receiver, sender).
-    messages, message_links
-        Messages under way, and the links they use; leading axis exchanges, a ring buffer.
-    knowledge
-        Knowledge of the aircraft after the last exchange.
-    """
-
-    outages: LinkMatrix
-    hears: LinkMatrix
+    outages: LinkMatrix  # links in an outage, (aircraft, aircraft)
+    hears: LinkMatrix  # links with a message in the last exchange: (receiver, sender)
+    # messages under way, and the links they use; leading axis exchanges, a ring buffer
     messages: KnowledgeMatrix
     message_links: Bool[Array, "slots aircraft aircraft"]
-    knowledge: KnowledgeMatrix
+    knowledge: KnowledgeMatrix  # knowledge of the aircraft after the last exchange
 
 
 class Network(eqx.Module):
@@ -86,29 +52,14 @@ class Network(eqx.Module):
 
     A link is up or down in both directions. It is down beyond the range, during an outage (Gilbert-Elliott model,
     independent links), and for lost exchanges (independent). Messages arrive after a delay.
-
-    Attributes
-    ----------
-    range
-        Range of a link, m.
-    dropouts
-        Losses and outages of the links.
-    period
-        Time between two exchanges, s.
-    period_samples
-        Time between two exchanges, sampling periods.
-    delay
-        Delay of messages, exchanges.
-    slots
-        Length of the ring buffer, more than the delay.
     """
 
-    range: Scalar
-    dropouts: Dropouts
-    period: Scalar
-    period_samples: Count
-    delay: Count
-    slots: int = eqx.field(static=True)
+    range: Scalar  # range of a link, m
+    dropouts: Dropouts  # losses and outages of the links
+    period: Scalar  # time between two exchanges, s
+    period_samples: Count  # time between two exchanges, sampling periods
+    delay: Count  # delay of messages, exchanges
+    slots: int = eqx.field(static=True)  # length of the ring buffer, more than the delay
 
     def init(self, clocks: Float[Array, " aircraft"], randomness: AbstractRandomness | None) -> NetworkState:
         """State before the first exchange: clocks and agreed paths are known to the whole fleet."""
@@ -129,26 +80,15 @@ class Network(eqx.Module):
     def exchange(
         self,
         state: NetworkState,
-        broadcast: Broadcast,
-        positions_n: Float[Array, "aircraft 3"],
-        active: Bool[Array, " aircraft"],
+        broadcast: Broadcast,  # data that the aircraft send about themselves
+        positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
+        active: Bool[Array, " aircraft"],  # mask of the aircraft that send and receive
+        # number and time (s) of the sample
         number: Count,
         time: Scalar,
         randomness: AbstractRandomness | None,
     ) -> NetworkState:
-        """Send the messages of one exchange, and update the knowledge from the messages that arrive.
-
-        Parameters
-        ----------
-        broadcast
-            Data that the aircraft send about themselves.
-        positions_n
-            Positions of the aircraft, NED, m.
-        active
-            Mask of the aircraft that send and receive.
-        number, time
-            Number and time (s) of the sample.
-        """
+        """Send the messages of one exchange, and update the knowledge from the messages that arrive."""
         knowledge = _with_broadcasts(state.knowledge, broadcast, time)
         outages, up = self.links(state.outages, positions_n, active, number, randomness)
         exchange = number // jnp.maximum(self.period_samples, 1)

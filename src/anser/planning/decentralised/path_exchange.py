@@ -25,29 +25,17 @@ PairMask = Bool[Array, "aircraft aircraft"]
 
 
 class Exchange(eqx.Module):
-    """State of the agreement on paths; leading axis aircraft.
+    """State of the agreement on paths; leading axis aircraft."""
 
-    Attributes
-    ----------
-    agreed_paths
-        Paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path.
-    alternative
-        Paths that are offered, or were just left or withdrawn; equal to the agreed path if settled.
-    tokens
-        Step counter of each aircraft's offers; odd while an offer is open (see the module docstring).
-    settled
-        Whether the fleet knows which of both paths the aircraft flies.
-    offered_at
-        Time of the last offer, on the path's clock, s.
-    acknowledged
-        (aircraft, owner): last token of the owner that the aircraft has acknowledged.
-    """
-
+    # paths acknowledged by the fleet: each aircraft flies within a tube around its agreed path
     agreed_paths: ApproachAndHold
+    # paths that are offered, or were just left or withdrawn; equal to the agreed path if settled
     alternative: ApproachAndHold
+    # step counter of each aircraft's offers; odd while an offer is open (see the module docstring)
     tokens: Int[Array, " aircraft"]
-    settled: Bool[Array, " aircraft"]
-    offered_at: Float[Array, " aircraft"]
+    settled: Bool[Array, " aircraft"]  # whether the fleet knows which of both paths the aircraft flies
+    offered_at: Float[Array, " aircraft"]  # time of the last offer, on the path's clock, s
+    # (aircraft, owner): last token of the owner that the aircraft has acknowledged
     acknowledged: Int[Array, "aircraft aircraft"]
 
     @property
@@ -64,33 +52,20 @@ def initial_exchange(approaches: ApproachAndHold) -> Exchange:
 
 
 def process_messages(
+    # state of the agreement, and knowledge of the aircraft about each other
     state: Exchange,
     knowledge: KnowledgeMatrix,
+    # whether the alternative path of a row's aircraft keeps the separation from the agreed path, and from the
+    # alternative path, of a column's aircraft
     clear_of_agreed: PairMask,
     clear_of_alternative: PairMask,
-    clocks: Float[Array, " aircraft"],
-    participates: Bool[Array, " aircraft"],
-    patience: ScalarLike,
+    clocks: Float[Array, " aircraft"],  # clocks of the aircraft, s
+    participates: Bool[Array, " aircraft"],  # mask of the flying aircraft, which answer
+    patience: ScalarLike,  # time after which an offer is withdrawn, s
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
     """Let each aircraft acknowledge the offers it knows, and accept, withdraw or settle its own offer.
 
-    Parameters
-    ----------
-    state, knowledge
-        State of the agreement, and knowledge of the aircraft about each other.
-    clear_of_agreed, clear_of_alternative
-        Whether the alternative path of a row's aircraft keeps the separation from the agreed path, and from the
-        alternative path, of a column's aircraft.
-    clocks
-        Clocks of the aircraft, s.
-    participates
-        Mask of the flying aircraft, which answer.
-    patience
-        Time after which an offer is withdrawn, s.
-
-    Returns
-    -------
-    The new state, and the mask of the aircraft with an offer that the fleet has just accepted.
+    Returns the new state, and the mask of the aircraft with an offer that the fleet has just accepted.
     """
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]

@@ -65,62 +65,32 @@ _DELAY_FRACTIONS = (
 
 
 class DecentralisedPlanState(eqx.Module):
-    """State of the planner of a decentralised fleet. The row of an aircraft is known to this aircraft only.
+    """State of the planner of a decentralised fleet. The row of an aircraft is known to this aircraft only."""
 
-    Attributes
-    ----------
-    plan
-        Paths that the aircraft fly, as functions of their clocks.
-    replanning
-        Result of the last replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
-    limits
-        Flight limits of each path, including the accelerations available from the engine.
-    exchange
-        State of the agreement on paths.
-    clocks, network, time
-        Present state of clocks and network, and time, s.
-    replan_needed
-        Whether a new path was needed that a planner without replanning could not make.
-    waits
-        Mask of the aircraft on the previous path until the agreed path begins.
-    first_arrivals
-        Arrival times agreed before the flight, by the clocks, s.
-    delays
-        Delay of the fleet's arrivals known to each aircraft, s: the greatest requested or received.
-    """
-
-    plan: CertifiedPlan
+    plan: CertifiedPlan  # paths that the aircraft fly, as functions of their clocks
+    # result of the last replanning: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`
     replanning: Array
-    limits: PathLimits
-    exchange: Exchange
+    limits: PathLimits  # flight limits of each path, including the accelerations available from the engine
+    exchange: Exchange  # state of the agreement on paths
+    # present state of clocks and network, and time, s
     clocks: Clocks
     network: NetworkState
     time: Scalar
-    replan_needed: Flag
-    waits: Bool[Array, " aircraft"]
-    first_arrivals: Float[Array, " aircraft"]
+    replan_needed: Flag  # whether a new path was needed that a planner without replanning could not make
+    waits: Bool[Array, " aircraft"]  # mask of the aircraft on the previous path until the agreed path begins
+    first_arrivals: Float[Array, " aircraft"]  # arrival times agreed before the flight, by the clocks, s
+    # delay of the fleet's arrivals known to each aircraft, s: the greatest requested or received
     delays: Float[Array, " aircraft"]
 
 
 class DecentralisedPlanner(AbstractPlanner):
-    """Planner of a fleet without a centre: each aircraft plans for itself.
+    """Planner of a fleet without a centre: each aircraft plans for itself."""
 
-    Attributes
-    ----------
-    aircraft_planner
-        Limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew.
-    network
-        Communication network.
-    gains
-        Gains of the clocks' coordination.
-    tube
-        Greatest distance of an aircraft's path from its agreed path, m.
-    """
-
+    # limits, airspace and settings of the paths; the separation includes twice the tube and the greatest skew
     aircraft_planner: CertifiedPlanner
-    network: Network
-    gains: CoordinationGains
-    tube: Scalar
+    network: Network  # communication network
+    gains: CoordinationGains  # gains of the clocks' coordination
+    tube: Scalar  # greatest distance of an aircraft's path from its agreed path, m
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> DecentralisedPlanState:
         """Raise ValueError: the aircraft agree on a plan before the flight, see `anser.missions.consensus`."""

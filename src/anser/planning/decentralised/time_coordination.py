@@ -24,51 +24,27 @@ SETTLED_LAG_S = 0.03
 
 
 class CoordinationGains(eqx.Module):
-    """Gains and limits of the coordination law.
+    """Gains and limits of the coordination law."""
 
-    Attributes
-    ----------
-    coupling
-        c: rate at which clocks agree in a complete network, 1/s.
-    damping
-        b: rate at which a clock's rate returns to 1, 1/s.
-    waiting
-        k: gain on the lag behind the path, 1/s^2.
-    rate_range
-        Greatest deviation of a clock's rate from 1.
-    skew_max
-        Greatest difference between two clocks, s.
-    """
-
-    coupling: Scalar
-    damping: Scalar
-    waiting: Scalar
-    rate_range: Scalar
-    skew_max: Scalar
+    coupling: Scalar  # c: rate at which clocks agree in a complete network, 1/s
+    damping: Scalar  # b: rate at which a clock's rate returns to 1, 1/s
+    waiting: Scalar  # k: gain on the lag behind the path, 1/s^2
+    rate_range: Scalar  # greatest deviation of a clock's rate from 1
+    skew_max: Scalar  # greatest difference between two clocks, s
 
 
 def clock_acceleration(
+    # clock (s) and rate (1) of the aircraft
     clock: ScalarLike,
     rate: ScalarLike,
+    # present estimates of the other clocks, s, and mask of the recently heard aircraft
     other_clocks: Float[Array, " others"],
     hears: Bool[Array, " others"],
-    lag: ScalarLike,
-    count: ScalarLike,
+    lag: ScalarLike,  # delay behind the path, s; negative: ahead
+    count: ScalarLike,  # number of coordinated aircraft
     gains: CoordinationGains,
 ) -> Scalar:
-    """Acceleration of one aircraft's clock by the coordination law, 1/s.
-
-    Parameters
-    ----------
-    clock, rate
-        Clock (s) and rate (1) of the aircraft.
-    other_clocks, hears
-        Present estimates of the other clocks, s, and mask of the recently heard aircraft.
-    lag
-        Delay behind the path, s; negative: ahead.
-    count
-        Number of coordinated aircraft.
-    """
+    """Acceleration of one aircraft's clock by the coordination law, 1/s."""
     clock_difference = jnp.sum(jnp.where(hears, clock - other_clocks, 0.0))
     effective_lag = jnp.sign(lag) * jnp.maximum(jnp.abs(lag) - SETTLED_LAG_S, 0.0)
     coupling = gains.damping * gains.coupling / count
@@ -76,29 +52,20 @@ def clock_acceleration(
 
 
 def bounded_rate(
+    # rate by the law, and the clock, s
     rate: ScalarLike,
     clock: ScalarLike,
+    # other clocks extrapolated at rate 1, s, and bound of the extrapolation error, s
     other_clocks: Float[Array, " others"],
     uncertainty: Float[Array, " others"],
-    is_coordinated: Bool[Array, " others"],
-    gains: CoordinationGains,
+    is_coordinated: Bool[Array, " others"],  # mask of the coordinated aircraft
+    gains: CoordinationGains,  # only `rate_range` and `skew_max` are used
 ) -> Scalar:
     """Limit the rate of a clock to its range, and so that no two clocks differ by more than the greatest skew.
 
     A clock may move away from another clock only while the other clock is certainly closer than the greatest skew:
     since the last message it may have moved by `uncertainty`, under the same rule. After a long time without messages
     the uncertainty alone reaches the greatest skew, and the rate is 1.
-
-    Parameters
-    ----------
-    rate, clock
-        Rate by the law, and the clock, s.
-    other_clocks, uncertainty
-        Other clocks extrapolated at rate 1, s, and bound of the extrapolation error, s.
-    is_coordinated
-        Mask of the coordinated aircraft.
-    gains
-        Only `rate_range` and `skew_max` are used.
     """
     limited = jnp.clip(rate, 1.0 - gains.rate_range, 1.0 + gains.rate_range)
     lead_max = jnp.max(jnp.where(is_coordinated, clock - other_clocks + uncertainty, -jnp.inf))
@@ -107,25 +74,18 @@ def bounded_rate(
     return jnp.where((lag_max >= gains.skew_max) & (limited < 1.0), 1.0, limited)
 
 
-def quality_of_service(links: np.ndarray, period_s: float, window_s: float) -> np.ndarray:
+def quality_of_service(
+    links: np.ndarray,  # links that are up, symmetric; shape (samples, n, n)
+    period_s: float,  # time between two samples, s
+    window_s: float,  # T, s
+) -> np.ndarray:
     """Quality of service of a network over time: mu of (1 / (n T)) integral of Q L Q^T dt >= mu I over a window T.
 
     L is the Laplacian of the links, and the rows of Q are orthonormal and orthogonal to (1, ..., 1): mu is 1 for a
     network that is always complete, and 0 for a network that is disconnected over the whole window. Source: Xargay et
     al. (2013).
 
-    Parameters
-    ----------
-    links
-        Links that are up, symmetric; shape (samples, n, n).
-    period_s
-        Time between two samples, s.
-    window_s
-        T, s.
-
-    Returns
-    -------
-    mu of the window from each sample on, shape (windows,): only complete windows, at least one.
+    Returns mu of the window from each sample on, shape (windows,): only complete windows, at least one.
     """
     samples, count, _ = links.shape
     if count < 2:

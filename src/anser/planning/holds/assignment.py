@@ -65,30 +65,19 @@ def _candidate_circles(task: AircraftTask, airspace: Airspace, settings: Guidanc
 
 
 class _HoldOption(eqx.Module):
-    """One aircraft with one of its candidate holds, or without hold; stacked, a fleet.
+    """One aircraft with one of its candidate holds, or without hold; stacked, a fleet."""
 
-    Attributes
-    ----------
-    path, circle
-        Path of the hold, and its circle.
-    whole, hold_track
-        Track of approach and hold, and the part after the arrival.
-    cylinders, cylinders_after
-        Bounding cylinders of both tracks, for large fleets.
-    fits
-        Whether the hold keeps the altitude limits and stays away from goal and keep-outs.
-    keep_out_clearance
-        Least distance outside each keep-out, m.
-    """
-
+    # path of the hold, and its circle
     path: TimedPath
     circle: HoldCircle
+    # track of approach and hold, and the part after the arrival
     whole: Track
     hold_track: Track
+    # bounding cylinders of both tracks, for large fleets
     cylinders: BoundingCylinders
     cylinders_after: BoundingCylinders
-    fits: Flag
-    keep_out_clearance: Float[Array, " volumes"]
+    fits: Flag  # whether the hold keeps the altitude limits and stays away from goal and keep-outs
+    keep_out_clearance: Float[Array, " volumes"]  # least distance outside each keep-out, m
 
 
 def _clearance_ratios(
@@ -120,20 +109,20 @@ class _Choice(eqx.Module):
 
     turn: Count
     options: _HoldOption
-    pick: Array
-    """Index of the chosen circle."""
+    pick: Array  # index of the chosen circle
     clearance_ratio: Float[Array, "aircraft aircraft"]
     clear: Bool[Array, " aircraft"]
 
 
 def assign_holds(
-    paths: TimedPath,
-    tasks: AircraftTask,
+    paths: TimedPath,  # paths to the arrivals; stacked
+    tasks: AircraftTask,  # planning tasks, with the goals predicted at `start_time`
     airspace: Airspace,
     settings: GuidanceSettings,
-    start_time: ScalarLike,
-    end_time: ScalarLike,
-    cells: int,
+    start_time: ScalarLike,  # time of the prediction, s; distances count from here on
+    end_time: ScalarLike,  # end of the flight, s
+    cells: int,  # number of cells of a hold's path, see `choose_cell_count`
+    # previous holds, and the mask of the holds that stay; None: those of aircraft that have arrived at `start_time`
     former: PlannedHolds | None = None,
     stays: Bool[Array, " aircraft"] | None = None,
 ) -> PlannedHolds:
@@ -142,21 +131,6 @@ def assign_holds(
     The aircraft choose one after the other, in the order of arrival. Each takes its first circle that is clear of all
     paths and of the holds chosen so far, or else the circle with the largest clearance. Then aircraft in conflict
     choose again, given the other holds.
-
-    Parameters
-    ----------
-    paths
-        Paths to the arrivals; stacked.
-    tasks
-        Planning tasks, with the goals predicted at `start_time`.
-    start_time
-        Time of the prediction, s; distances count from here on.
-    end_time
-        End of the flight, s.
-    cells
-        Number of cells of a hold's path, see `choose_cell_count`.
-    former, stays
-        Previous holds, and the mask of the holds that stay; None: those of aircraft that have arrived at `start_time`.
     """
     arrival_times = paths.times[:, -1]
     fleet = arrival_times.shape[0]

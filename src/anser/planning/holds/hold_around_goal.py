@@ -27,24 +27,12 @@ _BANK_MAX = 1.2  # rad: keeps the tangent, the lateral acceleration, bounded
 
 
 class HoldAroundGoal(eqx.Module):
-    """Guidance of the hold: a circle around the moving goal at the height of the rendezvous, or the planned hold.
+    """Guidance of the hold: a circle around the moving goal at the height of the rendezvous, or the planned hold."""
 
-    Attributes
-    ----------
-    settings
-        Guidance settings: radius, turn direction, climb rate.
-    limits
-        Least altitude of the hold, and limits of the aircraft.
-    gains
-        Gains of the controller's velocity loop (V, gamma, chi).
-    speed
-        Airspeed, m/s.
-    """
-
-    settings: GuidanceSettings
-    limits: FlightLimits
-    gains: LoopGains
-    speed: Scalar
+    settings: GuidanceSettings  # guidance settings: radius, turn direction, climb rate
+    limits: FlightLimits  # least altitude of the hold, and limits of the aircraft
+    gains: LoopGains  # gains of the controller's velocity loop (V, gamma, chi)
+    speed: Scalar  # airspeed, m/s
 
     def clearance(self, belief: Belief) -> GroundClearance:
         """Ground clearance of the aircraft above the least altitude of the hold."""
@@ -58,29 +46,15 @@ class HoldAroundGoal(eqx.Module):
 
     def command(
         self,
-        belief: Belief,
+        belief: Belief,  # the aircraft's own estimate of its state and its goal's
         clearance: GroundClearance,
-        rendezvous: Rendezvous,
-        distance_min: Scalar,
-        plan: AircraftPlan,
-        is_breakaway: Flag,
+        rendezvous: Rendezvous,  # rendezvous; the height of the stand-off is the height of the hold
+        distance_min: Scalar,  # least distance from the goal, m
+        plan: AircraftPlan,  # plan with the arrival before the hold
+        is_breakaway: Flag,  # whether the aircraft has left its plan, and must not follow the planned hold
         instant: Instant,
     ) -> tuple[PathCommand, Vector3]:
-        """Return the command, and the reference point of the hold (NED, m).
-
-        Parameters
-        ----------
-        belief
-            The aircraft's own estimate of its state and its goal's.
-        rendezvous
-            Rendezvous; the height of the stand-off is the height of the hold.
-        distance_min
-            Least distance from the goal, m.
-        plan
-            Plan with the arrival before the hold.
-        is_breakaway
-            Whether the aircraft has left its plan, and must not follow the planned hold.
-        """
+        """Return the command, and the reference point of the hold (NED, m)."""
         if belief.goal is None:
             raise ValueError("a hold is flown around a goal: the aircraft has none")
         time, goal_n, goal_velocity_n = instant.time, belief.goal.position_n, belief.goal.velocity_n

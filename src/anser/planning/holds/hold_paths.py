@@ -35,50 +35,27 @@ GOAL_VELOCITY_TOLERANCE = 0.1
 
 
 class HoldCircle(eqx.Module):
-    """Circle of a hold.
+    """Circle of a hold."""
 
-    Attributes
-    ----------
-    radius
-        Radius, m.
-    turn
-        +1: clockwise seen from above, -1: anticlockwise.
-    height
-        Height above the goal, m.
-    """
-
-    radius: Scalar
-    turn: Scalar
-    height: Scalar
+    radius: Scalar  # radius, m
+    turn: Scalar  # +1: clockwise seen from above, -1: anticlockwise
+    height: Scalar  # height above the goal, m
 
 
 class PlannedHolds(eqx.Module):
-    """Holds of a fleet; leading axis aircraft.
+    """Holds of a fleet; leading axis aircraft."""
 
-    Attributes
-    ----------
-    paths
-        Paths from the arrivals to the end of the flight.
-    circles
-        Circles at the end of the paths.
-    goal_positions_n, goal_velocities_n, forecast_time
-        Predicted goals: positions (NED, m) and velocities (NED, m/s) at a time, s.
-    clearance_ratio
-        Least ratio of distance to separation of each pair, from the first arrival of the pair to the end of the flight;
-        infinite on the diagonal.
-    keep_out_clearance
-        Least distance outside each keep-out after the arrival, m.
-    clear
-        Whether the hold keeps separation, keep-outs and altitude limits until the end of the flight.
-    """
-
-    paths: TimedPath
-    circles: HoldCircle
+    paths: TimedPath  # paths from the arrivals to the end of the flight
+    circles: HoldCircle  # circles at the end of the paths
+    # predicted goals: positions (NED, m) and velocities (NED, m/s) at a time, s
     goal_positions_n: Float[Array, "aircraft 3"]
     goal_velocities_n: Float[Array, "aircraft 3"]
     forecast_time: Scalar
+    # least ratio of distance to separation of each pair, from the first arrival of the pair to the end of the flight;
+    # infinite on the diagonal
     clearance_ratio: Float[Array, "aircraft aircraft"]
-    keep_out_clearance: Float[Array, "aircraft volumes"]
+    keep_out_clearance: Float[Array, "aircraft volumes"]  # least distance outside each keep-out after the arrival, m
+    # whether the hold keeps separation, keep-outs and altitude limits until the end of the flight
     clear: Bool[Array, " aircraft"]
 
 
@@ -120,22 +97,13 @@ def move_with_goals(
 
 
 class HoldReference(AbstractReference):
-    """Reference of one aircraft in its hold: the planned path, moved with the sensed goal.
+    """Reference of one aircraft in its hold: the planned path, moved with the sensed goal."""
 
-    Attributes
-    ----------
-    path
-        Planned path of the hold.
-    goal_offset_n, goal_offset_rate_n
-        Offset of the goal from the prediction, m, and its rate, m/s.
-    now
-        Time of the offset, s.
-    """
-
-    path: TimedPath
+    path: TimedPath  # planned path of the hold
+    # offset of the goal from the prediction, m, and its rate, m/s
     goal_offset_n: Vector3
     goal_offset_rate_n: Vector3
-    now: Scalar
+    now: Scalar  # time of the offset, s
 
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time."""
@@ -183,14 +151,10 @@ class _PointMass(eqx.Module):
 
     position_n: Vector3
     drift_n: Vector3
-    course: Scalar
-    """Course through the air, rad."""
-    speed: Scalar
-    """Airspeed, m/s."""
-    climb: Scalar
-    """Climb rate relative to the air, m/s."""
-    turning: Scalar
-    """Horizontal acceleration to the right, m/s^2."""
+    course: Scalar  # course through the air, rad
+    speed: Scalar  # airspeed, m/s
+    climb: Scalar  # climb rate relative to the air, m/s
+    turning: Scalar  # horizontal acceleration to the right, m/s^2
 
 
 def _air_velocity_n(state: _PointMass) -> Vector3:
@@ -199,35 +163,18 @@ def _air_velocity_n(state: _PointMass) -> Vector3:
 
 
 def hold_path(
-    task: AircraftTask,
+    task: AircraftTask,  # planning task, for speed and limits
+    # position (m), velocity over the ground (m/s) and time (s) at the start of the hold
     arrival: tuple[Vector3, Vector3, ScalarLike],
-    goal: tuple[Vector3, Vector3],
-    circle: HoldCircle,
+    goal: tuple[Vector3, Vector3],  # position and velocity of the goal at the arrival, m and m/s over the ground
+    circle: HoldCircle,  # circle of the hold
     wind: AbstractWind,
-    end_time: ScalarLike,
-    settings: GuidanceSettings,
+    end_time: ScalarLike,  # end of the path, s
+    settings: GuidanceSettings,  # guidance settings; radius and turn direction are taken from the circle
     gravity: ScalarLike,
-    cells: int,
+    cells: int,  # number of cells of the path
 ) -> TimedPath:
-    """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance.
-
-    Parameters
-    ----------
-    task
-        Planning task, for speed and limits.
-    arrival
-        Position (m), velocity over the ground (m/s) and time (s) at the start of the hold.
-    goal
-        Position and velocity of the goal at the arrival, m and m/s over the ground.
-    circle
-        Circle of the hold.
-    end_time
-        End of the path, s.
-    settings
-        Guidance settings; radius and turn direction are taken from the circle.
-    cells
-        Number of cells of the path.
-    """
+    """Compute the path of one hold: a point mass with finite roll, climb and speed rates follows the guidance."""
     position_n, velocity_n, begin = arrival
     goal_n, goal_velocity_n = goal
     settings = eqx.tree_at(lambda s: (s.hold_radius, s.hold_turn), settings, (circle.radius, circle.turn))
@@ -305,18 +252,10 @@ HOLD_INTERVALS_PER_CYLINDER = 4 * clearance.INTERVALS_PER_CYLINDER
 
 
 class ApproachAndHold(eqx.Module):
-    """Combined paths of approach and hold; leading axis aircraft.
+    """Combined paths of approach and hold; leading axis aircraft."""
 
-    Attributes
-    ----------
-    path
-        Paths to the arrivals.
-    hold
-        Holds after the arrivals, see `broadcast_holds`.
-    """
-
-    path: TimedPath
-    hold: PlannedHolds
+    path: TimedPath  # paths to the arrivals
+    hold: PlannedHolds  # holds after the arrivals, see `broadcast_holds`
 
 
 def is_holding(times: Float[Array, " instants"], arrival: ScalarLike) -> Bool[Array, " intervals"]:

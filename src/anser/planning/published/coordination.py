@@ -46,29 +46,22 @@ _SPEED_ROUNDS = 3  # each round gains two digits: the path hardly depends on the
 class FleetPlan(eqx.Module):
     """Plan of a fleet: one trajectory per aircraft, with a common arrival time of the active aircraft."""
 
-    trajectories: Trajectory
-    """Trajectories of the aircraft, stacked."""
-    arrival_time: Scalar
-    """Common time of arrival, s."""
+    trajectories: Trajectory  # trajectories of the aircraft, stacked
+    arrival_time: Scalar  # common time of arrival, s
+    # arrival time per aircraft, s; for an inactive aircraft, that of its last plan
     arrival_times: Float[Array, " aircraft"]
-    """Arrival time per aircraft, s; for an inactive aircraft, that of its last plan."""
-    nominal_lengths: Float[Array, " aircraft"]
-    """Lengths of the unbent air paths, m."""
+    nominal_lengths: Float[Array, " aircraft"]  # lengths of the unbent air paths, m
+    # mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed
     speed: Scalar
-    """Mean airspeed of the plan, m/s: the fleet's, or more if the farthest aircraft cannot descend at that speed."""
+    # common length of the paths, m, plus deficits: the longest nominal length of active aircraft that can arrive
     reference_length: Scalar
-    """Common length of the paths, m, plus deficits: the longest nominal length of active aircraft that can arrive."""
-    lengths: Float[Array, " aircraft"]
-    """Lengths of the planned paths, m."""
+    lengths: Float[Array, " aircraft"]  # lengths of the planned paths, m
+    # lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew
     lateral_bends: Float[Array, " aircraft"]
-    """Lateral bend of each path, m, right positive; exactly 0 for the farthest aircraft and for one that never flew."""
-    farthest: Count
-    """Index of the aircraft that flies its nominal path, because this path is the longest."""
-    converged: Bool[Array, " aircraft"]
-    """Whether the aircraft's trajectory has the reference length and arrival time."""
+    farthest: Count  # index of the aircraft that flies its nominal path, because this path is the longest
+    converged: Bool[Array, " aircraft"]  # whether the aircraft's trajectory has the reference length and arrival time
     goal_reachable: Bool[Array, " aircraft"]
-    status: Int[Array, " aircraft"]
-    """Status of each aircraft: index into PLAN_MESSAGES."""
+    status: Int[Array, " aircraft"]  # status of each aircraft: index into PLAN_MESSAGES
 
     @property
     def active(self) -> Bool[Array, " aircraft"]:
@@ -77,45 +70,27 @@ class FleetPlan(eqx.Module):
 
 
 class PlanningTask(eqx.Module):
-    """Planning problem of one aircraft for the published planner; stacked, of a fleet.
+    """Planning problem of one aircraft for the published planner; stacked, of a fleet."""
 
-    Attributes
-    ----------
-    position_n
-        Position of the aircraft, NED, m.
-    air_velocity_n
-        Velocity of the aircraft relative to the air, NED, m/s.
-    goal_position_n, goal_velocity_n
-        Sensed goal, NED, m and m/s over the ground; predicted at constant velocity.
-    rendezvous
-        Stand-off and arrival conditions at the goal.
-    wind_n
-        Wind measured by the aircraft, NED, m/s.
-    origin_n
-        Position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line
-        from the origin to the rendezvous determines the free arrival direction and the direction of the bend.
-    path_length_deficit
-        Planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is added
-        to the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and replanning on
-        the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean speed of the
-        remaining path would differ from that of the whole, and the arrival time would change from plan to plan.)
-    deceleration
-        Deceleration with the engine idle in level flight, m/s^2.
-    active
-        Whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common
-        arrival time, speed and length, for the farthest aircraft, or for distances. Without any active aircraft, the
-        first plan treats every aircraft as active, with status INACTIVE.
-    """
-
-    position_n: Vector3
-    air_velocity_n: Vector3
+    position_n: Vector3  # position of the aircraft, NED, m
+    air_velocity_n: Vector3  # velocity of the aircraft relative to the air, NED, m/s
+    # sensed goal, NED, m and m/s over the ground; predicted at constant velocity
     goal_position_n: Vector3
     goal_velocity_n: Vector3
-    rendezvous: Rendezvous
-    wind_n: Vector3
+    rendezvous: Rendezvous  # stand-off and arrival conditions at the goal
+    wind_n: Vector3  # wind measured by the aircraft, NED, m/s
+    # position at the first plan, moved with the air since, NED, m; in a first plan, the present position. The line from
+    # the origin to the rendezvous determines the free arrival direction and the direction of the bend
     origin_n: Vector3
+    # planned speed times time minus the length flown since the first plan, m: 0 in a first plan. The deficit is added
+    # to the remaining length, so that the mean airspeed of the whole flight is equal for the fleet, and replanning on
+    # the planned path returns the same plan. (The speed varies along a trajectory: otherwise the mean speed of the
+    # remaining path would differ from that of the whole, and the arrival time would change from plan to plan.)
     path_length_deficit: Scalar
-    deceleration: Scalar
+    deceleration: Scalar  # deceleration with the engine idle in level flight, m/s^2
+    # whether the aircraft flies. An inactive aircraft (stopped, or never started) does not count for the common arrival
+    # time, speed and length, for the farthest aircraft, or for distances. Without any active aircraft, the first plan
+    # treats every aircraft as active, with status INACTIVE
     active: Flag
 
 
@@ -203,31 +178,16 @@ def _common_duration(tasks: PlanningTask, speed: Scalar) -> tuple[Scalar, Flag, 
 
 
 class _CommonTime(NamedTuple):
-    """Mean airspeed and flight duration that are common to a fleet, and the nominal paths for this duration.
+    """Mean airspeed and flight duration that are common to a fleet, and the nominal paths for this duration."""
 
-    Attributes
-    ----------
-    speed, duration
-        Mean airspeed, m/s, and duration from now to the arrival, s.
-    is_solved
-        Whether the duration equals the flight time of the longest path.
-    reachable
-        Mask of the aircraft with reachable goals.
-    nominal
-        Paths without bend, stacked.
-    attainable
-        Whether each path has the prescribed arrival direction.
-    lengths
-        Lengths of the paths, m.
-    """
-
+    # mean airspeed, m/s, and duration from now to the arrival, s
     speed: Scalar
     duration: Scalar
-    is_solved: Flag
-    reachable: Bool[Array, " aircraft"]
-    nominal: Trajectory
-    attainable: Bool[Array, " aircraft"]
-    lengths: Float[Array, " aircraft"]
+    is_solved: Flag  # whether the duration equals the flight time of the longest path
+    reachable: Bool[Array, " aircraft"]  # mask of the aircraft with reachable goals
+    nominal: Trajectory  # paths without bend, stacked
+    attainable: Bool[Array, " aircraft"]  # whether each path has the prescribed arrival direction
+    lengths: Float[Array, " aircraft"]  # lengths of the paths, m
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
@@ -254,35 +214,20 @@ def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_ra
 
 @jax.jit  # one trace per program
 def coordinate(
-    time: ScalarLike,
-    tasks: PlanningTask,
-    speed: ScalarLike,
-    sides: Real[Array, " aircraft"],
+    time: ScalarLike,  # present time, s
+    tasks: PlanningTask,  # stacked tasks, one per aircraft
+    speed: ScalarLike,  # mean airspeed of the fleet, m/s
+    sides: Real[Array, " aircraft"],  # positive or zero: detour to the right; negative: to the left
+    # whether paths are flown at an even speed; otherwise the path parameter is linear in time, as published
     even_speed: Flag | bool = False,
+    # whether the mean airspeed is fixed to that of the first plan, to which `path_length_deficit` refers. Otherwise it
+    # is raised if the farthest aircraft cannot descend at that speed. (Raising it again en route would diverge: a
+    # faster aircraft has more speed to lose on the remaining descent.)
     speed_is_fixed: Flag | bool = False,
 ) -> FleetPlan:
     """Plan a fleet's simultaneous arrival from the present state.
 
-    Parameters
-    ----------
-    time
-        Present time, s.
-    tasks
-        Stacked tasks, one per aircraft.
-    speed
-        Mean airspeed of the fleet, m/s.
-    sides
-        Positive or zero: detour to the right; negative: to the left.
-    even_speed
-        Whether paths are flown at an even speed; otherwise the path parameter is linear in time, as published.
-    speed_is_fixed
-        Whether the mean airspeed is fixed to that of the first plan, to which `path_length_deficit` refers. Otherwise
-        it is raised if the farthest aircraft cannot descend at that speed. (Raising it again en route would diverge: a
-        faster aircraft has more speed to lose on the remaining descent.)
-
-    Returns
-    -------
-    The plan. Failures are marked in `status` per aircraft, see PLAN_MESSAGES; the numbers stay finite.
+    Failures are marked in `status` per aircraft, see PLAN_MESSAGES; the numbers stay finite.
 
     Notes
     -----
@@ -380,11 +325,12 @@ def _keep_inactive(plan: FleetPlan, new_plan: FleetPlan, active: Bool[Array, " a
 
 def replan(
     plan: FleetPlan,
-    time: ScalarLike,
+    time: ScalarLike,  # present time, s
+    # as for `coordinate`; deficits refer to the plan's mean airspeed, which is kept
     tasks: PlanningTask,
     sides: Real[Array, " aircraft"],
     even_speed: Flag | bool = False,
-    allow_replanning: bool = True,
+    allow_replanning: bool = True,  # whether the fleet may be coordinated again
 ) -> tuple[FleetPlan, Flag]:
     """Continue a plan from the present state, or coordinate the fleet again.
 
@@ -397,18 +343,7 @@ def replan(
     An inactive aircraft keeps its last plan with its arrival time, and the rest of the fleet continues without it:
     unchanged, even if it was the farthest, until an aircraft leaves the band; a new plan excludes inactive aircraft.
 
-    Parameters
-    ----------
-    time
-        Present time, s.
-    tasks, sides, even_speed
-        As for `coordinate`; deficits refer to the plan's mean airspeed, which is kept.
-    allow_replanning
-        Whether the fleet may be coordinated again.
-
-    Returns
-    -------
-    The plan, and whether a new coordination was due but not allowed.
+    Returns the plan, and whether a new coordination was due but not allowed.
 
     Notes
     -----

@@ -22,21 +22,14 @@ from anser.spatial.vectors import safe_sqrt
 _SAME_DISTANCE = 1.0  # m: smaller differences are ignored, because rendezvous points often limit both sides equally
 
 
-def choose_sides(plan: FleetPlan, requested: Real[Array, " aircraft"], count: int = 65) -> Float[Array, " aircraft"]:
+def choose_sides(
+    plan: FleetPlan,  # a plan of the fleet with any sides
+    requested: Real[Array, " aircraft"],  # positive: right; negative: left; zero: free choice
+    count: int = 65,  # number of instants for the comparison of distances
+) -> Float[Array, " aircraft"]:
     """Choose the side of each aircraft's detour: as requested, or else the side farther from the other aircraft.
 
-    Parameters
-    ----------
-    plan
-        A plan of the fleet with any sides.
-    requested
-        Positive: right; negative: left; zero: free choice.
-    count
-        Number of instants for the comparison of distances.
-
-    Returns
-    -------
-    +1 or -1 per aircraft. The aircraft are placed one after the other, the longest nominal path first. A free aircraft
+    Returns +1 or -1 per aircraft. They are placed one after the other, the longest nominal path first. A free aircraft
     gets the side with the greater least distance to the placed aircraft; for distances equal within 1 m, the side with
     the smaller bend. Inactive aircraft are ignored.
     """
@@ -83,20 +76,14 @@ def positions_along(trajectory: Trajectory, count: int) -> Float[Array, "count 3
 
 
 def separation_min(
-    trajectories: Trajectory, count: int = 65, active: Bool[Array, " aircraft"] | None = None
+    trajectories: Trajectory,  # stacked, leading axis aircraft; active aircraft have the same start time and duration
+    # number of instants, both ends included. Between instants the distance may be smaller by up to half the relative
+    # speed times the interval
+    count: int = 65,
+    # mask of the active aircraft; distances of inactive aircraft are infinite. None: every aircraft
+    active: Bool[Array, " aircraft"] | None = None,
 ) -> Float[Array, "aircraft aircraft"]:
-    """Least distance between any two aircraft during the common flight, m; infinite on the diagonal.
-
-    Parameters
-    ----------
-    trajectories
-        Stacked, leading axis aircraft; active aircraft have the same start time and duration.
-    count
-        Number of instants, both ends included. Between instants the distance may be smaller by up to half the relative
-        speed times the interval.
-    active
-        Mask of the active aircraft; distances of inactive aircraft are infinite. None: every aircraft.
-    """
+    """Least distance between any two aircraft during the common flight, m; infinite on the diagonal."""
     positions = jnp.swapaxes(jax.vmap(lambda trajectory: positions_along(trajectory, count))(trajectories), 0, 1)
     fleet = positions.shape[1]
 
@@ -123,24 +110,18 @@ _PULL_SHARE = 0.75
 class LimitReport(eqx.Module):
     """Extremes along a trajectory, and which limits they satisfy."""
 
-    speed_min: Scalar
-    """Least airspeed, m/s."""
-    speed_max: Scalar
-    """Greatest airspeed, m/s."""
-    turn_rate_max: Scalar
-    """Greatest magnitude of the course rate, rad/s."""
+    speed_min: Scalar  # least airspeed, m/s
+    speed_max: Scalar  # greatest airspeed, m/s
+    turn_rate_max: Scalar  # greatest magnitude of the course rate, rad/s
+    # greatest ratio of the course rate to the rate at the bank limit and the local speed; 1 is the limit
     turn_utilization_max: Scalar
-    """Greatest ratio of the course rate to the rate at the bank limit and the local speed; 1 is the limit."""
-    climb_rate_max: Scalar
-    """Greatest vertical speed relative to the air, up or down, m/s."""
-    altitude_min: Scalar
-    """Least altitude, m, over the ground frame's origin."""
+    climb_rate_max: Scalar  # greatest vertical speed relative to the air, up or down, m/s
+    altitude_min: Scalar  # least altitude, m, over the ground frame's origin
+    # least altitude, m, if the hold levels off after the arrival with 1 g in excess of the weight
     level_off_altitude: Scalar
-    """Least altitude, m, if the hold levels off after the arrival with 1 g in excess of the weight."""
+    # whether each limit is satisfied, in the order of LIMIT_MESSAGES from the second on
     is_satisfied: Bool[Array, " limits"]
-    """Whether each limit is satisfied, in the order of LIMIT_MESSAGES from the second on."""
-    status: Count
-    """Index of the first violated limit in LIMIT_MESSAGES; 0: none."""
+    status: Count  # index of the first violated limit in LIMIT_MESSAGES; 0: none
 
 
 def check_limits(trajectory: Trajectory, limits: PathLimits, gravity: ScalarLike, count: int = 129) -> LimitReport:
@@ -194,47 +175,22 @@ def _level_off_height(trajectory: Trajectory, limits: PathLimits, gravity: Scala
 
 
 class PublishedPlanState(eqx.Module):
-    """State of the published planner.
+    """State of the published planner."""
 
-    Attributes
-    ----------
-    plan
-        Current plan.
-    sides
-        Sides of the detours, chosen with the first plan: +1 right, -1 left.
-    deceleration
-        Deceleration with the engine idle in level flight at the start, m/s^2.
-    flown_length
-        Length of the path flown through the air, m.
-    replan_needed
-        Whether a new coordination was due that a planner without replanning could not make.
-    """
-
-    plan: FleetPlan
-    sides: Float[Array, " aircraft"]
-    deceleration: Float[Array, " aircraft"]
-    flown_length: Float[Array, " aircraft"]
-    replan_needed: Flag
+    plan: FleetPlan  # current plan
+    sides: Float[Array, " aircraft"]  # sides of the detours, chosen with the first plan: +1 right, -1 left
+    deceleration: Float[Array, " aircraft"]  # deceleration with the engine idle in level flight at the start, m/s^2
+    flown_length: Float[Array, " aircraft"]  # length of the path flown through the air, m
+    replan_needed: Flag  # whether a new coordination was due that a planner without replanning could not make
 
 
 class PublishedPlanner(AbstractPlanner):
-    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), see `coordinate` and `replan`.
+    """Planner that coordinates a fleet's simultaneous arrival (theory section 8), see `coordinate` and `replan`."""
 
-    Attributes
-    ----------
-    start_positions_n
-        Start positions, NED, m.
-    sides
-        Side of the detour: +1 right, -1 left, 0 free choice.
-    speed
-        Mean airspeed of the fleet, m/s.
-    even_speed
-        Whether the airspeed changes evenly along a path; otherwise by the published time law, see `time_law`.
-    """
-
-    start_positions_n: Float[Array, "aircraft 3"]
-    sides: Int[Array, " aircraft"]
-    speed: Scalar
+    start_positions_n: Float[Array, "aircraft 3"]  # start positions, NED, m
+    sides: Int[Array, " aircraft"]  # side of the detour: +1 right, -1 left, 0 free choice
+    speed: Scalar  # mean airspeed of the fleet, m/s
+    # whether the airspeed changes evenly along a path; otherwise by the published time law, see `time_law`
     even_speed: Flag
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> PublishedPlanState:

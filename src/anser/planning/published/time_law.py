@@ -63,14 +63,11 @@ class Clock(eqx.Module):
 class Cell(eqx.Module):
     """Lengths and energy along one section of a path, from s to s + h, at the nodes of the quadrature rule."""
 
-    slopes: Float[Array, " rule"]
-    """|dr/ds| at the nodes, m."""
-    length_to_node: Float[Array, " rule"]
-    """Length from the start of the cell to each node, m."""
+    slopes: Float[Array, " rule"]  # |dr/ds| at the nodes, m
+    length_to_node: Float[Array, " rule"]  # length from the start of the cell to each node, m
+    # potential energy per mass released from the start of the cell to each node, m^2/s^2
     energy_gain: Float[Array, " rule"]
-    """Potential energy per mass released from the start of the cell to each node, m^2/s^2."""
-    length: Scalar
-    """Length of the cell, m."""
+    length: Scalar  # length of the cell, m
 
     def time(self, squares: Float[Array, " rule"], width: ScalarLike) -> Scalar:
         """Flight time through the cell, s, for squared airspeeds at the nodes (m^2/s^2)."""
@@ -95,33 +92,15 @@ def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike)
 
 
 class TimeLaw(eqx.Module):
-    """Path parameter over time; the fields from `exchange` on describe the even law.
+    """Path parameter over time; the fields from `exchange` on describe the even law."""
 
-    Attributes
-    ----------
-    even
-        Whether the speed changes evenly; otherwise s is linear in time.
-    exchange
-        Energy exchange: fraction of the potential energy lost that becomes kinetic, 0 to 1.
-    braking
-        Deceleration along the path in addition to the exchange, m/s^2.
-    slowest
-        Least airspeed, m/s: lower demands are limited to this speed.
-    slopes
-        |dr/ds| at s = k / CELLS, m.
-    squares
-        Square of the airspeed demanded at s = k / CELLS, m^2/s^2.
-    times
-        Time at s = k / CELLS, s after the start.
-    """
-
-    even: Flag
-    exchange: Scalar
-    braking: Scalar
-    slowest: Scalar
-    slopes: Float[Array, " nodes"]
-    squares: Float[Array, " nodes"]
-    times: Float[Array, " nodes"]
+    even: Flag  # whether the speed changes evenly; otherwise s is linear in time
+    exchange: Scalar  # energy exchange: fraction of the potential energy lost that becomes kinetic, 0 to 1
+    braking: Scalar  # deceleration along the path in addition to the exchange, m/s^2
+    slowest: Scalar  # least airspeed, m/s: lower demands are limited to this speed
+    slopes: Float[Array, " nodes"]  # |dr/ds| at s = k / CELLS, m
+    squares: Float[Array, " nodes"]  # square of the airspeed demanded at s = k / CELLS, m^2/s^2
+    times: Float[Array, " nodes"]  # time at s = k / CELLS, s after the start
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Path parameter `elapsed` seconds after the start of a path of `duration` seconds."""
@@ -204,12 +183,9 @@ def published_law() -> TimeLaw:
 class _Profile(eqx.Module):
     """Data for the even law of one path, before the braking is solved."""
 
-    cells: Cell
-    """Stacked cells."""
-    lengths: Float[Array, " nodes"]
-    """Length from the start, m."""
-    energy_gain: Float[Array, " nodes"]
-    """Potential energy per mass released since the start, m^2/s^2."""
+    cells: Cell  # stacked cells
+    lengths: Float[Array, " nodes"]  # length from the start, m
+    energy_gain: Float[Array, " nodes"]  # potential energy per mass released since the start, m^2/s^2
     exchange: Scalar
     speed_0: Scalar
     duration: Scalar
@@ -277,10 +253,12 @@ def _minimum_exchange(
 def even_law(
     coefficients_n: Float[Array, "3 5"],
     duration: ScalarLike,
-    speed_0: ScalarLike,
+    speed_0: ScalarLike,  # airspeed at the start, m/s
+    # deceleration with the engine idle in level flight, m/s^2: the exchange is about the least for which the path
+    # demands no more, in closed form. None: no exchange
     deceleration: ScalarLike | None = None,
-    exchange: ScalarLike | None = None,
-    even: Flag | bool = True,
+    exchange: ScalarLike | None = None,  # prescribed exchange; None: computed
+    even: Flag | bool = True,  # False selects the published law
 ) -> TimeLaw:
     """Time law of a path flown in `duration` seconds from the airspeed `speed_0`, with constant braking.
 
@@ -288,18 +266,6 @@ def even_law(
     flight time, which increases with e. The exchange is the fraction of the lost potential energy that becomes kinetic:
     with 0 the acceleration is constant (for a matching length, the speed); with 1 the throttle is constant. The speed
     is at least 0.3 of the mean.
-
-    Parameters
-    ----------
-    speed_0
-        Airspeed at the start, m/s.
-    deceleration
-        Deceleration with the engine idle in level flight, m/s^2: the exchange is about the least for which the path
-        demands no more, in closed form. None: no exchange.
-    exchange
-        Prescribed exchange; None: computed.
-    even
-        False selects the published law.
     """
     coefficients_n = jnp.asarray(coefficients_n)
     edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))

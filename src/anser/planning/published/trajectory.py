@@ -37,18 +37,12 @@ class Trajectory(AbstractReference):
     at `start_time`; `law` maps time to s. Source: theory section 6.
     """
 
-    start_time: Scalar
-    """Start of the path, s."""
-    duration: Scalar
-    """Time from start to rendezvous, s; positive."""
-    coefficients_n: Float[Array, "3 5"]
-    """Coefficients of the path for ascending powers of s, one row per NED axis, m."""
-    wind_n: Vector3
-    """Velocity of the air over the ground, NED, m/s."""
-    lateral_n: Vector3
-    """Horizontal unit vector along which lateral bends act, NED."""
-    law: TimeLaw
-    """Time law: path parameter s as a function of time."""
+    start_time: Scalar  # start of the path, s
+    duration: Scalar  # time from start to rendezvous, s; positive
+    coefficients_n: Float[Array, "3 5"]  # coefficients of the path for ascending powers of s, one row per NED axis, m
+    wind_n: Vector3  # velocity of the air over the ground, NED, m/s
+    lateral_n: Vector3  # horizontal unit vector along which lateral bends act, NED
+    law: TimeLaw  # time law: path parameter s as a function of time
 
     def clock(self, time: ScalarLike) -> Clock:
         """Path parameter s and its rates at a time: s is 0 at the start, 1 at the rendezvous."""
@@ -118,38 +112,23 @@ def with_even_speed(
 
 
 def fit_trajectory(
+    # seconds; the duration is positive
     start_time: ScalarLike,
     duration: ScalarLike,
-    position_0: Vector3,
-    velocity_0: Vector3,
+    position_0: Vector3,  # start, NED, m
+    velocity_0: Vector3,  # velocity relative to the air at the start, NED, m/s
+    # rendezvous in the frame that drifts with the air (position over the ground minus wind times duration), NED, m
     position_f: Vector3,
-    velocity_f: Vector3,
+    velocity_f: Vector3,  # velocity relative to the air at the rendezvous, NED, m/s
+    # bends, m, see `bend_trajectory`; zero is the nominal path
     lateral_bend: ScalarLike = 0.0,
     vertical_bend: ScalarLike = 0.0,
-    wind_n: Vector3 | None = None,
+    wind_n: Vector3 | None = None,  # steady wind, NED, m/s; None: still air
+    # line to the right of which lateral bends act; None: from start to rendezvous. Replanning en route uses the line of
+    # the first plan: only then does the rest of a bent path belong to the same family
     line_n: Vector3 | None = None,
 ) -> Trajectory:
     """Fit a trajectory to positions and velocities at both ends.
-
-    Parameters
-    ----------
-    start_time, duration
-        Seconds; the duration is positive.
-    position_0
-        Start, NED, m.
-    velocity_0
-        Velocity relative to the air at the start, NED, m/s.
-    position_f
-        Rendezvous in the frame that drifts with the air (position over the ground minus wind times duration), NED, m.
-    velocity_f
-        Velocity relative to the air at the rendezvous, NED, m/s.
-    lateral_bend, vertical_bend
-        Bends, m, see `bend_trajectory`; zero is the nominal path.
-    wind_n
-        Steady wind, NED, m/s; None: still air.
-    line_n
-        Line to the right of which lateral bends act; None: from start to rendezvous. Replanning en route uses the line
-        of the first plan: only then does the rest of a bent path belong to the same family.
 
     Notes
     -----
@@ -227,8 +206,7 @@ _BEND_SLOPE_SQUARE = 2.0 / 105.0
 class Bend(eqx.Module):
     """Result of `solve_lateral_bend`: a lateral bend, and whether it gives the required length."""
 
-    kappa: Scalar
-    """Lateral bend, m; positive to the right."""
+    kappa: Scalar  # lateral bend, m; positive to the right
     converged: Flag
 
 
@@ -250,25 +228,15 @@ def _length_excess(
 
 
 def solve_lateral_bend(
-    nominal: Trajectory,
+    nominal: Trajectory,  # the trajectory without bend
+    # required length of the air path, m. At the nominal length the bend is exactly zero. Below it, no solution exists:
+    # the bend is zero and `converged` is false
     length_ref: ScalarLike,
-    side: ScalarLike,
-    guess: ScalarLike | None = None,
+    side: ScalarLike,  # positive: bend to the right; negative: to the left
+    guess: ScalarLike | None = None,  # initial bend, m, either sign; None: computed
     rule: QuadratureRule = GAUSS_LEGENDRE_16,
 ) -> Bend:
     """Find the lateral bend with which a path has a required length, by safeguarded Newton steps.
-
-    Parameters
-    ----------
-    nominal
-        The trajectory without bend.
-    length_ref
-        Required length of the air path, m. At the nominal length the bend is exactly zero. Below it, no solution
-        exists: the bend is zero and `converged` is false.
-    side
-        Positive: bend to the right; negative: to the left.
-    guess
-        Initial bend, m, either sign; None: computed.
 
     Notes
     -----
