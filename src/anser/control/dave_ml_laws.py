@@ -58,28 +58,19 @@ def _to_arrays(values: Mapping[str, ScalarLike]) -> dict[str, Scalar]:
 
 
 class NamedCommands(AbstractGuidance):
-    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`.
+    """Guidance that commands constant values by the names of a law's inputs, with one change at `change_time`."""
 
-    Attributes
-    ----------
-    initial_commands
-        Commands from the start, SI units and radians.
-    change
-        Additions to commands from `change_time` on, by name.
-    change_time
-        Time of the change, s.
-    follows_line
-        1: from `change_time` on, the distance to the ground track along `trueBaseCourseCommand` through the position at
-        that time, the integral of V sin(course - base course) over ground, is added to the commanded lateral deviation.
-        0: the lateral deviation is as commanded.
-    with_position
-        Whether latitude and longitude are added to the commands.
-    """
-
+    #: Commands from the start, SI units and radians.
     initial_commands: Mapping[str, Scalar] = eqx.field(converter=_to_arrays)
+    #: Additions to commands from `change_time` on, by name.
     change: Mapping[str, Scalar] = eqx.field(default_factory=dict, converter=_to_arrays)
+    #: Time of the change, s.
     change_time: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
+    #: 1: from `change_time` on, the distance to the ground track along `trueBaseCourseCommand` through the position at
+    #: that time, the integral of V sin(course - base course) over ground, is added to the commanded lateral deviation.
+    #: 0: the lateral deviation is as commanded.
     follows_line: Scalar = eqx.field(default_factory=lambda: as_array(0.0), converter=as_array)
+    #: Whether latitude and longitude are added to the commands.
     with_position: bool = eqx.field(static=True, default=False)
 
     def init(self, belief: Belief, instant: Instant) -> Scalar:
@@ -117,18 +108,12 @@ class DaveMlLaw(AbstractController):
     The inputs, by name, come from the command, then from the flight condition (`named_signals`); an input in neither
     keeps the file's value. The law has no filters or integrals: the guidance computes them and passes the values as
     commands.
-
-    Attributes
-    ----------
-    surfaces
-        Names of the outputs for the airframe's surfaces, in the airframe's order.
-    power
-        Name of the output with the commanded engine power.
     """
 
     law: Evaluator
+    #: Names of the outputs for the airframe's surfaces, in the airframe's order.
     surfaces: tuple[str, ...] = eqx.field(static=True)
-    power: str = eqx.field(static=True)
+    power: str = eqx.field(static=True)  #: Name of the output with the commanded engine power.
 
     def init(self, state: AircraftState, attitude: Vector3) -> None:
         """The law has no state."""

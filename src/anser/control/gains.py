@@ -32,38 +32,19 @@ class LoopGains(eqx.Module):
 
 
 class AutopilotGains(eqx.Module):
-    """Gains of the whole autopilot.
+    """Gains of the whole autopilot."""
 
-    Attributes
-    ----------
-    rates
-        Gains of channels P, Q, R.
-    attitude
-        Gains of channels mu, alpha, beta.
-    velocity
-        Gains of channels V, gamma, chi.
-    attitude_command_bandwidth, rates_command_bandwidth, surfaces_command_bandwidth
-        Bandwidths of the filters that differentiate the commands between loops, for the feed-forward, rad/s.
-    actuator_bandwidth
-        Bandwidth of the actuators after inversion of their lag, 1/s.
-    surface_bandwidth
-        Bandwidth of the low-pass filter on the deflections used by the outer loops, rad/s.
-    engine_bandwidth
-        Bandwidth of the engine after inversion of its lag, 1/s.
-    sensor_bandwidth
-        Bandwidth of the filter on the measured model residual, rad/s; above 0 the inversion is incremental, 0 is
-        model-based.
-    """
-
-    rates: LoopGains
-    attitude: LoopGains
-    velocity: LoopGains
-    attitude_command_bandwidth: Scalar
-    rates_command_bandwidth: Scalar
-    surfaces_command_bandwidth: Scalar
-    actuator_bandwidth: Scalar
-    surface_bandwidth: Scalar
-    engine_bandwidth: Scalar
+    rates: LoopGains  #: Gains of channels P, Q, R.
+    attitude: LoopGains  #: Gains of channels mu, alpha, beta.
+    velocity: LoopGains  #: Gains of channels V, gamma, chi.
+    attitude_command_bandwidth: Scalar  #: Bandwidth of the filter that differentiates attitude commands, rad/s.
+    rates_command_bandwidth: Scalar  #: Bandwidth of the filter that differentiates rate commands, rad/s.
+    surfaces_command_bandwidth: Scalar  #: Bandwidth of the filter that differentiates deflections, rad/s.
+    actuator_bandwidth: Scalar  #: Bandwidth of the actuators after inversion of their lag, 1/s.
+    surface_bandwidth: Scalar  #: Bandwidth of the low-pass filter on the deflections used by the outer loops, rad/s.
+    engine_bandwidth: Scalar  #: Bandwidth of the engine after inversion of its lag, 1/s.
+    #: Bandwidth of the filter on the measured model residual, rad/s; above 0 the inversion is incremental, 0 is
+    #: model-based.
     sensor_bandwidth: Scalar
 
 

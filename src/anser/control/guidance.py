@@ -21,27 +21,13 @@ _STRAIGHT_FRACTION = 0.1  # fraction of the hold radius flown straight on after 
 
 
 class GuidanceSettings(eqx.Module):
-    """Settings of `follow` (along the plan) and `hold` (around the goal).
+    """Settings of `follow` (along the plan) and `hold` (around the goal)."""
 
-    Attributes
-    ----------
-    position_gain
-        Correction speed per metre of position error, 1/s; 0 flies the planned velocity only.
-    correction_max
-        Greatest correction speed, m/s.
-    hold_radius
-        Radius of the hold around the goal, m.
-    hold_turn
-        +1: clockwise seen from above (right turns); -1: anticlockwise.
-    climb_rate_max
-        Greatest vertical speed in the hold, m/s.
-    """
-
-    position_gain: Scalar
-    correction_max: Scalar
-    hold_radius: Scalar
-    hold_turn: Scalar
-    climb_rate_max: Scalar
+    position_gain: Scalar  #: Correction speed per metre of position error, 1/s; 0 flies the planned velocity only.
+    correction_max: Scalar  #: Greatest correction speed, m/s.
+    hold_radius: Scalar  #: Radius of the hold around the goal, m.
+    hold_turn: Scalar  #: +1: clockwise seen from above (right turns); -1: anticlockwise.
+    climb_rate_max: Scalar  #: Greatest vertical speed in the hold, m/s.
 
 
 class FollowPlan(AbstractGuidance):

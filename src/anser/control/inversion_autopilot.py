@@ -19,35 +19,20 @@ Loop = Literal["rates", "attitude", "velocity"]
 
 
 class LoopCommand(eqx.Module):
-    """Command to the attitude loop or the rate loop.
+    """Command to the attitude loop or the rate loop."""
 
-    Attributes
-    ----------
-    value
-        (P, Q, R) rad/s or (mu, alpha, beta) rad.
-    rate
-        Time derivative of `value`, for the feed-forward.
-    throttle
-        Constant throttle, 0..1.
-    """
-
-    value: Vector3
-    rate: Vector3
-    throttle: ScalarLike
+    value: Vector3  #: (P, Q, R) rad/s or (mu, alpha, beta) rad.
+    rate: Vector3  #: Time derivative of `value`, for the feed-forward.
+    throttle: ScalarLike  #: Constant throttle, 0..1.
 
 
 class InversionAutopilot(AbstractController):
-    """Nonlinear dynamic inversion in three loops (theory section 5), model-based or incremental as the gains select.
-
-    Attributes
-    ----------
-    loop
-        The commanded loop: "velocity" takes a `PathCommand`, "attitude" and "rates" a `LoopCommand`. Loops inside the
-        commanded loop are closed.
-    """
+    """Nonlinear dynamic inversion in three loops (theory section 5), model-based or incremental as the gains select."""
 
     gains: AutopilotGains
     limits: FlightLimits
+    #: The commanded loop: "velocity" takes a `PathCommand`, "attitude" and "rates" a `LoopCommand`. Loops inside the
+    #: commanded loop are closed.
     loop: Loop = eqx.field(static=True, default="velocity")
 
     def init(self, state: AircraftState, attitude: Vector3) -> AutopilotState:

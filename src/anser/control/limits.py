@@ -7,36 +7,19 @@ from anser.shapes import Scalar, Vector3
 
 
 class FlightLimits(eqx.Module):
-    """Envelope within which the autopilot limits its own commands.
+    """Envelope within which the autopilot limits its own commands."""
 
-    Attributes
-    ----------
-    speed_min, speed_max
-        Airspeed, m/s.
-    bank_max
-        Greatest bank about the velocity vector, rad.
-    alpha_min, alpha_max
-        Angle of attack, rad.
-    load_factor_min, load_factor_max
-        Lift over weight.
-    rates_max
-        Greatest body rates (P, Q, R), rad/s.
-    altitude_min
-        Least altitude, m; the ground is at 0.
-    bank_rate_max
-        Greatest rate of the commanded bank angle, rad/s; None: no limit.
-    """
-
-    speed_min: Scalar
-    speed_max: Scalar
-    bank_max: Scalar
-    alpha_min: Scalar
-    alpha_max: Scalar
-    load_factor_min: Scalar
-    load_factor_max: Scalar
-    rates_max: Vector3
+    speed_min: Scalar  #: Least airspeed, m/s.
+    speed_max: Scalar  #: Greatest airspeed, m/s.
+    bank_max: Scalar  #: Greatest bank about the velocity vector, rad.
+    alpha_min: Scalar  #: Least angle of attack, rad.
+    alpha_max: Scalar  #: Greatest angle of attack, rad.
+    load_factor_min: Scalar  #: Least lift over weight.
+    load_factor_max: Scalar  #: Greatest lift over weight.
+    rates_max: Vector3  #: Greatest body rates (P, Q, R), rad/s.
+    #: Least altitude, m; the ground is at 0.
     altitude_min: Scalar = eqx.field(default_factory=lambda: jnp.asarray(0.0))
-    bank_rate_max: Scalar | None = None
+    bank_rate_max: Scalar | None = None  #: Greatest rate of the commanded bank angle, rad/s; None: no limit.
 
 
 def default_limits() -> FlightLimits:

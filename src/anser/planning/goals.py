@@ -17,12 +17,10 @@ class GoalMotion(eqx.Module):
     After the last waypoint the goal moves at a constant velocity.
     """
 
+    #: Time at each waypoint, s, in ascending order; waypoints repeated for padding have equal times.
     times: Float[Array, " waypoints"]
-    """Time at each waypoint, s, in ascending order; waypoints repeated for padding have equal times."""
-    positions_n: Float[Array, "waypoints 3"]
-    """Waypoints, NED, m."""
-    velocity_after_n: Vector3
-    """Velocity after the last waypoint, NED, m/s."""
+    positions_n: Float[Array, "waypoints 3"]  #: Waypoints, NED, m.
+    velocity_after_n: Vector3  #: Velocity after the last waypoint, NED, m/s.
 
     def _leg_velocities(self) -> Float[Array, "legs 3"]:
         spans = self.times[1:] - self.times[:-1]

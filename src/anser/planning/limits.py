@@ -22,28 +22,22 @@ _ALTITUDE_RELAXATION_M = 1000.0  # change of an altitude limit where other limit
 class PathLimits(eqx.Module):
     """Flight limits of a planned path of one aircraft; stacked, of a fleet."""
 
-    speed_min: Scalar
-    """Least airspeed, m/s."""
-    speed_max: Scalar
-    """Greatest airspeed, m/s."""
-    bank_max: Scalar
-    """Bank angle of a sustained turn, rad, below pi/2."""
-    climb_rate_max: Scalar
-    """Greatest vertical speed relative to the air, up or down, m/s."""
-    altitude_min: Scalar
-    """Least altitude, m."""
-    altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Greatest altitude, m."""
+    speed_min: Scalar  #: Least airspeed, m/s.
+    speed_max: Scalar  #: Greatest airspeed, m/s.
+    bank_max: Scalar  #: Bank angle of a sustained turn, rad, below pi/2.
+    climb_rate_max: Scalar  #: Greatest vertical speed relative to the air, up or down, m/s.
+    altitude_min: Scalar  #: Least altitude, m.
+    altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
+    #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Greatest load factor, 1 in level flight."""
+    #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1."""
+    #: Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed.
     deceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    """Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed."""
+    #: How the deceleration with idle engine changes with airspeed and load factor; None: it is constant.
     idle: IdleDeceleration | None = None
-    """How the deceleration with idle engine changes with airspeed and load factor; None: it is constant."""
+    #: Greatest bank rate, rad/s; paths are planned within it, but the certificate does not prove it. None: no limit.
     bank_rate_max: Scalar | None = None
-    """Greatest bank rate, rad/s; paths are planned within it, but the certificate does not prove it. None: no limit."""
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the greatest acceleration and deceleration, m/s^2, at an airspeed (m/s) and a load factor."""

@@ -8,18 +8,10 @@ from anser.shapes import Scalar
 
 
 class Separation(eqx.Module):
-    """Required distances between two aircraft: either the horizontal or the vertical one must be kept.
+    """Required distances between two aircraft: either the horizontal or the vertical one must be kept."""
 
-    Attributes
-    ----------
-    horizontal
-        Horizontal distance, m; 0: no separation is required.
-    vertical
-        Vertical distance, m; 0: only the horizontal distance counts.
-    """
-
-    horizontal: Scalar
-    vertical: Scalar
+    horizontal: Scalar  #: Horizontal distance, m; 0: no separation is required.
+    vertical: Scalar  #: Vertical distance, m; 0: only the horizontal distance counts.
 
 
 def separation_ratio(level: Any, height: Any, horizontal: Any, vertical: Any) -> Any:

@@ -46,21 +46,12 @@ class TimedPath(AbstractReference):
     The path over the ground is the path through the air plus the drift of the air. Both are quintics in the cells
     between knots, with the values, slopes and second derivatives of the knots. At a jump of the wind's rate, two knots
     at one time may differ in the second derivatives of air path and drift, but not in the sum.
-
-    Attributes
-    ----------
-    times
-        Knot times, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the
-        arrival.
-    air_n
-        Path relative to the air: (knot, order of derivative, NED axis); m, m/s, m/s^2.
-    drift_n
-        Displacement by the wind, same shape; 0 at the start.
     """
 
+    #: Knot times, s, not decreasing; equal neighbours make an empty cell. The first is the start, the last the arrival.
     times: Float[Array, " knots"]
-    air_n: Knots
-    drift_n: Knots
+    air_n: Knots  #: Path relative to the air: (knot, order of derivative, NED axis); m, m/s, m/s^2.
+    drift_n: Knots  #: Displacement by the wind, same shape; 0 at the start.
 
     @property
     def start_time(self) -> Scalar:

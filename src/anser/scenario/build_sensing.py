@@ -13,7 +13,7 @@ from anser.scenario.schema_sensing import Estimator, Navigation
 from anser.scenario.schema_sensing import GoalSensor as GoalSensorTable
 from anser.sensing.estimators import Briefing, DirectEstimator, TrackingEstimator
 from anser.sensing.goal_filters import GoalFilter
-from anser.sensing.goal_sensors import FieldOfView, GoalSensor, NoisySensors, queue_slots
+from anser.sensing.goal_sensors import FieldOfView, NoisyGoalSensor, NoisySensors, queue_slots
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.sensing.motion_models import AbstractMotionModel, CoordinatedTurn, SteadyMotion
 from anser.sensing.navigation import AirFilter, NavigationFilter
@@ -130,7 +130,7 @@ def _navigation_filter(table: Navigation) -> NavigationFilter:
     )
 
 
-def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
+def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
     """Build the goal sensor from the table's numbers, completed by the preset; None if the sensor is exact."""
     if table.preset == "exact":
         return None
@@ -160,7 +160,7 @@ def build_goal_sensor(table: GoalSensorTable) -> GoalSensor | None:
         -math.sin(elevation),
     ]
     latency = number("latency_s")
-    return GoalSensor(
+    return NoisyGoalSensor(
         sigmas=as_array(sigmas),
         range_share=as_array(0.0),
         bias_sigmas=as_array(biases),

@@ -1,6 +1,6 @@
 from .estimators import DirectEstimator, TrackingEstimator
 from .goal_filters import GoalFilter
-from .goal_sensors import FieldOfView, GoalSensor, NoisySensors
+from .goal_sensors import FieldOfView, NoisyGoalSensor, NoisySensors
 from .ideal_sensors import DelayedSensors, IdealSensors
 from .vehicle_sensors import VehicleSensors
 
@@ -9,8 +9,8 @@ __all__ = [
     "DirectEstimator",
     "FieldOfView",
     "GoalFilter",
-    "GoalSensor",
     "IdealSensors",
+    "NoisyGoalSensor",
     "NoisySensors",
     "TrackingEstimator",
     "VehicleSensors",

@@ -33,15 +33,9 @@ from anser.spatial.rotations import rotate, rotate_back, rotation_from_quaternio
 
 
 class DirectEstimator(AbstractEstimator):
-    """Estimator without filters; the goal's motion follows from the line of sight (theory section 7).
+    """Estimator without filters; the goal's motion follows from the line of sight (theory section 7)."""
 
-    Attributes
-    ----------
-    model
-        Nominal airframe; None: the true airframe.
-    """
-
-    model: AbstractAirframe | None = None
+    model: AbstractAirframe | None = None  #: Nominal airframe; None: the true airframe.
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> GoalState | None:
         """Return the goal's motion computed from the first line of sight; None without a goal."""
@@ -115,27 +109,16 @@ class TrackingState(eqx.Module):
 
 
 class TrackingEstimator(AbstractEstimator):
-    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional.
+    """Estimator with filters of the aircraft's motion, the air and the goal; each filter is optional."""
 
-    Attributes
-    ----------
-    vehicle
-        Navigation filter; None: position, velocity, attitude and rates are taken from the readings.
-    air
-        Filter of wind and gusts; None: air data are taken from the readings.
-    goal
-        Filter of the goal; None: the line of sight is exact, relative to the estimated vehicle position.
-    briefing
-        Knowledge of the goal before the first measurement; required with a goal filter.
-    model
-        Nominal airframe; None: the true airframe.
-    """
-
+    #: Navigation filter; None: position, velocity, attitude and rates are taken from the readings.
     vehicle: NavigationFilter | None = None
-    air: AirFilter | None = None
+    air: AirFilter | None = None  #: Filter of wind and gusts; None: air data are taken from the readings.
+    #: Filter of the goal; None: the line of sight is exact, relative to the estimated vehicle position.
     goal: AbstractGoalFilter | None = None
+    #: Knowledge of the goal before the first measurement; required with a goal filter.
     briefing: Briefing | None = None
-    model: AbstractAirframe | None = None
+    model: AbstractAirframe | None = None  #: Nominal airframe; None: the true airframe.
 
     def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> TrackingState:
         """Return the filters' states after the first reading."""

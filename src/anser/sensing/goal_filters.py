@@ -85,33 +85,18 @@ class GoalFilter(AbstractGoalFilter):
     predicted from the estimate propagated back to its time without process noise (Y. Bar-Shalom, IEEE Trans. Aerospace
     and Electronic Systems 38, 2002, algorithm C), which is exact without noise. The models interact as in H. A. P.
     Blom, Y. Bar-Shalom, IEEE Trans. Automatic Control 33, 1988, with variable time between measurements.
-
-    Attributes
-    ----------
-    models
-        Motion models with equal numbers of states.
-    sojourn
-        Mean time between changes of the goal's model, s; unused with one model.
-    nis_max
-        Mean normalised innovation squared above which the filter has diverged. The mean fades over 20 measurements from
-        1; a single measurement never exceeds the limit.
-    sigma_max
-        Standard deviation of the position above which the filter has diverged, m.
-    kind
-        "ekf" or "ukf".
-    points
-        Sigma points of the unscented filter.
-    slots
-        Number of stored samples of the aircraft's motion, at least the greatest delay of a measurement in samples; 0:
-        no measurement is delayed.
     """
 
-    models: tuple[AbstractMotionModel, ...]
-    sojourn: Scalar
+    models: tuple[AbstractMotionModel, ...]  #: Motion models with equal numbers of states.
+    sojourn: Scalar  #: Mean time between changes of the goal's model, s; unused with one model.
+    #: Mean normalised innovation squared above which the filter has diverged. The mean fades over 20 measurements from
+    #: 1; a single measurement never exceeds the limit.
     nis_max: Scalar
-    sigma_max: Scalar
-    kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")
-    points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())
+    sigma_max: Scalar  #: Standard deviation of the position above which the filter has diverged, m.
+    kind: Literal["ekf", "ukf"] = eqx.field(static=True, default="ekf")  #: "ekf" or "ukf".
+    points: SigmaPoints = eqx.field(static=True, default=SigmaPoints())  #: Sigma points of the unscented filter.
+    #: Number of stored samples of the aircraft's motion, at least the greatest delay of a measurement in samples; 0: no
+    #: measurement is delayed.
     slots: int = eqx.field(static=True, default=0)
 
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> GoalTrack:

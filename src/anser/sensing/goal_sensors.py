@@ -27,21 +27,11 @@ _COS_MIN = 0.02  # smallest cosine of the elevation: the azimuth error is bounde
 
 
 class FieldOfView(eqx.Module):
-    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range.
+    """Field of view of a goal sensor: a cone about a body-fixed axis, up to a greatest range."""
 
-    Attributes
-    ----------
-    axis_b
-        Central axis, a unit vector in body axes.
-    half_angle
-        Angle from the axis to the edge, rad; pi: all directions.
-    range_max
-        Greatest range, m.
-    """
-
-    axis_b: Vector3
-    half_angle: Scalar
-    range_max: Scalar
+    axis_b: Vector3  #: Central axis, a unit vector in body axes.
+    half_angle: Scalar  #: Angle from the axis to the edge, rad; pi: all directions.
+    range_max: Scalar  #: Greatest range, m.
 
     def sees(self, R_bn: Array, line_n: Vector3) -> Flag:
         """Whether a point is in the field of view; `line_n` is the vector from the aircraft to the point, NED, m."""
@@ -66,45 +56,24 @@ class GoalSensorState(eqx.Module):
     queue: MeasurementQueue | None
 
 
-class GoalSensor(eqx.Module):
-    """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`.
+class NoisyGoalSensor(eqx.Module):
+    """Sensor of one goal with errors; a part of `NoisySensors`, not itself an `AbstractSensors`."""
 
-    Attributes
-    ----------
-    sigmas
-        Standard deviations of the errors of the six values of `GoalReading`, same order and units. An angle's error is
-        measured across the line of sight, so the azimuth error is greater by 1 / cos(elevation).
-    range_share
-        Additional range error, as a fraction of the range.
-    bias_sigmas
-        Standard deviations of the biases, drawn once per flight.
-    measures
-        Flags of the measured components.
-    period
-        Time between two measurements, s; a multiple of the sampling period.
-    latency
-        Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
-        sequence.
-    view
-        Field of view.
-    dropouts
-        Random losses and outages.
-    kind
-        "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
-    slots
-        Capacity of the queue of delayed measurements; 0 without latency.
-    """
-
+    #: Standard deviations of the errors of the six values of `GoalReading`, same order and units. An angle's error is
+    #: measured across the line of sight, so the azimuth error is greater by 1 / cos(elevation).
     sigmas: Float[Array, "6"]
-    range_share: Scalar
-    bias_sigmas: Float[Array, "6"]
-    measures: Bool[Array, "6"]
-    period: Scalar
+    range_share: Scalar  #: Additional range error, as a fraction of the range.
+    bias_sigmas: Float[Array, "6"]  #: Standard deviations of the biases, drawn once per flight.
+    measures: Bool[Array, "6"]  #: Flags of the measured components.
+    period: Scalar  #: Time between two measurements, s; a multiple of the sampling period.
+    #: Least and greatest latency of a measurement, s; uniformly distributed, so measurements may arrive out of
+    #: sequence.
     latency: Float[Array, "2"]
-    view: FieldOfView
-    dropouts: Dropouts
+    view: FieldOfView  #: Field of view.
+    dropouts: Dropouts  #: Random losses and outages.
+    #: "sight": line of sight from the aircraft; "report": the goal's reported position and velocity.
     kind: Literal["sight", "report"] = eqx.field(static=True)
-    slots: int = eqx.field(static=True, default=0)
+    slots: int = eqx.field(static=True, default=0)  #: Capacity of the queue of delayed measurements; 0 without latency.
 
     def init(self, truth: Truth, instant: Instant) -> GoalSensorState:
         """Draw the biases of this flight and the outage at the start; return the state before the first sample."""
@@ -219,17 +188,10 @@ class NoisySensors(AbstractSensors):
     """Complete set of sensors of an aircraft: vehicle sensors with errors, and a goal sensor with errors.
 
     The vehicle sensors are satellite navigation, inertial sensors and air data.
-
-    Attributes
-    ----------
-    vehicle
-        Vehicle sensors; None: exact state and air data.
-    goal
-        Goal sensor; None: exact line of sight.
     """
 
-    vehicle: VehicleSensors | None = None
-    goal: GoalSensor | None = None
+    vehicle: VehicleSensors | None = None  #: Vehicle sensors; None: exact state and air data.
+    goal: NoisyGoalSensor | None = None  #: Goal sensor; None: exact line of sight.
 
     def init(self, truth: Truth, instant: Instant) -> tuple[Any, Any]:
         """Return the states of vehicle sensors and goal sensor before the first sample."""

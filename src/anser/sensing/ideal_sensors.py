@@ -117,20 +117,11 @@ class DelayedSensors(AbstractSensors):
 
     Before time 0 the reading is the state at time 0. Wrapping angles (course, azimuth) are not interpolated: the
     attitude is a quaternion, and the line of sight is taken from the latest whole period.
-
-    Attributes
-    ----------
-    delay
-        Delay, s; 0 to `delay_max`.
-    delay_max
-        Longest delay of a study, s; sets the length of the ring buffer.
-    period
-        Sampling period of the ring buffer, s.
     """
 
-    delay: Scalar
-    delay_max: float = eqx.field(static=True)
-    period: float = eqx.field(static=True)
+    delay: Scalar  #: Delay, s; 0 to `delay_max`.
+    delay_max: float = eqx.field(static=True)  #: Longest delay of a study, s; sets the length of the ring buffer.
+    period: float = eqx.field(static=True)  #: Sampling period of the ring buffer, s.
 
     def init(self, truth: Truth, instant: Instant) -> SampleRing:
         """Return a ring filled with the present sample, as after a long time in the present flight condition."""

@@ -186,32 +186,16 @@ class CertifiedPlan(eqx.Module):
     The quality of a path is stated in steps: `valid`, a path within its aircraft's limits exists, judged at samples;
     `certificate.satisfied_individually`, limits and keep-outs are satisfied between the knots too;
     `certificate.satisfied`, the separation from the other aircraft as well; `feasible`, the conjunction.
-
-    Attributes
-    ----------
-    paths
-        Position over time.
-    arrival_times
-        Times of arrival at each rendezvous, s.
-    certificate
-        Rigorous bounds on the paths.
-    valid
-        Whether a path within the aircraft's own limits was found, judged at samples.
-    lengths
-        Three-dimensional path lengths through the air, from the latest replanning on, m.
-    total_turn
-        Sum of the absolute turn angles of each planned path, rad.
-    speeds
-        Mean airspeeds, m/s.
     """
 
-    paths: TimedPath
-    arrival_times: Float[Array, " aircraft"]
-    certificate: Certificate
-    valid: Bool[Array, " aircraft"]
+    paths: TimedPath  #: Position over time.
+    arrival_times: Float[Array, " aircraft"]  #: Times of arrival at each rendezvous, s.
+    certificate: Certificate  #: Rigorous bounds on the paths.
+    valid: Bool[Array, " aircraft"]  #: Whether a path within the aircraft's own limits was found, judged at samples.
+    #: Three-dimensional path lengths through the air, from the latest replanning on, m.
     lengths: Float[Array, " aircraft"]
-    total_turn: Float[Array, " aircraft"]
-    speeds: Float[Array, " aircraft"]
+    total_turn: Float[Array, " aircraft"]  #: Sum of the absolute turn angles of each planned path, rad.
+    speeds: Float[Array, " aircraft"]  #: Mean airspeeds, m/s.
 
     def leading(self, count: int) -> "CertifiedPlan":
         """Plan of the first `count` aircraft; only for arrays outside of traced functions."""

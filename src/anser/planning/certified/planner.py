@@ -44,42 +44,19 @@ class CertifiedPlanState(eqx.Module):
 
 
 class CertifiedPlanner(AbstractPlanner):
-    """The certified planner, see `anser.planning.certified`.
+    """The certified planner, see `anser.planning.certified`."""
 
-    Attributes
-    ----------
-    sides
-        Side of each aircraft's detour: +1 right, -1 left, 0 either.
-    speed
-        Preferred mean airspeed per aircraft, m/s.
-    limits
-        Flight limits of the paths; leading axis aircraft.
-    roll_rates_max
-        Greatest rate of the bank angle along a path, rad/s.
-    airspace
-        Wind, required distances, keep-outs.
-    guidance
-        Settings of the holds' guidance.
-    arrival_is_free
-        Whether arrival times may be postponed in flight.
-    latest_arrival
-        Latest allowed arrival time, s.
-    freeze
-        Duration before the arrival in which a path is frozen, s.
-    acceleration_reserve
-        Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down,
-        and for corrections of the path.
-    """
-
-    sides: Int[Array, " aircraft"]
-    speed: Float[Array, " aircraft"]
-    limits: PathLimits
-    roll_rates_max: Float[Array, " aircraft"]
-    airspace: Airspace
-    guidance: GuidanceSettings
-    arrival_is_free: Flag
-    latest_arrival: Scalar
-    freeze: Scalar
+    sides: Int[Array, " aircraft"]  #: Side of each aircraft's detour: +1 right, -1 left, 0 either.
+    speed: Float[Array, " aircraft"]  #: Preferred mean airspeed per aircraft, m/s.
+    limits: PathLimits  #: Flight limits of the paths; leading axis aircraft.
+    roll_rates_max: Float[Array, " aircraft"]  #: Greatest rate of the bank angle along a path, rad/s.
+    airspace: Airspace  #: Wind, required distances, keep-outs.
+    guidance: GuidanceSettings  #: Settings of the holds' guidance.
+    arrival_is_free: Flag  #: Whether arrival times may be postponed in flight.
+    latest_arrival: Scalar  #: Latest allowed arrival time, s.
+    freeze: Scalar  #: Duration before the arrival in which a path is frozen, s.
+    #: Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down, and
+    #: for corrections of the path.
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:

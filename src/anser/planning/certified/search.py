@@ -364,26 +364,14 @@ FailedAfterArrival = Callable[[CertifiedPlan], np.ndarray]
 
 @dataclass(frozen=True)
 class SearchOutcome:
-    """Result of a search.
+    """Result of a search."""
 
-    Attributes
-    ----------
-    plan
-        The plan; None if the search failed.
-    attempts
-        Number of attempts: sets of arrival times and candidates.
-    best_attempt
-        Without a plan: the attempt with the fewest failed aircraft.
-    arrivals
-        Arrival times open to each aircraft alone (s after the start), if computed.
-    plan_without_holds
-        Without a plan: a plan that satisfies every constraint up to the arrivals, but not after them.
-    """
-
-    plan: CertifiedPlan | None
-    attempts: int
-    best_attempt: CertifiedPlan | None = None
+    plan: CertifiedPlan | None  #: The plan; None if the search failed.
+    attempts: int  #: Number of attempts: sets of arrival times and candidates.
+    best_attempt: CertifiedPlan | None = None  #: Without a plan: the attempt with the fewest failed aircraft.
+    #: Arrival times open to each aircraft alone (s after the start), if computed.
     arrivals: list[Intervals] | None = None
+    #: Without a plan: a plan that satisfies every constraint up to the arrivals, but not after them.
     plan_without_holds: CertifiedPlan | None = None
 
     def leading(self, count: int) -> "SearchOutcome":

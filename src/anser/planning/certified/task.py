@@ -53,23 +53,13 @@ def stack_tasks(tasks: Sequence[AircraftTask]) -> AircraftTask:
 
 
 class KeepOuts(eqx.Module):
-    """Keep-outs: vertical cylinders, at rest or at a steady velocity, that no path may enter; stacked, possibly empty.
+    """Keep-outs: vertical cylinders, at rest or at a steady velocity, that no path may enter; a stack, maybe empty."""
 
-    Attributes
-    ----------
-    position_n, velocity_n
-        Position of the axis at time 0, m, and its velocity, m/s; north and east.
-    radius
-        Radius, m.
-    bottom, top
-        Altitude of bottom and top, m.
-    """
-
-    position_n: Float[Array, "volumes 2"]
-    velocity_n: Float[Array, "volumes 2"]
-    radius: Float[Array, " volumes"]
-    bottom: Float[Array, " volumes"]
-    top: Float[Array, " volumes"]
+    position_n: Float[Array, "volumes 2"]  #: Position of the axis at time 0, north and east, m.
+    velocity_n: Float[Array, "volumes 2"]  #: Velocity of the axis, north and east, m/s.
+    radius: Float[Array, " volumes"]  #: Radius, m.
+    bottom: Float[Array, " volumes"]  #: Altitude of the bottom, m.
+    top: Float[Array, " volumes"]  #: Altitude of the top, m.
 
 
 def no_keep_outs() -> KeepOuts:
@@ -78,24 +68,12 @@ def no_keep_outs() -> KeepOuts:
 
 
 class Airspace(eqx.Module):
-    """Environment that the aircraft of a fleet share.
+    """Environment that the aircraft of a fleet share."""
 
-    Attributes
-    ----------
-    wind
-        Steady or layered wind.
-    gravity
-        Acceleration of gravity, m/s^2.
-    separation
-        Required distances between the aircraft.
-    keep_outs
-        Volumes that no path may enter.
-    """
-
-    wind: AbstractWind
-    gravity: Scalar
-    separation: Separation
-    keep_outs: KeepOuts
+    wind: AbstractWind  #: Steady or layered wind.
+    gravity: Scalar  #: Acceleration of gravity, m/s^2.
+    separation: Separation  #: Required distances between the aircraft.
+    keep_outs: KeepOuts  #: Volumes that no path may enter.
 
 
 ARRIVAL_RULES = ("together", "earliest", "at", "sequence", "times", "windows")
@@ -106,29 +84,18 @@ Intervals = list[tuple[float, float]]
 
 @dataclass(frozen=True)
 class ArrivalRequest:
-    """Arrival rule of a fleet.
+    """Arrival rule of a fleet."""
 
-    Attributes
-    ----------
-    rule
-        One of `ARRIVAL_RULES`. "together": one common time, first the time at which the slowest aircraft arrives at its
-        preferred speed, then later ones. "earliest": the earliest feasible common time, see
-        `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
-        "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.
-    latest_s
-        Latest allowed arrival time, s.
-    times_s
-        For "at" and "times": arrival time per aircraft, s after the start of the plan.
-    offsets_s
-        For "sequence": delay after the first arrival per aircraft, s; else None.
-    windows_s
-        For "windows": earliest and latest arrival time per aircraft, shape (aircraft, 2), s.
-    """
-
+    #: One of `ARRIVAL_RULES`. "together": one common time, first the time at which the slowest aircraft arrives at its
+    #: preferred speed, then later ones. "earliest": the earliest feasible common time, see
+    #: `anser.planning.certified.arrival_times`. "at": a given common time. "sequence": fixed offsets, otherwise as
+    #: "together". "times": a given time per aircraft. "windows": a window per aircraft, first at its preferred speed.
     rule: str
-    latest_s: float
+    latest_s: float  #: Latest allowed arrival time, s.
+    #: For "at" and "times": arrival time per aircraft, s after the start of the plan.
     times_s: ArrivalTimes | None = None
-    offsets_s: ArrivalTimes | None = None
+    offsets_s: ArrivalTimes | None = None  #: For "sequence": delay after the first arrival per aircraft, s; else None.
+    #: For "windows": earliest and latest arrival time per aircraft, shape (aircraft, 2), s.
     windows_s: Float[np.ndarray, "aircraft 2"] | None = None
 
     def offsets(self, count: int) -> ArrivalTimes:
