@@ -62,32 +62,18 @@ def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rou
 
 
 class Agreement(eqx.Module):
-    """Content of a plan file for a fleet without a central planner: the result of the negotiation.
+    """Content of a plan file for a fleet without a central planner: the result of the negotiation."""
 
-    Attributes
-    ----------
-    plan_state
-        Paths and holds.
-    negotiation_s
-        Duration of the negotiation, s.
-    """
-
-    plan_state: CertifiedPlanState
-    negotiation_s: Scalar
+    plan_state: CertifiedPlanState  # paths and holds
+    negotiation_s: Scalar  # duration of the negotiation, s
 
 
 @dataclass(frozen=True, repr=False)
 class DecentralisedFirstPlan(CertifiedFirstPlan):
-    """First plan of a fleet without a central planner, on which the aircraft have agreed by messages.
-
-    Attributes
-    ----------
-    agreed_after_s
-        Duration of the negotiation, s.
-    """
+    """First plan of a fleet without a central planner, on which the aircraft have agreed by messages."""
 
     state_type = Agreement
-    agreed_after_s: float
+    agreed_after_s: float  # duration of the negotiation, s
 
     @classmethod
     def make(
@@ -145,27 +131,14 @@ class _NoAgreementError(Exception):
 
 @dataclass
 class _MessageFlood:
-    """Messages before the flight: each aircraft passes on every message that it has received.
+    """Messages before the flight: each aircraft passes on every message that it has received."""
 
-    Attributes
-    ----------
-    links
-        Whether each link is up at each exchange, (exchange, aircraft, aircraft).
-    delay
-        Delay of messages, exchanges.
-    names
-        Names of the aircraft.
-    period_s
-        Time between two exchanges, s.
-    exchange_index
-        Exchange that the negotiation has reached.
-    """
-
+    # whether each link is up at each exchange, (exchange, aircraft, aircraft)
     links: np.ndarray  # (exchange, aircraft, aircraft)
-    delay: int
+    delay: int  # delay of messages, exchanges
     names: tuple[str, ...]
-    period_s: float
-    exchange_index: int = 0
+    period_s: float  # time between two exchanges, s
+    exchange_index: int = 0  # exchange that the negotiation has reached
 
     def broadcast(self, sources: list[int]) -> None:
         """Advance to the exchange by which the messages of all `sources` (aircraft) have reached the whole fleet."""

@@ -36,27 +36,13 @@ _INFEASIBLE_M = 1e12  # cost of an infeasible pair, m
 
 @dataclass(frozen=True)
 class _FleetGoals:
-    """State of the fleet at the sample at which the goals of departing aircraft become free.
-
-    Attributes
-    ----------
-    scenario
-        Scenario of the flight.
-    goals
-        Name of the goal of each aircraft.
-    snapshot
-        The fleet as input of the planner.
-    arrival_times_s
-        Planned arrival times, s.
-    now_s
-        Time of the sample, s.
-    """
+    """State of the fleet at the sample at which the goals of departing aircraft become free."""
 
     scenario: Scenario
-    goals: tuple[str, ...]
-    snapshot: FleetSnapshot
-    arrival_times_s: np.ndarray
-    now_s: float
+    goals: tuple[str, ...]  # name of the goal of each aircraft
+    snapshot: FleetSnapshot  # the fleet as input of the planner
+    arrival_times_s: np.ndarray  # planned arrival times, s
+    now_s: float  # time of the sample, s
 
     def aircraft_with_goal(self, goal: str) -> list[str]:
         """Names of the aircraft that fly to a goal and have not left the fleet."""
@@ -99,29 +85,19 @@ class _FleetGoals:
 
 
 def reassign_goals(
+    # the fleet at sample `number`, after the aircraft have left
     scenario: Scenario,
     flight: Flight,
     state: FlightState,
     number: int,
-    departures: Sequence[Event],
-    goals: Sequence[str],
-    on_progress: Callable[[str], None] = lambda message: None,
+    departures: Sequence[Event],  # events by which the aircraft left
+    goals: Sequence[str],  # name of the goal of each aircraft
+    on_progress: Callable[[str], None] = lambda message: None,  # called with a description of the current work
 ) -> tuple[Flight, FlightState, tuple[str, ...], list[EventOutcome]]:
     """Reassign the goals of departing aircraft to other aircraft, if a plan exists for the new assignment.
 
     The assignment with the least sum of distances is tried first, among aircraft that can still be replanned and can
     arrive in time. If no plan is found, the longest pair is excluded and the next assignment is tried.
-
-    Parameters
-    ----------
-    scenario, flight, state, number
-        The fleet at sample `number`, after the aircraft have left.
-    departures
-        Events by which the aircraft left.
-    goals
-        Name of the goal of each aircraft.
-    on_progress
-        Called with a description of the current work.
 
     Returns
     -------

@@ -207,25 +207,17 @@ UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep
 class CertifiedFirstPlan(FirstPlan):
     """The first plan of a scenario by the certified planner.
 
-    Attributes
-    ----------
-    outcome
-        Result of the search.
-    padded_tasks, airspace
-        Input of the search.
-    holds
-        Paths after the arrivals; None without a plan.
-
     Notes
     -----
     Outcome, padded tasks and holds contain all aircraft of `flight`, the padding included.
     """
 
     state_type = CertifiedPlanState
-    outcome: SearchOutcome
+    outcome: SearchOutcome  # result of the search
+    # input of the search
     padded_tasks: AircraftTask
     airspace: Airspace
-    holds: PlannedHolds | None
+    holds: PlannedHolds | None  # paths after the arrivals; None without a plan
 
     @classmethod
     def make(

@@ -36,24 +36,12 @@ NO_PLAN = "no plan: the certified planner found none within the limits, the sepa
 
 
 class FlightCase(NamedTuple):
-    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers.
-
-    Attributes
-    ----------
-    scenario
-        Scenario of the flight.
-    number
-        Flight number.
-    seed
-        Seed; None: the scenario's.
-    randomness
-        Source of random numbers; replaces number and seed if not None.
-    """
+    """One flight of many: a scenario, with the flight number and the seed that determine its random numbers."""
 
     scenario: Scenario
     number: int = 0
-    seed: int | None = None
-    randomness: AbstractRandomness | None = None
+    seed: int | None = None  # seed; None: the scenario's
+    randomness: AbstractRandomness | None = None  # source of random numbers; replaces number and seed if not None
 
 
 _FlightBatch = Stacked[Flight]

@@ -29,18 +29,10 @@ from anser.scenario.schema_aircraft import Goal
 
 @dataclass(frozen=True)
 class RecordedPlan:
-    """Samples of a plan over time, with its summary.
+    """Samples of a plan over time, with its summary."""
 
-    Attributes
-    ----------
-    dataset
-        Dataset from `anser.results.plan_record`.
-    summary
-        Content of `plan.json`.
-    """
-
-    dataset: xr.Dataset
-    summary: dict[str, Any]
+    dataset: xr.Dataset  # dataset from `anser.results.plan_record`
+    summary: dict[str, Any]  # content of `plan.json`
 
     def write_into(self, folder: Path) -> None:
         """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into an existing folder.

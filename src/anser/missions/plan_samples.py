@@ -35,17 +35,10 @@ FLEET_MULTIPLE, _TIMES_MULTIPLE, _VOLUMES_MULTIPLE = 4, 512, 2
 
 
 class SampledMotion(eqx.Module):
-    """Motion of a fleet over the ground at sample times, (time, aircraft, NED axis); NaN after an arrival.
+    """Motion of a fleet over the ground at sample times, (time, aircraft, NED axis); NaN after an arrival."""
 
-    Attributes
-    ----------
-    times
-        Sample times, s.
-    positions_n, velocities_n
-        Positions, m, and velocities, m/s.
-    """
-
-    times: Float[Array, " time"]
+    times: Float[Array, " time"]  # sample times, s
+    # positions, m, and velocities, m/s
     positions_n: Float[Array, "time aircraft 3"]
     velocities_n: Float[Array, "time aircraft 3"]
 
@@ -158,19 +151,16 @@ def _closest_approaches(
     return lax.map(closest_approach, pairs)
 
 
-def nearest_pairs(motion: SampledMotion, separation_m: tuple[float, float] | None) -> ClosestApproach:
+def nearest_pairs(
+    motion: SampledMotion,
+    # required horizontal and vertical separation. None: distance in space. Otherwise the greater of the horizontal
+    # distance and, if a vertical separation is required, the altitude difference times horizontal over vertical
+    # separation: the requirement is met if this is at least the horizontal separation
+    separation_m: tuple[float, float] | None,
+) -> ClosestApproach:
     """Find the nearest pair of a fleet at every sample, and the closest approach overall.
 
     A pair counts until its first arrival.
-
-    Parameters
-    ----------
-    motion
-        Motion of the fleet.
-    separation_m
-        Required horizontal and vertical separation. None: distance in space. Otherwise the greater of the horizontal
-        distance and, if a vertical separation is required, the altitude difference times horizontal over vertical
-        separation: the requirement is met if this is at least the horizontal separation.
 
     Notes
     -----
@@ -341,21 +331,12 @@ def _sample_demands_in_blocks(paths: PlannedPath, times: np.ndarray, gravity: Sc
 
 
 def sample_paths(
-    paths: PlannedPath, arrival_times: np.ndarray, times_s: np.ndarray, gravity: ScalarLike
+    paths: PlannedPath,  # stacked, leading axis aircraft
+    arrival_times: np.ndarray,  # (aircraft,), s
+    times_s: np.ndarray,  # (time,), s
+    gravity: ScalarLike,  # m/s^2
 ) -> dict[str, np.ndarray]:
-    """Sample the paths of a fleet by key of `anser.variables`; (time, aircraft), NaN after the arrival.
-
-    Parameters
-    ----------
-    paths
-        Stacked, leading axis aircraft.
-    arrival_times
-        (aircraft,), s.
-    times_s
-        (time,), s.
-    gravity
-        m/s^2.
-    """
+    """Sample the paths of a fleet by key of `anser.variables`; (time, aircraft), NaN after the arrival."""
     arrivals = np.asarray(arrival_times)[:, None]
     sampled = _sample_demands_in_blocks(paths, np.minimum(np.asarray(times_s)[None, :], arrivals), gravity)
     is_flying = np.asarray(times_s)[None, :] <= arrivals
@@ -407,35 +388,19 @@ def _along_at_start(
 
 
 def sample_plan(
-    paths: PlannedPath,
+    paths: PlannedPath,  # stacked, leading axis aircraft
+    # common start time, and arrival time of each aircraft, s
     start_s: float,
     arrival_times: np.ndarray,
-    gravity: ScalarLike,
-    goal_positions_n: np.ndarray,
-    times: tuple[np.ndarray, np.ndarray],
+    gravity: ScalarLike,  # m/s^2
+    goal_positions_n: np.ndarray,  # positions of the goals, (time, aircraft, NED axis), m
+    times: tuple[np.ndarray, np.ndarray],  # result of `sample_times`
+    # requirements of the scenario
     separation_m: tuple[float, float] | None,
     keep_outs: tuple[KeepOut, ...],
-    limits: PathLimits | None = None,
+    limits: PathLimits | None = None,  # as in `sample_extremes`
 ) -> PlanSamples:
-    """Sample a plan: motion, demand, extremes and closest approaches.
-
-    Parameters
-    ----------
-    paths
-        Stacked, leading axis aircraft.
-    start_s, arrival_times
-        Common start time, and arrival time of each aircraft, s.
-    gravity
-        m/s^2.
-    goal_positions_n
-        Positions of the goals, (time, aircraft, NED axis), m.
-    times
-        Result of `sample_times`.
-    separation_m, keep_outs
-        Requirements of the scenario.
-    limits
-        As in `sample_extremes`.
-    """
+    """Sample a plan: motion, demand, extremes and closest approaches."""
     history = sample_paths(paths, arrival_times, times[0], gravity)
     motion = sampled_motion(times[0], history)
     margins, margin_times = keep_out_margins(motion, keep_outs)

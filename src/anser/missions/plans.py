@@ -64,16 +64,10 @@ def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitRepor
 
 @dataclass(frozen=True, repr=False)
 class PublishedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles.
-
-    Attributes
-    ----------
-    state
-        State of the fleet at the start, with the plan.
-    """
+    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles."""
 
     state_type = PublishedPlanState
-    state: FlightState
+    state: FlightState  # state of the fleet at the start, with the plan
 
     @classmethod
     def make(

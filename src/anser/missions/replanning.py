@@ -38,21 +38,12 @@ EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2,
 
 
 class FleetSnapshot(NamedTuple):
-    """A fleet in flight at one sample, as input of the planner.
+    """A fleet in flight at one sample, as input of the planner."""
 
-    Attributes
-    ----------
-    tasks
-        Planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned.
-    fixed_paths
-        Paths in force of the other flying aircraft: arrived, about to arrive, or departed.
-    flying_tasks
-        The same tasks with every flying aircraft active, departed aircraft included.
-    """
-
+    # planning tasks from the planned positions to the sensed goals; active: aircraft that can be replanned
     tasks: AircraftTask
-    fixed_paths: FixedPaths
-    flying_tasks: AircraftTask
+    fixed_paths: FixedPaths  # paths in force of the other flying aircraft: arrived, about to arrive, or departed
+    flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
 
 
 def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSnapshot:
@@ -88,22 +79,17 @@ def has_departed(flight: Flight, state: FlightState, time: Array) -> Bool[Array,
 
 
 def plan_exit(
-    flight: Flight, state: FlightState, number: Count, aircraft: Count, end_time: Array, turns: Float[Array, " turns"]
+    # the fleet at a sample
+    flight: Flight,
+    state: FlightState,
+    number: Count,
+    aircraft: Count,  # index of the departing aircraft in the fleet
+    end_time: Array,  # end of the flight, s
+    turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
 ) -> tuple[CertifiedPlan, Float[Array, " turns"]]:
     """Replace one aircraft's path by an exit path: the first of the turns that keeps the separation.
 
     If no turn keeps the separation, the turn with the greatest clearance ratio is flown.
-
-    Parameters
-    ----------
-    flight, state, number
-        The fleet at a sample.
-    aircraft
-        Index of the departing aircraft in the fleet.
-    end_time
-        End of the flight, s.
-    turns
-        Turns from the present course, rad, in the order of preference.
 
     Returns
     -------
@@ -159,23 +145,14 @@ def _certificate(plan: CertifiedPlan, tasks: Any, airspace: Any, time: Any) -> A
 
 @dataclass(frozen=True)
 class EventOutcome:
-    """What an event has meant for the plan.
+    """What an event has meant for the plan."""
 
-    Attributes
-    ----------
-    time_s, kind, whom
-        Time, type and subject (aircraft, goal or keep-out) of the event.
-    planned
-        Whether the fleet has a valid plan.
-    message
-        The action, in one sentence.
-    """
-
+    # time, type and subject (aircraft, goal or keep-out) of the event
     time_s: float
     kind: str
     whom: str
-    planned: bool
-    message: str
+    planned: bool  # whether the fleet has a valid plan
+    message: str  # the action, in one sentence
 
     def as_dict(self) -> dict[str, Any]:
         """Return the entry of the flight's summary."""

@@ -63,15 +63,11 @@ def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> d
     return problems
 
 
-def limits_text(scenario: Scenario, flight: Flight) -> str:
+def limits_text(
+    scenario: Scenario,
+    flight: Flight,  # arrays built from the scenario; padding aircraft are left out
+) -> str:
     """Limits of the scenario's aircraft as JSON, one object per aircraft.
-
-    Parameters
-    ----------
-    scenario
-        Scenario of the flight.
-    flight
-        Arrays built from the scenario; padding aircraft are left out.
 
     Returns
     -------
@@ -125,12 +121,7 @@ class FlightResult(SavedFlight):
     def save(self, folder: Path | str, *, force: bool = False) -> Path:
         """Write `flight.nc`, `summary.json` and `report.html` into a new folder.
 
-        Parameters
-        ----------
-        folder
-            Path of the new folder.
-        force
-            Whether the folder may exist: the three files are then replaced, further files stay.
+        With `force` the folder may exist: the three files are then replaced, further files stay.
 
         Raises
         ------

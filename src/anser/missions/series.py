@@ -23,18 +23,10 @@ if TYPE_CHECKING:
 
 
 class SeriesSelection(eqx.Module):
-    """Which variables to record over time for many flights, and how often.
+    """Which variables to record over time for many flights, and how often."""
 
-    Attributes
-    ----------
-    keys
-        Keys of `anser.variables.CATALOGUE`.
-    stride
-        Steps between two rows.
-    """
-
-    keys: tuple[str, ...] = eqx.field(static=True)
-    stride: int = eqx.field(static=True)
+    keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
+    stride: int = eqx.field(static=True)  # steps between two rows
 
     @classmethod
     def from_period(cls, scenario: Scenario, keys: Sequence[str], every_s: float) -> "SeriesSelection":
@@ -98,21 +90,11 @@ class SeriesSelection(eqx.Module):
 
 
 class SeriesRecorder(AbstractRecorder):
-    """Recorder of the running summary and of selected variables; variables absent from a flight are omitted.
+    """Recorder of the running summary and of selected variables; variables absent from a flight are omitted."""
 
-    Attributes
-    ----------
-    summary
-        Recorder of the summary; its state is the recorder state.
-    keys
-        Keys of `anser.variables.CATALOGUE`.
-    stride
-        Steps between two rows.
-    """
-
-    summary: SummaryRecorder
-    keys: tuple[str, ...] = eqx.field(static=True)
-    stride: int = eqx.field(static=True)
+    summary: SummaryRecorder  # recorder of the summary; its state is the recorder state
+    keys: tuple[str, ...] = eqx.field(static=True)  # keys of `anser.variables.CATALOGUE`
+    stride: int = eqx.field(static=True)  # steps between two rows
 
     def init(self, aircraft: int) -> tuple[FleetSummary, Any]:
         """Recorder state before the first sample: an empty summary."""

@@ -22,23 +22,12 @@ from anser.scenario.schema import Scenario
 
 
 def sweep_dataset(
-    swept: Mapping[str, Sequence[object]],
+    swept: Mapping[str, Sequence[object]],  # values by scenario path; the values of the last path vary fastest
     aircraft: Sequence[str],
-    flight_rows: Sequence[FlightRow],
-    attributes: Mapping[str, str | int],
+    flight_rows: Sequence[FlightRow],  # results of the flights, in the order of the combinations
+    attributes: Mapping[str, str | int],  # attributes of the dataset
 ) -> xr.Dataset:
     """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
-
-    Parameters
-    ----------
-    swept
-        Values by scenario path; the values of the last path vary fastest.
-    aircraft
-        Names.
-    flight_rows
-        Results of the flights, in the order of the combinations.
-    attributes
-        Attributes of the dataset.
 
     Returns
     -------

@@ -21,22 +21,15 @@ _NO_RECORD = "not arrived: no finite position in the record"
 
 @dataclass(frozen=True)
 class Arrival:
-    """Outcome of one aircraft's approach.
+    """Outcome of one aircraft's approach."""
 
-    Attributes
-    ----------
-    time_s, miss_m
-        Time of the arrival, s, and distance from the rendezvous at the arrival, m; both NaN without an arrival.
-    approach_end_s
-        End of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended.
-    status
-        "arrived"; or the first and the last failure status of the flight, before or after the arrival; or why there is
-        no arrival.
-    """
-
+    # time of the arrival, s, and distance from the rendezvous at the arrival, m; both NaN without an arrival
     time_s: float
     miss_m: float
+    # end of the approach, s: the arrival, or else the time at which the aircraft left its plan or the record ended
     approach_end_s: float
+    # "arrived"; or the first and the last failure status of the flight, before or after the arrival; or why there is no
+    # arrival
     status: str
 
     @property
@@ -46,26 +39,18 @@ class Arrival:
 
 
 def arrival_outcome(
-    closest_pass: tuple[float, float], planned_s: float, off_plan_s: float, end_s: float, codes: Sequence[int]
+    # time of the closest pass up to the end of the search, s, and distance, m; NaN without a record
+    closest_pass: tuple[float, float],
+    planned_s: float,  # planned arrival time of the last plan, s
+    off_plan_s: float,  # time of the first sample with an off-plan status, s; infinite without one
+    end_s: float,  # end of the record, s
+    codes: Sequence[int],  # status over time, or the first and last non-zero status: indices into `STATUS_MESSAGES`
 ) -> Arrival:
     """Decide whether the closest pass of the rendezvous is an arrival, and return the outcome of the approach.
 
     The pass is an arrival if the aircraft flew its plan at least until the planned arrival, and the distance increased
     again before the end of the search: 10 s after the planned arrival, the end of the record, or the time at which the
     aircraft left its plan. An aircraft that crashed, broke off or was still closing has not arrived.
-
-    Parameters
-    ----------
-    closest_pass
-        Time of the closest pass up to the end of the search, s, and distance, m; NaN without a record.
-    planned_s
-        Planned arrival time of the last plan, s.
-    off_plan_s
-        Time of the first sample with an off-plan status, s; infinite without one.
-    end_s
-        End of the record, s.
-    codes
-        Status over time, or the first and last non-zero status: indices into `STATUS_MESSAGES`.
     """
     time_s, miss_m = closest_pass
     approach_end_s = min(off_plan_s, end_s)
@@ -86,23 +71,16 @@ def arrival_outcome(
 
 
 def closest_approach(
-    time_s: np.ndarray, offset: np.ndarray, planned_arrival_s: float | None, margin_s: float = 10.0
+    time_s: np.ndarray,  # times of the record, s, increasing; shape (time,)
+    # rendezvous minus aircraft position, m, in non-rotating axes; shape (time, 3). Non-finite samples are ignored
+    offset: np.ndarray,
+    planned_arrival_s: float | None,  # planned arrival time, s; None searches the whole record
+    margin_s: float = 10.0,  # allowed delay of the pass after the planned arrival, s
 ) -> tuple[float, float]:
     """Return the time and distance of the closest pass of a moving rendezvous.
 
     The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
     `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.
-
-    Parameters
-    ----------
-    time_s
-        Times of the record, s, increasing; shape (time,).
-    offset
-        Rendezvous minus aircraft position, m, in non-rotating axes; shape (time, 3). Non-finite samples are ignored.
-    planned_arrival_s
-        Planned arrival time, s; None searches the whole record.
-    margin_s
-        Allowed delay of the pass after the planned arrival, s.
 
     Returns
     -------
@@ -131,13 +109,10 @@ def closest_approach(
     )
 
 
-def least_distance(offset: np.ndarray) -> np.ndarray:
+def least_distance(
+    offset: np.ndarray,  # offsets between the points of each pair, m; shape (time, pair, 3)
+) -> np.ndarray:
     """Compute the least distance of each pair of points, whose offset is linear in time between samples.
-
-    Parameters
-    ----------
-    offset
-        Offsets between the points of each pair, m; shape (time, pair, 3).
 
     Returns
     -------
@@ -167,23 +142,14 @@ _MILLISECONDS_BELOW_S = 0.0995
 
 @dataclass(frozen=True)
 class ArrivalAccuracy:
-    """Accuracy of a fleet's arrival times, by the measure that suits the arrival rule.
+    """Accuracy of a fleet's arrival times, by the measure that suits the arrival rule."""
 
-    Attributes
-    ----------
-    kind
-        "spread": time between the first and the last of simultaneous arrivals. "spacing": in a sequence, the largest
-        deviation of an interval between two arrivals from the required interval. "error": for a single aircraft, or for
-        individual times and windows, the largest deviation of an arrival from its planned time.
-    value_s
-        The value, s; None if an arrival is missing.
-    required_spacing_s
-        Required interval between two arrivals of a sequence, s; otherwise None.
-    """
-
+    # "spread": time between the first and the last of simultaneous arrivals. "spacing": in a sequence, the largest
+    # deviation of an interval between two arrivals from the required interval. "error": for a single aircraft, or for
+    # individual times and windows, the largest deviation of an arrival from its planned time
     kind: Literal["spread", "spacing", "error"]
-    value_s: float | None
-    required_spacing_s: float | None = None
+    value_s: float | None  # None if an arrival is missing
+    required_spacing_s: float | None = None  # required interval between two arrivals of a sequence, s; otherwise None
 
     def describe(self, aircraft: int) -> str:
         """Describe the accuracy in words, for a fleet of `aircraft` aircraft; empty without a value."""

@@ -52,14 +52,9 @@ def install_hint(library: str, extra: str) -> str:
 
 
 def notebook_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str] = ()) -> str:
-    """Return an HTML table with a title above and notes below.
+    """Return an HTML table with a title above and notes below, from plain text.
 
-    Parameters
-    ----------
-    title, notes
-        Plain text.
-    entries
-        Cells by column name, the same columns in every entry; plain text.
+    The entries hold the cells by column name, the same columns in every entry.
     """
     heads = "".join(f"<th>{escape(name)}</th>" for name in (entries[0] if entries else ()))
     lines = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in entry.values())}</tr>" for entry in entries)

@@ -22,25 +22,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class FlightRow:
-    """Results of one flight of a batch or campaign.
+    """Results of one flight of a batch or campaign."""
 
-    Attributes
-    ----------
-    aircraft, fleet, requirements
-        The entries of these names in `summary.json`; empty for a flight that could not start.
-    met
-        Whether every aircraft arrived and every requirement is met.
-    reason
-        Reason for a failed start; empty otherwise.
-    series
-        Recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units.
-    """
-
+    # the entries of these names in `summary.json`; empty for a flight that could not start
     aircraft: list[dict[str, Any]]
     fleet: dict[str, Any]
     requirements: list[dict[str, Any]]
-    met: bool
-    reason: str = ""
+    met: bool  # whether every aircraft arrived and every requirement is met
+    reason: str = ""  # reason for a failed start; empty otherwise
+    # recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units
     series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
 
     @classmethod
@@ -49,16 +39,12 @@ class FlightRow:
         return cls([], {}, [], met=False, reason=reason)
 
 
-def build_flight_row(summary: FleetSummary, planned_s: np.ndarray, scenario: Scenario) -> FlightRow:
-    """Compute the results of one flight from its running summary, as `summarize` does from the complete history.
-
-    Parameters
-    ----------
-    summary
-        Running summary of one flight, with concrete arrays.
-    planned_s
-        Arrival times of the last plan, s; shape (aircraft,).
-    """
+def build_flight_row(
+    summary: FleetSummary,  # running summary of one flight, with concrete arrays
+    planned_s: np.ndarray,  # arrival times of the last plan, s; shape (aircraft,)
+    scenario: Scenario,
+) -> FlightRow:
+    """Compute the results of one flight from its running summary, as `summarize` does from the complete history."""
     aircraft = []
     for k, config in enumerate(scenario.aircraft):
         has_left = int(summary.first_status[k]) == LEFT_FLEET
@@ -131,17 +117,13 @@ FlightColumn = tuple[tuple[str, ...], np.ndarray, dict[str, Any]]
 The dimensions are those of one flight's value (none, or `aircraft`); the values have a leading axis over flights."""
 
 
-def tabulate_flights(flights: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
+def tabulate_flights(
+    flights: Sequence[FlightRow],  # results of flights with the same fleet
+    aircraft: int,  # number of aircraft
+) -> dict[str, FlightColumn]:
     """Arrange the results of many flights as one array per quantity, by name.
 
     A failed start has NaN, the status "no flight" and the reason.
-
-    Parameters
-    ----------
-    flights
-        Results of flights with the same fleet.
-    aircraft
-        Number of aircraft.
     """
 
     def aircraft_values(key: str, missing: Any) -> np.ndarray:
@@ -176,22 +158,19 @@ def applicable_quantities(names: Iterable[str], dataset: "xr.Dataset") -> tuple[
     return tuple(name for name in names if name not in FLEET_QUANTITIES or dataset.sizes["aircraft"] > 1)
 
 
-def worst_of_fleet(columns: "xr.Dataset | Mapping[str, np.ndarray]", name: str, *, upper: bool = True) -> np.ndarray:
+def worst_of_fleet(
+    # columns of flights: a dataset, or arrays by name, with `met`, `miss_m` (NaN for a missing arrival) and the
+    # quantity
+    columns: "xr.Dataset | Mapping[str, np.ndarray]",
+    name: str,  # name of a quantity with dimensions (flight) or (flight, aircraft); NaN for missing values
+    *,
+    upper: bool = True,  # whether larger values are worse
+) -> np.ndarray:
     """Return the worst value of each flight: the maximum over the aircraft, or the minimum if `upper` is False.
 
     A flight with a missing arrival counts as infinitely bad in every quantity, even with a value: a crash far from the
     goal must not improve the least distance. A missing value counts as a missing arrival, unless the flight met every
     requirement without the value (an aircraft that left the fleet).
-
-    Parameters
-    ----------
-    columns
-        Columns of flights: a dataset, or arrays by name, with `met`, `miss_m` (NaN for a missing arrival) and the
-        quantity.
-    name
-        Name of a quantity with dimensions (flight) or (flight, aircraft); NaN for missing values.
-    upper
-        Whether larger values are worse.
 
     Returns
     -------

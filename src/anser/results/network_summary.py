@@ -17,18 +17,13 @@ _QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
 
 
 def summarize_network(
-    time_s: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, agreed_after_s: float
+    # times of every step, s, and recorded arrays by key, shape (time, aircraft)
+    time_s: np.ndarray,
+    history: Mapping[str, np.ndarray],
+    scenario: Scenario,  # scenario with `fleet.planner = "decentralised"`
+    agreed_after_s: float,  # duration of the fleet's consensus on the plan, s
 ) -> dict[str, Any]:
     """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
-
-    Parameters
-    ----------
-    time_s, history
-        Times of every step, s, and recorded arrays by key, shape (time, aircraft).
-    scenario
-        Scenario with `fleet.planner = "decentralised"`.
-    agreed_after_s
-        Duration of the fleet's consensus on the plan, s.
 
     Returns
     -------

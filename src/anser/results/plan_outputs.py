@@ -59,15 +59,10 @@ def plan_summary(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def plan_margins(dataset: xr.Dataset) -> dict[str, np.ndarray]:
-    """Compute the margin of each aircraft's path to each limit, by limit name.
+    """Compute the margin of each aircraft's path to each limit, by limit name, in the limit's unit; shape (aircraft,).
 
-    Parameters
-    ----------
-    dataset
-        Dataset from `anser.results.plan_record.plan_dataset`.
-
-    Returns ------- Margins in the limit's unit, shape (aircraft,), negative if the limit is exceeded, NaN without a
-    limit. Computed from the proven bound if there is one, otherwise from the samples.
+    Negative if the limit is exceeded, NaN without a limit. Computed from the proven bound if there is one, otherwise
+    from the samples.
     """
     margins = {}
     for limit in LIMITS:
@@ -197,11 +192,6 @@ _DIGITS = 6
 
 def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     """Write the paths of a plan to a new CSV file (RFC 4180): one row per aircraft and time.
-
-    Parameters
-    ----------
-    dataset
-        Dataset from `anser.results.plan_record.plan_dataset`.
 
     Raises
     ------

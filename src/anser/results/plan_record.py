@@ -16,145 +16,75 @@ from anser.variables import CATALOGUE, PLAN_VARIABLES
 
 @dataclass(frozen=True)
 class ClosestApproach:
-    """Closest pair of aircraft in a fleet, at every sample time and over the whole plan.
+    """Closest pair of aircraft in a fleet, at every sample time and over the whole plan."""
 
-    Attributes
-    ----------
-    distance_m
-        Least distance at each time (time,); NaN with fewer than two aircraft under way.
-    pair
-        Indices of the closest pair (time, 2); -1 without a pair.
-    minimum_m, minimum_pair, minimum_time_s
-        Least distance over the plan, m, the pair, and the time, s; NaN and -1 for a single aircraft.
-    horizontal_m, vertical_m
-        Horizontal and vertical distance of that pair at that time.
-    """
-
-    distance_m: np.ndarray
-    pair: np.ndarray
+    distance_m: np.ndarray  # least distance at each time (time,); NaN with fewer than two aircraft under way
+    pair: np.ndarray  # indices of the closest pair (time, 2); -1 without a pair
+    # least distance over the plan, m, the pair, and the time, s; NaN and -1 for a single aircraft
     minimum_m: float
     minimum_pair: tuple[int, int]
     minimum_time_s: float
+    # horizontal and vertical distance of that pair at that time
     horizontal_m: float
     vertical_m: float
 
 
 @dataclass(frozen=True)
 class PlanExtremes:
-    """Extremes of each aircraft's path, from closely spaced times; leading axis aircraft, SI units and radians.
+    """Extremes of each aircraft's path, from closely spaced times; leading axis aircraft, SI units and radians."""
 
-    Attributes
-    ----------
-    length
-        Length of the path through the air, m.
-    speed_mean
-        Mean airspeed, m/s.
-    values
-        Extremes by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
-    """
-
-    length: np.ndarray
-    speed_mean: np.ndarray
+    length: np.ndarray  # length of the path through the air, m
+    speed_mean: np.ndarray  # mean airspeed, m/s
+    # extremes by key of `anser.planning.limits.LIMITS`: "airspeed_min", "bank_max", ...
     values: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class PlanSamples:
-    """Samples of a fleet's paths; NaN after an aircraft's arrival.
+    """Samples of a fleet's paths; NaN after an aircraft's arrival."""
 
-    Attributes
-    ----------
-    time_s
-        Sample times (time,), s, increasing: regular times and the arrivals.
-    is_regular
-        Whether each time is a regular one (time,).
-    arrival_times_s
-        Arrival time of each aircraft, one of the sample times.
-    history
-        Arrays (time, aircraft), SI units and radians, by key of `anser.variables`.
-    goal_positions_n
-        Goal positions (time, aircraft, NED axis), m.
-    extremes
-        Extremes of each path.
-    closest_by_distance
-        Closest approaches by distance in space.
-    closest_by_separation
-        Closest approaches by required separation; None without a requirement.
-    keep_out_margin_m, keep_out_margin_time_s
-        Least distance outside each keep-out (aircraft, keep-out), m, negative inside, and its time, s.
-    """
-
-    time_s: np.ndarray
-    is_regular: np.ndarray
-    arrival_times_s: np.ndarray
-    history: Mapping[str, np.ndarray]
-    goal_positions_n: np.ndarray
-    extremes: PlanExtremes
-    closest_by_distance: ClosestApproach
+    time_s: np.ndarray  # sample times (time,), s, increasing: regular times and the arrivals
+    is_regular: np.ndarray  # whether each time is a regular one (time,)
+    arrival_times_s: np.ndarray  # arrival time of each aircraft, one of the sample times
+    history: Mapping[str, np.ndarray]  # arrays (time, aircraft), SI units and radians, by key of `anser.variables`
+    goal_positions_n: np.ndarray  # goal positions (time, aircraft, NED axis), m
+    extremes: PlanExtremes  # extremes of each path
+    closest_by_distance: ClosestApproach  # closest approaches by distance in space
+    # closest approaches by required separation; None without a requirement
     closest_by_separation: ClosestApproach | None
+    # least distance outside each keep-out (aircraft, keep-out), m, negative inside, and its time, s
     keep_out_margin_m: np.ndarray
     keep_out_margin_time_s: np.ndarray
 
 
 @dataclass(frozen=True)
 class PlanDetails:
-    """The scenario of a plan and the planner's report on it; arrays and tuples have one entry per aircraft.
+    """The scenario of a plan and the planner's report on it; arrays and tuples have one entry per aircraft."""
 
-    Attributes
-    ----------
-    scenario
-        Scenario that was planned.
-    paths
-        Short description of each path.
-    messages
-        Problem of each path; None without a problem.
-    limits
-        Limits of the scenario by key of `anser.planning.limits.LIMITS`, SI units and radians; common or by aircraft.
-    bounds
-        Proven bounds of the paths, by the keys of `limits`; None without a proof.
-    separation_bound
-        Proven least ratio of distance to the planned separation with reserve; None without a proof.
-    keep_out_bounds_m
-        Proven least distance outside each keep-out (aircraft, keep-out), m; None without a proof.
-    lengths_m
-        Lengths of the paths through the air, m; None if not reported.
-    nominal_lengths_m
-        Lengths of the paths without bends, m; None if not reported.
-    turn_utilization
-        Greatest turn rate relative to that of the greatest bank angle; None if not reported.
-    hold_radii_m
-        Radii of the holds, m; None if not planned.
-    hold_turns
-        Turn directions of the holds, positive to the right; None if not planned.
-    hold_heights_m
-        Heights of the holds above the goals, m; None if not planned.
-    hold_separation_bound
-        Proven least ratio of distance to separation, from the first arrival of a pair to the end of the flight.
-    level_off_m
-        Altitude at which the hold ends the descent of the arrival, m; None if not reported.
-    problems
-        Reasons for a plan that cannot be flown, one sentence each.
-    notes
-        Differences of the plan from the scenario, one sentence each.
-    """
-
-    scenario: Scenario
-    paths: tuple[str, ...]
-    messages: tuple[str | None, ...]
+    scenario: Scenario  # scenario that was planned
+    paths: tuple[str, ...]  # short description of each path
+    messages: tuple[str | None, ...]  # problem of each path; None without a problem
+    # limits of the scenario by key of `anser.planning.limits.LIMITS`, SI units and radians; common or by aircraft
     limits: Mapping[str, float | np.ndarray]
+    # proven bounds of the paths, by the keys of `limits`; None without a proof
     bounds: Mapping[str, np.ndarray] | None = None
+    # proven least ratio of distance to the planned separation with reserve; None without a proof
     separation_bound: float | None = None
+    # proven least distance outside each keep-out (aircraft, keep-out), m; None without a proof
     keep_out_bounds_m: np.ndarray | None = None
-    lengths_m: np.ndarray | None = None
-    nominal_lengths_m: np.ndarray | None = None
+    lengths_m: np.ndarray | None = None  # lengths of the paths through the air, m; None if not reported
+    nominal_lengths_m: np.ndarray | None = None  # lengths of the paths without bends, m; None if not reported
+    # greatest turn rate relative to that of the greatest bank angle; None if not reported
     turn_utilization: np.ndarray | None = None
+    # altitude at which the hold ends the descent of the arrival, m; None if not reported
     level_off_m: np.ndarray | None = None
-    hold_radii_m: np.ndarray | None = None
-    hold_turns: np.ndarray | None = None
-    hold_heights_m: np.ndarray | None = None
+    hold_radii_m: np.ndarray | None = None  # radii of the holds, m; None if not planned
+    hold_turns: np.ndarray | None = None  # turn directions of the holds, positive to the right; None if not planned
+    hold_heights_m: np.ndarray | None = None  # heights of the holds above the goals, m; None if not planned
+    # proven least ratio of distance to separation, from the first arrival of a pair to the end of the flight
     hold_separation_bound: float | None = None
-    problems: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()  # reasons for a plan that cannot be flown, one sentence each
+    notes: tuple[str, ...] = ()  # differences of the plan from the scenario, one sentence each
 
 
 _VARIABLES = {variable.key: variable for variable in (*CATALOGUE, *PLAN_VARIABLES)}

@@ -50,21 +50,11 @@ REQUIREMENT_NAMES: tuple[str, ...] = (*_AT_MOST, *_AT_LEAST)
 
 @dataclass(frozen=True)
 class Requirement:
-    """A limit that the values of a flight must keep.
+    """A limit that the values of a flight must keep."""
 
-    Attributes
-    ----------
-    name
-        One of `REQUIREMENT_NAMES`, which ends with the unit.
-    limit
-        Limit in the unit of the name.
-    aircraft_limits
-        Limits by aircraft, if different; the least margin is reported.
-    """
-
-    name: str
-    limit: float
-    aircraft_limits: tuple[float, ...] | None = None
+    name: str  # one of `REQUIREMENT_NAMES`, which ends with the unit
+    limit: float  # limit in the unit of the name
+    aircraft_limits: tuple[float, ...] | None = None  # limits by aircraft, if different; the least margin is reported
 
     def __post_init__(self) -> None:
         if self.name not in REQUIREMENT_NAMES:
@@ -93,18 +83,13 @@ def scenario_requirements(scenario: Scenario) -> tuple[Requirement, ...]:
 
 def evaluate_requirements(
     requirements: Sequence[Requirement],
+    # aircraft entries and fleet entry of the summary
     aircraft: Sequence[_Entry],
     fleet: _Entry,
+    # for each aircraft the kind of its goal, and the least distance required from it, m
     clearances: Sequence[tuple[str, float]],
 ) -> list[dict[str, Any]]:
     """Evaluate a flight against its requirements.
-
-    Parameters
-    ----------
-    aircraft, fleet
-        Aircraft entries and fleet entry of the summary.
-    clearances
-        For each aircraft the kind of its goal, and the least distance required from it, m.
 
     Returns
     -------

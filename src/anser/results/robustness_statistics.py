@@ -15,32 +15,17 @@ _NO_STEADY_FLIGHT = "no_steady_flight"
 
 @dataclass(frozen=True)
 class SuccessRate:
-    """Number and share of the flights in which the autopilot reached the commanded values.
+    """Number and share of the flights in which the autopilot reached the commanded values."""
 
-    Attributes
-    ----------
-    drawn
-        Number of sampled aircraft.
-    no_steady_flight
-        Number of aircraft without a steady flight at the start.
-    flown
-        Number of flights.
-    reached
-        Number of flights that reached the commanded values.
-    share, low, high
-        Success rate of the flights, and the bounds of its 95 % confidence interval.
-    reasons
-        Number of failed flights by "outcome: reason", the most frequent first.
-    """
-
-    drawn: int
-    no_steady_flight: int
-    flown: int
-    reached: int
+    drawn: int  # number of sampled aircraft
+    no_steady_flight: int  # number of aircraft without a steady flight at the start
+    flown: int  # number of flights
+    reached: int  # number of flights that reached the commanded values
+    # success rate of the flights, and the bounds of its 95 % confidence interval
     share: float
     low: float
     high: float
-    reasons: dict[str, int]
+    reasons: dict[str, int]  # number of failed flights by "outcome: reason", the most frequent first
 
 
 def flights_in_part(dataset: xr.Dataset, part: str) -> np.ndarray:
@@ -90,32 +75,15 @@ def _failure_reason(flights: xr.Dataset, flight: int) -> str:
 
 @dataclass(frozen=True)
 class FirstBreak:
-    """Smallest change of a single factor, in one direction, with which a flight fails to reach the commanded values.
-
-    Attributes
-    ----------
-    factor
-        Name of the factor.
-    inversion
-        Name of the autopilot's inversion.
-    sign
-        Sign of the change, +1 or -1.
-    change
-        Change of the factor at the failure, a fraction; the largest in the study if no flight fails.
-    value
-        Value of the factor at that change.
-    survived
-        Largest change below the failure, at which no flight fails.
-    reason, condition
-        Reason and flight condition of the first failure; None if no flight fails.
-    """
+    """Smallest change of a single factor, in one direction, with which a flight fails to reach the commanded values."""
 
     factor: str
     inversion: str
-    sign: int
-    change: float
-    value: float
-    survived: float
+    sign: int  # sign of the change, +1 or -1
+    change: float  # change of the factor at the failure, a fraction; the largest in the study if no flight fails
+    value: float  # value of the factor at that change
+    survived: float  # largest change below the failure, at which no flight fails
+    # reason and flight condition of the first failure; None if no flight fails
     reason: str | None
     condition: str | None
 
@@ -159,21 +127,12 @@ def first_breaks(dataset: xr.Dataset) -> list[FirstBreak]:
 
 @dataclass(frozen=True)
 class FailureCorrelation:
-    """Correlation of the failures in a study with one factor.
-
-    Attributes
-    ----------
-    factor
-        Name of the factor.
-    measure
-        The stronger of two correlations: "value", with the factor's change; "amount", with the magnitude of the change.
-    correlation
-        Pearson's correlation coefficient.
-    """
+    """Correlation of the failures in a study with one factor."""
 
     factor: str
+    # the stronger of two correlations: "value", with the factor's change; "amount", with the magnitude of the change
     measure: str
-    correlation: float
+    correlation: float  # pearson's correlation coefficient
 
 
 def failure_correlations(dataset: xr.Dataset, inversion: str, selection: np.ndarray) -> list[FailureCorrelation]:

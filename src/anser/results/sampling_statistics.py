@@ -7,19 +7,17 @@ import numpy as np
 from scipy import stats
 
 
-def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tuple[float, float]:
+def wilson_interval(
+    # numbers of successes and of flights; without flights the interval is 0 to 1
+    successes: int,
+    count: int,
+    confidence: float = 0.95,  # nominal coverage, 0..1
+) -> tuple[float, float]:
     """Return Wilson's confidence interval of a probability, from the number of successes in independent flights.
 
     Source: E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, J. American
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
     a binomial proportion*, Statistical Science 16(2), 2001.
-
-    Parameters
-    ----------
-    successes, count
-        Numbers of successes and of flights; without flights the interval is 0 to 1.
-    confidence
-        Nominal coverage, 0..1.
 
     Returns
     -------
@@ -44,15 +42,11 @@ def wilson_interval(successes: int, count: int, confidence: float = 0.95) -> tup
     return low, high
 
 
-def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float, float, float]:
+def log_interval(
+    estimates: np.ndarray,  # two or more positive estimates of similar precision
+    confidence: float = 0.95,  # nominal coverage, 0..1
+) -> tuple[float, float, float]:
     """Return the geometric mean of independent positive estimates and its interval (Student's, of the logarithms).
-
-    Parameters
-    ----------
-    estimates
-        Two or more positive estimates of similar precision.
-    confidence
-        Nominal coverage, 0..1.
 
     Returns
     -------
@@ -71,20 +65,16 @@ def log_interval(estimates: np.ndarray, confidence: float = 0.95) -> tuple[float
     return math.exp(middle), math.exp(middle - half), math.exp(middle + half)
 
 
-def order_statistic_interval(values: np.ndarray, share: float, confidence: float = 0.95) -> tuple[float, float]:
+def order_statistic_interval(
+    # independent values; infinite for a missing value (a failed flight), which then counts as the worst
+    values: np.ndarray,
+    share: float,  # probability of the quantile, 0..1: 0.95 for the value that 95 % of the flights stay below
+    confidence: float = 0.95,  # least coverage, 0..1
+) -> tuple[float, float]:
     """Return a confidence interval of a quantile that assumes no distribution: two of the sorted values.
 
     The number of values below the quantile is binomial; each bound excludes the quantile with at most half of the
     allowed error probability. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
-
-    Parameters
-    ----------
-    values
-        Independent values; infinite for a missing value (a failed flight), which then counts as the worst.
-    share
-        Probability of the quantile, 0..1: 0.95 for the value that 95 % of the flights stay below.
-    confidence
-        Least coverage, 0..1.
 
     Returns
     -------
@@ -173,18 +163,12 @@ _RESAMPLING_SEED = 1
 
 
 class SobolIndices(NamedTuple):
-    """Sobol indices: the share of each input in the variance of an output; arrays with one entry per input.
+    """Sobol indices: the share of each input in the variance of an output; arrays with one entry per input."""
 
-    Attributes
-    ----------
-    first, first_half_width
-        Share of the input alone, and half the width of its confidence interval.
-    total, total_half_width
-        Share of the input including interactions, and half the width of its confidence interval.
-    """
-
+    # share of the input alone, and half the width of its confidence interval
     first: np.ndarray
     first_half_width: np.ndarray
+    # share of the input including interactions, and half the width of its confidence interval
     total: np.ndarray
     total_half_width: np.ndarray
 
@@ -212,20 +196,17 @@ def saltelli_points(inputs: int, count: int, seed: int) -> np.ndarray:
     return sobol.sample(problem, count, calc_second_order=False, seed=np.random.default_rng(seed))
 
 
-def sobol_indices(outputs: np.ndarray, inputs: int, confidence: float = 0.95) -> SobolIndices:
+def sobol_indices(
+    outputs: np.ndarray,  # outputs in the order of the points
+    inputs: int,
+    confidence: float = 0.95,  # coverage of the intervals, 0..1
+) -> SobolIndices:
     """Estimate first and total Sobol indices from outputs at `saltelli_points`, or at complete blocks of them.
 
     First-order indices by the estimator of Saltelli et al. (2010), total indices by Jansen's (ibid., table 2, b and f).
     Definition of the total index: T. Homma, A. Saltelli, *Importance measures in global sensitivity analysis of
     nonlinear models*, Reliability Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib
     computes both.
-
-    Parameters
-    ----------
-    outputs
-        Outputs in the order of the points.
-    confidence
-        Coverage of the intervals, 0..1.
 
     Raises
     ------

@@ -36,16 +36,11 @@ def is_judged_by_separation(summary: Mapping[str, Any]) -> bool:
     return len(summary["aircraft"]) == 1 or any(name.startswith("separation") for name in names)
 
 
-def proximity_warning(least_m: Sequence[float | None] | np.ndarray, attributes: Mapping[Any, Any]) -> str:
-    """Return a warning if two aircraft came closer than three wing spans in any flight; otherwise empty.
-
-    Parameters
-    ----------
-    least_m
-        Least distance of two aircraft by flight, m; NaN or None if missing.
-    attributes
-        Attributes of the dataset, from `separation_attributes`.
-    """
+def proximity_warning(
+    least_m: Sequence[float | None] | np.ndarray,  # least distance of two aircraft by flight, m; NaN or None if missing
+    attributes: Mapping[Any, Any],  # attributes of the dataset, from `separation_attributes`
+) -> str:
+    """Return a warning if two aircraft came closer than three wing spans in any flight; otherwise empty."""
     near_m = attributes.get("near_distance_m")
     if near_m is None:
         return ""
@@ -63,19 +58,13 @@ def proximity_warning(least_m: Sequence[float | None] | np.ndarray, attributes: 
 
 
 def nearest_aircraft_distance(
-    positions_m: np.ndarray, separation_m: tuple[float, float] | None = None, is_included: np.ndarray | None = None
+    positions_m: np.ndarray,  # positions (time, aircraft, axis), m; the third axis is vertical
+    # required horizontal and vertical separation, m; vertical 0: the vertical distance is ignored. The larger of the
+    # horizontal and the vertical ratio counts. None: the result is the distance in space, m
+    separation_m: tuple[float, float] | None = None,
+    is_included: np.ndarray | None = None,  # mask of the aircraft to include, (time, aircraft); None: every aircraft
 ) -> np.ndarray:
     """Compute the distance of each aircraft to the nearest other one, or the least ratio of distance to separation.
-
-    Parameters
-    ----------
-    positions_m
-        Positions (time, aircraft, axis), m; the third axis is vertical.
-    separation_m
-        Required horizontal and vertical separation, m; vertical 0: the vertical distance is ignored. The larger of the
-        horizontal and the vertical ratio counts. None: the result is the distance in space, m.
-    is_included
-        Mask of the aircraft to include, (time, aircraft); None: every aircraft.
 
     Returns
     -------

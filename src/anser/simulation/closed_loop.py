@@ -153,25 +153,18 @@ def _gust_normals(vehicle: Vehicle, instant: Instant, *, once: bool = False) -> 
 
 
 def act(
+    # the aircraft, its state between two steps, and the result of `perceive`
     vehicle: Vehicle,
     state: VehicleState,
     perception: Perception,
     instant: Instant,
+    # the aircraft's plan; None without a planner. Required for an aircraft with a mission
     plan: AircraftPlan | None = None,
+    # time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then breaks
+    # off; the recorded phase is `FROZEN`
     freeze: ScalarLike = 0.0,
 ) -> tuple[VehicleState, AircraftSample]:
-    """Command, control and move over one step; returns the next state, and the sample at the step's start.
-
-    Parameters
-    ----------
-    vehicle, state, perception
-        The aircraft, its state between two steps, and the result of `perceive`.
-    plan
-        The aircraft's plan; None without a planner. Required for an aircraft with a mission.
-    freeze
-        Time before the arrival during which the plan is frozen, s. An aircraft that has not seen its goal by then
-        breaks off; the recorded phase is `FROZEN`.
-    """
+    """Command, control and move over one step; returns the next state, and the sample at the step's start."""
     instant = for_aircraft(instant, state.index)
     truth, belief = perception.truth, perception.belief
     command, reference_n, guidance = vehicle.guidance.command(state.guidance, belief, plan, instant)
@@ -290,28 +283,17 @@ def _all_finite(value: object) -> Flag:
 
 
 def fly_alone(
-    vehicle: Vehicle,
+    vehicle: Vehicle,  # an aircraft without a mission
     environment: Environment,
-    state: VehicleState,
-    step: ScalarLike,
-    count: int,
+    state: VehicleState,  # state at time 0
+    step: ScalarLike,  # sampling period, s
+    count: int,  # number of periods
     recorder: AbstractRecorder,
     randomness: AbstractRandomness | None = None,
 ) -> tuple[VehicleState, Any, Any]:
     """Fly one aircraft without a planner, from time 0.
 
-    Parameters
-    ----------
-    vehicle, state
-        An aircraft without a mission, and its state at time 0.
-    step
-        Sampling period, s.
-    count
-        Number of periods.
-
-    Returns
-    -------
-    Final state, final state of the recorder, and the recorder's rows, stacked.
+    Returns the final state, the final state of the recorder, and the recorder's rows, stacked.
     """
     step = jnp.asarray(step, dtype=float)
 

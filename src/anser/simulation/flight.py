@@ -39,45 +39,21 @@ from anser.steady.trim import TrimTarget
 
 
 class Timing(eqx.Module):
-    """Periods of a flight, s.
+    """Periods of a flight, s."""
 
-    Attributes
-    ----------
-    step
-        Sampling period of the aircraft's parts and step of the integrator.
-    replan_steps
-        Number of steps between plans; 0: only the first plan.
-    freeze
-        Time before the arrival during which the plan is frozen.
-    """
-
-    step: Scalar
-    replan_steps: Count
-    freeze: Scalar
+    step: Scalar  # sampling period of the aircraft's parts and step of the integrator
+    replan_steps: Count  # number of steps between plans; 0: only the first plan
+    freeze: Scalar  # time before the arrival during which the plan is frozen
 
 
 class AircraftGroup(eqx.Module):
-    """Aircraft group: aircraft of the same structure, flown as one batch.
+    """Aircraft group: aircraft of the same structure, flown as one batch."""
 
-    Attributes
-    ----------
-    vehicles
-        Parts of the aircraft, stacked; leading axis members.
-    starts
-        Steady flight at the start (trim targets); leading axis members.
-    start_positions_n
-        Positions at the start, NED, m.
-    is_real
-        True for aircraft of the fleet; false for padding aircraft, which never fly.
-    members
-        Fleet indices of the group's aircraft.
-    """
-
-    vehicles: Stacked[Vehicle]
-    starts: TrimTarget
-    start_positions_n: Float[Array, "members 3"]
-    is_real: Bool[Array, " members"]
-    members: tuple[int, ...] = eqx.field(static=True)
+    vehicles: Stacked[Vehicle]  # parts of the aircraft, stacked; leading axis members
+    starts: TrimTarget  # steady flight at the start (trim targets); leading axis members
+    start_positions_n: Float[Array, "members 3"]  # positions at the start, NED, m
+    is_real: Bool[Array, " members"]  # true for aircraft of the fleet; false for padding aircraft, which never fly
+    members: tuple[int, ...] = eqx.field(static=True)  # fleet indices of the group's aircraft
 
 
 class Flight(eqx.Module):

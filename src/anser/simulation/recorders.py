@@ -202,31 +202,17 @@ def _rates(suffix: str, rates_b: Vector3) -> dict[str, Array]:
 
 
 class GoalApproach(eqx.Module):
-    """Approach of one aircraft to its goal at one instant.
+    """Approach of one aircraft to its goal at one instant."""
 
-    Attributes
-    ----------
-    goal
-        True state of the goal.
-    rendezvous_n
-        Rendezvous position, NED, m.
-    to_goal_n, to_rendezvous_n
-        Vectors from the aircraft to the goal and to the rendezvous, straight through space, NED, m.
-    clearance
-        Ground clearance of the present motion.
-    plan
-        The aircraft's plan.
-    phase
-        `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
-        breakaway.
-    """
-
-    goal: GoalState
-    rendezvous_n: Vector3
+    goal: GoalState  # true state of the goal
+    rendezvous_n: Vector3  # rendezvous position, NED, m
+    # vectors from the aircraft to the goal and to the rendezvous, straight through space, NED, m
     to_goal_n: Vector3
     to_rendezvous_n: Vector3
-    clearance: GroundClearance
-    plan: AircraftPlan
+    clearance: GroundClearance  # ground clearance of the present motion
+    plan: AircraftPlan  # the aircraft's plan
+    # `APPROACH`: flies the plan; `FROZEN`: flies the plan, which no longer changes; `HOLD`: after the arrival or a
+    # breakaway
     phase: Count
 
 
@@ -358,28 +344,17 @@ class History(AbstractRecorder):
 
 
 def scan_steps(
+    # one step: maps state and sample number to the next state, the sample, and the instant
     advance_step: Callable[[Any, Count], tuple[Any, Any, Instant]],
-    state: Any,
-    first_sample: Count,
-    count: int,
+    state: Any,  # state before the first step
+    first_sample: Count,  # number of the first sample, not batched
+    count: int,  # number of steps, a multiple of the recorder's stride
     recorder: AbstractRecorder,
     recorder_state: Any,
+    # number of steps to run, known only at run time; requires a stride of 1. None: `count`
     active_steps: Count | None = None,
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop and record a row every `stride` samples.
-
-    Parameters
-    ----------
-    advance_step
-        One step: maps state and sample number to the next state, the sample, and the instant.
-    state
-        State before the first step.
-    first_sample
-        Number of the first sample, not batched.
-    count
-        Number of steps, a multiple of the recorder's stride.
-    active_steps
-        Number of steps to run, known only at run time; requires a stride of 1. None: `count`.
 
     Returns
     -------

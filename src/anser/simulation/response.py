@@ -28,24 +28,15 @@ from anser.steady.trim import TrimPoint
 
 
 class LoopCase(eqx.Module):
-    """Input of a step response: aircraft, autopilot gains and limits, and the trim point at the start.
+    """Input of a step response: aircraft, autopilot gains and limits, and the trim point at the start."""
 
-    Attributes
-    ----------
-    airframe, environment, gains, limits
-        Airframe, environment, and gains and limits of the autopilot.
-    trim
-        Steady flight at the start.
-    step
-        Sampling period, s.
-    """
-
+    # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe
     environment: Environment
     gains: AutopilotGains
     limits: FlightLimits
-    trim: TrimPoint
-    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))
+    trim: TrimPoint  # steady flight at the start
+    step: Scalar = eqx.field(converter=lambda step: jnp.asarray(step, dtype=float))  # sampling period, s
 
 
 class ConstantCommand(AbstractGuidance):
@@ -64,20 +55,11 @@ class ConstantCommand(AbstractGuidance):
 
 
 class Response(eqx.Module):
-    """Time histories of one step response; leading axis samples.
+    """Time histories of one step response; leading axis samples."""
 
-    Attributes
-    ----------
-    time
-        Time, s.
-    measured
-        Outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi).
-    surfaces, throttle, power
-        Deflections (rad), throttle (0..1) and engine power (percent).
-    """
-
-    time: Float[Array, " steps"]
-    measured: Float[Array, "steps 3"]
+    time: Float[Array, " steps"]  # time, s
+    measured: Float[Array, "steps 3"]  # outputs of the commanded loop: (P, Q, R), (mu, alpha, beta) or (V, gamma, chi)
+    # deflections (rad), throttle (0..1) and engine power (percent)
     surfaces: Float[Array, "steps 3"]
     throttle: Float[Array, " steps"]
     power: Float[Array, " steps"]
@@ -173,60 +155,28 @@ _END = 0.1
 
 
 class StepMetrics(eqx.Module):
-    """Metrics of a step response of a loop's three channels.
+    """Metrics of a step response of a loop's three channels."""
 
-    Attributes
-    ----------
-    stepped
-        Channels with a step. The next four metrics apply to these channels and are 0 otherwise.
-    rise_time
-        Time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached.
-    settling_time
-        Time from the step until the error stays within the band, s; infinite if the record ends before.
-    overshoot
-        Overshoot over the command, fraction of the step; 0 without overshoot.
-    final_error
-        Command minus output, mean of the last tenth of the record, fraction of the step.
-    coupling
-        Largest deviation of the channels without a step, in the channels' units; 0 for the stepped channels.
-    surface_utilization
-        Largest deflection of each surface, as a fraction of the travel from trim to the stop.
-    """
-
-    stepped: Bool[Array, "3"]
-    rise_time: Vector3
+    stepped: Bool[Array, "3"]  # channels with a step. The next four metrics apply to these channels and are 0 otherwise
+    rise_time: Vector3  # time from 10 to 90 percent of the step, s; infinite if 90 percent is not reached
+    # time from the step until the error stays within the band, s; infinite if the record ends before
     settling_time: Vector3
-    overshoot: Vector3
-    final_error: Vector3
+    overshoot: Vector3  # overshoot over the command, fraction of the step; 0 without overshoot
+    final_error: Vector3  # command minus output, mean of the last tenth of the record, fraction of the step
+    # largest deviation of the channels without a step, in the channels' units; 0 for the stepped channels
     coupling: Vector3
-    surface_utilization: Vector
+    surface_utilization: Vector  # largest deflection of each surface, as a fraction of the travel from trim to the stop
 
 
 def step_metrics(
-    time: Float[Array, " steps"],
-    measured: Float[Array, "steps 3"],
-    size: Vector3,
-    surfaces: Float[Array, "steps n"],
-    surface_limits: tuple[Vector, Vector],
-    band: ScalarLike = 0.05,
+    time: Float[Array, " steps"],  # times of the samples, s
+    measured: Float[Array, "steps 3"],  # outputs of the loop's channels; angles without jumps of 2 pi
+    size: Vector3,  # step of each channel, 0 for channels without a step
+    surfaces: Float[Array, "steps n"],  # deflections, rad
+    surface_limits: tuple[Vector, Vector],  # lower and upper stops, rad
+    band: ScalarLike = 0.05,  # half width of the settling band, fraction of the step
 ) -> StepMetrics:
-    """Compute rise time, overshoot and the other `StepMetrics` of a response to a step at the first sample.
-
-    Parameters
-    ----------
-    time
-        Times of the samples, s.
-    measured
-        Outputs of the loop's channels; angles without jumps of 2 pi.
-    size
-        Step of each channel, 0 for channels without a step.
-    surfaces
-        Deflections, rad.
-    surface_limits
-        Lower and upper stops, rad.
-    band
-        Half width of the settling band, fraction of the step.
-    """
+    """Compute rise time, overshoot and the other `StepMetrics` of a response to a step at the first sample."""
     stepped = size != 0.0
     departure = measured - measured[:1]
     progress = departure / jnp.where(stepped, size, 1.0)[None, :]

@@ -18,31 +18,19 @@ _ANGLES = np.linspace(0.0, np.pi, 24)  # of the turn away, rad
 
 
 def must_break_away(
-    to_goal_n: Vector3,
+    to_goal_n: Vector3,  # straight line through space from the aircraft to its goal, NED, m
+    # velocities over the ground, NED, m/s
     velocity_n: Vector3,
     goal_velocity_n: Vector3,
-    distance_min: ScalarLike,
-    acceleration: ScalarLike,
-    turn: ScalarLike,
+    distance_min: ScalarLike,  # least distance, m
+    acceleration: ScalarLike,  # lateral acceleration available for the turn, m/s^2
+    turn: ScalarLike,  # turn direction of the hold: +1 right, -1 left
 ) -> Flag:
     """Whether an aircraft must abandon its plan for the hold at once, because it comes too near its goal.
 
     An aircraft must break off if it is nearer than the least distance. It must also break off if straight flight would
     lead well inside the least distance and the turn into the hold, flown later, would pass the goal with less than the
     reserve.
-
-    Parameters
-    ----------
-    to_goal_n
-        Straight line through space from the aircraft to its goal, NED, m.
-    velocity_n, goal_velocity_n
-        Velocities over the ground, NED, m/s.
-    distance_min
-        Least distance, m.
-    acceleration
-        Lateral acceleration available for the turn, m/s^2.
-    turn
-        Turn direction of the hold: +1 right, -1 left.
     """
     distance = safe_norm(to_goal_n)
     inside = distance < distance_min

@@ -26,27 +26,13 @@ from anser.steady.trim import LIMIT_TOLERANCE, TrimPoint, TrimTarget, solve_trim
 
 
 class TrimmedFleet(eqx.Module):
-    """A fleet trimmed at its start, before the first plan.
+    """A fleet trimmed at its start, before the first plan."""
 
-    Attributes
-    ----------
-    trims
-        Trim points by aircraft group; leading axis: aircraft of the group.
-    is_trimmed
-        Whether a steady flight within the limits exists; leading axis aircraft.
-    vehicles
-        Initial states by aircraft group.
-    reports
-        Reports to the planner; leading axis aircraft.
-    performance
-        Acceleration and deceleration along the path; leading axis aircraft.
-    """
-
-    trims: tuple[TrimPoint, ...]
-    is_trimmed: Bool[Array, " aircraft"]
-    vehicles: tuple[VehicleState, ...]
-    reports: AircraftReport
-    performance: Performance
+    trims: tuple[TrimPoint, ...]  # trim points by aircraft group; leading axis: aircraft of the group
+    is_trimmed: Bool[Array, " aircraft"]  # whether a steady flight within the limits exists; leading axis aircraft
+    vehicles: tuple[VehicleState, ...]  # initial states by aircraft group
+    reports: AircraftReport  # reports to the planner; leading axis aircraft
+    performance: Performance  # acceleration and deceleration along the path; leading axis aircraft
 
 
 def trimmed_fleet(flight: Flight) -> TrimmedFleet:

@@ -51,56 +51,33 @@ BETA_BOUND = 2.0 * DEG_RAD
 
 
 class SurveySummary(eqx.Module):
-    """Metrics of one survey flight. Channels are (V, gamma, chi) in m/s and rad; surfaces are the airframe's.
+    """Metrics of one survey flight. Channels are (V, gamma, chi) in m/s and rad; surfaces are the airframe's."""
 
-    Attributes
-    ----------
-    final_error, final_error_max
-        Command minus output over the last tenth of the flight: mean, and largest magnitude.
-    settling_time
-        Time from the step until the error stays within the tolerance, s; infinite if the flight ends before.
-    overshoot
-        Overshoot over the command, fraction of the step; 0 for channels without a step.
-    coupling
-        Largest error of the channels without a step; 0 for the stepped channels.
-    beta_max
-        Largest magnitude of the sideslip, rad.
-    alpha_min, alpha_max
-        Least and greatest angle of attack, rad.
-    load_factor_min, load_factor_max
-        Least and greatest load factor: minus body z force over weight.
-    surface_share
-        Largest deflection of each surface, as a fraction of the travel from the middle to the stop.
-    surface_rate_share, body_rate_share
-        Largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's limit.
-    limited_time, limited_late
-        Time at each of the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth.
-    limited_before_slip
-        Time at the limits before the sideslip first exceeds `BETA_BOUND`, s.
-    left_time
-        First time outside the airframe's data, by axis of `TABLE_AXES`, s; infinite if never.
-    finite
-        Whether the final state is finite.
-    """
-
+    # command minus output over the last tenth of the flight: mean, and largest magnitude
     final_error: Vector3
     final_error_max: Vector3
+    # time from the step until the error stays within the tolerance, s; infinite if the flight ends before
     settling_time: Vector3
-    overshoot: Vector3
-    coupling: Vector3
-    beta_max: Scalar
+    overshoot: Vector3  # overshoot over the command, fraction of the step; 0 for channels without a step
+    coupling: Vector3  # largest error of the channels without a step; 0 for the stepped channels
+    beta_max: Scalar  # largest magnitude of the sideslip, rad
+    # least and greatest angle of attack, rad
     alpha_min: Scalar
     alpha_max: Scalar
+    # least and greatest load factor: minus body z force over weight
     load_factor_min: Scalar
     load_factor_max: Scalar
-    surface_share: Vector
+    surface_share: Vector  # largest deflection of each surface, as a fraction of the travel from the middle to the stop
+    # largest rate of each surface over the actuator's limit; largest (P, Q, R) over the autopilot's limit
     surface_rate_share: Vector
     body_rate_share: Vector3
+    # time at each of the limits `AUTOPILOT_LIMITS`, s: in the whole flight, and in its last tenth
     limited_time: Float[Array, "9"]
     limited_late: Float[Array, "9"]
-    limited_before_slip: Float[Array, "9"]
+    limited_before_slip: Float[Array, "9"]  # time at the limits before the sideslip first exceeds `BETA_BOUND`, s
+    # first time outside the airframe's data, by axis of `TABLE_AXES`, s; infinite if never
     left_time: Float[Array, "4"]
-    finite: Flag
+    finite: Flag  # whether the final state is finite
 
 
 class SurveySample(NamedTuple):
@@ -216,17 +193,13 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
 
 
 def take_sample(
-    sample: AircraftSample, environment: Environment, time: ScalarLike, limits: FlightLimits, start: FlightCondition
+    sample: AircraftSample,  # sample of an aircraft under `InversionAutopilot` with a commanded velocity loop
+    environment: Environment,
+    time: ScalarLike,
+    limits: FlightLimits,
+    start: FlightCondition,  # condition at the start, inside the airframe's data
 ) -> SurveySample:
-    """Extract the values for the summary from an aircraft's sample, including the active autopilot limits.
-
-    Parameters
-    ----------
-    sample
-        Sample of an aircraft under `InversionAutopilot` with a commanded velocity loop.
-    start
-        Condition at the start, inside the airframe's data.
-    """
+    """Extract the values for the summary from an aircraft's sample, including the active autopilot limits."""
     airframe, state, condition, command = (
         sample.truth.airframe,
         sample.truth.state,
@@ -316,28 +289,15 @@ class SteppedPath(AbstractGuidance):
 
 
 class SurveyRecorder(AbstractRecorder):
-    """Recorder that keeps only the running summary of a survey flight; it stores no rows.
+    """Recorder that keeps only the running summary of a survey flight; it stores no rows."""
 
-    Attributes
-    ----------
-    limits
-        Limits of the autopilot.
-    start
-        Flight condition at the start, within the range of the airframe's data.
-    size, tolerance
-        Step of (V, gamma, chi), and tolerance of the settled error, m/s and rad.
-    count
-        Number of samples of the flight.
-    surfaces
-        Number of control surfaces.
-    """
-
-    limits: FlightLimits
-    start: FlightCondition
+    limits: FlightLimits  # limits of the autopilot
+    start: FlightCondition  # flight condition at the start, within the range of the airframe's data
+    # step of (V, gamma, chi), and tolerance of the settled error, m/s and rad
     size: Vector3
     tolerance: Vector3
-    count: int = eqx.field(static=True)
-    surfaces: int = eqx.field(static=True)
+    count: int = eqx.field(static=True)  # number of samples of the flight
+    surfaces: int = eqx.field(static=True)  # number of control surfaces
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> SurveySummary:
@@ -355,16 +315,20 @@ class SurveyRecorder(AbstractRecorder):
 
 
 def survey_flight(
+    # airframe, environment, and gains and limits of the autopilot
     airframe: AbstractAirframe,
     environment: Environment,
     gains: AutopilotGains,
     limits: FlightLimits,
+    # steady flight at the start, and the trim target of that flight
     trim: TrimPoint,
     target: TrimTarget,
-    size: Vector3,
-    tolerance: Vector3,
-    step: ScalarLike,
-    count: int,
+    size: Vector3,  # step of (V, gamma, chi), m/s and rad
+    tolerance: Vector3,  # tolerance of the settled error, m/s and rad
+    step: ScalarLike,  # sampling period, s
+    count: int,  # number of periods
+    # none: ideal. With an estimator with a different model, the autopilot inverts another airframe than the one that
+    # flies; the summary describes the true motion
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
 ) -> SurveySummary:
@@ -372,24 +336,6 @@ def survey_flight(
 
     The command is the steady flight, with its turn, plus the step: (V, gamma, chi) jump at time 0 and the course
     continues to turn. The memory needed does not depend on the duration.
-
-    Parameters
-    ----------
-    airframe, environment, gains, limits
-        Airframe, environment, and gains and limits of the autopilot.
-    trim, target
-        Steady flight at the start, and the trim target of that flight.
-    size
-        Step of (V, gamma, chi), m/s and rad.
-    tolerance
-        Tolerance of the settled error, m/s and rad.
-    step
-        Sampling period, s.
-    count
-        Number of periods.
-    sensors, estimator
-        None: ideal. With an estimator with a different model, the autopilot inverts another airframe than the one that
-        flies; the summary describes the true motion.
     """
     vehicle = Vehicle(
         airframe=airframe,

@@ -146,28 +146,15 @@ class Vehicle(eqx.Module):
 
 
 class VehicleState(eqx.Module):
-    """State of one aircraft between two steps.
+    """State of one aircraft between two steps."""
 
-    Attributes
-    ----------
-    aircraft
-        Motion state over the environment's Earth.
-    sensors, estimator, guidance, controller, gusts
-        States of the parts; opaque to the closed loop.
-    status
-        Index into `STATUS_MESSAGES`; 0 without an event.
-    stopped
-        Whether the aircraft no longer moves: on the ground, not trimmed, or with a non-finite state.
-    index
-        Fleet index, which selects the aircraft's random numbers.
-    """
-
-    aircraft: MotionState
+    aircraft: MotionState  # motion state over the environment's Earth
+    # states of the parts; opaque to the closed loop
     sensors: Any
     estimator: Any
     guidance: Any
     controller: Any
     gusts: Any
-    status: Count
-    stopped: Flag
-    index: Count
+    status: Count  # index into `STATUS_MESSAGES`; 0 without an event
+    stopped: Flag  # whether the aircraft no longer moves: on the ground, not trimmed, or with a non-finite state
+    index: Count  # fleet index, which selects the aircraft's random numbers
