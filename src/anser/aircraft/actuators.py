@@ -43,6 +43,10 @@ class AbstractActuators(eqx.Module):
     def rate(self, state: Any, command: Vector, air_data: AirData) -> Any:
         """Return the time derivative of the actuator state under a command (rad), in the state's structure."""
 
+    def before_step(self, state: Any, command: Vector) -> Any:
+        """Return the actuator state at the start of an integration step under a command (rad): by default unchanged."""
+        return state
+
     def scheduled_position(self, position: Vector, air_data: AirData) -> Vector:
         """Return the positions (rad) with scheduled surfaces replaced by their steady values in the air data.
 
@@ -165,3 +169,42 @@ class SecondOrderActuators(AbstractActuators):
             ),
         )
         return MovingDeflections(limited_velocity, acceleration)
+
+
+class InstantActuators(AbstractActuators):
+    """Actuators without lag and rate limit: the surfaces jump to the limited command at the start of each step."""
+
+    time_constant: Vector
+    lower: Vector
+    upper: Vector
+    rate_limit: Vector
+    names: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
+
+    def steady_state(self, position: Vector) -> Deflections:
+        """Return the state at rest: the position alone."""
+        return Deflections(jnp.asarray(position))
+
+    def rate(self, state: Deflections, command: Vector, air_data: AirData) -> Deflections:
+        """Return zero rates: the surfaces move between the steps only."""
+        return Deflections(jnp.zeros_like(state.position))
+
+    def before_step(self, state: Deflections, command: Vector) -> Deflections:
+        """Return the deflections at the limited command."""
+        return Deflections(self.limit_command(command).astype(state.position.dtype))
+
+
+def without_lag(actuators: AbstractActuators) -> InstantActuators:
+    """Return actuators of the same surfaces and position limits, without lag and rate limit.
+
+    Raises
+    ------
+    ValueError
+        A surface follows a schedule instead of a command.
+    """
+    if not all(actuators.is_commanded):
+        scheduled = [name for name, flag in zip(actuators.names, actuators.is_commanded, strict=True) if not flag]
+        raise ValueError(
+            f"actuators without lag: arrived {', '.join(scheduled)} on a schedule; expected commanded surfaces"
+        )
+    infinite = jnp.full_like(actuators.lower, jnp.inf)
+    return InstantActuators(jnp.zeros_like(infinite), actuators.lower, actuators.upper, infinite, actuators.names)

@@ -7,6 +7,7 @@ import abc
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 
 from anser.aircraft.air_data import AirData, Wrench
@@ -43,6 +44,23 @@ class AbstractEngine(eqx.Module):
     @abc.abstractmethod
     def rate(self, state: Any, throttle: ScalarLike, air_data: AirData) -> Any:
         """Return the time derivative of the engine state at a throttle (0..1), in the state's structure."""
+
+    def before_step(self, state: Any, throttle: ScalarLike) -> Any:
+        """Return the engine state at the start of an integration step at a throttle (0..1): by default unchanged."""
+        return state
+
+    def steady_power(self, throttle: ScalarLike) -> Scalar:
+        """Return the power (percent) at which the engine runs steadily at a throttle (0..1), found by bisection."""
+
+        def halve(_: object, bounds: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            low, high = bounds
+            middle = 0.5 * (low + high)
+            is_above = self.throttle_for_power(middle) > throttle
+            return jnp.where(is_above, low, middle), jnp.where(is_above, middle, high)
+
+        start = jnp.zeros_like(jnp.asarray(throttle, float)), jnp.full_like(jnp.asarray(throttle, float), 100.0)
+        low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, start)
+        return 0.5 * (low + high)
 
     @abc.abstractmethod
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
@@ -186,3 +204,51 @@ class JetEngine(AbstractLaggedEngine):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number is outside the thrust tables."""
         return jnp.any(self.thrust_tables.axes.outside(jnp.stack([air_data.altitude, air_data.mach])))
+
+
+class InstantEngine(AbstractEngine):
+    """An engine without lag: the power follows the throttle at the start of each step.
+
+    Attributes
+    ----------
+    engine
+        Engine with the thrust and the relation of throttle and power.
+    """
+
+    engine: AbstractEngine
+
+    def steady_state(self, power: ScalarLike) -> EnginePower:
+        """Return the engine state of steady running at a power (percent)."""
+        return EnginePower(jnp.asarray(power))
+
+    def rate(self, state: EnginePower, throttle: ScalarLike, air_data: AirData) -> EnginePower:
+        """Return a zero rate: the power changes between the steps only."""
+        return EnginePower(jnp.zeros_like(state.power))
+
+    def before_step(self, state: EnginePower, throttle: ScalarLike) -> EnginePower:
+        """Return the state of steady running at the throttle."""
+        return EnginePower(self.steady_power(throttle).astype(state.power.dtype))
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Compute thrust force and moment of the engine with lag."""
+        return self.engine.propulsion(power, air_data)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Return the power (0..100 percent) of the engine with lag for a thrust (N)."""
+        return self.engine.power_for_thrust(thrust, air_data)
+
+    def throttle_for_power(self, power: ScalarLike) -> Scalar:
+        """Return the throttle (0..1) at which the engine runs steadily at a power (percent)."""
+        return self.engine.throttle_for_power(power)
+
+    def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
+        """Return the throttle of the current power: any rate takes one step."""
+        return self.engine.throttle_for_power(power)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the flight condition is outside the valid range of the engine's data."""
+        return self.engine.outside_tables(air_data)
+
+
+_BISECTIONS = 48
+"""Halvings of 0..100 percent, down to 4e-13 percent."""

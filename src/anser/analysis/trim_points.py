@@ -4,12 +4,13 @@ These steps find the airframe, the autopilot gains and the steady flight.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, refuse_impossible_body
@@ -17,9 +18,10 @@ from anser.aircraft.f16 import AbstractF16
 from anser.aircraft.motion import flight_condition
 from anser.aircraft_files.library import load_airframe
 from anser.aircraft_files.sources import VARIANTS
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
 from anser.control.gains import AutopilotGains, Bandwidths, automatic_gains, derived_bandwidths, published_gains
 from anser.environment.environment import Environment, standard_environment
+from anser.numerics.arrays import as_array
 from anser.scenario.schema_aircraft import Gains
 from anser.shapes import Scalar
 from anser.spatial.rotations import euler_from_quaternion
@@ -30,7 +32,7 @@ from anser.variables import surface_label
 
 Inversion = Literal["model", "incremental"]
 
-compiled_trim = compiled(solve_trim)
+compiled_trim = compiled_quickly(solve_trim)
 
 
 class ConditionError(ValueError):
@@ -148,11 +150,14 @@ class TrimResult:
         Name, value and unit of each quantity.
     diagnosis
         None for a steady flight; otherwise the violated limit and the nearest trim points.
+    condition
+        Arguments of the trim: airspeed, altitude, path angle and rates.
     """
 
     point: TrimPoint
     quantities: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
+    condition: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         if self.diagnosis is not None:
@@ -210,21 +215,38 @@ def trim(
     point = compiled_trim(airframe, environment, target)
     stopped = bool(trim_violations(airframe, environment, point))
     diagnosis = nearest_trims(airframe, environment, target).message() if stopped else None
-    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis)
+    condition = {
+        "speed_m_s": speed_m_s,
+        "altitude_m": altitude_m,
+        "path_angle_deg": path_angle_deg,
+        "turn_rate_deg_s": turn_rate_deg_s,
+        "pitch_rate_deg_s": pitch_rate_deg_s,
+    }
+    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis, condition)
+
+
+@compiled_quickly
+def _derived_quantities(
+    airframe: AbstractAirframe, point: TrimPoint, altitude: Scalar, speed: Scalar
+) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+    """Return roll and pitch (rad), thrust (N) and Mach number of a trim in standard air."""
+    roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
+    air = standard_environment().atmosphere.at(altitude)
+    ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
+    data = air_data(speed * jnp.stack([ca * cb, sb, sa * cb]), altitude, air)
+    return roll, pitch, airframe.engine.propulsion(point.power, data).force_b[0], data.mach
 
 
 def _quantities(
     airframe: AbstractAirframe, point: TrimPoint, altitude_m: float, speed_m_s: float
 ) -> tuple[tuple[str, float, str], ...]:
-    roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
-    air = standard_environment().atmosphere.at(altitude_m)
-    ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
-    data = air_data(speed_m_s * jnp.stack([ca * cb, sb, sa * cb]), altitude_m, air)
-    thrust = float(airframe.engine.propulsion(point.power, data).force_b[0])
+    roll, pitch, thrust, mach = map(
+        float, _derived_quantities(airframe, point, as_array(altitude_m), as_array(speed_m_s))
+    )
     is_heavy = float(airframe.mass_properties.mass) > _HEAVY_KG
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}
-    rates = zip(("roll rate", "pitch rate", "yaw rate"), point.state.rates_b, strict=True)
-    surfaces = zip(airframe.actuators.names, point.state.surfaces, strict=True)
+    rates = zip(("roll rate", "pitch rate", "yaw rate"), np.asarray(point.state.rates_b), strict=True)
+    surfaces = zip(airframe.actuators.names, np.asarray(point.state.surfaces), strict=True)
     quantities = (
         *((name, float(angle) * RAD_DEG, "deg") for name, angle in flow.items()),
         *((name, float(rate) * RAD_DEG, "deg/s") for name, rate in rates),
@@ -232,6 +254,6 @@ def _quantities(
         ("throttle", float(point.controls.throttle), "0 to 1"),
         ("engine power", float(point.power), "percent"),
         ("thrust", thrust / 1000, "kN") if is_heavy else ("thrust", thrust, "N"),
-        ("Mach number", float(data.mach), ""),
+        ("Mach number", mach, ""),
     )
     return tuple((name, 0.0 if abs(value) < _ROUNDING else value, unit) for name, value, unit in quantities)

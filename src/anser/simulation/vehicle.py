@@ -81,6 +81,14 @@ def advance(
     def derivative(t: ScalarLike, y: AnyMotionState) -> AnyMotionState:
         return motion_derivative(airframe, environment, t, y, controls, disturbance)
 
+    state = eqx.tree_at(
+        lambda s: (s.actuators, s.engine),
+        state,
+        (
+            airframe.actuators.before_step(state.actuators, controls.surfaces),
+            airframe.engine.before_step(state.engine, controls.throttle),
+        ),
+    )
     # jit: one trace for the four stages.
     next_state = rk4_step(jax.jit(derivative), jnp.asarray(time, state.velocity_b.dtype), state, step)
     return eqx.tree_at(lambda s: s.quaternion, next_state, normalize(next_state.quaternion))

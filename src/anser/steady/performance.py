@@ -39,17 +39,17 @@ def performance_at(
         _idle_decelerations(airframe, environment, condition, surfaces, load_factor)
         for load_factor in (1.0, _PUSH_OVER)
     )
-    deceleration = -_along_path(airframe, condition, 0.0)
+    deceleration = -path_acceleration(airframe, condition, 0.0)
     share = jnp.maximum(deceleration, ACCELERATION_FLOOR)
     by_lift = jnp.maximum(level - pushed_over, 0.0) / (1.0 - _PUSH_OVER**2)
     return Performance(
         deceleration=deceleration,
-        acceleration=_along_path(airframe, condition, 100.0),
+        acceleration=path_acceleration(airframe, condition, 100.0),
         idle=IdleDeceleration(speeds=jnp.asarray(_SPEED_RATIOS) * data.V, level=level / share, by_lift=by_lift / share),
     )
 
 
-def _along_path(airframe: AbstractAirframe, condition: FlightCondition, power: ScalarLike) -> Scalar:
+def path_acceleration(airframe: AbstractAirframe, condition: FlightCondition, power: ScalarLike) -> Scalar:
     """Compute (thrust - drag) / mass in the trimmed condition at a power (percent), m/s^2."""
     data = condition.air_data
     propulsive = airframe.engine.propulsion(power, data)

@@ -119,16 +119,17 @@ def trim_violations(airframe: AbstractAirframe, environment: Environment, point:
     checks = [
         ("angle of attack", point.alpha, *airframe.alpha_range, RAD_DEG, "deg", "known from"),
         ("sideslip", point.beta, *airframe.beta_range, RAD_DEG, "deg", "known from"),
-        ("engine power", point.power / 100, 0.0, 1.0, 100.0, "percent", "available"),
+        ("engine power", float(point.power) / 100, 0.0, 1.0, 100.0, "percent", "available"),
     ]
-    for k, name in enumerate(actuators.names):
-        deflection = point.state.surfaces[k]
-        checks.append((name, deflection, actuators.lower[k], actuators.upper[k], RAD_DEG, "deg", "moves from"))
+    travels = (np.asarray(array) for array in (point.state.surfaces, actuators.lower, actuators.upper))
+    for name, *travel in zip(actuators.names, *travels, strict=True):
+        checks.append((name, *travel, RAD_DEG, "deg", "moves from"))
     messages = []
-    for name, value, lower, upper, factor, unit, verb in checks:
+    for name, *numbers, factor, unit, verb in checks:
+        value, lower, upper = map(float, numbers)
         if not lower - LIMIT_TOLERANCE <= value <= upper + LIMIT_TOLERANCE:
-            low, high = (round(float(limit) * factor, 6) for limit in (lower, upper))
-            messages.append(f"{name}: {_beyond(float(value) * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
+            low, high = (round(limit * factor, 6) for limit in (lower, upper))
+            messages.append(f"{name}: {_beyond(value * factor, low, high)} {unit}; {verb} {low:g} to {high:g}")
     is_outside, data = _outside_data(airframe, environment, point)
     if bool(is_outside):
         range_messages = _beyond_validity(airframe, data)

@@ -1,0 +1,145 @@
+"""Figures and page of one aircraft's flight, and the picture of its specific excess power."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from anser.report.labels import math_symbol
+from anser.report.page_frame import render_page, write_page
+from anser.report.page_templates import format_number
+from anser.report.style import LARGE, PRINT_STYLE, draw_for_print, new_figure, series_style
+from anser.results.dataset import surface_names
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_PANELS: tuple[tuple[str, ...], ...] = (
+    ("airspeed_m_s",),
+    ("altitude_m",),
+    ("alpha_deg", "beta_deg"),
+    ("roll_deg", "pitch_deg", "yaw_deg"),
+    ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s"),
+    ("load_factor",),
+)
+_RANGE_MIN = {"m s-1": 1.0, "m": 10.0, "degree": 0.2, "degree s-1": 0.2, "1": 0.02, "percent": 2.0}
+"""Least range of a panel's axis by unit, so that a constant variable looks constant."""
+_UNITS = {"m s-1": "m/s", "degree": "deg", "degree s-1": "deg/s", "1": "", "percent": "%"}
+
+
+def aircraft_flight_figure(dataset: xr.Dataset) -> "Figure":
+    """Return the figure of one aircraft's flight: motion, surfaces with their commands, and engine, over time."""
+    return draw_for_print(_draw_flight, dataset)
+
+
+def _draw_flight(dataset: xr.Dataset) -> "Figure":
+    _, figure = new_figure((8.2, 7.4))
+    surfaces = tuple(f"{name}_deg" for name in surface_names(dataset))
+    panels = (*_PANELS, surfaces, ("throttle",), ("power_percent",))
+    grid = figure.subplots(3, 3, sharex=True)
+    for axes, names in zip(grid.flat, panels, strict=True):
+        _draw_panel(axes, dataset, names)
+    for axes in grid[-1]:
+        axes.set_xlabel("Time $t$ (s)")
+    figure.suptitle(_title(dataset), fontsize=LARGE)
+    figure.align_ylabels()
+    return figure
+
+
+def _draw_panel(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
+    time = dataset["time"].values
+    lowest, highest = np.inf, -np.inf
+    for index, name in enumerate(names):
+        values = dataset[name]
+        numbers = np.degrees(np.unwrap(np.radians(values.values))) if values.units == "degree" else values.values
+        axes.plot(time, numbers, **series_style(index), label=math_symbol(values))
+        lowest, highest = min(lowest, float(np.min(numbers))), max(highest, float(np.max(numbers)))
+    unit = dataset[names[0]].attrs["units"]
+    shown_unit = _UNITS.get(unit, unit)
+    label = (
+        str(dataset[names[0]].attrs["long_name"])
+        if len(names) == 1
+        else ", ".join(math_symbol(dataset[name]) for name in names)
+    )
+    axes.set_ylabel(f"{label} ({shown_unit})" if shown_unit else label)
+    if len(names) > 1:
+        axes.legend(loc="best", ncols=len(names))
+    shortage = _RANGE_MIN.get(unit, 0.0) - (highest - lowest)
+    if shortage > 0.0:
+        axes.set_ylim(lowest - 0.6 * shortage, highest + 0.6 * shortage)
+
+
+def _title(dataset: xr.Dataset) -> str:
+    attributes = dataset.attrs
+    controls = attributes["controls"] or f"controller {attributes['controller']}; {attributes['command']}"
+    text = controls if len(controls) <= _TITLE_MAX else controls[: _TITLE_MAX - 1] + "…"
+    return f"{attributes['aircraft']}: {text}" if text else str(attributes["aircraft"])
+
+
+_TITLE_MAX = 110
+
+
+def write_aircraft_report(dataset: xr.Dataset, path: Path, *, overwrite: bool = False) -> None:
+    """Write the page of one aircraft's flight: figure, conditions, and start, end, least and greatest values.
+
+    Raises
+    ------
+    FileExistsError
+        If `path` exists and `overwrite` is false.
+    """
+    import io
+
+    from markupsafe import Markup
+
+    content = io.StringIO()
+    aircraft_flight_figure(dataset).savefig(content, format="svg", metadata={"Date": None})
+    svg = content.getvalue()
+    rows = [
+        {
+            "label": str(values.attrs["long_name"]),
+            "unit": _UNITS.get(values.attrs["units"], values.attrs["units"]),
+            "numbers": [
+                format_number(float(number), 3)
+                for number in (values.values[0], values.values[-1], values.values.min(), values.values.max())
+            ],
+        }
+        for values in dataset.data_vars.values()
+        if values.dtype.kind == "f" and np.all(np.isfinite(values.values))
+    ]
+    conditions = {key: dataset.attrs[key] for key in ("controls", "controller", "command", "air", "step_s", "end")}
+    versions = {key: value for key, value in dataset.attrs.items() if key.endswith("version")}
+    page = render_page(
+        "aircraft_flight.html",
+        body_class="aircraft-flight",
+        styles=["page.css"],
+        scripts=[],
+        data=("conditions", {key: str(value) for key, value in conditions.items()}),
+        title=_title(dataset),
+        figure=Markup(svg[svg.index("<svg") :]),
+        rows=rows,
+        conditions={key.removesuffix("_s"): str(value) for key, value in conditions.items() if value != ""},
+        versions=versions,
+    )
+    write_page(page, path, overwrite=overwrite)
+
+
+def excess_power_figure(dataset: xr.Dataset, title: str) -> "Figure":
+    """Return the specific excess power at full power over Mach number and altitude, as contours."""
+    mpl, figure = new_figure((6.4, 4.6))
+    with mpl.rc_context(PRINT_STYLE):
+        axes = figure.subplots()
+        excess = dataset["specific_excess_power_m_s"]
+        mach, altitude = dataset["mach"].values, np.broadcast_to(dataset["altitude"].values[:, None], excess.shape)
+        values = np.ma.masked_invalid(excess.values)
+        if values.count():
+            filled = axes.contourf(mach, altitude, values, levels=16, cmap="cividis")
+            figure.colorbar(filled, label="Specific excess power (m/s)")
+            if values.min() < 0.0 < values.max():
+                zero = axes.contour(mach, altitude, values, levels=[0.0], colors="white", linewidths=1.6)
+                axes.clabel(zero, fmt="level flight at full power", fontsize=7)
+        axes.set_xlabel("Mach number")
+        axes.set_ylabel("Altitude (m)")
+        axes.set_title(title, fontsize=LARGE)
+    return figure

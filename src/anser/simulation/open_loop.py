@@ -1,0 +1,180 @@
+"""Flight of one aircraft under prescribed controls or commands: open loop, or with a controller, without a mission."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.motion import MotionState, flight_condition, to_local_state
+from anser.environment.environment import Environment
+from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.paths import PathCommand
+from anser.parts.perception import Belief, Instant, Truth
+from anser.parts.planners import AircraftPlan
+from anser.shapes import Count, ScalarLike, Vector3
+from anser.simulation.closed_loop import FLYING
+from anser.simulation.recorders import AbstractRecorder, AircraftSample, record
+from anser.spatial.wind_axes import bank_about_velocity
+from anser.steady.trim import TrimPoint
+from anser.units import DEG_RAD
+from anser.variables import catalogue
+
+StateFeedback = Callable[[Any, Mapping[str, Any]], Mapping[str, Any]]
+"""Function from the time, s, and the variables by dataset name, to controls by name: deg, and throttle 0..1."""
+
+
+class PrescribedControls(AbstractController):
+    """Controls from a table, a row per sample.
+
+    Attributes
+    ----------
+    surfaces
+        Commanded deflections, rad.
+    throttle
+        Throttle, 0..1.
+    """
+
+    surfaces: Float[Array, "sample surface"]
+    throttle: Float[Array, " sample"]
+
+    def init(self, state: AircraftState, attitude: Vector3) -> Count:
+        """Return the number of the first sample."""
+        return jnp.asarray(0, dtype=jnp.int32)
+
+    def control(
+        self, controller_state: Count, belief: Belief, command: Any, step: ScalarLike
+    ) -> tuple[Controls, None, Count]:
+        """Return the row of the sample."""
+        number = controller_state
+        return Controls(self.surfaces[number], self.throttle[number]), None, number + 1
+
+
+class FeedbackControls(AbstractController):
+    """Controls from a function of time and state; controls that the function leaves out keep their reference values.
+
+    Attributes
+    ----------
+    reference
+        Controls at the start.
+    environment
+        Environment from which the variables of the state are computed.
+    law
+        The function; it is traced, so that its arithmetic must be that of `jax.numpy`.
+    """
+
+    reference: Controls
+    environment: Environment
+    law: StateFeedback = eqx.field(static=True)
+
+    def init(self, state: AircraftState, attitude: Vector3) -> Count:
+        """Return the number of the first sample."""
+        return jnp.asarray(0, dtype=jnp.int32)
+
+    def control(
+        self, controller_state: Count, belief: Belief, command: Any, step: ScalarLike
+    ) -> tuple[Controls, None, Count]:
+        """Return the controls of the function."""
+        time = controller_state * step
+        names = belief.airframe.actuators.names
+        values = dataset_variables(belief.airframe, self.environment, time, belief.state, self.reference)
+        requested = dict(self.law(time, values))
+        unknown = sorted(set(requested) - {*names, "throttle"})
+        if unknown:
+            expected = ", ".join((*names, "throttle"))
+            raise ValueError(f"controls: arrived {unknown[0]!r} from the function; expected inputs among {expected}")
+        deflections = [
+            DEG_RAD * jnp.asarray(requested[name], dtype=float) if name in requested else self.reference.surfaces[k]
+            for k, name in enumerate(names)
+        ]
+        throttle = jnp.asarray(requested.get("throttle", self.reference.throttle), dtype=float)
+        return Controls(jnp.stack(deflections), throttle), None, controller_state + 1
+
+
+class PrescribedCommand(AbstractGuidance):
+    """Guidance that commands airspeed, path angle and course from a table, a row per sample.
+
+    Attributes
+    ----------
+    values
+        Airspeed (m/s), path angle and course (rad); NaN in open loop.
+    """
+
+    values: Float[Array, "sample 3"]
+
+    def init(self, belief: Belief, instant: Instant) -> None:
+        """The guidance has no state."""
+
+    def command(
+        self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
+    ) -> tuple[PathCommand, Vector3, None]:
+        """Return the command of the sample, without rates; the reference position is the aircraft's own."""
+        zero = jnp.zeros(())
+        return PathCommand(*self.values[instant.number], zero, zero, zero), belief.state.position_n, None
+
+
+class SampleRecorder(AbstractRecorder):
+    """Recorder of all variables of one aircraft, in SI units and radians."""
+
+    stride: int = eqx.field(static=True, default=1)
+
+    def init(self, aircraft: int) -> None:
+        """The recorder has no state."""
+
+    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
+        """The recorder has no state."""
+
+    def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+        """Return the recorded variables by key."""
+        return record(sample)
+
+
+def start_point(
+    airframe: AbstractAirframe, environment: Environment, state: AircraftState, controls: Controls
+) -> TrimPoint:
+    """Return any state in the form of a trim point, from which a flight starts."""
+    condition = flight_condition(airframe, environment, 0.0, state)
+    data = condition.air_data
+    return TrimPoint(
+        state=state,
+        controls=controls,
+        mu=bank_about_velocity(condition.R_bn, data.alpha, data.beta),
+        alpha=data.alpha,
+        beta=data.beta,
+        power=jnp.asarray(state.power),
+        converged=jnp.asarray(False),
+        residual=jnp.asarray(jnp.inf),
+        excess=jnp.asarray(0.0),
+    )
+
+
+def state_variables(
+    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
+) -> dict[str, Array]:
+    """Compute the recorded variables of a state, by key, in SI units and radians; there are no gusts."""
+    local_state = to_local_state(environment, state)
+    condition = flight_condition(airframe, environment, time, local_state)
+    specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
+    nan = jnp.asarray(jnp.nan)
+    sample = AircraftSample(
+        truth=Truth(airframe, local_state, condition, None),
+        belief=Belief(airframe, local_state, condition, specific_force_b, sight=None, goal=None),
+        controls=controls,
+        signals=None,
+        command=PathCommand(nan, nan, nan, nan, nan, nan),
+        reference_n=None,
+        approach=None,
+        status=jnp.asarray(FLYING, dtype=jnp.int32),
+    )
+    return record(sample)
+
+
+def dataset_variables(
+    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
+) -> dict[str, Array]:
+    """Compute the variables of a state by dataset name, in the units of the catalogue (degrees)."""
+    variables = state_variables(airframe, environment, time, state, controls)
+    described = {variable.key: variable for variable in catalogue(airframe.actuators.names)}
+    return {described[key].name: value * described[key].factor for key, value in variables.items()}

@@ -1,0 +1,5 @@
+"""One aircraft in the user's hands: trim, linear model, performance, open-loop flight, and a simulator by steps."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

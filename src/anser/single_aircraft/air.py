@@ -1,0 +1,69 @@
+"""Air and Earth of a flight of one aircraft, in the tables of a scenario file."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+from pydantic import ValidationError
+
+from anser.config.errors import ScenarioError
+from anser.config.tables import Table, number, table, tables
+from anser.config.validation_messages import validation_problems
+from anser.environment.environment import Environment, standard_environment
+from anser.environment.gusts import AbstractGusts
+from anser.scenario.build_environment import build_environment, build_gusts, build_wind
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.shapes import ScalarLike
+
+
+class Air(Table):
+    """Earth, wind, turbulence and discrete gusts of one aircraft's flight, as in a scenario file."""
+
+    earth: EarthField | None = table("the Earth and its origin", 'a table, or the word "flat" or "wgs84"', None)
+    wind: Wind = table("wind", "a table of wind", Wind())
+    turbulence: Turbulence = table("gusts of the air", "a table of turbulence", Turbulence())
+    gust: tuple[DiscreteGust, ...] = tables("single gusts", "a list of tables", at_least=0, default=())
+    seed: float = number("seed of the random numbers", 0, 2**53, "", 0)
+
+    name: str = "aircraft"
+    """Name of the aircraft, for gusts that are meant for one aircraft."""
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the flight depends on the seed."""
+        return self.turbulence.intensity != "none"
+
+    def environment(self) -> Environment:
+        """Build atmosphere, wind and Earth; without an Earth, a flat one with standard gravity."""
+        if self.earth is None:
+            standard = standard_environment()
+            return Environment(standard.atmosphere, build_wind(cast(Scenario, self)), standard.earth)
+        return build_environment(cast(Scenario, self))
+
+    def gusts(self, span_m: ScalarLike) -> AbstractGusts:
+        """Build the gusts at an aircraft with a wing span."""
+        return build_gusts(cast(Scenario, self), cast(Any, self), span_m)
+
+
+def read_air(
+    earth: str | Mapping[str, Any] | Earth | None = None,
+    wind: Mapping[str, Any] | Wind | None = None,
+    turbulence: str | Mapping[str, Any] | Turbulence | None = None,
+    gust: Sequence[Mapping[str, Any] | DiscreteGust] = (),
+    seed: int = 0,
+) -> Air:
+    """Validate Earth, wind, turbulence (a table, or its intensity alone) and gusts.
+
+    Raises
+    ------
+    ScenarioError
+        A table is not valid; the message names the key, what arrived and what would be right.
+    """
+    if isinstance(turbulence, str):
+        turbulence = {"intensity": turbulence}
+    values: dict[str, Any] = {"earth": earth, "wind": wind, "turbulence": turbulence}
+    values = {key: value for key, value in values.items() if value is not None} | {"gust": tuple(gust), "seed": seed}
+    try:
+        return Air.model_validate(values)
+    except ValidationError as error:
+        raise ScenarioError("air and Earth", validation_problems(error, Air, values)) from None

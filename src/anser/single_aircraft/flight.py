@@ -1,0 +1,385 @@
+"""Simulated flight of one aircraft: open loop under given controls, or with a controller under given commands."""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from anser.aircraft.actuators import without_lag
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.engines import InstantEngine
+from anser.analysis.trim_points import resolve_airframe
+from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
+from anser.control.inversion_autopilot import InversionAutopilot
+from anser.environment.environment import Environment
+from anser.environment.gusts import AbstractGusts, NoGusts
+from anser.files import new_folder, staged_folder
+from anser.numerics.arrays import as_array
+from anser.numerics.randomness import AbstractRandomness, flight_randomness
+from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Instant
+from anser.results.documents import version_attributes
+from anser.results.variable_labels import catalogue_attributes, to_dataset_units
+from anser.sensing.estimators import DirectEstimator
+from anser.sensing.ideal_sensors import IdealSensors
+from anser.shapes import Scalar
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.open_loop import FeedbackControls, PrescribedCommand, PrescribedControls, SampleRecorder
+from anser.simulation.vehicle import Vehicle
+from anser.single_aircraft.air import Air, read_air
+from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
+from anser.single_aircraft.starts import air_path, reference_inputs, resolve_start
+from anser.steady.trim import TrimPoint
+from anser.units import DEG_RAD
+from anser.variables import catalogue
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class AircraftFlight:
+    """Flight of one aircraft.
+
+    Attributes
+    ----------
+    dataset
+        Variables of the catalogue over `time`, one aircraft.
+    """
+
+    dataset: xr.Dataset
+
+    def __repr__(self) -> str:
+        first, last = self.dataset.isel(time=0), self.dataset.isel(time=-1)
+        lines = [f"{self.dataset.attrs['aircraft']}: {float(last.time):g} s, {self.dataset.attrs['end']}"]
+        for name in ("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "load_factor"):
+            values = self.dataset[name]
+            lines.append(
+                f"  {name:<14} {float(first[name]):10.4g} to {float(last[name]):10.4g}"
+                f"   (least {float(values.min()):.4g}, greatest {float(values.max()):.4g})"
+            )
+        return "\n".join(lines)
+
+    def plot(self) -> "Figure":
+        """Draw airspeed, altitude, flow angles, attitude, rates, load factor, surfaces and engine over time."""
+        from anser.report.aircraft_flight import aircraft_flight_figure
+
+        return aircraft_flight_figure(self.dataset)
+
+    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write `flight.nc`, `flight.png` and `report.html` into a new folder.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder exists and `force` is False.
+        """
+        from anser.report.aircraft_flight import write_aircraft_report
+        from anser.report.style import save_figure
+        from anser.results.netcdf import write_netcdf
+
+        target = Path(folder)
+        if target.exists() and not (target.is_dir() and force):
+            raise FileExistsError(f"{target} exists and is not overwritten: choose another folder, or give force=True")
+        with staged_folder(target) if target.exists() else new_folder(target) as staging:
+            write_netcdf(self.dataset, staging / "flight.nc")
+            save_figure(self.plot(), [staging / "flight.png"])
+            write_aircraft_report(self.dataset, staging / "report.html")
+        return target
+
+    def report(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+        """Write the flight's page, one HTML file: figure, least and greatest values, conditions."""
+        from anser.report.aircraft_flight import write_aircraft_report
+
+        write_aircraft_report(self.dataset, Path(path), overwrite=overwrite)
+        return Path(path)
+
+
+def simulate(
+    aircraft: Any,
+    start: Any,
+    controls: Any = None,
+    *,
+    duration_s: float,
+    step_s: float = 0.01,
+    record_period_s: float | None = None,
+    increments: bool = False,
+    controller: AbstractController | str | None = None,
+    command: Mapping[str, Any] | AbstractGuidance | None = None,
+    sensors: AbstractSensors | None = None,
+    estimator: AbstractEstimator | None = None,
+    wind: Mapping[str, Any] | None = None,
+    turbulence: str | Mapping[str, Any] | None = None,
+    gust: Sequence[Mapping[str, Any]] = (),
+    earth: str | Mapping[str, Any] | None = None,
+    seed: int = 0,
+    actuator_lag: bool = True,
+    engine_lag: bool = True,
+) -> AircraftFlight:
+    """Fly one aircraft under given controls (open loop), or with a controller under given commands.
+
+    Parameters
+    ----------
+    aircraft
+        `AircraftModel` from `anser.aircraft`, name of an airframe, path of an aircraft file, or an airframe.
+    start
+        Trim from `aircraft.trim(...)`, or any state by name: `{"airspeed_m_s": 150, "altitude_m": 1000,
+        "alpha_deg": 12, ...}` (see `AircraftModel.start_names`).
+    controls
+        Surfaces (deg) and throttle (0..1) by name: numbers, arrays with a value per sample, pairs (times, values),
+        signals such as `anser.doublet(1.0)`; or a table with a column `time_s` (CSV file, DataFrame, Dataset); or a
+        function `law(time_s, state) -> {"elevator": ...}` of the time and of the variables by name, written in
+        `jax.numpy`. Signals are increments to the start, the rest absolute; inputs left out keep their value at the
+        start. Controls are constant between samples.
+    duration_s, step_s
+        Length of the flight, and period of samples and integration, s.
+    record_period_s
+        Period of the rows of the dataset, a multiple of the step; None: every sample.
+    increments
+        True: numbers, arrays and tables are increments to the start too.
+    controller
+        Controller of the closed loop: an `anser.parts.AbstractController`, or "inversion", the autopilot of the
+        package with the gains and limits that a scenario would give the aircraft. Excludes `controls`.
+    command
+        Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each like a control; or a guidance.
+        Left out: those of the start.
+    sensors, estimator
+        Parts between the truth and the controller; None: ideal.
+    wind, turbulence, gust, earth
+        Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`.
+        None: still air, a flat Earth with standard gravity.
+    seed
+        Seed of turbulence and sensor errors.
+    actuator_lag, engine_lag
+        False: the surfaces, or the power, jump to the command at each sample.
+
+    Returns
+    -------
+    AircraftFlight
+        `dataset` ends before the ground is reached or a value becomes non-finite; its attribute `end` tells so.
+
+    Raises
+    ------
+    ValueError
+        An argument is not valid; the message names the argument, what arrived and what would be right.
+    ScenarioError
+        A table of the air is not valid.
+    ConditionError
+        The start is a trim without steady flight.
+    """
+    enable_compilation_cache()
+    airframe, identity = resolve_aircraft(aircraft)
+    air = read_air(earth, wind, turbulence, gust, seed)
+    environment = air.environment()
+    point = resolve_start(airframe, environment, start)
+    airframe, (point,) = set_lags(airframe, [point], actuator_lag=actuator_lag, engine_lag=engine_lag)
+    time_s = sample_times(duration_s, step_s)
+    stride = _stride(record_period_s, step_s)
+    count = -(-time_s.size // stride) * stride
+    held_s = np.minimum(np.arange(count) * step_s, time_s[-1])
+    flight_controller = _controller(airframe, environment, point, controls, held_s, controller, step_s, increments)
+    guidance = _guidance(environment, point, command, held_s, controller)
+    gusts = _gusts(air, airframe)
+    history = _fly(
+        airframe,
+        environment,
+        gusts,
+        IdealSensors() if sensors is None else sensors,
+        DirectEstimator() if estimator is None else estimator,
+        guidance,
+        flight_controller,
+        point,
+        as_array(step_s),
+        flight_randomness(seed) if air.is_random or sensors is not None else None,
+        SampleRecorder(stride=stride),
+        count,
+    )
+    rows = (time_s.size - 1) // stride + 1
+    columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
+    attributes = {
+        **identity,
+        "controls": describe_inputs(controls or {}) if controller is None else "",
+        "controller": "none: open loop" if controller is None else _part_name(controller),
+        "command": describe_inputs(command or {}) if controller is not None else "",
+        "step_s": step_s,
+        "seed": seed,
+        "air": air.model_dump_json(),
+        **version_attributes(),
+    }
+    return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))
+
+
+@compiled_by_older_generator(("count",))
+def _fly(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    gusts: AbstractGusts,
+    sensors: AbstractSensors,
+    estimator: AbstractEstimator,
+    guidance: AbstractGuidance,
+    controller: AbstractController,
+    start: TrimPoint,
+    step: Scalar,
+    randomness: AbstractRandomness | None,
+    recorder: SampleRecorder,
+    count: int,
+) -> dict[str, Array]:
+    vehicle = Vehicle(airframe, sensors, estimator, guidance, controller, gusts=gusts)
+    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step, randomness)
+    state = trimmed_vehicle(vehicle, instant, start)
+    return fly_alone(vehicle, environment, state, step, count, recorder, randomness)[2]
+
+
+def resolve_aircraft(aircraft: Any) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
+    """Return the airframe of an `AircraftModel`, a name, a file or an airframe, and its identity for attributes."""
+    if hasattr(aircraft, "airframe") and hasattr(aircraft, "identity"):
+        return aircraft.airframe, dict(aircraft.identity)
+    if not isinstance(aircraft, str | os.PathLike | AbstractAirframe):
+        raise ValueError(
+            f"aircraft: arrived {type(aircraft).__name__}; expected anser.aircraft(...), the name of an airframe, the "
+            "path of an aircraft file, or an anser.aircraft.airframe.AbstractAirframe"
+        )
+    return resolve_airframe(os.fspath(aircraft) if isinstance(aircraft, os.PathLike) else aircraft)
+
+
+def set_lags(
+    airframe: AbstractAirframe, starts: Sequence[TrimPoint], *, actuator_lag: bool, engine_lag: bool
+) -> tuple[AbstractAirframe, list[TrimPoint]]:
+    """Return an airframe without the lags that are switched off, and the starts with states that fit it."""
+    points = list(starts)
+    if not actuator_lag:
+        actuators = without_lag(airframe.actuators)
+        airframe = eqx.tree_at(lambda a: a.actuators, airframe, actuators)
+        states = [actuators.steady_state(point.state.surfaces) for point in points]
+        points = [eqx.tree_at(lambda p: p.state.actuators, p, s) for p, s in zip(points, states, strict=True)]
+    if not engine_lag:
+        engine = InstantEngine(airframe.engine)
+        airframe = eqx.tree_at(lambda a: a.engine, airframe, engine)
+        states = [engine.steady_state(point.state.power) for point in points]
+        points = [eqx.tree_at(lambda p: p.state.engine, p, s) for p, s in zip(points, states, strict=True)]
+    return airframe, points
+
+
+def _stride(record_period_s: float | None, step_s: float) -> int:
+    if record_period_s is None:
+        return 1
+    stride = round(record_period_s / step_s)
+    if stride < 1 or abs(stride * step_s - record_period_s) > 1e-9 * record_period_s:
+        raise ValueError(
+            f"record_period_s: arrived {record_period_s:g} s; expected a multiple of the step, {step_s:g} s"
+        )
+    return stride
+
+
+def _controller(
+    airframe: AbstractAirframe,
+    environment: Environment,
+    point: TrimPoint,
+    controls: Any,
+    time_s: Float[np.ndarray, " sample"],
+    controller: AbstractController | str | None,
+    step_s: float,
+    increments: bool,
+) -> AbstractController:
+    if controller is None:
+        law = check_function(controls)
+        if law is not None:
+            return FeedbackControls(point.controls, environment, law)
+        reference = reference_inputs(airframe, point.controls)
+        table = sample_inputs({} if controls is None else controls, reference, time_s, increments=increments)
+        return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
+    if controls is not None:
+        raise ValueError(
+            "controls: arrived beside a controller; expected one of the two (a controller takes `command`)"
+        )
+    if isinstance(controller, AbstractController):
+        return controller
+    if controller != "inversion":
+        raise ValueError(
+            f'controller: arrived {controller!r}; expected an anser.parts.AbstractController, "inversion", or None'
+        )
+    return inversion_autopilot(airframe, environment, point, step_s)
+
+
+def inversion_autopilot(
+    airframe: AbstractAirframe, environment: Environment, point: TrimPoint, step_s: float
+) -> InversionAutopilot:
+    """Return the package's autopilot for an aircraft, with the gains and limits of step tests at a flight point."""
+    from anser.analysis.step_flights import step_case
+
+    speed = float(np.linalg.norm(np.asarray(point.state.velocity_b)))
+    case = step_case(airframe, speed, -float(point.state.position_n[2]), "model")
+    return InversionAutopilot(case.gains, case.limits)
+
+
+def _guidance(
+    environment: Environment,
+    point: TrimPoint,
+    command: Mapping[str, Any] | AbstractGuidance | None,
+    time_s: Float[np.ndarray, " sample"],
+    controller: Any,
+) -> AbstractGuidance:
+    if isinstance(command, AbstractGuidance):
+        return command
+    if controller is None:
+        if command is not None:
+            raise ValueError("command: arrived without a controller; expected a controller that follows it")
+        return PrescribedCommand(jnp.full((time_s.size, 3), jnp.nan))
+    reference = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
+    table = sample_inputs(command or {}, reference, time_s, subject="command")
+    return PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
+
+
+def _gusts(air: Air, airframe: AbstractAirframe) -> AbstractGusts:
+    from anser.aircraft_files.library import span_of
+
+    return air.gusts(span_of(airframe)) if air.is_random else air.gusts(0.0) if air.gust else NoGusts()
+
+
+def _part_name(part: Any) -> str:
+    return part if isinstance(part, str) else f"{type(part).__module__}.{type(part).__qualname__}"
+
+
+def flight_dataset(
+    time_s: Float[np.ndarray, " row"],
+    history: Mapping[str, Float[np.ndarray, " row"]],
+    surfaces: Sequence[str],
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """Convert the recorded variables of one aircraft to a dataset over time, up to the end of the flight.
+
+    The flight ends before the first sample on the ground or with a non-finite motion; the attribute `end` says which.
+    """
+    motion = np.stack(
+        [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
+    )
+    is_lost = ~np.all(np.isfinite(motion), axis=0)
+    is_grounded = history["altitude"] <= 0.0
+    over = np.flatnonzero(is_lost | is_grounded)
+    rows, end = time_s.size, "flown to the end"
+    if over.size:
+        rows = int(over[0])
+        reason = "the motion became non-finite" if is_lost[rows] else "the ground was reached"
+        end = f"{reason} at {time_s[rows]:g} s"
+    if rows == 0:
+        raise ValueError(f"start: {end}; expected a finite state above the ground (altitude_m > 0)")
+    data: dict[str, Any] = {
+        variable.name: (
+            "time",
+            to_dataset_units(variable, history[variable.key][:rows]),
+            catalogue_attributes(variable),
+        )
+        for variable in catalogue(surfaces)
+        if variable.key in history and variable.key != "status"
+    }
+    coordinates = {"time": ("time", time_s[:rows], {"units": "s", "long_name": "Time", "symbol": "t"})}
+    return xr.Dataset(data, coordinates, {**attributes, "surfaces": " ".join(surfaces), "end": end})

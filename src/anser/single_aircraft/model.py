@@ -1,0 +1,245 @@
+"""An aircraft in the user's hands: description, trim, linear model, performance, and its equations of motion."""
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.air_data import air_data
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.motion import state_derivative
+from anser.analysis.airframes import describe_airframe, valid_airspeed_range
+from anser.analysis.linear_models import LinearizationResult, linearize
+from anser.analysis.trim_points import TrimResult, airframe_label, resolve_airframe, trim
+from anser.compiling.options import compiled_quickly
+from anser.environment.environment import Environment, standard_environment
+from anser.numerics.arrays import as_array
+from anser.shapes import Scalar
+from anser.single_aircraft.performance import PerformanceSheet, performance_sheet
+from anser.single_aircraft.starts import input_names, named_state, reference_inputs, resolve_start, start_names
+from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
+
+_BODY_STATES = (
+    *("north_m", "east_m", "altitude_m", "velocity_u_m_s", "velocity_v_m_s", "velocity_w_m_s"),
+    *("roll_rad", "pitch_rad", "yaw_rad", "roll_rate_rad_s", "pitch_rate_rad_s", "yaw_rate_rad_s"),
+)
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class AircraftModel:
+    """An aircraft: printed, it tells mass, size, surfaces with their stops, engine, and the range of its data.
+
+    Attributes
+    ----------
+    airframe
+        The airframe, for the kernels of the package.
+    identity
+        Name, and variant if any, for labels and provenance.
+    """
+
+    airframe: AbstractAirframe
+    identity: Mapping[str, str | int | float]
+
+    def __repr__(self) -> str:
+        effects = dict(zip(self.airframe.actuators.names, surface_effects(self.airframe), strict=True))
+        quantities = describe_airframe(self.airframe)
+        widest = max(len(name) for name, _, _ in quantities)
+        lines = [
+            f"  {name:<{widest}}  {value} {unit}{f'; positive: {effects[name]}' if name in effects else ''}".rstrip()
+            for name, value, unit in quantities
+        ]
+        inputs = f"inputs: {', '.join(self.inputs[:-1])} in deg, throttle 0 to 1"
+        return "\n".join([airframe_label(self.identity), *lines, inputs])
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs: surfaces in deg, and the throttle from 0 to 1."""
+        return input_names(self.airframe)
+
+    @property
+    def start_names(self) -> tuple[str, ...]:
+        """Names of the variables that define a start state."""
+        return start_names(self.airframe)
+
+    def trim(
+        self,
+        speed_m_s: float,
+        altitude_m: float,
+        path_angle_deg: float = 0.0,
+        turn_rate_deg_s: float = 0.0,
+        *,
+        pitch_rate_deg_s: float = 0.0,
+    ) -> TrimResult:
+        """Trim the aircraft in still standard air: see `anser.trim`."""
+        return trim(
+            self.airframe, speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s=pitch_rate_deg_s
+        )
+
+    def linearize(
+        self, trim: TrimResult | None = None, *, actuators: bool = False, **condition: float
+    ) -> LinearizationResult:
+        """Linearize the aircraft about a trim, or about a condition given as to `trim`: see `anser.linearize`.
+
+        Raises
+        ------
+        ValueError
+            Neither a trim nor a condition is given, or both.
+        ConditionError
+            The steady flight does not exist.
+        """
+        if (trim is None) == (not condition):
+            raise ValueError(
+                "linearize: expected a trim, or a condition (speed_m_s=..., altitude_m=...), one of the two"
+            )
+        values = dict(condition) if trim is None else dict(trim.condition)
+        result = linearize(self.airframe, actuators=actuators, **values)
+        return dataclasses.replace(result, condition={**result.condition, **self.identity})
+
+    def performance(self, altitude_m: float = 0.0) -> PerformanceSheet:
+        """Compute the performance sheet at an altitude: see `PerformanceSheet`."""
+        return performance_sheet(self.airframe, self.identity, altitude_m)
+
+    def start(self, trim: TrimResult) -> dict[str, float]:
+        """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
+        environment = standard_environment()
+        return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
+
+    def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
+        """Return the names of the states of `derivatives`, in order; without lag, the rigid body alone."""
+        actuators, engine = self.airframe.actuators.state_names, self.airframe.engine.state_names
+        return (*_BODY_STATES, *((*(f"{name}_actuator" for name in actuators), *engine) if lag else ()))
+
+    def derivatives(
+        self,
+        state: Float[Array, " state"],
+        controls: Float[Array, " input"],
+        environment: Environment | None = None,
+        *,
+        lag: bool = True,
+    ) -> Float[Array, " state"]:
+        """Compute the time derivative of the state: pure, and open to `jax.jit`, `jax.vmap` and `jax.jacfwd`.
+
+        Parameters
+        ----------
+        state
+            In the order of `state_names(lag=lag)`; SI units and radians, engine power in percent. The attitude is by
+            Euler angles, so the pitch must stay off 90 degrees.
+        controls
+            Surfaces (rad) in the order of `inputs`, and throttle (0..1).
+        environment
+            Air and Earth, the Earth flat; None: standard, without wind.
+        lag
+            False: actuators and engine follow the controls at once, and have no states.
+
+        Returns
+        -------
+        Rates in the order of the state, per second. Source: [SL] eq. 1.7-18, flat Earth, and eq. 1.4-4.
+        """
+        return _derivatives(self.airframe, environment or standard_environment(), state, controls, lag=lag)
+
+    def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:
+        """Return a start (a trim, or a state by name) as the state of `derivatives`."""
+        point = resolve_start(self.airframe, standard_environment(), start)
+        state = point.state
+        euler = np.asarray(euler_from_quaternion(state.quaternion))
+        body = [state.position_n * jnp.array([1.0, 1.0, -1.0]), state.velocity_b, euler, state.rates_b]
+        lags = [*_leaves(state.actuators), *_leaves(state.engine)] if lag else []
+        return np.concatenate([np.atleast_1d(np.asarray(part)) for part in (*body, *lags)])
+
+    def input_vector(self, start: Any) -> np.ndarray:
+        """Return the controls of a start as the controls of `derivatives`: surfaces (rad), and throttle (0..1)."""
+        point = resolve_start(self.airframe, standard_environment(), start)
+        inputs = np.array(list(reference_inputs(self.airframe, point.controls).values()))
+        return np.append(np.radians(inputs[:-1]), inputs[-1])
+
+
+def _leaves(state: Any) -> list[Any]:
+    return jax.tree.leaves(state)
+
+
+def _derivatives(
+    airframe: AbstractAirframe, environment: Environment, x: Array, u: Array, *, lag: bool
+) -> Float[Array, " state"]:
+    x, u = jnp.asarray(x), jnp.asarray(u)
+    roll, pitch, yaw = x[6:9]
+    surfaces, throttle = u[:-1], u[-1]
+    if lag:
+        pattern = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros_like(throttle))
+        leaves, structure = jax.tree.flatten(pattern)
+        ends = np.cumsum([12, *(leaf.size for leaf in leaves)])
+        parts = [x[a:b].reshape(leaf.shape) for a, b, leaf in zip(ends[:-1], ends[1:], leaves, strict=True)]
+        actuators, engine = structure.unflatten(parts)
+    else:
+        actuators = airframe.actuators.steady_state(airframe.actuators.limit_command(surfaces))
+        engine = airframe.engine.steady_state(airframe.engine.steady_power(throttle))
+    position_n = x[:3] * jnp.array([1.0, 1.0, -1.0])
+    quaternion = quaternion_from_euler(roll, pitch, yaw)
+    state = AircraftState(position_n, x[3:6], quaternion, x[9:12], actuators, engine)
+    rate = state_derivative(airframe, environment, 0.0, state, Controls(surfaces, throttle))
+    P, Q, R = x[9:12]
+    turning = Q * jnp.sin(roll) + R * jnp.cos(roll)
+    euler_rates = jnp.stack(
+        [P + jnp.tan(pitch) * turning, Q * jnp.cos(roll) - R * jnp.sin(roll), turning / jnp.cos(pitch)]
+    )
+    body = [rate.position_n * jnp.array([1.0, 1.0, -1.0]), rate.velocity_b, euler_rates, rate.rates_b]
+    lags = [jnp.ravel(leaf) for leaf in jax.tree.leaves((rate.actuators, rate.engine))] if lag else []
+    return jnp.concatenate([*body, *lags])
+
+
+def aircraft(
+    what: str | os.PathLike[str] | AbstractAirframe, variant: str = "textbook", *, x_cg_over_c: float | None = None
+) -> AircraftModel:
+    """Load an aircraft.
+
+    Parameters
+    ----------
+    what
+        Name of an airframe of the library or of an entry point (`anser aircraft list` lists them), path of an aircraft
+        file, or an airframe of the user's own class.
+    variant, x_cg_over_c
+        Variant and centre of gravity of the library's F-16: see `load_airframe`.
+
+    Raises
+    ------
+    ValueError
+        No airframe has this name, or its mass properties are impossible.
+    ScenarioError
+        The aircraft file is not valid.
+    """
+    airframe, identity = resolve_airframe(
+        os.fspath(what) if isinstance(what, os.PathLike) else what, variant, x_cg_over_c
+    )
+    return AircraftModel(airframe, identity)
+
+
+_EFFECTS = (("rolls right", "rolls left"), ("nose up", "nose down"), ("nose right", "nose left"))
+
+
+def surface_effects(airframe: AbstractAirframe) -> list[str]:
+    """Describe by its greatest moment what a positive deflection of each surface does, at 2 deg angle of attack."""
+    speed = float(np.mean(valid_airspeed_range(airframe)))
+    moments = np.asarray(_surface_moments(airframe, standard_environment(), as_array(speed)))
+    texts = []
+    for moment in moments.T:
+        axis = int(np.argmax(np.abs(moment)))
+        texts.append("no moment" if moment[axis] == 0.0 else _EFFECTS[axis][int(moment[axis] < 0.0)])
+    return texts
+
+
+@compiled_quickly
+def _surface_moments(airframe: AbstractAirframe, environment: Environment, speed: Scalar) -> Float[Array, "3 surface"]:
+    """Return the derivatives of the moment (N m) by the deflections (rad), in neutral position."""
+    alpha = jnp.asarray(_ALPHA_OF_EFFECTS)
+    velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
+    data = air_data(velocity_b, 0.0, environment.atmosphere.at(0.0))
+    neutral = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), data)
+    return jax.jacfwd(lambda u: airframe.aerodynamics(data, jnp.zeros(3), u).moment_b)(neutral)
+
+
+_ALPHA_OF_EFFECTS = 0.035
+"""Angle of attack at which the effects of the surfaces are described, rad."""

@@ -1,0 +1,371 @@
+"""Performance sheet of an aircraft: stall, level flight, climb, ceiling, glide, turns, and specific excess power.
+
+Each figure is the result of trims, and is given with the limit that ends it.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.f16 import AbstractF16
+from anser.aircraft.motion import flight_condition
+from anser.analysis.airframes import valid_airspeed_range
+from anser.analysis.trim_points import airframe_label
+from anser.compiling.options import compiled, enable_compilation_cache
+from anser.environment.environment import Environment, standard_environment
+from anser.numerics.arrays import as_array
+from anser.results.documents import notebook_table, version_attributes
+from anser.results.variable_labels import unit_attributes
+from anser.shapes import Count, Scalar
+from anser.steady.performance import path_acceleration
+from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, trim_map_point, trim_target
+from anser.units import RAD_DEG
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SPEEDS, _ALTITUDES = 41, 21
+_ALTITUDE_MAX_M = 20_000.0
+_F16_SPEEDS_M_S = (40.0, 400.0)
+_LOAD_FACTORS = np.array([1.1, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
+_MASS_SHARES = (0.8, 0.9, 1.0, 1.1, 1.2)
+_CLIMB_STEPS = 8
+_SERVICE_CLIMB_M_S = 0.508
+"""Climb rate that remains at the service ceiling: 100 ft/min."""
+_LIMITS = dict(
+    zip(
+        TRIM_OBSTACLES,
+        (
+            "end of the data (altitude or Mach number)",
+            "no balance of forces and moments",
+            "full power",
+            "idle power",
+            "stop of a surface",
+            "angle of attack: end of the data",
+            "sideslip: end of the data",
+        ),
+        strict=True,
+    )
+)
+
+
+class _Points(NamedTuple):
+    """Steady flights to trim, a row each.
+
+    Attributes
+    ----------
+    speed, altitude, turn_rate, mass
+        Airspeed (m/s), altitude (m), rate of the course (rad/s), and mass relative to that of the airframe.
+    power
+        Power (percent) at which the path climbs or descends; NaN: level flight at the power that it needs.
+    """
+
+    speed: Float[Array, " point"]
+    altitude: Float[Array, " point"]
+    turn_rate: Float[Array, " point"]
+    mass: Float[Array, " point"]
+    power: Float[Array, " point"]
+
+
+class _Flights(NamedTuple):
+    """Trims of `_Points`, with path angle (rad) and acceleration along the path at full power (m/s^2)."""
+
+    trims: TrimMapPoint
+    path_angle: Float[Array, " point"]
+    acceleration: Float[Array, " point"]
+
+
+@compiled
+def _trim_points(airframe: AbstractAirframe, environment: Environment, points: _Points, climb_steps: Count) -> _Flights:
+    def trim_point(point: _Points) -> _Flights:
+        heavier = eqx.tree_at(lambda a: a.mass_properties.mass, airframe, airframe.mass_properties.mass * point.mass)
+        is_level = jnp.isnan(point.power)
+        power = jnp.where(is_level, 0.0, point.power)
+
+        def fly(path_angle: Scalar) -> tuple[TrimMapPoint, Scalar, Scalar]:
+            target = trim_target(point.speed, point.altitude, path_angle, 0.0, point.turn_rate)
+            flight = trim_map_point(heavier, environment, target)
+            condition = flight_condition(heavier, environment, 0.0, flight.trim.state)
+            surplus, full = (path_acceleration(heavier, condition, p) for p in (power, 100.0))
+            # The acceleration along the path besides that of gravity, which the climb uses up.
+            return flight, surplus, full
+
+        def climb(_: Any, path_angle: Scalar) -> Scalar:
+            _, surplus, _ = fly(path_angle)
+            sine = jnp.clip(surplus / environment.gravity, -0.98, 0.98)
+            return jnp.where(is_level, 0.0, jnp.arcsin(sine))
+
+        path_angle = jax.lax.fori_loop(0, climb_steps, climb, jnp.zeros_like(point.speed))
+        flight, _, full = fly(path_angle)
+        return _Flights(flight, path_angle, full)
+
+    return jax.lax.map(trim_point, points, batch_size=64)
+
+
+@dataclasses.dataclass(frozen=True)
+class PerformanceFigure:
+    """One figure of a performance sheet, with the limit that ends it; NaN if there is no such flight."""
+
+    name: str
+    value: float
+    unit: str
+    limit: str = ""
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class PerformanceSheet:
+    """Performance of an aircraft in still standard air; printed as a table.
+
+    Attributes
+    ----------
+    figures
+        Figures at the sheet's altitude: stall speed (least airspeed of level flight) by mass, least and greatest level
+        airspeed, best climb, best glide, turns; and the ceilings.
+    dataset
+        Specific excess power (m/s) at full power in level flight over altitude and airspeed, with the Mach number; NaN
+        where level flight is beyond another limit than the power.
+    identity, altitude_m
+        Aircraft and altitude.
+    """
+
+    figures: tuple[PerformanceFigure, ...]
+    dataset: xr.Dataset
+    identity: Mapping[str, str | int | float]
+    altitude_m: float
+
+    def __getitem__(self, name: str) -> PerformanceFigure:
+        """Return a figure by its name."""
+        for figure in self.figures:
+            if figure.name == name:
+                return figure
+        raise KeyError(f"{name!r} is not on the sheet; the names are {', '.join(f.name for f in self.figures)}")
+
+    @property
+    def title(self) -> str:
+        """Aircraft and altitude."""
+        return f"{airframe_label(self.identity)}: performance at {self.altitude_m:g} m"
+
+    def __repr__(self) -> str:
+        widest = max(len(figure.name) for figure in self.figures)
+        lines = (f"  {f.name:<{widest}}  {f.value:10.4g} {f.unit:<6} {f.limit}".rstrip() for f in self.figures)
+        return "\n".join([self.title, *lines])
+
+    def _repr_html_(self) -> str:
+        cells = [{"figure": f.name, "value": f"{f.value:.4g}", "unit": f.unit, "limit": f.limit} for f in self.figures]
+        return notebook_table(self.title, cells)
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures as plain data, for JSON; a figure without a flight is None."""
+        return {
+            "format_version": 1,
+            "aircraft": dict(self.identity),
+            "altitude_m": self.altitude_m,
+            "figures": [
+                dataclasses.asdict(figure) | {"value": figure.value if np.isfinite(figure.value) else None}
+                for figure in self.figures
+            ],
+        }
+
+    def plot(self) -> "Figure":
+        """Draw the specific excess power over Mach number and altitude."""
+        from anser.report.aircraft_flight import excess_power_figure
+
+        return excess_power_figure(self.dataset, self.title)
+
+
+def performance_sheet(
+    airframe: AbstractAirframe, identity: Mapping[str, str | int | float], altitude_m: float = 0.0
+) -> PerformanceSheet:
+    """Compute the performance of an aircraft at an altitude, and its ceilings, in still standard air.
+
+    Raises
+    ------
+    ValueError
+        The altitude is not a number from 0 to 20,000 m.
+    """
+    if not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
+        raise ValueError(f"altitude_m: arrived {altitude_m}; expected a number from 0 to {_ALTITUDE_MAX_M:g}")
+    enable_compilation_cache()
+    environment = standard_environment()
+    speeds = np.geomspace(*_airspeed_range(airframe), _SPEEDS)
+
+    def fly(**columns: Any) -> _Flights:
+        values = {"turn_rate": 0.0, "mass": 1.0, "power": np.nan, "altitude": altitude_m} | columns
+        arrays = np.broadcast_arrays(*(np.asarray(values[name], dtype=float) for name in _Points._fields))
+        climb_steps = 0 if np.isnan(values["power"]) else _CLIMB_STEPS
+        points = _Points(*(as_array(np.ravel(array)) for array in arrays))
+        return _trim_points(airframe, environment, points, as_array(climb_steps, int))
+
+    figures = [
+        *_stall_figures(fly, speeds),
+        PerformanceFigure("greatest level airspeed", *_edge(fly, speeds, 1.0, lowest=False)),
+        *_path_figures(fly, speeds, 100.0, "best climb rate", "m/s"),
+        *_path_figures(fly, speeds, 0.0, "best glide ratio", "1"),
+        *_turn_figures(fly, speeds, float(environment.gravity)),
+    ]
+    altitudes = np.linspace(0.0, _ALTITUDE_MAX_M, _ALTITUDES)
+    field = fly(speed=speeds[None, :], altitude=altitudes[:, None])
+    dataset = _excess_power(field, speeds, altitudes, float(environment.gravity), identity)
+    figures += _ceilings(dataset)
+    return PerformanceSheet(tuple(figures), dataset, dict(identity), float(altitude_m))
+
+
+def _airspeed_range(airframe: AbstractAirframe) -> tuple[float, float]:
+    """Return the airspeeds (m/s) that are tried: those of the data, or for the F-16 more than it can fly."""
+    return _F16_SPEEDS_M_S if isinstance(airframe, AbstractF16) else valid_airspeed_range(airframe)
+
+
+def _is_flyable(flights: _Flights, *, except_power: bool = False) -> np.ndarray:
+    obstacles = np.array(flights.trims.obstacles)
+    if except_power:
+        obstacles[:, [TRIM_OBSTACLES.index(name) for name in ("thrust_max", "thrust_idle")]] = False
+    return ~obstacles.any(axis=-1)
+
+
+def _limit_of(flights: _Flights, index: int) -> str:
+    obstacles = np.asarray(flights.trims.obstacles)[index]
+    return "; ".join(_LIMITS[name] for name, flag in zip(TRIM_OBSTACLES, obstacles, strict=True) if flag)
+
+
+def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
+    """Return the least or the greatest airspeed of level flight, its unit, and the limit beyond it."""
+    grid, name = speeds, "end of the data (airspeed)"
+    for _ in range(2):  # a second grid between the last two airspeeds
+        flights = fly(speed=grid, mass=mass)
+        flyable = np.flatnonzero(_is_flyable(flights))
+        if flyable.size == 0:
+            return np.nan, "m/s", "no level flight"
+        inside = flyable[0] if lowest else flyable[-1]
+        outside = inside - 1 if lowest else inside + 1
+        if not 0 <= outside < grid.size:
+            return float(grid[inside]), "m/s", name
+        name = _limit_of(flights, outside)
+        value, grid = float(grid[inside]), np.linspace(*sorted((grid[inside], grid[outside])), _SPEEDS)
+    return value, "m/s", name
+
+
+def _stall_figures(fly: Any, speeds: np.ndarray) -> list[PerformanceFigure]:
+    edges = {share: _edge(fly, speeds, share, lowest=True) for share in _MASS_SHARES}
+    return [
+        PerformanceFigure("least level airspeed", *edges[1.0]),
+        *(
+            PerformanceFigure(f"least level airspeed, mass {share:.0%}", *edges[share])
+            for share in _MASS_SHARES
+            if share != 1.0
+        ),
+    ]
+
+
+def _path_figures(fly: Any, speeds: np.ndarray, power: float, name: str, unit: str) -> list[PerformanceFigure]:
+    """Return the best climb rate at full power, or the best glide ratio at idle, with its airspeed."""
+    flights = fly(speed=speeds, power=power)
+    angle = np.asarray(flights.path_angle)
+    # The power is given: its own limits are met by rounding only.
+    values = speeds * np.sin(angle) if power > 0.0 else -1.0 / np.tan(np.minimum(angle, -1e-6))
+    values = np.where(_is_flyable(flights, except_power=True) & (angle != 0.0), values, -np.inf)
+    if not np.any(np.isfinite(values)) or (power == 0.0 and np.nanmax(angle) >= 0.0):
+        return [PerformanceFigure(name, np.nan, unit, "no such flight")]
+    best = int(np.argmax(values))
+    peak, value = _parabola_peak(speeds, values, best)
+    limit = "" if 0 < best < speeds.size - 1 and np.isfinite(values[[best - 1, best + 1]]).all() else "end of the range"
+    at = f"airspeed of the {name.removesuffix(' ratio').removesuffix(' rate')}"
+    return [
+        PerformanceFigure(name, value, unit, "full power" if power > 0.0 else "idle power"),
+        PerformanceFigure(at, peak, "m/s", limit),
+    ]
+
+
+def _parabola_peak(speeds: np.ndarray, values: np.ndarray, best: int) -> tuple[float, float]:
+    """Return position and height of the parabola through the greatest value and its neighbours."""
+    if not 0 < best < speeds.size - 1 or not np.isfinite(values[best - 1 : best + 2]).all():
+        return float(speeds[best]), float(values[best])
+    a, b, c = np.polyfit(speeds[best - 1 : best + 2] - speeds[best], values[best - 1 : best + 2], 2)
+    shift = -0.5 * b / a if a < 0.0 else 0.0
+    return float(speeds[best] + shift), float(c + b * shift + a * shift**2)
+
+
+def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
+    """Return load factor, rate and radius of the best level turns that full power sustains."""
+    tangents = np.sqrt(_LOAD_FACTORS**2 - 1.0)
+    rates = gravity * tangents[None, :] / speeds[:, None]
+    flights = fly(speed=speeds[:, None], turn_rate=rates)
+    flyable = _is_flyable(flights).reshape(rates.shape)
+    # A tighter turn counts only if each wider one can be flown too.
+    flyable = np.logical_and.accumulate(flyable, axis=1)
+    if not flyable.any():
+        return [PerformanceFigure("greatest sustained turn rate", np.nan, "deg/s", "no level turn")]
+    radius = speeds[:, None] / rates
+    figures = []
+    for name, values, unit, sign in (
+        ("greatest sustained load factor of the grid", np.broadcast_to(_LOAD_FACTORS, rates.shape), "1", 1.0),
+        ("greatest sustained turn rate", rates * RAD_DEG, "deg/s", 1.0),
+        ("least sustained turn radius", radius, "m", -1.0),
+    ):
+        index = np.unravel_index(np.argmax(np.where(flyable, sign * values, -np.inf)), rates.shape)
+        tighter = index[1] + 1
+        beyond = (
+            _limit_of(flights, int(index[0]) * rates.shape[1] + int(tighter))
+            if tighter < rates.shape[1]
+            else "end of the grid of load factors"
+        )
+        figures.append(PerformanceFigure(name, float(values[index]), unit, f"at {speeds[index[0]]:.4g} m/s; {beyond}"))
+    return figures
+
+
+def _excess_power(
+    field: _Flights, speeds: np.ndarray, altitudes: np.ndarray, gravity: float, identity: Mapping[str, Any]
+) -> xr.Dataset:
+    shape = altitudes.size, speeds.size
+    excess = np.asarray(field.acceleration).reshape(shape) * speeds / gravity
+    flyable = _is_flyable(field, except_power=True).reshape(shape)
+    return xr.Dataset(
+        {
+            "specific_excess_power_m_s": (
+                ("altitude", "airspeed"),
+                np.where(flyable, excess, np.nan),
+                unit_attributes("m s-1", "Specific excess power at full power"),
+            ),
+            "mach": (
+                ("altitude", "airspeed"),
+                np.asarray(field.trims.mach).reshape(shape),
+                unit_attributes("1", "Mach number"),
+            ),
+        },
+        {
+            "altitude": ("altitude", altitudes, unit_attributes("m", "Altitude")),
+            "airspeed": ("airspeed", speeds, unit_attributes("m s-1", "True airspeed")),
+        },
+        {**identity, **version_attributes()},
+    )
+
+
+def _ceilings(dataset: xr.Dataset) -> list[PerformanceFigure]:
+    """Return the altitudes at which the greatest specific excess power falls to 0 and to 100 ft/min."""
+    excess = dataset["specific_excess_power_m_s"].values
+    altitudes = dataset["altitude"].values
+    best = np.array([np.nanmax(row) if np.isfinite(row).any() else np.nan for row in excess])
+    return [
+        PerformanceFigure(name, *_falls_to(altitudes, best, threshold))
+        for name, threshold in (("absolute ceiling", 0.0), ("service ceiling", _SERVICE_CLIMB_M_S))
+    ]
+
+
+def _falls_to(altitudes: np.ndarray, best: np.ndarray, threshold: float) -> tuple[float, str, str]:
+    usable = np.isfinite(best)
+    if not usable[0] or best[0] <= threshold:
+        return np.nan, "m", "no climb at sea level"
+    count = int(np.argmin(usable)) if not usable.all() else usable.size
+    below = np.flatnonzero(best[:count] <= threshold)
+    if below.size == 0:
+        return float(altitudes[count - 1]), "m", "end of the data or of the grid, still climbing"
+    k = int(below[0])
+    share = (best[k - 1] - threshold) / (best[k - 1] - best[k])
+    return float(altitudes[k - 1] + share * (altitudes[k] - altitudes[k - 1])), "m", "full power"

@@ -1,0 +1,281 @@
+"""Simulator by hand: one aircraft, or many at once, advanced step by step under the user's controls."""
+
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from anser.aircraft.airframe import AbstractAirframe, Controls
+from anser.aircraft.motion import to_motion_state
+from anser.compiling.options import enable_compilation_cache
+from anser.environment.environment import Environment
+from anser.simulation.open_loop import dataset_variables
+from anser.simulation.vehicle import advance
+from anser.single_aircraft.air import read_air
+from anser.single_aircraft.flight import resolve_aircraft, set_lags
+from anser.single_aircraft.starts import input_names, reference_inputs, resolve_start
+from anser.units import DEG_RAD
+
+
+class NamedState(Mapping[str, Any]):
+    """Variables of the aircraft at one sample by the names of a dataset: `state["alpha_deg"]`.
+
+    A value is a number for one aircraft, and an array over the aircraft for several.
+    """
+
+    def __init__(self, indices: Mapping[str, int], values: Callable[[], np.ndarray]) -> None:
+        self._indices, self._values = indices, values
+
+    def __getitem__(self, name: str) -> Any:
+        try:
+            return self._values()[..., self._indices[name]]
+        except KeyError:
+            raise KeyError(f"{name!r} is not a variable of the state; the names are {', '.join(self)}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._indices)
+
+    def __len__(self) -> int:
+        return len(self._indices)
+
+
+class Simulator:
+    """Open-loop motion of one aircraft, or of several of the same type, advanced step by step.
+
+    Parameters
+    ----------
+    aircraft
+        `AircraftModel` from `anser.aircraft`, name of an airframe, path of an aircraft file, or an airframe.
+    start
+        Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
+    step_s
+        Period of a step, s: the motion is integrated over a step by the classical Runge-Kutta method.
+    wind, earth
+        Tables as in a scenario.
+    actuator_lag, engine_lag
+        False: the surfaces, or the power, jump to the command at each step.
+
+    Attributes
+    ----------
+    inputs
+        Names of the inputs: surfaces (deg), and `throttle` (0..1).
+    time_s
+        Time since the start, s.
+
+    Raises
+    ------
+    ValueError
+        An argument is not valid.
+    """
+
+    def __init__(
+        self,
+        aircraft: Any,
+        start: Any,
+        step_s: float = 0.01,
+        *,
+        wind: Mapping[str, Any] | None = None,
+        earth: str | Mapping[str, Any] | None = None,
+        actuator_lag: bool = True,
+        engine_lag: bool = True,
+    ) -> None:
+        enable_compilation_cache()
+        if not 0.0 < step_s < np.inf:
+            raise ValueError(f"step_s: arrived {step_s}; expected a positive number of seconds")
+        airframe, _ = resolve_aircraft(aircraft)
+        environment = read_air(earth, wind).environment()
+        starts = list(start) if isinstance(start, Sequence) else [start]
+        if not starts:
+            raise ValueError("start: arrived an empty sequence; expected a start for each aircraft")
+        airframe, points = set_lags(
+            airframe,
+            [resolve_start(airframe, environment, item) for item in starts],
+            actuator_lag=actuator_lag,
+            engine_lag=engine_lag,
+        )
+        self.inputs = input_names(airframe)
+        self._input_indices = {name: index for index, name in enumerate(self.inputs)}
+        self._count = len(starts) if isinstance(start, Sequence) else None
+        self.step_s = float(step_s)
+        motions = [ravel_pytree(to_motion_state(environment, point.state))[0] for point in points]
+        states = [np.append(np.asarray(motion), 0.0) for motion in motions]
+        inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
+        self._start_state, self._start_inputs = _stack(states, self._count), _stack(inputs, self._count)
+        constants, self._programs = _prepare(
+            airframe, environment, to_motion_state(environment, points[0].state), self.step_s, self._count is not None
+        )
+        self._constants = constants
+        self.reset()
+
+    def reset(self) -> NamedState:
+        """Return to the start."""
+        self._motion, self._inputs, self._number = self._start_state, self._start_inputs, 0
+        self._rows: np.ndarray | None = None
+        return self.state
+
+    @property
+    def time_s(self) -> float:
+        """Time since the start, s."""
+        return self._number * self.step_s
+
+    @property
+    def state(self) -> NamedState:
+        """Variables of the catalogue at the present sample, by name; computed when one of them is read."""
+        motion, inputs, rows = self._motion, self._inputs, self._rows
+        if rows is not None:
+            return NamedState(self._programs.indices, lambda: rows)
+        compute = functools.cache(lambda: np.asarray(self._programs.variables(self._constants, motion, inputs)))
+        return NamedState(self._programs.indices, compute)
+
+    def step(self, controls: Mapping[str, Any] | Float[np.ndarray, "... input"] | None = None) -> NamedState:
+        """Advance the motion by one step under constant controls, and return the state at its end.
+
+        Parameters
+        ----------
+        controls
+            By name, surfaces in deg and throttle 0..1, a number, or for several aircraft also an array over the
+            aircraft; inputs left out keep the value of the step before. Or an array of all inputs in the order of
+            `inputs`, for several aircraft with a leading axis over the aircraft.
+
+        Raises
+        ------
+        ValueError
+            An input is unknown, or a shape does not fit.
+        """
+        inputs = self._merge(controls)
+        self._inputs = inputs
+        result = self._programs.step(self._constants, self._motion, inputs)
+        self._number += 1
+        if self._count is None:
+            self._motion, rows = result
+            self._rows = np.asarray(rows)
+        else:
+            self._motion = result
+        return self.state
+
+    def save(self) -> dict[str, Any]:
+        """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
+        return {"motion": np.array(self._motion), "inputs": np.array(self._inputs), "number": self._number}
+
+    def restore(self, checkpoint: Mapping[str, Any]) -> NamedState:
+        """Return to a checkpoint of `save`, of this simulator or of an equal one.
+
+        Raises
+        ------
+        ValueError
+            The checkpoint belongs to another aircraft or another number of aircraft.
+        """
+        motion, inputs = np.asarray(checkpoint["motion"]), np.asarray(checkpoint["inputs"])
+        if motion.shape != np.shape(self._start_state) or inputs.shape != self._start_inputs.shape:
+            raise ValueError(
+                f"checkpoint: arrived states of shape {motion.shape}; expected {np.shape(self._start_state)}: one of "
+                "the same aircraft, and of as many of them"
+            )
+        self._motion, self._inputs, self._number, self._rows = motion, inputs, int(checkpoint["number"]), None
+        return self.state
+
+    def _merge(self, controls: Any) -> np.ndarray:
+        if controls is None:
+            return self._inputs
+        if isinstance(controls, Mapping):
+            inputs = self._inputs.copy()
+            try:
+                for name, value in controls.items():
+                    inputs[..., self._input_indices[name]] = value
+            except KeyError:
+                raise ValueError(
+                    f"controls: arrived {name!r}; expected inputs among {', '.join(self.inputs)}"
+                ) from None
+            return inputs
+        inputs = np.asarray(controls, dtype=float)
+        if inputs.shape != self._inputs.shape:
+            raise ValueError(
+                f"controls: arrived an array of shape {inputs.shape}; expected {self._inputs.shape}, in the order "
+                f"{', '.join(self.inputs)}"
+            )
+        return inputs
+
+
+class _Programs:
+    """Compiled functions of the simulators with one structure of aircraft and air, one step, alone or batched.
+
+    All numbers of the aircraft and the air enter as one array, and the number of the sample is the last element of the
+    motion: a call with few arguments takes less time.
+    """
+
+    def __init__(self, unpack: Callable[[Array], Any], unravel: Callable[[Array], Any], step: float, batched: bool):
+        self.indices: dict[str, int] = {}
+
+        def variables(constants: Array, motion: Array, inputs: Array) -> Array:
+            airframe, environment = unpack(constants)
+            time, state = motion[-1] * step, unravel(motion[:-1])
+            named = dataset_variables(airframe, environment, time, state, _controls(inputs))
+            self.indices.update({name: index for index, name in enumerate(named)})
+            return jnp.stack([jnp.asarray(value, dtype=float) for value in named.values()])
+
+        def advance_once(constants: Array, motion: Array, inputs: Array) -> Array:
+            airframe, environment = unpack(constants)
+            time, state = motion[-1] * step, unravel(motion[:-1])
+            moved = advance(airframe, environment, time, state, _controls(inputs), step)
+            return jnp.append(ravel_pytree(moved)[0], motion[-1] + 1.0)
+
+        def advance_and_read(constants: Array, motion: Array, inputs: Array) -> tuple[Array, Array]:
+            # A loop of one step runs on one thread: without it, XLA's runtime hands small operations to other threads.
+            def body(_: Any, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+                moved = advance_once(constants, carry[0], inputs)
+                return moved, variables(constants, moved, inputs)
+
+            start = motion, jnp.zeros(len(self.indices))
+            return jax.lax.fori_loop(0, (motion[-1] >= 0.0).astype(int), body, start)
+
+        in_axes = (None, 0, 0)
+        self.variables = jax.jit(jax.vmap(variables, in_axes) if batched else variables)
+        self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else advance_and_read)
+
+
+def _controls(inputs: Array) -> Controls:
+    return Controls(DEG_RAD * inputs[:-1], inputs[-1])
+
+
+_programs: dict[Any, _Programs] = {}
+"""Programs by structure, shared by the simulators of a process."""
+
+
+def _prepare(
+    airframe: AbstractAirframe, environment: Environment, motion: Any, step: float, batched: bool
+) -> tuple[Array, _Programs]:
+    """Return the numbers of aircraft and air as one array, and the programs of their structure."""
+    leaves, structure = jax.tree.flatten((airframe, environment))
+    is_number = [isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == float for leaf in leaves]
+    rest = [leaf for leaf, flag in zip(leaves, is_number, strict=True) if not flag]
+    constants, unravel_constants = ravel_pytree([leaf for leaf, flag in zip(leaves, is_number, strict=True) if flag])
+    shapes = tuple(leaf.shape for leaf, flag in zip(leaves, is_number, strict=True) if flag)
+    state, unravel = ravel_pytree(motion)
+    key = (structure, shapes, tuple(map(_static_key, rest)), jax.tree.structure(motion), state.size, step, batched)
+
+    def unpack(packed: Array) -> Any:
+        numbers, others = iter(unravel_constants(packed)), iter(rest)
+        return structure.unflatten([next(numbers if flag else others) for flag in is_number])
+
+    programs = _programs.get(key)
+    if programs is None:
+        programs = _programs[key] = _Programs(unpack, unravel, step, batched)
+        # The names of the variables are known from a trace.
+        inputs = np.zeros(len(airframe.actuators.names) + 1)
+        motion_row = jnp.append(state, 0.0)
+        rows = (motion_row[None], inputs[None]) if batched else (motion_row, inputs)
+        jax.eval_shape(programs.variables, constants, *rows)
+    return constants, programs
+
+
+def _static_key(leaf: Any) -> Any:
+    return (leaf.shape, str(leaf.dtype), np.asarray(leaf).tobytes()) if hasattr(leaf, "dtype") else leaf
+
+
+def _stack(rows: Sequence[np.ndarray], count: int | None) -> np.ndarray:
+    return rows[0] if count is None else np.stack(rows)

@@ -1,0 +1,145 @@
+"""Start of a flight: a trim point, or any state by named variables; and the names of states and inputs."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.analysis.trim_points import ConditionError, TrimResult
+from anser.compiling.options import compiled_quickly
+from anser.environment.environment import Environment
+from anser.numerics.arrays import as_array
+from anser.parts.paths import polar
+from anser.shapes import Vector
+from anser.simulation.open_loop import dataset_variables, start_point
+from anser.spatial.rotations import quaternion_from_euler, rotate, rotate_back, rotation_from_quaternion
+from anser.steady.trim import TrimPoint
+from anser.units import DEG_RAD, RAD_DEG
+
+_REQUIRED = ("airspeed_m_s", "altitude_m")
+_OPTIONAL = (
+    *("north_m", "east_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
+    *("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s"),
+)
+
+
+def start_names(airframe: AbstractAirframe) -> tuple[str, ...]:
+    """Return the names of the variables that define a start state; all but airspeed and altitude default to 0."""
+    return (*_REQUIRED, *_OPTIONAL, *(f"{name}_deg" for name in airframe.actuators.names), "throttle")
+
+
+def input_names(airframe: AbstractAirframe) -> tuple[str, ...]:
+    """Return the names of the inputs: the surfaces (deg), and the throttle (0..1)."""
+    return (*airframe.actuators.names, "throttle")
+
+
+def resolve_start(airframe: AbstractAirframe, environment: Environment, start: Any) -> TrimPoint:
+    """Return the start of a flight in the form of a trim point.
+
+    Parameters
+    ----------
+    airframe, environment
+        The aircraft, and the air at the start. The airspeed of a start is kept in any wind.
+    start
+        Trim from `anser.trim` or `AircraftModel.trim`, a `TrimPoint`, or a mapping with the names of `start_names`.
+        Further names of a dataset's variables are accepted where their value follows from these, so that the last
+        sample of a flight is a start.
+
+    Raises
+    ------
+    ConditionError
+        The trim is not a steady flight.
+    ValueError
+        A name is unknown or missing, or a value is not a finite number.
+    """
+    if isinstance(start, TrimResult):
+        if start.diagnosis is not None:
+            raise ConditionError(f"start: no steady flight: {start.diagnosis}")
+        start = start.point
+    if isinstance(start, TrimPoint):
+        return _in_wind(environment, start)
+    if not isinstance(start, Mapping):
+        raise ValueError(
+            f"start: arrived {type(start).__name__}; expected a trim, such as aircraft.trim(speed_m_s=150, "
+            f"altitude_m=1000), or a mapping of {', '.join(start_names(airframe))}"
+        )
+    names = start_names(airframe)
+    unknown = [name for name in start if name not in names]
+    if unknown:
+        raise ValueError(f"start: arrived {unknown[0]!r}; expected names among {', '.join(names)}")
+    missing = [name for name in _REQUIRED if name not in start]
+    if missing:
+        raise ValueError(f"start: {missing[0]} is missing; expected at least {' and '.join(_REQUIRED)}")
+    values = np.array([float(start.get(name, 0.0)) for name in names])
+    if not np.all(np.isfinite(values)) or values[0] <= 0.0:
+        raise ValueError(f"start: arrived {dict(start)}; expected finite numbers and a positive airspeed")
+    return _named_start(airframe, environment, as_array(values))
+
+
+@compiled_quickly
+def _named_start(airframe: AbstractAirframe, environment: Environment, values: Vector) -> TrimPoint:
+    V, altitude, north, east = values[:4]
+    alpha, beta, *euler = values[4:9] * DEG_RAD
+    rates_b = values[9:12] * DEG_RAD
+    surfaces, throttle = values[12:-1] * DEG_RAD, values[-1]
+    quaternion = quaternion_from_euler(*euler)
+    velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+    position_n = jnp.stack([north, east, -altitude])
+    wind_b = rotate(rotation_from_quaternion(quaternion), environment.wind.at(position_n, 0.0))
+    power = airframe.engine.steady_power(throttle)
+    state = AircraftState(
+        position_n,
+        velocity_air_b + wind_b,
+        quaternion,
+        rates_b,
+        airframe.actuators.steady_state(surfaces),
+        airframe.engine.steady_state(power),
+    )
+    return start_point(airframe, environment, state, Controls(surfaces, throttle))
+
+
+@compiled_quickly
+def _in_wind(environment: Environment, trim: TrimPoint) -> TrimPoint:
+    """Return a trim point with the velocity over ground in the environment's wind, and the same airspeed.
+
+    The trim is one in still air, as `anser.trim` computes it.
+    """
+    state = trim.state
+    wind_n = environment.wind.at(state.position_n, 0.0)
+    velocity_b = state.velocity_b + rotate(rotation_from_quaternion(state.quaternion), wind_n)
+    moved = AircraftState(state.position_n, velocity_b, state.quaternion, state.rates_b, state.actuators, state.engine)
+    return TrimPoint(
+        moved, trim.controls, trim.mu, trim.alpha, trim.beta, trim.power, trim.converged, trim.residual, trim.excess
+    )
+
+
+def reference_inputs(airframe: AbstractAirframe, controls: Controls) -> dict[str, float]:
+    """Return the inputs at the start by name: surfaces in deg, throttle 0..1."""
+    deflections = np.asarray(controls.surfaces) * RAD_DEG
+    return dict(zip(input_names(airframe), [*map(float, deflections), float(controls.throttle)], strict=True))
+
+
+@compiled_quickly
+def _variables(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> dict[str, Any]:
+    return dataset_variables(airframe, environment, 0.0, point.state, point.controls)
+
+
+def named_state(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> dict[str, float]:
+    """Return a start by the names of `start_names`, from which `resolve_start` makes the same start again."""
+    variables = {name: float(value) for name, value in _variables(airframe, environment, point).items()}
+    return {name: variables[name] for name in start_names(airframe)}
+
+
+def air_path(environment: Environment, point: TrimPoint) -> tuple[float, float, float]:
+    """Return airspeed (m/s), path angle and course through the air (deg) of a start."""
+    V, gamma, chi = (float(value) for value in _air_path(environment, point.state))
+    return V, gamma * RAD_DEG, chi * RAD_DEG
+
+
+@compiled_quickly
+def _air_path(environment: Environment, state: AircraftState) -> tuple[Any, Any, Any]:
+    velocity_n = rotate_back(rotation_from_quaternion(state.quaternion), state.velocity_b)
+    path = polar(velocity_n - environment.wind.at(state.position_n, 0.0), jnp.zeros(3))
+    return path.V, path.gamma, path.chi
