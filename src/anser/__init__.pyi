@@ -2,18 +2,36 @@ from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, rare
 from .missions import load_flight, plan, run, sweep
 from .scenario import load, loads
+from .single_aircraft import (
+    Simulator,
+    aircraft,
+    doublet,
+    multisine,
+    simulate,
+    sine_sweep,
+    step_input,
+    three_two_one_one,
+)
 
 __version__: str
 __all__ = [
+    "Simulator",
+    "aircraft",
     "campaign",
     "compare_campaigns",
+    "doublet",
     "linearize",
     "load",
     "load_flight",
     "loads",
+    "multisine",
     "plan",
     "rare",
     "run",
+    "simulate",
+    "sine_sweep",
+    "step_input",
     "sweep",
+    "three_two_one_one",
     "trim",
 ]

@@ -38,6 +38,8 @@ _F16_SPEEDS_M_S = (40.0, 400.0)
 _LOAD_FACTORS = np.array([1.1, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
 _MASS_SHARES = (0.8, 0.9, 1.0, 1.1, 1.2)
 _CLIMB_STEPS = 8
+_CHUNK = 64
+"""Points that are trimmed in one call."""
 _SERVICE_CLIMB_M_S = 0.508
 """Climb rate that remains at the service ceiling: 100 ft/min."""
 _LIMITS = dict(
@@ -107,7 +109,7 @@ def _trim_points(airframe: AbstractAirframe, environment: Environment, points: _
         flight, _, full = fly(path_angle)
         return _Flights(flight, path_angle, full)
 
-    return jax.lax.map(trim_point, points, batch_size=64)
+    return jax.vmap(trim_point)(points)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,8 +203,15 @@ def performance_sheet(
         values = {"turn_rate": 0.0, "mass": 1.0, "power": np.nan, "altitude": altitude_m} | columns
         arrays = np.broadcast_arrays(*(np.asarray(values[name], dtype=float) for name in _Points._fields))
         climb_steps = 0 if np.isnan(values["power"]) else _CLIMB_STEPS
-        points = _Points(*(as_array(np.ravel(array)) for array in arrays))
-        return _trim_points(airframe, environment, points, as_array(climb_steps, int))
+        columns_flat = [np.ravel(array) for array in arrays]
+        count = columns_flat[0].size
+        chunks = []
+        for first in range(0, count, _CHUNK):  # one shape, so that one program serves all
+            rows = np.minimum(np.arange(first, first + _CHUNK), count - 1)
+            points = _Points(*(as_array(column[rows]) for column in columns_flat))
+            flights = _trim_points(airframe, environment, points, as_array(climb_steps, int))
+            chunks.append(jax.tree.map(np.asarray, flights))
+        return jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *chunks)
 
     figures = [
         *_stall_figures(fly, speeds),
