@@ -10,6 +10,8 @@ JAX itself is imported on the first use of a function that computes with arrays.
 
 import os
 import sys
+import types
+from typing import Any
 
 import lazy_loader
 
@@ -20,3 +22,16 @@ else:
 
 __version__ = "0.1.0"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+class AircraftRoom(types.ModuleType):
+    """Class of the package `anser.aircraft`, which thereby is also the function `anser.aircraft("f16")`.
+
+    The import of the package sets the attribute `aircraft` of `anser`, where users find the function of this name.
+    """
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Load an aircraft: see `anser.single_aircraft.aircraft`."""
+        from anser.single_aircraft.model import aircraft
+
+        return aircraft(*args, **kwargs)

@@ -12,6 +12,7 @@ from anser.cli.console import (
     RefusedError,
     activity,
     columns,
+    must_be_in_range,
     must_be_known_aircraft,
     print_document,
     print_line,
@@ -81,6 +82,14 @@ def show(
     aircraft: _Aircraft,
     variant: VariantName = "textbook",
     altitude_m: Annotated[float, typer.Option(help="Of the steady flights and the thrust.")] = 0.0,
+    performance: Annotated[
+        bool,
+        typer.Option(
+            "--performance",
+            help="The performance sheet instead: stall, level flight, climb, ceiling, glide, turns; the picture is the "
+            "specific excess power.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(help="New file for a picture: coefficients, thrust, trim map; NAME.png, .svg, .pdf.")
     ] = None,
@@ -90,6 +99,9 @@ def show(
     must_be_known_aircraft(aircraft, variant)
     if out is not None:
         must_be_new_file("--out", out, _PICTURES, force)
+    if performance:
+        _show_performance(aircraft, variant, altitude_m, out, force)
+        return
     from anser.analysis.airframes import describe_airframe, find_aircraft_file, survey_airframe, trim_speed_range
     from anser.analysis.trim_points import airframe_label, resolve_airframe
 
@@ -125,6 +137,30 @@ def show(
         print_line(f"source: {file.source}")
         if file.assumed:
             print_line(f"assumed: {file.assumed}")
+    if out is not None:
+        print_note(f"{out}: written")
+
+
+def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path | None, force: bool) -> None:
+    must_be_in_range("--altitude-m", altitude_m, 0.0, 20_000.0)
+    from anser.single_aircraft.model import aircraft as load_model
+
+    with activity("trimming"):
+        sheet = load_model(aircraft, variant).performance(altitude_m)
+    if out is not None:
+        from anser.report.style import save_figure
+
+        with open_output_file("--out", out, force) as picture:
+            save_figure(sheet.plot(), [picture])
+    print_document(sheet.document)
+    headings = [
+        *columns("figure"),
+        *columns("value", justify="right", digits=2),
+        *columns("unit"),
+        *columns("limit", overflow="fold"),
+    ]
+    rows = [(figure.name, figure.value, figure.unit, figure.limit) for figure in sheet.figures]
+    print_table(sheet.title, headings, rows)
     if out is not None:
         print_note(f"{out}: written")
 

@@ -27,6 +27,7 @@ from anser.cli.margins import margins
 from anser.cli.process import interrupts
 from anser.cli.reports import export, figures, report
 from anser.cli.scenario_files import check, convert, new, schema
+from anser.cli.simulate import simulate
 from anser.cli.steady_flight import deep_stall, linearize, trim
 from anser.cli.step_tests import gallery, step
 from anser.cli.surveys import envelope, robustness
@@ -110,6 +111,7 @@ for _command in (
     rare,
     check,
     trim,
+    simulate,
     linearize,
     deep_stall,
     step,

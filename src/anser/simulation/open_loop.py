@@ -16,11 +16,16 @@ from anser.parts.perception import Belief, Instant, Truth
 from anser.parts.planners import AircraftPlan
 from anser.shapes import Count, ScalarLike, Vector3
 from anser.simulation.closed_loop import FLYING
-from anser.simulation.recorders import AbstractRecorder, AircraftSample, record
+from anser.simulation.recorders import CONTROLLER_COMMANDS, CONTROLLER_FLAGS, AbstractRecorder, AircraftSample, record
 from anser.spatial.wind_axes import bank_about_velocity
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
 from anser.variables import catalogue
+
+CONTROLLER_KEYS = frozenset(
+    {"airspeed_command", "path_angle_command", "course_command", *CONTROLLER_COMMANDS, *CONTROLLER_FLAGS}
+)
+"""Keys of the recorded variables that only a controller defines."""
 
 StateFeedback = Callable[[Any, Mapping[str, Any]], Mapping[str, Any]]
 """Function from the time, s, and the variables by dataset name, to controls by name: deg, and throttle 0..1."""
@@ -174,7 +179,11 @@ def state_variables(
 def dataset_variables(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
 ) -> dict[str, Array]:
-    """Compute the variables of a state by dataset name, in the units of the catalogue (degrees)."""
+    """Compute the variables of a state by dataset name, in the units of the catalogue (degrees), in open loop."""
     variables = state_variables(airframe, environment, time, state, controls)
     described = {variable.key: variable for variable in catalogue(airframe.actuators.names)}
-    return {described[key].name: value * described[key].factor for key, value in variables.items()}
+    return {
+        described[key].name: value * described[key].factor
+        for key, value in variables.items()
+        if key not in CONTROLLER_KEYS and key != "status"
+    }

@@ -49,7 +49,7 @@ def _is_identity(members: Members) -> bool:
     return members == tuple(range(len(members)))
 
 
-_CONTROLLER_COMMANDS = (
+CONTROLLER_COMMANDS = (
     "thrust_command",
     "bank_command",
     "alpha_command",
@@ -58,7 +58,7 @@ _CONTROLLER_COMMANDS = (
     "pitch_rate_command",
     "yaw_rate_command",
 )
-_CONTROLLER_FLAGS = (
+CONTROLLER_FLAGS = (
     "thrust_limited",
     "lift_limited",
     "bank_limited",
@@ -114,8 +114,8 @@ def record(sample: "AircraftSample") -> dict[str, Array]:
         "airspeed_command": sample.command.V,
         "path_angle_command": sample.command.gamma,
         "course_command": sample.command.chi,
-        **{key: jnp.full_like(data.V, jnp.nan) for key in _CONTROLLER_COMMANDS},
-        **{key: jnp.asarray(False) for key in _CONTROLLER_FLAGS},
+        **{key: jnp.full_like(data.V, jnp.nan) for key in CONTROLLER_COMMANDS},
+        **{key: jnp.asarray(False) for key in CONTROLLER_FLAGS},
         **signal_variables(sample.signals),
         "outside_tables": truth.airframe.outside_tables(data),
         "status": sample.status,

@@ -43,7 +43,7 @@ def sample_inputs(
     ValueError
         An input is unknown, or its values do not fit.
     """
-    columns = inputs if isinstance(inputs, Mapping) else read_table(inputs, subject)
+    columns = inputs if _is_by_name(inputs) else read_table(inputs, subject)
     unknown = [name for name in columns if name not in reference]
     if unknown:
         raise ValueError(f"{subject}: arrived {unknown[0]!r}; expected inputs among {', '.join(reference)}")
@@ -120,6 +120,11 @@ def read_table(table: Any, subject: str = "controls") -> dict[str, tuple[np.ndar
     return {name.removesuffix("_deg"): (times, values) for name, values in columns.items()}
 
 
+def _is_by_name(inputs: Any) -> bool:
+    """Whether inputs are a mapping by name; a Dataset is a mapping too, but a table here."""
+    return isinstance(inputs, Mapping) and not hasattr(inputs, "data_vars")
+
+
 def check_function(controls: Any) -> Callable[..., Any] | None:
     """Return the controls if they are a function of time and state, or None."""
     return controls if callable(controls) and not isinstance(controls, InputSignal | Mapping) else None
@@ -127,7 +132,7 @@ def check_function(controls: Any) -> Callable[..., Any] | None:
 
 def describe_inputs(inputs: Any) -> str:
     """Describe controls or commands for the provenance of a dataset."""
-    if not isinstance(inputs, Mapping):
+    if not _is_by_name(inputs):
         return getattr(inputs, "__qualname__", str(inputs) if isinstance(inputs, str | os.PathLike) else "table")
     texts = []
     for name, value in inputs.items():

@@ -31,7 +31,13 @@ from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
-from anser.simulation.open_loop import FeedbackControls, PrescribedCommand, PrescribedControls, SampleRecorder
+from anser.simulation.open_loop import (
+    CONTROLLER_KEYS,
+    FeedbackControls,
+    PrescribedCommand,
+    PrescribedControls,
+    SampleRecorder,
+)
 from anser.simulation.vehicle import Vehicle
 from anser.single_aircraft.air import Air, read_air
 from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
@@ -43,6 +49,8 @@ from anser.variables import catalogue
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+OPEN_LOOP = "none: open loop"
+"""Attribute `controller` of a flight without one."""
 _COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
 
 
@@ -83,18 +91,22 @@ class AircraftFlight:
         FileExistsError
             If the folder exists and `force` is False.
         """
-        from anser.report.aircraft_flight import write_aircraft_report
-        from anser.report.style import save_figure
-        from anser.results.netcdf import write_netcdf
-
         target = Path(folder)
         if target.exists() and not (target.is_dir() and force):
             raise FileExistsError(f"{target} exists and is not overwritten: choose another folder, or give force=True")
         with staged_folder(target) if target.exists() else new_folder(target) as staging:
-            write_netcdf(self.dataset, staging / "flight.nc")
-            save_figure(self.plot(), [staging / "flight.png"])
-            write_aircraft_report(self.dataset, staging / "report.html")
+            self.write_into(staging)
         return target
+
+    def write_into(self, folder: Path) -> None:
+        """Write the three files into an existing folder; raises FileExistsError if one of the files exists."""
+        from anser.report.aircraft_flight import write_aircraft_report
+        from anser.report.style import save_figure
+        from anser.results.netcdf import write_netcdf
+
+        write_netcdf(self.dataset, folder / "flight.nc")
+        save_figure(self.plot(), [folder / "flight.png"])
+        write_aircraft_report(self.dataset, folder / "report.html")
 
     def report(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write the flight's page, one HTML file: figure, least and greatest values, conditions."""
@@ -208,7 +220,7 @@ def simulate(
     attributes = {
         **identity,
         "controls": describe_inputs(controls or {}) if controller is None else "",
-        "controller": "none: open loop" if controller is None else _part_name(controller),
+        "controller": OPEN_LOOP if controller is None else _part_name(controller),
         "command": describe_inputs(command or {}) if controller is not None else "",
         "step_s": step_s,
         "seed": seed,
@@ -372,6 +384,7 @@ def flight_dataset(
         end = f"{reason} at {time_s[rows]:g} s"
     if rows == 0:
         raise ValueError(f"start: {end}; expected a finite state above the ground (altitude_m > 0)")
+    left_out = {"status", *(CONTROLLER_KEYS if attributes["controller"] == OPEN_LOOP else ())}
     data: dict[str, Any] = {
         variable.name: (
             "time",
@@ -379,7 +392,7 @@ def flight_dataset(
             catalogue_attributes(variable),
         )
         for variable in catalogue(surfaces)
-        if variable.key in history and variable.key != "status"
+        if variable.key in history and variable.key not in left_out
     }
     coordinates = {"time": ("time", time_s[:rows], {"units": "s", "long_name": "Time", "symbol": "t"})}
     return xr.Dataset(data, coordinates, {**attributes, "surfaces": " ".join(surfaces), "end": end})

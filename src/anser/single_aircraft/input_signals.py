@@ -51,7 +51,7 @@ def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> Inp
 def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0.7) -> InputSignal:
     """Return a 3-2-1-1: pulses of alternating sign with lengths of 3, 2, 1 and 1 times `width_s`.
 
-    Source: Marchand and Koehler (1974); [MK] section 9.3.
+    Source: Klein and Morelli, Aircraft System Identification (2006), chapter 9.
     """
     description = f"3-2-1-1 of {amplitude:g} at {start_s:g} s, unit of {width_s:g} s"
     widths = (3.0 * width_s, 2.0 * width_s, width_s, width_s)
@@ -171,9 +171,30 @@ def _require_finite(name: str, value: float) -> None:
         raise ValueError(f"{name}: arrived {value:g}; expected a finite number")
 
 
-SIGNALS: dict[str, Callable[..., InputSignal]] = {
+_SIGNALS: dict[str, Callable[..., InputSignal]] = {
     "step": step_input,
     "doublet": doublet,
     "3211": three_two_one_one,
 }
-"""Signals that the command line accepts, by name; their numbers follow in the order of the function's arguments."""
+
+
+def parse_signal(text: str) -> InputSignal:
+    """Return the signal of a text SIGNAL:AMPLITUDE[:START_S[:WIDTH_S]], such as `doublet:1:2`.
+
+    Raises
+    ------
+    ValueError
+        The signal is unknown, or a number is missing or wrong.
+    """
+    name, *texts = text.split(":")
+    try:
+        numbers = [float(number) for number in texts]
+    except ValueError:
+        numbers = []
+    count_max = 2 if name == "step" else 3
+    if name not in _SIGNALS or not 1 <= len(numbers) <= count_max or len(numbers) != len(texts):
+        expected = (
+            "step:AMPLITUDE[:START_S], doublet:AMPLITUDE[:START_S[:WIDTH_S]] or 3211:AMPLITUDE[:START_S[:WIDTH_S]]"
+        )
+        raise ValueError(f"arrived {text!r} as the signal; expected {expected}")
+    return _SIGNALS[name](*numbers)

@@ -93,9 +93,8 @@ class AircraftModel:
             The steady flight does not exist.
         """
         if (trim is None) == (not condition):
-            raise ValueError(
-                "linearize: expected a trim, or a condition (speed_m_s=..., altitude_m=...), one of the two"
-            )
+            arrived = "neither trim nor condition" if trim is None else "both trim and condition"
+            raise ValueError(f"linearize: arrived {arrived}; expected one: a trim, or speed_m_s=..., altitude_m=...")
         values = dict(condition) if trim is None else dict(trim.condition)
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})

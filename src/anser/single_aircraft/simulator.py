@@ -33,7 +33,8 @@ class NamedState(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         try:
-            return self._values()[..., self._indices[name]]
+            values = self._values()
+            return float(values[self._indices[name]]) if values.ndim == 1 else values[:, self._indices[name]]
         except KeyError:
             raise KeyError(f"{name!r} is not a variable of the state; the names are {', '.join(self)}") from None
 

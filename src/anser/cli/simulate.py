@@ -1,0 +1,163 @@
+"""Command simulate: the flight of one aircraft under given controls."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from anser.cli.app import help_epilog
+from anser.cli.arguments import (
+    Altitude,
+    CentreOfGravity,
+    PathAngle,
+    TrueAirspeed,
+    TurnRate,
+    VariantName,
+    complete_aircraft,
+)
+from anser.cli.console import (
+    RefusedError,
+    activity,
+    columns,
+    end_without_result,
+    must_be_flight_condition,
+    must_be_in_range,
+    must_be_known_aircraft,
+    print_document,
+    print_note,
+    print_table,
+)
+from anser.cli.folders import Force, open_output_folder
+
+_SHOWN = (
+    *("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
+    *("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s", "load_factor"),
+)
+
+
+@help_epilog(
+    "anser simulate f16 --speed-m-s 150 --altitude-m 1000 --input elevator=doublet:1 --out runs/doublet",
+    "anser simulate aerosonde --speed-m-s 25 --altitude-m 300 --input aileron=3211:2 --turbulence light",
+    "anser simulate f16 --speed-m-s 150 --altitude-m 1000 --controls stick.csv --duration-s 30",
+    unmet="no steady flight at the start",
+)
+def simulate(
+    aircraft: Annotated[
+        str,
+        typer.Argument(
+            help="Name of an airframe, or path of an aircraft file.",
+            show_default=False,
+            autocompletion=complete_aircraft,
+        ),
+    ],
+    speed_m_s: TrueAirspeed,
+    altitude_m: Altitude,
+    variant: VariantName = "textbook",
+    cg: CentreOfGravity = None,
+    path_angle_deg: PathAngle = 0.0,
+    turn_rate_deg_s: TurnRate = 0.0,
+    input_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--input",
+            help="NAME=SIGNAL:AMPLITUDE[:START_S[:WIDTH_S]], deg or throttle, added to the trim; signals: step, "
+            "doublet, 3211. May be given once for each input.",
+        ),
+    ] = None,
+    controls: Annotated[
+        Path | None,
+        typer.Option(help="CSV file with a column time_s and a column for each input: deg, and throttle 0 to 1."),
+    ] = None,
+    increments: Annotated[
+        bool, typer.Option("--increments", help="The numbers of the CSV file are added to the trim.")
+    ] = False,
+    duration_s: Annotated[float, typer.Option(help="Length of the flight.")] = 20.0,
+    step_s: Annotated[float, typer.Option(help="Period of samples and integration.")] = 0.01,
+    wind_m_s: Annotated[float, typer.Option(help="Wind speed.")] = 0.0,
+    wind_from_deg: Annotated[float, typer.Option(help="Direction that the wind comes from.")] = 0.0,
+    turbulence: Annotated[
+        Literal["none", "light", "moderate", "severe"], typer.Option(help="Intensity of the turbulence.")
+    ] = "none",
+    earth: Annotated[Literal["standard", "flat", "wgs84"], typer.Option(help="Model of the Earth.")] = "standard",
+    seed: Annotated[int, typer.Option(help="Seed of the turbulence.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="New folder for flight.nc, flight.png and report.html.")] = None,
+    force: Force = False,
+) -> None:
+    """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
+    must_be_known_aircraft(aircraft, variant)
+    condition: dict[str, Any] = {
+        "speed_m_s": speed_m_s,
+        "altitude_m": altitude_m,
+        "path_angle_deg": path_angle_deg,
+        "turn_rate_deg_s": turn_rate_deg_s,
+    }
+    must_be_flight_condition(condition | {"cg": cg})
+    must_be_in_range("--duration-s", duration_s, 0.01, 36_000.0)
+    must_be_in_range("--step-s", step_s, 1e-4, 1.0)
+    if input_ and controls is not None:
+        raise RefusedError("--controls: arrived with --input; expected one of the two")
+    from anser.single_aircraft.flight import simulate as fly
+    from anser.single_aircraft.input_signals import parse_signal
+    from anser.single_aircraft.model import aircraft as load_model
+
+    model = load_model(aircraft, variant, x_cg_over_c=cg)
+    signals: dict[str, Any] = {}
+    for text in input_ or []:
+        name, _, signal = text.partition("=")
+        if name not in model.inputs or name in signals:
+            expected = f"each input once, among {', '.join(model.inputs)}"
+            raise RefusedError(f"--input {text}: arrived {name!r}; expected NAME=SIGNAL:AMPLITUDE, {expected}")
+        try:
+            signals[name] = parse_signal(signal)
+        except ValueError as error:
+            raise RefusedError(f"--input {text}: {error}") from None
+    with activity("trimming"):
+        trim = model.trim(**condition)
+    if trim.diagnosis is not None:
+        end_without_result("no steady flight", [trim.diagnosis])
+    with activity("flying"):
+        try:
+            flight = fly(
+                model,
+                trim,
+                signals if controls is None else controls,
+                duration_s=duration_s,
+                step_s=step_s,
+                increments=increments,
+                wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
+                turbulence=turbulence,
+                earth=None if earth == "standard" else earth,
+                seed=seed,
+            )
+        except ValueError as error:
+            raise RefusedError(str(error)) from None
+    dataset = flight.dataset
+    if out is not None:
+        with open_output_folder(out, force) as folder:
+            flight.write_into(folder)
+    figures = [
+        {
+            "name": name,
+            "start": float(dataset[name][0]),
+            "end": float(dataset[name][-1]),
+            "least": float(dataset[name].min()),
+            "greatest": float(dataset[name].max()),
+        }
+        for name in _SHOWN
+    ]
+    print_document(
+        lambda: {
+            "format_version": 1,
+            **model.identity,
+            **condition,
+            "controls": dataset.attrs["controls"],
+            "end": dataset.attrs["end"],
+            "duration_s": float(dataset["time"][-1]),
+            "variables": figures,
+        }
+    )
+    headings = [*columns("variable"), *columns("start", "end", "least", "greatest", justify="right", digits=3)]
+    title = f"{aircraft}: {float(dataset['time'][-1]):g} s, {dataset.attrs['end']}"
+    print_table(title, headings, [tuple(figure.values()) for figure in figures])
+    if out is not None:
+        print_note(f"{out}: flight.nc, flight.png, report.html")

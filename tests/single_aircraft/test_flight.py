@@ -1,0 +1,237 @@
+"""Flight of one aircraft: against the linear model, the textbook's equations in NumPy, and the closed loop's parts."""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import anser
+from anser.analysis.trim_points import ConditionError
+from anser.config.errors import ScenarioError
+from anser.results.netcdf import read_netcdf
+from support import stevens_lewis as textbook
+
+DURATION_S = 10.0
+
+
+@functools.cache
+def f16():
+    return anser.aircraft("f16")
+
+
+@functools.cache
+def level():
+    return f16().trim(speed_m_s=150.0, altitude_m=1000.0)
+
+
+@functools.cache
+def doublet_flight(amplitude_deg):
+    controls = {"elevator": anser.doublet(amplitude_deg), "aileron": anser.doublet(amplitude_deg, start_s=3.0)}
+    return anser.simulate(f16(), level(), controls, duration_s=DURATION_S).dataset
+
+
+def linear_response(amplitude_deg):
+    """States of the linear model under the same commands, constant over each sample: exact by the matrix exponential."""
+    model = f16().linearize(level(), actuators=True).model
+    A, B = np.asarray(model.A), np.asarray(model.B)
+    n, m = B.shape
+    step = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * 0.01)
+    time = np.arange(round(DURATION_S / 0.01) + 1) * 0.01
+    u = np.zeros((time.size, m))
+    names = {"elevator_command": 1.0, "aileron_command": 3.0}
+    for name, start in names.items():
+        u[:, model.inputs.index(name)] = np.radians(anser.doublet(amplitude_deg, start_s=start)(time))
+    x = np.zeros((time.size, n))
+    for k in range(time.size - 1):
+        x[k + 1] = step[:n, :n] @ x[k] + step[:n, n:] @ u[k]
+    return dict(zip(model.states, (x + np.asarray(model.x)).T, strict=True))
+
+
+def test_small_doublets_approach_the_linear_model_with_the_square_of_the_amplitude():
+    quantities = {"alpha": "alpha_deg", "Q": "pitch_rate_deg_s", "theta": "pitch_deg", "phi": "roll_deg"}
+    quantities |= {"P": "roll_rate_deg_s"}
+    # The amplitudes keep every look-up within one cell of the tables, where the only nonlinearity is smooth.
+    errors = {}
+    for amplitude in (0.02, 0.04):
+        flown, linear = doublet_flight(amplitude), linear_response(amplitude)
+        errors[amplitude] = {
+            state: np.abs(np.radians(flown[name].values) - linear[state]).max() for state, name in quantities.items()
+        }
+        moved = {state: np.ptp(linear[state]) for state in quantities}
+        for state, error in errors[amplitude].items():
+            assert error < 0.02 * moved[state], (state, error / moved[state])
+    for state in ("alpha", "Q", "theta"):
+        assert errors[0.04][state] / errors[0.02][state] == pytest.approx(4.0, rel=0.25), (state, errors)
+
+
+def test_a_doublet_follows_the_textbook_equations_in_numpy():
+    aircraft = textbook.exact_constants(0.30)
+    foot = textbook.FOOT_M
+    start, trimmed = textbook.trim(aircraft, 150.0 / foot, 1000.0 / foot)
+    time = np.arange(round(DURATION_S / 0.01)) * 0.01
+    history = [
+        trimmed._replace(elevator=trimmed.elevator + e, aileron=trimmed.aileron + a)
+        for e, a in zip(anser.doublet(2.0)(time), anser.doublet(2.0, start_s=3.0)(time), strict=True)
+    ]
+    expected = textbook.fly(aircraft, start, history, 0.01)
+    named_start = {
+        "airspeed_m_s": start[0] * foot,
+        "altitude_m": start[11] * foot,
+        "alpha_deg": np.degrees(start[1]),
+        "beta_deg": np.degrees(start[2]),
+        "pitch_deg": np.degrees(start[4]),
+        "elevator_deg": trimmed.elevator,
+        "aileron_deg": trimmed.aileron,
+        "rudder_deg": trimmed.rudder,
+        "throttle": trimmed.throttle,
+    }
+    controls = {"elevator": anser.doublet(2.0), "aileron": anser.doublet(2.0, start_s=3.0)}
+    flown = anser.simulate(f16(), named_start, controls, duration_s=DURATION_S).dataset
+    columns = {
+        "airspeed_m_s": (0, foot),
+        "alpha_deg": (1, np.degrees(1.0)),
+        "beta_deg": (2, np.degrees(1.0)),
+        "roll_deg": (3, np.degrees(1.0)),
+        "pitch_deg": (4, np.degrees(1.0)),
+        "roll_rate_deg_s": (6, np.degrees(1.0)),
+        "pitch_rate_deg_s": (7, np.degrees(1.0)),
+        "yaw_rate_deg_s": (8, np.degrees(1.0)),
+        "altitude_m": (11, foot),
+        "elevator_deg": (13, 1.0),
+    }
+    for name, (column, factor) in columns.items():
+        reference = expected[:, column] * factor
+        departure = np.abs(flown[name].values[: reference.size] - reference).max()
+        # issue: 1e-6 of scale; rounding of the start's power by the gearing is 1e-12
+        assert departure < 1e-6 * max(np.ptp(reference), 1e-3), (name, departure / np.ptp(reference))
+
+
+def test_a_function_of_time_and_state_flies_like_the_same_numbers_in_a_table():
+    by_function = anser.simulate(
+        f16(),
+        level(),
+        lambda time_s, state: {"elevator": state["pitch_deg"] * 0.0 - 2.0 + 0.1 * (time_s > 1.0)},
+        duration_s=2.0,
+    ).dataset
+    time = np.arange(201) * 0.01
+    by_table = anser.simulate(f16(), level(), {"elevator": -2.0 + 0.1 * (time > 1.0)}, duration_s=2.0).dataset
+    np.testing.assert_allclose(by_function.alpha_deg, by_table.alpha_deg, rtol=0, atol=1e-9)
+
+
+def test_a_feedback_law_damps_the_pitch_motion():
+    start = f16().start(level()) | {"pitch_rate_deg_s": 10.0}
+    elevator = start["elevator_deg"]
+    laws = (lambda t, x: {"elevator": elevator}, lambda t, x: {"elevator": elevator + 0.5 * x["pitch_rate_deg_s"]})
+    free, damped = (anser.simulate(f16(), start, law, duration_s=2.0).dataset for law in laws)
+    late = slice(0.5, None)
+    assert abs(damped.pitch_rate_deg_s.sel(time=late)).max() < 0.5 * abs(free.pitch_rate_deg_s.sel(time=late)).max()
+
+
+def test_the_autopilot_follows_a_course_command():
+    flight = anser.simulate(
+        f16(), level(), controller="inversion", command={"course_deg": anser.step_input(20.0)}, duration_s=20.0
+    ).dataset
+    assert float(flight.course_deg[-1]) == pytest.approx(20.0, abs=0.2)
+    assert float(flight.airspeed_m_s[-1]) == pytest.approx(150.0, abs=0.2)
+    assert flight.attrs["controller"] == "inversion"
+
+
+def test_without_lag_the_surfaces_follow_from_one_sample_to_the_next():
+    controls = {"elevator": anser.step_input(1.0, start_s=0.5), "throttle": anser.step_input(0.3, start_s=0.5)}
+    flight = anser.simulate(f16(), level(), controls, duration_s=1.0, actuator_lag=False, engine_lag=False).dataset
+    np.testing.assert_allclose(flight.elevator_deg[1:], flight.elevator_command_deg[:-1], rtol=0, atol=1e-12)
+    power = flight.power_percent.values
+    assert power[50] == pytest.approx(power[0], abs=1e-6)
+    assert power[52] == pytest.approx(64.94 * float(flight.throttle[51]), rel=1e-9)  # gearing of [SL], below 0.77
+
+
+def test_wind_moves_the_aircraft_and_keeps_the_motion_through_the_air():
+    calm = doublet_flight(0.02)
+    controls = {"elevator": anser.doublet(0.02), "aileron": anser.doublet(0.02, start_s=3.0)}
+    windy = anser.simulate(
+        f16(), level(), controls, duration_s=DURATION_S, wind={"speed_m_s": 20.0, "from_deg": 270.0}
+    ).dataset
+    np.testing.assert_allclose(windy.alpha_deg, calm.alpha_deg, rtol=0, atol=1e-8)
+    assert float(windy.east_m[-1] - calm.east_m[-1]) == pytest.approx(200.0, abs=1e-6)
+
+
+def test_turbulence_depends_on_the_seed_alone():
+    fly = functools.partial(anser.simulate, f16(), level(), duration_s=1.0, turbulence="moderate")
+    first, again, other = fly(seed=1).dataset, fly(seed=1).dataset, fly(seed=2).dataset
+    assert first.identical(again)
+    assert float(abs(first.gust_w_m_s - other.gust_w_m_s).max()) > 0.1
+
+
+def test_a_flight_ends_at_the_ground_and_tells_so():
+    low = f16().start(level()) | {"altitude_m": 40.0, "pitch_deg": -20.0}
+    flight = anser.simulate(f16(), low, duration_s=DURATION_S)
+    assert "the ground was reached" in flight.dataset.attrs["end"]
+    assert float(flight.dataset.altitude_m.min()) > 0.0
+    assert float(flight.dataset.time[-1]) < 3.0
+    assert "the ground was reached" in repr(flight)
+
+
+def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
+    flight = anser.simulate(f16(), level(), duration_s=1.0, record_period_s=0.1)
+    assert flight.dataset.sizes["time"] == 11
+    folder = flight.save(tmp_path / "flight")
+    assert read_netcdf(folder / "flight.nc").equals(flight.dataset)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<svg" in page
+    assert "Angle of attack" in page
+    assert (folder / "flight.png").stat().st_size > 10_000
+    with pytest.raises(FileExistsError, match="not overwritten"):
+        flight.save(folder)
+    flight.save(folder, force=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"aircraft": "f17"}, "f17"),
+        ({"aircraft": 3}, "aircraft: arrived int"),
+        ({"start": {"airspeed_m_s": 150.0}}, "altitude_m is missing"),
+        ({"start": {"airspeed_m_s": 150.0, "altitude_m": 10.0, "alfa_deg": 3.0}}, "arrived 'alfa_deg'"),
+        ({"start": {"airspeed_m_s": -1.0, "altitude_m": 10.0}}, "a positive airspeed"),
+        ({"start": {"airspeed_m_s": 150.0, "altitude_m": -10.0}}, "above the ground"),
+        ({"start": 7}, "start: arrived int; expected a trim"),
+        ({"record_period_s": 0.015}, "a multiple of the step"),
+        ({"controller": "pid"}, "controller: arrived 'pid'"),
+        ({"controller": "inversion", "controls": {"elevator": 1.0}}, "expected one of the two"),
+        ({"command": {"course_deg": 1.0}}, "command: arrived without a controller"),
+        ({"controls": lambda t, x: {"elevater": 1.0}}, "arrived 'elevater' from the function"),
+    ],
+)
+def test_wrong_arguments_are_refused_in_one_sentence(change, message):
+    arguments = {"aircraft": f16(), "start": level(), "duration_s": 1.0} | change
+    with pytest.raises(ValueError, match=message):
+        anser.simulate(arguments.pop("aircraft"), arguments.pop("start"), **arguments)
+
+
+def test_wrong_air_is_refused_as_in_a_scenario():
+    with pytest.raises(ScenarioError, match=r"wind.speed_m_s: arrived 300"):
+        anser.simulate(f16(), level(), duration_s=1.0, wind={"speed_m_s": 300.0})
+    with pytest.raises(ScenarioError, match=r"turbulence\.intensity"):
+        anser.simulate(f16(), level(), duration_s=1.0, turbulence="wild")
+
+
+def test_a_trim_without_steady_flight_is_no_start():
+    with pytest.raises(ConditionError, match="no steady flight"):
+        anser.simulate(f16(), f16().trim(20.0, 1000.0), duration_s=1.0)
+
+
+def test_own_controller_in_the_loop_of_one_aircraft():
+    class Hold(anser.parts.AbstractController):
+        def init(self, state, attitude):
+            return state.surfaces
+
+        def control(self, held, belief, command, step):
+            pitch_rate = belief.state.rates_b[1]
+            surfaces = held + jnp.stack([0.5 * pitch_rate, 0.0 * pitch_rate, 0.0 * pitch_rate])
+            return anser.aircraft.Controls(surfaces, jnp.asarray(0.15)), None, held
+
+    flight = anser.simulate(f16(), level(), controller=Hold(), duration_s=1.0).dataset
+    assert flight.attrs["controller"].endswith("Hold")
+    assert float(abs(flight.throttle - 0.15).max()) == 0.0

@@ -1,0 +1,121 @@
+"""Performance sheets: a parabolic polar against the textbook's formulas, the F-16 against trims and by hand."""
+
+import functools
+
+import numpy as np
+import pytest
+
+import anser
+from anser.constants import STANDARD_GRAVITY_M_S2
+
+
+@functools.cache
+def sheet():
+    return anser.aircraft("f16").performance(1000.0)
+
+
+def test_the_f16_excess_power_is_that_of_its_trim_by_hand():
+    f16 = anser.aircraft("f16")
+    data = sheet().dataset
+    row, column = 1, 24
+    V, h = float(data.airspeed[column]), float(data.altitude[row])
+    trim = f16.trim(V, h)
+    quantities = {name: value for name, value, _ in trim.quantities}
+    thrust_needed, alpha = 1000.0 * quantities["thrust"], np.radians(quantities["angle of attack"])
+    mach = quantities["Mach number"]
+    tables = _thrust_at_full_power(h, mach)
+    mass = 9295.44
+    by_hand = V * (tables - thrust_needed) * np.cos(alpha) / (mass * STANDARD_GRAVITY_M_S2)
+    assert float(data.specific_excess_power_m_s[row, column]) == pytest.approx(by_hand, rel=1e-6)
+
+
+def _thrust_at_full_power(altitude_m, mach):
+    """Thrust at full power, N: bilinear in the textbook's table (lbf over ft and Mach number)."""
+    from support import stevens_lewis as textbook
+
+    return textbook.thrust(100.0, altitude_m / textbook.FOOT_M, mach) * 4.4482216152605
+
+
+def test_the_f16_level_speeds_are_the_ends_of_its_trims():
+    f16 = anser.aircraft("f16")
+    least, greatest = sheet()["least level airspeed"], sheet()["greatest level airspeed"]
+    assert f16.trim(least.value * 1.002, 1000.0).diagnosis is None
+    below = f16.trim(least.value * 0.995, 1000.0).diagnosis
+    assert below is not None
+    assert "angle of attack" in below
+    assert least.limit == "angle of attack: end of the data"
+    assert f16.trim(greatest.value * 0.999, 1000.0).diagnosis is None
+    assert f16.trim(greatest.value * 1.005, 1000.0).diagnosis is not None
+    heavy = sheet()["least level airspeed, mass 120%"].value
+    assert 1.05 < heavy / least.value < np.sqrt(1.2) + 0.01
+
+
+def test_a_parabolic_polar_has_the_glide_and_the_speeds_of_the_textbook(tmp_path):
+    """Best glide 1 / (2 sqrt(CD0 k)) at CL = sqrt(CD0 / k); [Anderson, Aircraft Performance and Design, section 5.4]."""
+    model, numbers = _glider(tmp_path)
+    glider_sheet = model.performance(0.0)
+    best = 1.0 / (2.0 * np.sqrt(numbers["CD0"] * numbers["k"]))
+    CL = np.sqrt(numbers["CD0"] / numbers["k"])
+    # In a glide the lift carries the cosine of the path angle.
+    weight = numbers["mass"] * STANDARD_GRAVITY_M_S2 * np.cos(np.arctan(1.0 / best))
+    speed = np.sqrt(2.0 * weight / (1.225 * numbers["S"] * CL))
+    assert glider_sheet["best glide ratio"].value == pytest.approx(best, rel=2e-3)
+    assert glider_sheet["airspeed of the best glide"].value == pytest.approx(speed, rel=2e-2)  # a flat optimum
+    assert np.isnan(glider_sheet["best climb rate"].value) or glider_sheet["best climb rate"].value < 0.0
+
+
+def _glider(folder):
+    numbers = {"mass": 300.0, "S": 11.0, "b": 15.0, "CD0": 0.012, "oswald": 0.9}
+    numbers["k"] = numbers["S"] / (np.pi * numbers["oswald"] * numbers["b"] ** 2)
+    text = f"""
+format = 1
+name = "polar"
+description = "Glider with a parabolic polar"
+source = "formulas of the textbook"
+[mass]
+mass_kg = {numbers["mass"]}
+Jxx_kg_m2 = 1000.0
+Jyy_kg_m2 = 800.0
+Jzz_kg_m2 = 1700.0
+[geometry]
+span_m = {numbers["b"]}
+wing_area_m2 = {numbers["S"]}
+mean_chord_m = 0.75
+[aerodynamics]
+CL0 = 0.2
+CL_alpha = 5.5
+CD0 = {numbers["CD0"]}
+oswald = {numbers["oswald"]}
+Cm_alpha = -0.8
+Cm_q = -12.0
+CY_beta = -0.3
+Cl_beta = -0.05
+Cl_p = -0.5
+Cn_beta = 0.05
+Cn_r = -0.1
+[[surface]]
+name = "elevator"
+limit_deg = 25.0
+rate_limit_deg_s = 60.0
+lag_s = 0.1
+Cm = -1.2
+[[surface]]
+name = "aileron"
+limit_deg = 20.0
+rate_limit_deg_s = 60.0
+lag_s = 0.1
+Cl = 0.2
+[[surface]]
+name = "rudder"
+limit_deg = 20.0
+rate_limit_deg_s = 60.0
+lag_s = 0.1
+Cn = -0.05
+[validity]
+airspeed_m_s = [18.0, 60.0]
+alpha_deg = [-8.0, 12.0]
+beta_deg = [-15.0, 15.0]
+"""
+    path = folder / "polar.toml"
+    path.write_text(text, encoding="utf-8")
+    return anser.aircraft(path), numbers
