@@ -2,16 +2,10 @@ from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, rare
 from .missions import load_flight, plan, run, sweep
 from .scenario import load, loads
-from .single_aircraft import (
-    Simulator,
-    aircraft,
-    doublet,
-    multisine,
-    simulate,
-    sine_sweep,
-    step_input,
-    three_two_one_one,
-)
+from .single_aircraft.flight import simulate
+from .single_aircraft.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
+from .single_aircraft.model import aircraft
+from .single_aircraft.simulator import Simulator
 
 __version__: str
 __all__ = [

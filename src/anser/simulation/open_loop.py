@@ -117,7 +117,8 @@ class PrescribedCommand(AbstractGuidance):
     ) -> tuple[PathCommand, Vector3, None]:
         """Return the command of the sample, without rates; the reference position is the aircraft's own."""
         zero = jnp.zeros(())
-        return PathCommand(*self.values[instant.number], zero, zero, zero), belief.state.position_n, None
+        V, gamma, chi = self.values[instant.number]
+        return PathCommand(V, gamma, chi, zero, zero, zero), belief.state.position_n, None
 
 
 class SampleRecorder(AbstractRecorder):

@@ -346,7 +346,7 @@ def _guidance(
         if command is not None:
             raise ValueError("command: arrived without a controller; expected a controller that follows it")
         return PrescribedCommand(jnp.full((time_s.size, 3), jnp.nan))
-    reference = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
+    reference: dict[str, float] = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
     table = sample_inputs(command or {}, reference, time_s, subject="command")
     return PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
 

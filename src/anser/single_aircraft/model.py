@@ -95,7 +95,7 @@ class AircraftModel:
         if (trim is None) == (not condition):
             arrived = "neither trim nor condition" if trim is None else "both trim and condition"
             raise ValueError(f"linearize: arrived {arrived}; expected one: a trim, or speed_m_s=..., altitude_m=...")
-        values = dict(condition) if trim is None else dict(trim.condition)
+        values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 

@@ -236,7 +236,7 @@ def _is_flyable(flights: _Flights, *, except_power: bool = False) -> np.ndarray:
     obstacles = np.array(flights.trims.obstacles)
     if except_power:
         obstacles[:, [TRIM_OBSTACLES.index(name) for name in ("thrust_max", "thrust_idle")]] = False
-    return ~obstacles.any(axis=-1)
+    return np.logical_not(obstacles.any(axis=-1))
 
 
 def _limit_of(flights: _Flights, index: int) -> str:
@@ -246,7 +246,7 @@ def _limit_of(flights: _Flights, index: int) -> str:
 
 def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[float, str, str]:
     """Return the least or the greatest airspeed of level flight, its unit, and the limit beyond it."""
-    grid, name = speeds, "end of the data (airspeed)"
+    value, grid, name = np.nan, speeds, "end of the data (airspeed)"
     for _ in range(2):  # a second grid between the last two airspeeds
         flights = fly(speed=grid, mass=mass)
         flyable = np.flatnonzero(_is_flyable(flights))
@@ -257,7 +257,10 @@ def _edge(fly: Any, speeds: np.ndarray, mass: float, *, lowest: bool) -> tuple[f
         if not 0 <= outside < grid.size:
             return float(grid[inside]), "m/s", name
         name = _limit_of(flights, outside)
-        value, grid = float(grid[inside]), np.linspace(*sorted((grid[inside], grid[outside])), _SPEEDS)
+        value, grid = (
+            float(grid[inside]),
+            np.linspace(min(grid[inside], grid[outside]), max(grid[inside], grid[outside]), _SPEEDS),
+        )
     return value, "m/s", name
 
 

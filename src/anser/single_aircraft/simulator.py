@@ -188,10 +188,9 @@ class Simulator:
             try:
                 for name, value in controls.items():
                     inputs[..., self._input_indices[name]] = value
-            except KeyError:
-                raise ValueError(
-                    f"controls: arrived {name!r}; expected inputs among {', '.join(self.inputs)}"
-                ) from None
+            except KeyError as error:
+                expected = f"expected inputs among {', '.join(self.inputs)}"
+                raise ValueError(f"controls: arrived {error}; {expected}") from None
             return inputs
         inputs = np.asarray(controls, dtype=float)
         if inputs.shape != self._inputs.shape:
