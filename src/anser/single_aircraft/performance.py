@@ -317,7 +317,7 @@ def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[Performa
     radius = speeds[:, None] / rates
     figures = []
     for name, values, unit, sign in (
-        ("greatest sustained load factor of the grid", np.broadcast_to(_LOAD_FACTORS, rates.shape), "1", 1.0),
+        ("greatest sustained load factor", np.broadcast_to(_LOAD_FACTORS, rates.shape), "1", 1.0),
         ("greatest sustained turn rate", rates * RAD_DEG, "deg/s", 1.0),
         ("least sustained turn radius", radius, "m", -1.0),
     ):
