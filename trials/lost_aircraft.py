@@ -25,7 +25,7 @@ from anser.missions import FlightResult, NoPlanError, plan, run
 from anser.missions.first_plan import CertifiedFirstPlan
 from anser.planning import TimedPath
 from anser.scenario import Scenario, loads
-from anser.scenario.schema_event import Event
+from anser.scenario.schema_airspace import Event
 from trials.data import ArrivalRule, FleetLimits, Goals, KeepOutCylinders, PlanCase, Starts, WindProfile
 from trials.search import second_search
 

@@ -6,7 +6,7 @@ import pytest
 
 from anser.config import ScenarioError
 from anser.scenario import load
-from anser.scenario.schema_checks import connected_groups
+from anser.scenario.schema_airspace_checks import connected_groups
 
 THREE = load(Path(__file__).parents[2] / "scenarios" / "three-aircraft.toml")
 

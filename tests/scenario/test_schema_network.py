@@ -6,7 +6,8 @@ import pytest
 from anser.config import ScenarioError
 from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.scenario import build_flight, loads
-from anser.scenario.schema_network import AIRCRAFT_MAX, greatest_rate_range
+from anser.scenario.schema_checks import DECENTRALISED_AIRCRAFT_MAX as AIRCRAFT_MAX
+from anser.scenario.schema_settings import greatest_rate_range
 from scenario.test_schema_uncertain import TEXT
 
 ALONE = TEXT.replace("[fleet]", '[fleet]\nplanner = "decentralised"')

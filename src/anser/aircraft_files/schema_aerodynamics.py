@@ -9,7 +9,7 @@ from pydantic import Field, create_model
 from anser.aircraft_files.schema_body import BodyVector, body_vector
 from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, DERIVATIVES
 from anser.config.errors import Problem, describe_value, format_number
-from anser.config.tables import Table, choice, expects, number, table
+from anser.config.tables import Table, expects, number, table
 
 _WHAT: dict[str, str] = dict(
     zip(COEFFICIENTS, ("lift", "drag", "side force", "roll moment", "pitch moment", "yaw moment"), strict=True)
@@ -36,10 +36,10 @@ AXES_MAX = 3
 class _Build(Table):
     """Aerodynamic options besides the derivatives."""
 
-    per: Literal["rad", "deg"] = choice(
-        "angle that the derivatives by alpha, beta and the surfaces are given per; rates are always in rad/s",
-        ("rad", "deg"),
-        "rad",
+    per: Literal["rad", "deg"] = Field(
+        default="rad",
+        description="angle that the derivatives by alpha, beta and the surfaces are given per; rates are always in "
+        "rad/s",
     )
     oswald: float | None = number(
         "e of the induced drag (CL0 + CL_alpha alpha)^2 / (pi e AR); left out: none",
@@ -103,8 +103,8 @@ class CoefficientTable(Table):
         description="values at the breakpoints, in nested lists",
         json_schema_extra=expects("a list of numbers as long as the breakpoints; for two axes, a list of such lists"),
     )
-    beyond: Literal["hold", "extend"] = choice(
-        "extrapolation: hold the end value, or extend the end slope", ("hold", "extend"), "hold"
+    beyond: Literal["hold", "extend"] = Field(
+        default="hold", description="extrapolation: hold the end value, or extend the end slope"
     )
 
     @property
@@ -207,8 +207,8 @@ class ElectricPropeller(Table):
     resistance_ohm: float = number("R of the windings", 0, 100, "ohm", exclusive_minimum=True)
     no_load_current_A: float = number("i0, no-load current, for friction", 0, 1000, "A", 0.0)
     voltage_V: float = number("voltage of the battery, at full throttle", 0, 10_000, "V", exclusive_minimum=True)
-    direction: Literal["right", "left"] = choice(
-        "sense of rotation seen from behind; the reaction rolls the aircraft the other way", ("right", "left"), "right"
+    direction: Literal["right", "left"] = Field(
+        default="right", description="sense of rotation seen from behind; the reaction rolls the aircraft the other way"
     )
     lag_s: float = number("time constant from throttle to voltage", 0, 60, "s", exclusive_minimum=True)
     point_m: BodyVector = _point()
@@ -237,8 +237,8 @@ class PistonPropeller(Table):
         None,
         exclusive_minimum=True,
     )
-    direction: Literal["right", "left"] = choice(
-        "sense of rotation seen from behind; the reaction rolls the aircraft the other way", ("right", "left"), "right"
+    direction: Literal["right", "left"] = Field(
+        default="right", description="sense of rotation seen from behind; the reaction rolls the aircraft the other way"
     )
     lag_s: float = number("time constant from throttle to power", 0, 60, "s", exclusive_minimum=True)
     point_m: BodyVector = _point()

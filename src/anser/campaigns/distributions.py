@@ -8,7 +8,7 @@ from pydantic import Field
 from scipy import stats
 
 from anser.config.errors import Problem, describe_value, format_number
-from anser.config.tables import Table, choice, expects, number, ordering_problems
+from anser.config.tables import Table, expects, number, ordering_problems
 
 _LARGEST = 1e9
 _FARTHEST_SIGMA = 8.0
@@ -37,11 +37,9 @@ class Dispersion(Table):
     path: str = Field(
         min_length=1, description="path of the parameter in the scenario", json_schema_extra=expects(_PATH)
     )
-    distribution: DistributionName = choice("distribution of the values", tuple(_KEYS))
-    how: Literal["set", "add", "multiply"] = choice(
-        "whether a value replaces the scenario's value, is added to it or multiplies it",
-        ("set", "add", "multiply"),
-        "set",
+    distribution: DistributionName = Field(description="distribution of the values")
+    how: Literal["set", "add", "multiply"] = Field(
+        default="set", description="whether a value replaces the scenario's value, is added to it or multiplies it"
     )
     mean: float | None = _bound("mean; of a truncated distribution the mean before truncation")
     median: float | None = number("median", 0, _LARGEST, "", None, exclusive_minimum=True)
@@ -119,7 +117,7 @@ class Dispersion(Table):
     def quantile(self, shares: np.ndarray) -> np.ndarray:
         """Return the values at the given cumulative probabilities (between 0 and 1, exclusive); shape as `shares`.
 
-        For a choice, the listed values share the interval from 0 to 1 in their order, by weight.
+        For a the listed values share the interval from 0 to 1 in their order, by weight.
         """
         return _INVERSE[self.distribution](self, shares)
 

@@ -16,15 +16,16 @@ from pydantic import Field, ValidationError
 
 from anser.campaigns.distributions import Dispersion
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, choice, content_hash, expects, number, table, tables
+from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, content_hash, expects, number, table, tables
 from anser.config.toml_text import attach_line_numbers, read_text
 from anser.config.validation_messages import validation_problems
 from anser.files import MIB
 from anser.missions.series import SeriesSelection
 from anser.scenario.files import load, parse_scenario
-from anser.scenario.schema import SEED_MAX, Scenario
+from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import is_multiple, multiple_message
-from anser.simulation.precision import PRECISIONS, Precision
+from anser.scenario.schema_tables import SEED_MAX
+from anser.simulation.precision import Precision
 from anser.variables import CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
 
 _KEYS = (*RECORDED_KEYS, *(variable.key for variable in CATALOGUE if variable.optional))
@@ -155,7 +156,6 @@ def _suggestion(name: str) -> str:
 
 RARE_FLIGHTS_MAX = 100_000
 """Maximum number of flights per level: each takes about 1.5 kB of memory."""
-STATISTICS = ("separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s")
 BREACHED_BELOW = ("separation_min_m", "clearance_min_m")
 """Statistics whose event is a value below the threshold; for all others it is a value above."""
 _CHAINS = 10
@@ -166,8 +166,8 @@ _WHOLE = 1e-9
 class RareEventConfig(Table):
     """Definition of a rare event."""
 
-    statistic: Literal["separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s"] = choice(
-        "quantity whose breach is the event; the worst aircraft of the fleet counts", STATISTICS
+    statistic: Literal["separation_min_m", "clearance_min_m", "miss_m", "arrival_spread_s"] = Field(
+        description="quantity whose breach is the event; the worst aircraft of the fleet counts"
     )
     threshold: float = number("threshold of the event", 0, 1e9, "m or s")
     flights: int = Field(
@@ -218,7 +218,6 @@ class RareEventConfig(Table):
         return []
 
 
-METHODS = ("monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table")
 FLIGHTS_MAX = 10_000_000
 _LEAST_EIGENVALUE = 1e-9
 _TABLE_SIZE_MAX = 256 * MIB
@@ -228,8 +227,8 @@ _TABLE_SIZE_MAX = 256 * MIB
 class Sampling(Table):
     """Number of flights and sampling method."""
 
-    method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = choice(
-        "sampling method", METHODS, "monte-carlo"
+    method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = Field(
+        default="monte-carlo", description="sampling method"
     )
     flights: int | None = Field(
         None,
@@ -326,10 +325,10 @@ class EstimateSettings(Table):
 class StoppingRule(Table):
     """Rule for stopping before the planned number of flights."""
 
-    statistic: Literal["met", "miss_m", "arrival_spread_s"] = choice(
-        "statistic of the rule: the probability that all requirements are met, or a quantile over the flights",
-        ("met", "miss_m", "arrival_spread_s"),
-        "met",
+    statistic: Literal["met", "miss_m", "arrival_spread_s"] = Field(
+        default="met",
+        description="statistic of the rule: the probability that all requirements are met, or a quantile over the "
+        "flights",
     )
     share: float = number("quantile of miss or spread", 0, 1, "", 0.95, exclusive_minimum=True)
     width: float = number(
@@ -373,7 +372,7 @@ class Study(Table):
         description="seed of the sampling and of the flights",
         json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
     )
-    precision: Precision = choice("precision of the flights; plans are always in float64", PRECISIONS, "float64")
+    precision: Precision = Field(default="float64", description="precision of the flights; plans are always in float64")
     sampling: Sampling | None = table("sampling of a campaign", "a table [sampling]", None)
     vary: tuple[Dispersion, ...] = tables(
         "dispersed parameters", "tables [[vary]], in double brackets", at_least=0, default=()

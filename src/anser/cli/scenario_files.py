@@ -22,7 +22,8 @@ from anser.files import write_file
 from anser.scenario.cautions import find_cautions
 from anser.scenario.files import SCENARIO_SCHEMA, write_starter
 from anser.scenario.files import convert as as_format
-from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
+from anser.scenario.schema import Scenario
+from anser.scenario.schema_tables import DEFAULT_PLANNERS, FORMAT
 
 
 @help_epilog("anser check scenarios/three-aircraft.toml", "anser check mine.toml --json")

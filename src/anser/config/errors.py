@@ -3,7 +3,7 @@
 A message gives the key, the value that arrived and the values expected; a file's kind follows from its tables.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -98,6 +98,11 @@ def describe_value(value: object) -> str:
     if isinstance(value, list | tuple):
         return f"a list of {len(value)}"
     return "nothing" if value is None else f"{value} ({type(value).__name__})"
+
+
+def quoted_list(texts: Iterable[str], separator: str = ", ") -> str:
+    """List texts in quotes for a message, such as ``"north", "south"``."""
+    return separator.join(f'"{text}"' for text in texts)
 
 
 def format_number(value: float) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from anser.config.errors import describe_value, format_value, os_error_reason, problem_error
+from anser.config.errors import describe_value, format_value, os_error_reason, problem_error, quoted_list
 from anser.config.tables import Table
 from anser.files import write_file
 
@@ -72,6 +72,8 @@ def _plain(node: Any, definitions: Mapping[str, Any]) -> Any:
         plain["items"] = plain.pop("prefixItems")[0]  # all items have the same schema
     if "items" in plain:
         plain["items"] = _plain(plain["items"], definitions)
+    if "enum" in plain and "description" in plain:
+        plain.setdefault("expected", quoted_list(plain["enum"], " or "))
     if plain.get("default") is None or isinstance(plain["default"], dict):
         plain.pop("default", None)
     return plain

@@ -5,12 +5,12 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Never, Self
+from typing import Annotated, Any, Literal, Never, Self, get_args, get_origin
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema, model_validator
 from pydantic_core import PydanticUndefined
 
-from anser.config.errors import Problem, ScenarioError, format_number
+from anser.config.errors import Problem, ScenarioError, format_number, quoted_list
 
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,63}$"
 NAME_EXPECTED = "a name of 1 to 64 letters, digits, hyphens and underscores"
@@ -160,18 +160,16 @@ def number(
     return Field(default, **lower, le=high, description=description, json_schema_extra=expects(expected, unit))
 
 
-def choice(description: str, options: tuple[str, ...], default: object = PydanticUndefined) -> Any:
-    """Declare a field for a string from a fixed set.
-
-    `options` are the values of its Literal type; without a default the key is required.
-    """
-    expected = " or ".join(f'"{option}"' for option in options)
-    return Field(default, description=description, json_schema_extra=expects(expected))
+def identifier(description: str, expected: str = NAME_EXPECTED, default: object = PydanticUndefined) -> Any:
+    """Declare a field for the name of an aircraft or a goal; without a default the key is required."""
+    return Field(default, pattern=NAME_PATTERN, description=description, json_schema_extra=expects(expected))
 
 
-def identifier(description: str) -> Any:
-    """Declare a required field for the name of an aircraft or a goal."""
-    return Field(pattern=NAME_PATTERN, description=description, json_schema_extra=expects(NAME_EXPECTED))
+def literal_options(annotation: object) -> str:
+    """List the options of a Literal inside an annotation for messages, such as `"right" or "left"`; empty without."""
+    if get_origin(annotation) is Literal:
+        return quoted_list(get_args(annotation), " or ")
+    return next(filter(None, map(literal_options, get_args(annotation))), "")
 
 
 def table(description: str, expected: str, default: object = PydanticUndefined) -> Any:

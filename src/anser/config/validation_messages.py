@@ -12,6 +12,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.config.tables import literal_options
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.units import DEG_RAD, FOOT_M, FOOT_PER_MINUTE_M_S, KNOT_M_S, NAUTICAL_MILE_M, POUND_KG, SLUG_KG
 
@@ -200,8 +201,11 @@ def _extra(loc: Sequence[str | int], model: type[BaseModel]) -> dict[str, Any]:
     field_index = max((index for index, step in enumerate(loc) if isinstance(step, str)), default=-1)
     table = _model_at(loc[:field_index], model) if field_index >= 0 else None
     field = table.model_fields.get(str(loc[field_index])) if table is not None else None
-    extra = field.json_schema_extra if field is not None else None
-    return extra if isinstance(extra, dict) else {}
+    if field is None:
+        return {}
+    extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
+    options = literal_options(field.annotation)
+    return {"expected": options, **extra} if options else extra
 
 
 def _model_at(loc: Sequence[str | int], model: type[BaseModel]) -> type[BaseModel] | None:

@@ -35,7 +35,7 @@ from anser.planning.holds.hold_paths import PlannedHolds, choose_cell_count
 from anser.scenario.build import build_flight
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_network import Network as NetworkTable
+from anser.scenario.schema_settings import Network as NetworkTable
 from anser.shapes import Scalar
 from anser.simulation.flight import Flight
 from anser.simulation.start import TrimmedFleet

@@ -26,7 +26,7 @@ from anser.missions.replanning import (
 from anser.numerics.arrays import as_array
 from anser.planning.certified.replanning import PARTLY_CORRECTED, UNCHANGED
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_event import GOAL_EVENTS, Event
+from anser.scenario.schema_airspace import GOAL_EVENTS, Event
 from anser.sensing.goal_filters import hand_over_goal
 from anser.simulation.flight import Flight, FlightState
 
@@ -141,8 +141,8 @@ def reassign_goals(
                     GOAL_TAKEN_OVER,
                     names[taker],
                     True,
-                    f'goes to the goal "{new_goals[taker]}" of "{names[open_goals[column][0]]}" '
-                    f'instead of "{goals[taker]}"',
+                    f'goes to the goal "{new_goals[taker]}" of "{names[open_goals[column][0]]}" instead of '
+                    f'"{goals[taker]}"',
                 )
                 for taker, column in pairs
             ]

@@ -29,7 +29,7 @@ from anser.planning.holds.hold_paths import move_with_goals
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_event import GOAL_EVENTS, Event
+from anser.scenario.schema_airspace import GOAL_EVENTS, Event
 from anser.shapes import Count
 from anser.simulation.flight import Flight, FlightState, fleet_reports
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from anser.planning.decentralised.time_coordination import coordination_error, guaranteed_rate, quality_of_service
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_network import Network
+from anser.scenario.schema_settings import Network
 
 _SERIES_STEP_S = 1.0  # time between two entries of the series
 _QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
@@ -84,6 +84,6 @@ def _message(outage_times_s: np.ndarray, network: Network, quality_min: float) -
         )
     rate = guaranteed_rate(quality_min, network.coupling_per_s, network.window_s)
     return (
-        f"quality of service at least {quality_min:.2f} over any {network.window_s:g} s: "
-        f"differences of the clocks are promised to fall at {rate:.3f} per second or faster"
+        f"quality of service at least {quality_min:.2f} over any {network.window_s:g} s: differences of the clocks are "
+        f"promised to fall at {rate:.3f} per second or faster"
     )

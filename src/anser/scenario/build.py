@@ -33,7 +33,7 @@ from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_event import Event
+from anser.scenario.schema_airspace import Event
 from anser.simulation.flight import Flight, assemble
 from anser.simulation.vehicle import Faults, Mission, Vehicle
 from anser.steady.trim import TrimTarget, trim_target

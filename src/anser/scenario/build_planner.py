@@ -19,7 +19,7 @@ from anser.planning.separation import Separation
 from anser.scenario.build_aircraft import ResolvedAircraft, planned_limits
 from anser.scenario.build_environment import build_environment, build_wind, ned
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_network import Network as NetworkTable
+from anser.scenario.schema_settings import Network as NetworkTable
 from anser.sensing.vehicle_sensors import Dropouts
 
 _KEEP_OUTS = 2  # smallest bucket size of the list of keep-outs

@@ -3,9 +3,10 @@
 import math
 
 from anser.control.loop_separations import LOOP_SEPARATION_MIN, loop_separations
-from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario
+from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, AttitudeGains, Gains, RateGains, VelocityGains
 from anser.scenario.schema_reach import reach_problems
+from anser.scenario.schema_tables import DEFAULT_PLANNERS, FORMAT
 from anser.scenario.unused_keys import unused_key_cautions
 
 
@@ -37,10 +38,8 @@ def _format_cautions(scenario: Scenario) -> list[str]:
     format_default, current_default = DEFAULT_PLANNERS[scenario.format], DEFAULT_PLANNERS[FORMAT]
     return [
         f'fleet.planner: left out in a file of format {scenario.format}, which means "{format_default}"; the default '
-        f"of format "
-        f'{FORMAT} is "{current_default}", whose plans keep limits and separation: anser convert writes the file in '
-        f"format "
-        f"{FORMAT}, and the planner into it"
+        f'of format {FORMAT} is "{current_default}", whose plans keep limits and separation: anser convert writes the '
+        f"file in format {FORMAT}, and the planner into it"
     ]
 
 
@@ -55,9 +54,8 @@ def _seed_cautions(scenario: Scenario) -> list[str]:
 def _duration_cautions(scenario: Scenario) -> list[str]:
     """Caution for a duration that suffices only with a descent or a favourable wind aloft."""
     return [
-        f"{problem.path}: {problem.arrived} s suffices only if a descent makes the plan faster or another wind "
-        f"carries it on; "
-        f"otherwise expected {problem.expected}"
+        f"{problem.path}: {problem.arrived} s suffices only if a descent makes the plan faster or another wind carries "
+        f"it on; otherwise expected {problem.expected}"
         for problem in reach_problems(scenario, unaided=True)
         if problem.path == "timing.duration_s"
     ]
@@ -96,10 +94,10 @@ def _gain_cautions(index: int, aircraft: Aircraft) -> list[str]:
         ratio = pair.ratio
         if ratio < LOOP_SEPARATION_MIN:
             cautions.append(
-                f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth '
-                f"of {pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with "
-                f"{pair.inner_bandwidth:.3g} 1/s, a ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two "
-                f"swing against each other (damping {0.5 * math.sqrt(ratio):.2f})"
+                f'aircraft[{index}].gains (aircraft "{aircraft.name}"): the loop of {pair.outer} has a bandwidth of '
+                f"{pair.outer_bandwidth:.3g} 1/s and rests on {pair.inner} with {pair.inner_bandwidth:.3g} 1/s, a "
+                f"ratio of {ratio:.2f}; below {LOOP_SEPARATION_MIN:g} the two swing against each other (damping "
+                f"{0.5 * math.sqrt(ratio):.2f})"
             )
     return cautions
 

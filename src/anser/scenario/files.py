@@ -10,8 +10,9 @@ from typing import Any
 from anser.config.errors import Problem, ScenarioError, format_number
 from anser.config.file_schema import write_new_file, write_schema
 from anser.config.toml_text import attach_line_numbers, parse_toml, read_text
-from anser.scenario.schema import DEFAULT_PLANNERS, FORMAT, Scenario, validate
+from anser.scenario.schema import Scenario, validate
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_tables import DEFAULT_PLANNERS, FORMAT
 from anser.scenario.unused_keys import unused_key_problems
 
 _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
@@ -118,8 +119,8 @@ def convert(text: str, source: str = "<string>", target_format: int = FORMAT) ->
     converted = _FORMAT.sub(rf"\g<1>{target_format}", text, count=1)
     if "planner" not in scenario.fleet.model_fields_set:
         line = (
-            f'planner = "{scenario.fleet.planner}"  # format {scenario.format} meant it; default of '
-            f"format {target_format}: "
+            f'planner = "{scenario.fleet.planner}"  # format {scenario.format} meant it; default of format '
+            f"{target_format}: "
         )
         line += f'"{DEFAULT_PLANNERS[target_format]}"\n'
         converted = _FLEET.sub(lambda match: match[0].rstrip("\n") + "\n" + line, converted, count=1)

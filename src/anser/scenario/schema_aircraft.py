@@ -26,7 +26,6 @@ from anser.config.tables import (
     Gain3,
     Table,
     Vector,
-    choice,
     expects,
     gain,
     identifier,
@@ -59,7 +58,7 @@ class Goal(Table):
     """A position to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
 
     name: str = identifier("name of the goal, unique")
-    kind: Literal["surface", "airborne"] = choice("on the surface or in the air", ("surface", "airborne"))
+    kind: Literal["surface", "airborne"] = Field(description="on the surface or in the air")
     north_m: float | None = number("north of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
     east_m: float | None = number("east of the origin at time 0", -POSITION_MAX_M, POSITION_MAX_M, "m", None)
     altitude_m: float = number("height above sea level at time 0", GROUND_MIN_M, ALTITUDE_MAX_M, "m", 0.0)
@@ -72,6 +71,11 @@ class Goal(Table):
         at_least=1,
         default=None,
     )
+
+    @property
+    def label(self) -> str:
+        """Name for messages, such as ``goal "ship"``."""
+        return f'goal "{self.name}"'
 
     def consistency_problems(self) -> list[Problem]:
         """List a motion that is missing or defined twice, and waypoints whose times do not increase."""
@@ -218,8 +222,8 @@ class VelocityGains(_LoopGains):
 class Gains(Table):
     """Gains of the autopilot's three loops (theory section 5), and the type of dynamic inversion."""
 
-    inversion: Literal["model", "incremental"] = choice(
-        "inversion of the model, or of increments from measured accelerations", ("model", "incremental"), "model"
+    inversion: Literal["model", "incremental"] = Field(
+        default="model", description="inversion of the model, or of increments from measured accelerations"
     )
     sensor_bandwidth_rad_s: float = number(
         "bandwidth of the sensor filter of the incremental inversion", 1, 100, "rad/s", 20.0
@@ -255,13 +259,13 @@ class Aircraft(Table):
         json_schema_extra=expects(f"the name of an airframe: {', '.join(AIRFRAMES)}, or that of an entry point"),
     )
     airframe: _Airframe = table("an aircraft file in the place of type", _AIRFRAME_PATH, None)
-    variant: Literal["textbook", "s119", "founding", "tp1538"] = choice(
-        "published set of the F-16's aerodynamic tables", ("textbook", "s119", "founding", "tp1538"), "textbook"
+    variant: Literal["textbook", "s119", "founding", "tp1538"] = Field(
+        default="textbook", description="published set of the F-16's aerodynamic tables"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = identifier("name of the goal to meet")
-    bend: Literal["auto", "left", "right"] = choice(
-        "side of a detour, seen along the flight", ("auto", "left", "right"), "auto"
+    bend: Literal["auto", "left", "right"] = Field(
+        default="auto", description="side of a detour, seen along the flight"
     )
     speed_m_s: float | None = number(
         "preferred airspeed, instead of fleet.speed_m_s (certified)", 1, SPEED_MAX_M_S, "m/s", None
@@ -277,6 +281,11 @@ class Aircraft(Table):
         "a table [aircraft.deviation]",
         Deviation(),
     )
+
+    @property
+    def label(self) -> str:
+        """Name for messages, such as ``aircraft "north"``."""
+        return f'aircraft "{self.name}"'
 
     @property
     def range(self) -> AirframeRange:

@@ -1,15 +1,11 @@
 """Checks that the Earth's chart (local map) is accurate enough for a fleet's flight and large enough to contain it."""
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from anser.config.errors import Problem, format_number
 from anser.constants import WGS84_A_M, WGS84_F
-from anser.scenario.schema_checks import label
-
-if TYPE_CHECKING:
-    from anser.scenario.schema import Scenario
-
+from anser.scenario.schema_tables import ScenarioTables
 
 SCALE_ERROR_MAX = 0.05
 """Greatest relative error of lengths in the chart of the round Earth: half of the default `fleet.reserve`.
@@ -32,7 +28,7 @@ class _Position(NamedTuple):
     east_m: float
 
 
-def chart_problems(scenario: "Scenario") -> list[Problem]:
+def chart_problems(scenario: ScenarioTables) -> list[Problem]:
     """Report an origin whose chart is too inaccurate at the fleet's positions, or an origin too close to a pole.
 
     The result has at most one problem, which suggests a suitable latitude. The chart of a flat Earth has no scale
@@ -56,7 +52,7 @@ def chart_problems(scenario: "Scenario") -> list[Problem]:
     return [Problem("earth.latitude_deg", f"{format_number(scenario.earth.latitude_deg)}, {arrived}", expected)]
 
 
-def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
+def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
     """Return the chart's defect for an origin's latitude, and a remedy other than a new origin; None without defect."""
     speed_m_s, duration_s = scenario.fleet.speed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
@@ -82,19 +78,18 @@ def _map_problem(scenario: "Scenario", positions: list[_Position], latitude_deg:
         return None
     arrived = (
         f"where a flight of {format_number(duration_s)} s (timing.duration_s) that turns back after "
-        f"{reach_m / 1000.0:.0f} km "
-        "can cross the pole or the meridian opposite to the origin, and a plan cannot"
+        f"{reach_m / 1000.0:.0f} km can cross the pole or the meridian opposite to the origin, and a plan cannot"
     )
     return arrived, "a shorter flight, or nearer places"
 
 
-def _positions(scenario: "Scenario") -> list[_Position]:
+def _positions(scenario: ScenarioTables) -> list[_Position]:
     """List the start positions of the aircraft, and the corners of squares around the goals and their holds."""
     duration_s, radius_m = scenario.timing.duration_s, scenario.hold.radius_m
     positions = []
     for index, aircraft in enumerate(scenario.aircraft):
         north_m, east_m, _ = aircraft.start.position_m
-        positions.append(_Position(f"aircraft[{index}].start", label("aircraft", aircraft), north_m, east_m))
+        positions.append(_Position(f"aircraft[{index}].start", aircraft.label, north_m, east_m))
     for index, goal in enumerate(scenario.goal):
         offsets = [aircraft.rendezvous.stand_off_m[:2] for aircraft in scenario.aircraft if aircraft.goal == goal.name]
         margin_m = radius_m + max((math.hypot(*offset) for offset in offsets), default=0.0)
@@ -105,7 +100,7 @@ def _positions(scenario: "Scenario") -> list[_Position]:
         }
         for time_s in sorted(times_s):
             north_m, east_m, _ = goal.position_m(time_s)
-            identity = (f"goal[{index}] with its hold after {format_number(time_s)} s", label("goal", goal))
+            identity = (f"goal[{index}] with its hold after {format_number(time_s)} s", goal.label)
             positions.extend(
                 _Position(*identity, north_m + north * margin_m, east_m + east * margin_m)
                 for north in (-1.0, 1.0)

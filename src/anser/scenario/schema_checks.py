@@ -1,51 +1,30 @@
-"""Checks of consistency between the tables of a scenario.
+"""Checks of consistency between the tables of a scenario: planner, names, envelope, stand-off, sensors, network.
 
-Names, positions, envelope, data ranges, and the minimum stand-off of the product's scope. Each `*_problems` function
-returns a list of problems, empty if the tables are consistent.
+Each `*_problems` function returns a list of problems, empty if the tables are consistent.
 """
 
-import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
-from anser.aircraft_files.sources import AirframeRange
-from anser.config.errors import Problem, format_number, format_value
+from anser.config.errors import Problem, format_number, format_value, quoted_list
 from anser.config.tables import Table, ordering_problems
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, STANDARD_GRAVITY_M_S2, SURFACE_STAND_OFF_MIN_M
-from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_settings import Limits
+from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_sensing import goal_sigma_m
+from anser.scenario.schema_settings import Limits, Network, greatest_rate_range, is_multiple, multiple_message
+from anser.scenario.schema_tables import ScenarioTables
 
-if TYPE_CHECKING:
-    from anser.scenario.schema import Scenario
+AIRBORNE_ALTITUDE_MIN_M = 50.0
+DECENTRALISED_AIRCRAFT_MAX = 30
 
-
-_KEYS = (
-    ("speed_min_m_s", "speed_max_m_s", "airspeed_m_s", "m/s"),
-    ("altitude_min_m", "altitude_max_m", "altitude_m", "m"),
-    ("alpha_min_deg", "alpha_max_deg", "alpha_deg", "deg"),
-)
-
-
-def limits_for(limits: Limits, data_range: AirframeRange) -> Limits:
-    """Return one aircraft's limits; airspeeds and angles of attack left out follow from the aircraft file.
-
-    An aircraft without a file keeps the scenario's limits.
-    """
-    if not data_range.is_from_file:
-        return limits
-    values = {}
-    for low_key, high_key, name, _ in _KEYS:
-        bounds = getattr(data_range, name)
-        if bounds is None or name == "altitude_m":
-            continue
-        is_airspeed = name == "airspeed_m_s"
-        values[low_key] = bounds[0] if is_airspeed else max(bounds[0], getattr(limits, low_key))
-        values[high_key] = bounds[1] if is_airspeed else min(bounds[1], getattr(limits, high_key))
-    return limits.with_defaults(**values)
+_SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
+_CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
+_CERTIFIED_AIRCRAFT_KEYS = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
+_DECENTRALISED_RULES = ("together", "at", "times", "sequence")
+_DECENTRALISED_EVENTS = ("goal-sensor-lost", "thrust-lost", "goal-stops", "goal-turns")
 
 
-def order_problems(scenario: "Scenario") -> list[Problem]:
+def order_problems(scenario: ScenarioTables) -> list[Problem]:
     """List limits of airspeed and angle of attack whose lower bound is not below the upper bound."""
     problems = [
         *ordering_problems(scenario.limits, "speed_min_m_s", "speed_max_m_s", "m/s"),
@@ -54,93 +33,50 @@ def order_problems(scenario: "Scenario") -> list[Problem]:
     return [Problem(f"limits.{problem.path}", problem.arrived, problem.expected) for problem in problems]
 
 
-def range_problems(scenario: "Scenario") -> list[Problem]:
+def range_problems(scenario: ScenarioTables) -> list[Problem]:
     """List limits beyond the range of an aircraft's data.
 
     Altitudes beyond the range are allowed: the results mark the time spent outside.
     """
-    aircraft_tables, limits = scenario.aircraft, scenario.limits
     problems: dict[str, Problem] = {}
-    for data_range in dict.fromkeys(aircraft.range for aircraft in aircraft_tables):
-        for problem in _exceeded_limits(data_range, limits_for(limits, data_range)):
-            problems.setdefault(problem.path, problem)
+    for data_range in dict.fromkeys(aircraft.range for aircraft in scenario.aircraft):
+        limits = scenario.limits.within(data_range)
+        for bounds, low_key, high_key, unit in (
+            (data_range.airspeed_m_s, "speed_min_m_s", "speed_max_m_s", "m/s"),
+            (data_range.alpha_deg, "alpha_min_deg", "alpha_max_deg", "deg"),
+        ):
+            if bounds is None:
+                continue
+            low, high = getattr(limits, low_key), getattr(limits, high_key)
+            for key, value, is_exceeded, bound in (
+                (low_key, low, low < bounds[0], f"at least {format_number(bounds[0])}"),
+                (high_key, high, high > bounds[1], f"at most {format_number(bounds[1])}"),
+            ):
+                if is_exceeded:
+                    expected = f"{bound} {unit}, where the data of {data_range.name} hold"
+                    problems.setdefault(key, Problem(f"limits.{key}", format_number(value), expected))
     return list(problems.values())
 
 
-def _exceeded_limits(data_range: AirframeRange, limits: Limits) -> list[Problem]:
-    problems = []
-    for low_key, high_key, name, unit in _KEYS:
-        bounds = getattr(data_range, name)
-        if bounds is None or name == "altitude_m":
-            continue
-        for key, is_exceeded, expected in (
-            (low_key, getattr(limits, low_key) < bounds[0], f"at least {format_number(bounds[0])} {unit}"),
-            (high_key, getattr(limits, high_key) > bounds[1], f"at most {format_number(bounds[1])} {unit}"),
-        ):
-            if is_exceeded:
-                arrived = format_number(getattr(limits, key))
-                problems.append(
-                    Problem(f"limits.{key}", arrived, f"{expected}, where the data of {data_range.name} hold")
-                )
-    return problems
-
-
-AIRBORNE_ALTITUDE_MIN_M = 50.0
-SAME_POSITION_M = 10.0  # about the span of the aircraft
-
-_SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
-_CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
-_CERTIFIED_AIRCRAFT_KEYS = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
-"""Aircraft keys that only the certified planner supports."""
-
-
-def label(kind: str, item: Aircraft | Goal) -> str:
-    """Format the name of an aircraft or a goal for a message, such as ``goal "ship"``."""
-    return f'{kind} "{item.name}"'
-
-
-def connected_groups(count: int, is_connected: Callable[[int, int], bool]) -> list[list[int]]:
-    """Return the connected components, of two or more nodes each, of a graph with the nodes 0 to `count` - 1.
-
-    The nodes of a component are in rising order.
-    """
-    groups: list[list[int]] = []
-    for index in range(count):
-        joined = [group for group in groups if any(is_connected(index, member) for member in group)]
-        groups = [group for group in groups if group not in joined]
-        groups.append(sorted([index, *itertools.chain(*joined)]))
-    return sorted(group for group in groups if len(group) > 1)
-
-
-def format_list(kind: str, items: Sequence[Aircraft] | Sequence[Goal], indices: Sequence[int]) -> str:
-    """Format list items for a message, such as ``aircraft[0] "north" and aircraft[2] "south"``."""
-    names = [f'{kind}[{index}] "{items[index].name}"' for index in indices]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def name_problems(scenario: "Scenario") -> list[Problem]:
+def name_problems(scenario: ScenarioTables) -> list[Problem]:
     """List names used twice and references to goals that do not exist."""
-    aircraft_tables, goals = scenario.aircraft, scenario.goal
     problems = []
-    for kind, items in (("aircraft", aircraft_tables), ("goal", goals)):
-        first_indices: dict[str, int] = {}
-        for index, item in enumerate(items):
-            if item.name in first_indices:
-                arrived = f'"{item.name}", already the name of {kind}[{first_indices[item.name]}]'
+    for kind, items in (("aircraft", scenario.aircraft), ("goal", scenario.goal)):
+        names = [item.name for item in items]
+        for index, name in enumerate(names):
+            if name in names[:index]:
+                arrived = f'"{name}", already the name of {kind}[{names.index(name)}]'
                 problems.append(Problem(f"{kind}[{index}].name", arrived, "a name of its own"))
-            first_indices.setdefault(item.name, index)
-    goal_names = ", ".join(f'"{goal.name}"' for goal in goals) or "none yet: add a [[goal]] table"
-    names = {goal.name for goal in goals}
-    for index, aircraft in enumerate(aircraft_tables):
-        if aircraft.goal not in names:
-            expected = f"the name of a goal of this scenario ({goal_names})"
-            problems.append(
-                Problem(f"aircraft[{index}].goal", f'"{aircraft.goal}"', expected, label("aircraft", aircraft))
-            )
-    return problems
+    goal_names = [goal.name for goal in scenario.goal]
+    expected = f"the name of a goal of this scenario ({quoted_list(goal_names)})"
+    return problems + [
+        Problem(f"aircraft[{index}].goal", f'"{aircraft.goal}"', expected, aircraft.label)
+        for index, aircraft in enumerate(scenario.aircraft)
+        if aircraft.goal not in goal_names
+    ]
 
 
-def speed_problems(scenario: "Scenario") -> list[Problem]:
+def speed_problems(scenario: ScenarioTables) -> list[Problem]:
     """List preferred airspeeds outside the limits or below the wind speed, and a hold radius that is too small."""
     problems: dict[str, Problem] = {}
     for index, aircraft in enumerate(scenario.aircraft):
@@ -149,29 +85,24 @@ def speed_problems(scenario: "Scenario") -> list[Problem]:
     return list(problems.values())
 
 
-def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraft) -> list[Problem]:
+def _aircraft_speed_problems(scenario: ScenarioTables, index: int, aircraft: Aircraft) -> list[Problem]:
     problems, limits, wind = [], scenario.limits_for(aircraft), scenario.wind
     speed_m_s = scenario.speed_for(aircraft)
     key = "fleet.speed_m_s" if aircraft.speed_m_s is None else f"aircraft[{index}].speed_m_s"
-    subject = "" if aircraft.speed_m_s is None else label("aircraft", aircraft)
     if not limits.speed_min_m_s < speed_m_s < limits.speed_max_m_s:
-        expected = (
-            f"a speed between limits.speed_min_m_s ({format_number(limits.speed_min_m_s)} m/s) and "
-            f"limits.speed_max_m_s ({format_number(limits.speed_max_m_s)} m/s){_limits_owner(scenario, aircraft)}"
-        )
+        expected = f"a speed between {_speed_bounds(limits, 'and')}{_limits_owner(scenario, aircraft)}"
+        subject = "" if aircraft.speed_m_s is None else aircraft.label
         problems.append(Problem(key, format_number(speed_m_s), expected, subject))
     if wind.speed_max_m_s >= speed_m_s:
         expected = f"a wind slower than {key}, which is {format_number(speed_m_s)} m/s"
-        wind_path = "wind.speed_m_s" if wind.layers is None else "wind.layers"
-        problems.append(
-            Problem(wind_path, format_number(wind.speed_m_s if wind.layers is None else wind.speed_max_m_s), expected)
-        )
+        path, wind_m_s = ("speed_m_s", wind.speed_m_s) if wind.layers is None else ("layers", wind.speed_max_m_s)
+        problems.append(Problem(f"wind.{path}", format_number(wind_m_s), expected))
     ground_speed_m_s = speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
     tightest_m = ground_speed_m_s**2 / (STANDARD_GRAVITY_M_S2 * math.tan(math.radians(limits.bank_max_deg)))
     if scenario.hold.radius_m < tightest_m:
         expected = (
-            f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground "
-            f"with limits.bank_max_deg = {format_number(limits.bank_max_deg)}"
+            f"at least {math.ceil(tightest_m)} m, the turn at {ground_speed_m_s:.1f} m/s over the ground with "
+            f"limits.bank_max_deg = {format_number(limits.bank_max_deg)}"
         )
         arrived = format_number(scenario.hold.radius_m)
         if "radius_m" not in scenario.hold.model_fields_set:
@@ -181,7 +112,14 @@ def _aircraft_speed_problems(scenario: "Scenario", index: int, aircraft: Aircraf
     return problems
 
 
-def _limits_owner(scenario: "Scenario", aircraft: Aircraft) -> str:
+def _speed_bounds(limits: Limits, conjunction: str) -> str:
+    return (
+        f"limits.speed_min_m_s ({format_number(limits.speed_min_m_s)} m/s) {conjunction} limits.speed_max_m_s "
+        f"({format_number(limits.speed_max_m_s)} m/s)"
+    )
+
+
+def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
     """Return an addition to messages about a fleet of several types: the origin of the limits, and a remedy."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
@@ -189,115 +127,110 @@ def _limits_owner(scenario: "Scenario", aircraft: Aircraft) -> str:
     return f", those of {aircraft.range.name}{remedy}"
 
 
-def start_problems(scenario: "Scenario") -> list[Problem]:
-    """List starts outside the envelope, and aircraft that start at the same position."""
-    problems, aircraft_tables = [], scenario.aircraft
-    for index, aircraft in enumerate(aircraft_tables):
-        path, subject, start, limits = (
-            f"aircraft[{index}].start",
-            label("aircraft", aircraft),
-            aircraft.start,
-            scenario.limits_for(aircraft),
-        )
+def start_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List starts outside the envelope."""
+    problems = []
+    for index, aircraft in enumerate(scenario.aircraft):
+        path, start, limits = f"aircraft[{index}].start", aircraft.start, scenario.limits_for(aircraft)
         if not limits.speed_min_m_s <= start.speed_m_s <= limits.speed_max_m_s:
-            expected = (
-                f"a speed from limits.speed_min_m_s ({format_number(limits.speed_min_m_s)} m/s) to "
-                f"limits.speed_max_m_s ({format_number(limits.speed_max_m_s)} m/s)"
-            )
-            problems.append(Problem(f"{path}.speed_m_s", format_number(start.speed_m_s), expected, subject))
-        if start.altitude_m < limits.altitude_min_m:
-            expected = f"at least limits.altitude_min_m, which is {format_number(limits.altitude_min_m)} m"
-            problems.append(Problem(f"{path}.altitude_m", format_number(start.altitude_m), expected, subject))
-        if start.altitude_m > limits.altitude_max_m:
-            expected = f"at most limits.altitude_max_m, which is {format_number(limits.altitude_max_m)} m"
-            problems.append(Problem(f"{path}.altitude_m", format_number(start.altitude_m), expected, subject))
-        problems.extend(
-            _climb_rate_problems(f"{path}.path_angle_deg", subject, start.path_angle_deg, start.speed_m_s, limits)
-        )
-    positions_m = [aircraft.start.position_m for aircraft in aircraft_tables]
-    for first_index, *later_indices in connected_groups(
-        len(aircraft_tables), lambda i, j: math.dist(positions_m[i], positions_m[j]) < SAME_POSITION_M
-    ):
-        addition = (
-            f", also that of {format_list('aircraft', aircraft_tables, later_indices[1:])}"
-            if len(later_indices) > 1
-            else ""
-        )
-        arrived = f"the place of {format_list('aircraft', aircraft_tables, [first_index])}{addition}"
-        expected = f"a start at least {SAME_POSITION_M:g} m from every other"
-        problems.append(
-            Problem(
-                f"aircraft[{later_indices[0]}].start",
-                arrived,
-                expected,
-                label("aircraft", aircraft_tables[later_indices[0]]),
-            )
-        )
+            expected = f"a speed from {_speed_bounds(limits, 'to')}"
+            problems.append(Problem(f"{path}.speed_m_s", format_number(start.speed_m_s), expected, aircraft.label))
+        for is_exceeded, bound, key, limit_m in (
+            (start.altitude_m < limits.altitude_min_m, "at least", "altitude_min_m", limits.altitude_min_m),
+            (start.altitude_m > limits.altitude_max_m, "at most", "altitude_max_m", limits.altitude_max_m),
+        ):
+            if is_exceeded:
+                expected = f"{bound} limits.{key}, which is {format_number(limit_m)} m"
+                problems.append(
+                    Problem(f"{path}.altitude_m", format_number(start.altitude_m), expected, aircraft.label)
+                )
+        problems.extend(_climb_rate_problems(path, aircraft, start.path_angle_deg, start.speed_m_s, limits))
     return problems
 
 
-def rendezvous_problems(scenario: "Scenario") -> list[Problem]:
+def rendezvous_problems(scenario: ScenarioTables) -> list[Problem]:
     """List stand-offs below the minimum and arrivals that are too steep.
 
     Requires that the goal of every aircraft exists.
     """
     problems = []
-    goal_kinds = {goal.name: goal.kind for goal in scenario.goal}
     for index, aircraft in enumerate(scenario.aircraft):
-        limits, speed_m_s = scenario.limits_for(aircraft), scenario.speed_for(aircraft)
-        path, subject, rendezvous = f"aircraft[{index}].rendezvous", label("aircraft", aircraft), aircraft.rendezvous
-        if goal_kinds[aircraft.goal] == "surface" and rendezvous.stand_off_up_m < SURFACE_STAND_OFF_MIN_M:
+        path, rendezvous = f"aircraft[{index}].rendezvous", aircraft.rendezvous
+        is_surface, distance_m = scenario.goal_of(aircraft).kind == "surface", rendezvous.stand_off_distance_m
+        if is_surface and rendezvous.stand_off_up_m < SURFACE_STAND_OFF_MIN_M:
+            arrived = format_number(rendezvous.stand_off_up_m)
             expected = f'at least {SURFACE_STAND_OFF_MIN_M:g} m above the surface goal "{aircraft.goal}"; {_SCOPE}'
-            problems.append(
-                Problem(f"{path}.stand_off_up_m", format_number(rendezvous.stand_off_up_m), expected, subject)
-            )
-        if goal_kinds[aircraft.goal] == "airborne" and rendezvous.stand_off_distance_m < AIRBORNE_STAND_OFF_MIN_M:
+            problems.append(Problem(f"{path}.stand_off_up_m", arrived, expected, aircraft.label))
+        if not is_surface and distance_m < AIRBORNE_STAND_OFF_MIN_M:
             expected = f'at least {AIRBORNE_STAND_OFF_MIN_M:g} m from the airborne goal "{aircraft.goal}"; {_SCOPE}'
-            arrived = f"a stand-off of {rendezvous.stand_off_distance_m:.1f} m"
-            problems.append(Problem(path, arrived, expected, subject))
+            problems.append(Problem(path, f"a stand-off of {distance_m:.1f} m", expected, aircraft.label))
         if rendezvous.path_angle_deg is not None:
-            problems.extend(
-                _climb_rate_problems(f"{path}.path_angle_deg", subject, rendezvous.path_angle_deg, speed_m_s, limits)
-            )
+            speed_m_s, limits = scenario.speed_for(aircraft), scenario.limits_for(aircraft)
+            problems.extend(_climb_rate_problems(path, aircraft, rendezvous.path_angle_deg, speed_m_s, limits))
     return problems
 
 
-def goal_problems(scenario: "Scenario") -> list[Problem]:
+def margin_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List rendezvous points that are too near an uncertain goal for the minimum stand-off.
+
+    Requires that the goal of every aircraft exists.
+    """
+    sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
+    problems = []
+    for index, aircraft in enumerate(scenario.aircraft):
+        is_airborne = scenario.goal_of(aircraft).kind == "airborne"
+        stand_off_min_m = AIRBORNE_STAND_OFF_MIN_M if is_airborne else SURFACE_STAND_OFF_MIN_M
+        distance_m = aircraft.rendezvous.stand_off_distance_m
+        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, scenario.fleet, distance_m)
+        required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
+        # a stand-off below the scope's minimum is reported elsewhere
+        if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:
+            expected = (
+                f"a stand-off of {math.ceil(required_m)} m or more: the {format_number(stand_off_min_m)} m of the "
+                f"scope and estimator.margin_sigma = {format_number(estimator.margin_sigma)} standard deviations of "
+                f"the goal's place at the arrival, which the sensor leaves at {sigma_m:.1f} m"
+            )
+            problems.append(Problem(f"aircraft[{index}].rendezvous", f"{distance_m:.1f} m", expected, aircraft.label))
+    return problems
+
+
+def goal_problems(scenario: ScenarioTables) -> list[Problem]:
     """List airborne goals that start at or sink to the surface during the flight."""
     problems = []
     for index, goal in enumerate(scenario.goal):
         if goal.kind == "surface":
             continue
-        if goal.waypoints is not None:
-            heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints)}
-        else:
+        heights = {f"waypoints[{k}].altitude_m": point.altitude_m for k, point in enumerate(goal.waypoints or ())}
+        if goal.waypoints is None:
             heights = {"altitude_m": goal.altitude_m, "climb_rate_m_s": goal.position_m(scenario.timing.duration_s)[2]}
-        low_heights = {key: height for key, height in heights.items() if height < AIRBORNE_ALTITUDE_MIN_M}
-        for key, height in low_heights.items():
+            if goal.altitude_m < AIRBORNE_ALTITUDE_MIN_M:
+                del heights["climb_rate_m_s"]
+        for key, height in heights.items():
+            arrived = format_number(height)
             if key == "climb_rate_m_s":
-                if "altitude_m" in low_heights:
-                    continue
-                arrived = (
-                    f"{format_number(goal.climb_rate_m_s)}, which brings it to {height:.1f} m at the end of the flight"
+                rate = format_number(goal.climb_rate_m_s)
+                arrived = f"{rate}, which brings it to {height:.1f} m at the end of the flight"
+            if height < AIRBORNE_ALTITUDE_MIN_M:
+                expected = (
+                    f'an airborne goal at {AIRBORNE_ALTITUDE_MIN_M:g} m or higher; for a lower one, kind = "surface"'
                 )
-            else:
-                arrived = format_number(height)
-            expected = f'an airborne goal at {AIRBORNE_ALTITUDE_MIN_M:g} m or higher; for a lower one, kind = "surface"'
-            problems.append(Problem(f"goal[{index}].{key}", arrived, expected, label("goal", goal)))
+                problems.append(Problem(f"goal[{index}].{key}", arrived, expected, goal.label))
     return problems
 
 
-def _climb_rate_problems(path: str, subject: str, angle_deg: float, speed_m_s: float, limits: Limits) -> list[Problem]:
+def _climb_rate_problems(
+    path: str, aircraft: Aircraft, angle_deg: float, speed_m_s: float, limits: Limits
+) -> list[Problem]:
     """List a path angle at which the aircraft would climb or descend faster than the limit."""
     rate_m_s = speed_m_s * math.sin(math.radians(angle_deg))
     if abs(rate_m_s) <= limits.climb_rate_max_m_s:
         return []
     arrived = f"{format_number(angle_deg)}, a climb rate of {rate_m_s:.1f} m/s"
     expected = f"a climb rate within limits.climb_rate_max_m_s, which is {format_number(limits.climb_rate_max_m_s)} m/s"
-    return [Problem(path, arrived, expected, subject)]
+    return [Problem(f"{path}.path_angle_deg", arrived, expected, aircraft.label)]
 
 
-def planner_problems(scenario: "Scenario") -> list[Problem]:
+def planner_problems(scenario: ScenarioTables) -> list[Problem]:
     """List keys that the scenario's planner does not support.
 
     If ``planner = "published"`` is written in the file, keys with their default values are accepted; a scenario
@@ -305,10 +238,9 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
     """
     fleet = scenario.fleet
     if fleet.is_certified:
-        if fleet.speed_profile == "published":
-            expected = '"even", or fleet.planner = "published", which alone has such polynomials'
-            return [Problem("fleet.speed_profile", f'"published" with fleet.planner "{fleet.planner}"', expected)]
-        return []
+        expected = '"even", or fleet.planner = "published", which alone has such polynomials'
+        arrived = f'"published" with fleet.planner "{fleet.planner}"'
+        return [Problem("fleet.speed_profile", arrived, expected)] if fleet.speed_profile == "published" else []
     explicit = "planner" in fleet.model_fields_set
     certified_keys: list[tuple[str, Table, Iterable[str], str]] = [
         ("fleet", fleet, ("reserve",), ""),
@@ -317,18 +249,111 @@ def planner_problems(scenario: "Scenario") -> list[Problem]:
         ("separation", scenario.separation, type(scenario.separation).model_fields, ""),
     ]
     for index, aircraft in enumerate(scenario.aircraft):
-        certified_keys.append((f"aircraft[{index}]", aircraft, _CERTIFIED_AIRCRAFT_KEYS, label("aircraft", aircraft)))
-    expected = 'fleet.planner = "certified" beside it, which alone knows this key'
+        certified_keys.append((f"aircraft[{index}]", aircraft, _CERTIFIED_AIRCRAFT_KEYS, aircraft.label))
+    planner, expected = (
+        'with fleet.planner "published"',
+        'fleet.planner = "certified" beside it, which alone knows this key',
+    )
     problems = []
     for path, table, keys, subject in certified_keys:
         for key in keys:
             value, default = getattr(table, key), type(table).model_fields[key].default
             if key in table.model_fields_set and not (explicit and value == default):
-                value_text = format_value(value)
-                problems.append(
-                    Problem(f"{path}.{key}", f'{value_text} with fleet.planner "published"', expected, subject)
-                )
+                problems.append(Problem(f"{path}.{key}", f"{format_value(value)} {planner}", expected, subject))
     if scenario.keep_out:
-        arrived = f'a list of {len(scenario.keep_out)} with fleet.planner "published"'
-        problems.append(Problem("keep_out", arrived, expected))
+        problems.append(Problem("keep_out", f"a list of {len(scenario.keep_out)} {planner}", expected))
+    return problems
+
+
+def gust_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List gusts for unknown aircraft."""
+    names = [aircraft.name for aircraft in scenario.aircraft]
+    expected = f"the name of an aircraft of this scenario ({quoted_list(names)})"
+    return [
+        Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', expected)
+        for k, gust in enumerate(scenario.gust)
+        if gust.aircraft not in (None, *names)
+    ]
+
+
+def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List periods that are not whole numbers of steps."""
+    navigation, sensor, step_s = scenario.navigation, scenario.goal_sensor, scenario.timing.step_s
+    periods_s = {}
+    if navigation.sensors != "exact":
+        periods_s["navigation.period_s"] = navigation.period_s
+    if sensor.preset != "exact":
+        periods_s["goal_sensor.period_s"] = sensor.number("period_s")
+    return [
+        Problem(path, format_number(period_s), multiple_message(period_s, "timing.step_s", step_s))
+        for path, period_s in periods_s.items()
+        if not is_multiple(period_s, step_s)
+    ]
+
+
+def event_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List events with unknown names, after the end of the flight, or without support by the planner."""
+    events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
+    if events and scenario.fleet.planner == "published":
+        expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
+        return [Problem("event", f'{len(events)} with fleet.planner = "published"', expected)]
+    departures: dict[str, int] = {}
+    for index, event in enumerate(events):
+        path = f"event[{index}]"
+        for key, kind, items in (("aircraft", "an aircraft", scenario.aircraft), ("goal", "a goal", scenario.goal)):
+            name, names = getattr(event, key), [item.name for item in items]
+            if name not in (None, *names):
+                expected = f"the name of {kind} of this scenario ({quoted_list(names)})"
+                problems.append(Problem(f"{path}.{key}", f'"{name}"', expected))
+        if event.time_s >= duration_s:
+            expected = f"a time before the end of the flight, timing.duration_s = {format_number(duration_s)} s"
+            problems.append(Problem(f"{path}.time_s", format_number(event.time_s), expected))
+        if event.kind == "aircraft-leaves" and event.aircraft is not None:
+            if event.aircraft in departures:
+                arrived = f'"{event.aircraft}", which leaves by event[{departures[event.aircraft]}] already'
+                problems.append(Problem(f"{path}.aircraft", arrived, "an aircraft that has not left"))
+            departures[event.aircraft] = index
+    return problems
+
+
+def network_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List a network that no planner uses, and settings that a fleet without a centre does not support."""
+    network, fleet, rule = scenario.network, scenario.fleet, scenario.arrival.rule
+    if fleet.is_central:
+        expected = 'no [network], or fleet.planner = "decentralised": nobody else talks over it'
+        arrived = f'a table with fleet.planner = "{fleet.planner}"'
+        return [] if network is None else [Problem("network", arrived, expected)]
+    problems, count = [], len(scenario.aircraft)
+    if count > DECENTRALISED_AIRCRAFT_MAX:
+        problems.append(Problem("aircraft", f"{count} without a centre", f"at most {DECENTRALISED_AIRCRAFT_MAX}"))
+    if rule not in _DECENTRALISED_RULES:
+        expected = f"{quoted_list(_DECENTRALISED_RULES, ' or ')}: what aircraft can agree on without a centre"
+        problems.append(Problem("arrival.rule", f'"{rule}" with fleet.planner = "decentralised"', expected))
+    for index, event in enumerate(scenario.event):
+        if event.kind not in _DECENTRALISED_EVENTS:
+            expected = f'{quoted_list(_DECENTRALISED_EVENTS, " or ")}, or fleet.planner = "certified"'
+            problems.append(Problem(f"event[{index}].kind", f'"{event.kind}" without a centre', expected))
+    return problems + _network_number_problems(network or Network(), scenario)
+
+
+def _network_number_problems(network: Network, scenario: ScenarioTables) -> list[Problem]:
+    fleet, timing = scenario.fleet, scenario.timing
+    problems, multiple = [], network.period_s / timing.step_s
+    if abs(multiple - round(multiple)) > 1e-6 or round(multiple) < 1:
+        expected = multiple_message(network.period_s, "timing.step_s", timing.step_s)
+        problems.append(Problem("network.period_s", format_number(network.period_s), expected))
+    delayed = network.delay_s / network.period_s
+    if abs(delayed - round(delayed)) > 1e-6:
+        expected = multiple_message(network.delay_s, "period_s", network.period_s)
+        problems.append(Problem("network.delay_s", format_number(network.delay_s), expected))
+    if timing.replan_period_s <= 0.0:
+        expected = "a period above 0: what the others say is answered when the plan is renewed"
+        problems.append(Problem("timing.replan_period_s", format_number(timing.replan_period_s), expected))
+    greatest = greatest_rate_range(fleet, scenario.limits, scenario.wind.speed_max_m_s)
+    if network.rate_range > greatest:
+        expected = (
+            f"at most {format_number(math.floor(1e4 * greatest) / 1e4)}: what fleet.reserve = "
+            f"{format_number(fleet.reserve)} leaves of the limits, for a path that is flown faster or more slowly"
+        )
+        problems.append(Problem("network.rate_range", format_number(network.rate_range), expected))
     return problems

@@ -1,27 +1,23 @@
 """Scenario tables for the environment: Earth, wind, turbulence and discrete gusts."""
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
 
-from anser.config.errors import Problem, ScenarioError, describe_value, format_number
+from anser.config.errors import Problem, describe_value, format_number, problem_error, quoted_list
 from anser.config.tables import (
-    NAME_PATTERN,
     Table,
     Vector,
-    choice,
     expects,
+    identifier,
     interpolate,
     number,
     tables,
     velocity_on_course,
 )
 from anser.scenario.schema_settings import DURATION_MAX_S
-
-if TYPE_CHECKING:
-    from anser.scenario.schema import Scenario
 
 _EARTHS = ("flat", "wgs84")
 _WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or layers; not both"
@@ -30,8 +26,9 @@ _WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or la
 class Earth(Table):
     """The Earth, flat or as the rotating ellipsoid, and the position of the origin (north = east = 0)."""
 
-    model: Literal["flat", "wgs84"] = choice(
-        "flat and at rest with one gravity, or the rotating WGS-84 ellipsoid with J2 gravitation", _EARTHS, "flat"
+    model: Literal["flat", "wgs84"] = Field(
+        default="flat",
+        description="flat and at rest with one gravity, or the rotating WGS-84 ellipsoid with J2 gravitation",
     )
     latitude_deg: float = number("geodetic latitude of the origin", -89.99, 89.99, "deg", 45.0)
     longitude_deg: float = number("longitude of the origin", -180, 180, "deg", 0.0)
@@ -42,8 +39,8 @@ def _earth_from_name(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     if value not in _EARTHS:
-        names = " or ".join(f'"{word}"' for word in _EARTHS)
-        raise ScenarioError("", [Problem("", describe_value(value), f"{names}, or a table [earth]")])
+        expected = f"{quoted_list(_EARTHS, ' or ')}, or a table [earth]"
+        raise problem_error("", describe_value(value), expected)
     return {"model": value}
 
 
@@ -120,24 +117,18 @@ INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe":
 class Turbulence(Table):
     """Turbulence by MIL-F-8785C and MIL-HDBK-1797 (with the same numbers), independent for every aircraft."""
 
-    intensity: Literal["none", "light", "moderate", "severe"] = choice(
-        "how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
-        ("none", "light", "moderate", "severe"),
-        "none",
+    intensity: Literal["none", "light", "moderate", "severe"] = Field(
+        default="none",
+        description="how strong: the wind at 20 ft below 1,000 ft, the probability of being exceeded above 2,000 ft",
     )
-    spectrum: Literal["dryden", "von-karman"] = choice("form of the spectra", ("dryden", "von-karman"), "dryden")
+    spectrum: Literal["dryden", "von-karman"] = Field(default="dryden", description="form of the spectra")
 
 
 class DiscreteGust(Table):
     """A gust of the form 1 - cos, which one aircraft or every aircraft flies into at a given time."""
 
     time_s: float = number("time at which the aircraft meets the gust", 0, DURATION_MAX_S, "s")
-    aircraft: str | None = Field(
-        None,
-        pattern=NAME_PATTERN,
-        description="aircraft that meets the gust; left out: all",
-        json_schema_extra=expects("the name of an aircraft"),
-    )
+    aircraft: str | None = identifier("aircraft that meets the gust; left out: all", "the name of an aircraft", None)
     along_m_s: float = number("greatest velocity of the air along body x, forwards", -30, 30, "m/s", 0.0)
     right_m_s: float = number("the same along body y, to the right", -30, 30, "m/s", 0.0)
     up_m_s: float = number("the same along body z, upwards", -30, 30, "m/s", 0.0)
@@ -153,14 +144,3 @@ class DiscreteGust(Table):
         if self.along_m_s or self.right_m_s or self.up_m_s:
             return []
         return [Problem("up_m_s", "no strength in any direction", "along_m_s, right_m_s or up_m_s other than 0")]
-
-
-def gust_problems(scenario: "Scenario") -> list[Problem]:
-    """List gusts for unknown aircraft."""
-    names = [aircraft.name for aircraft in scenario.aircraft]
-    name_list = ", ".join(f'"{name}"' for name in names)
-    return [
-        Problem(f"gust[{k}].aircraft", f'"{gust.aircraft}"', f"the name of an aircraft of this scenario ({name_list})")
-        for k, gust in enumerate(scenario.gust)
-        if gust.aircraft is not None and gust.aircraft not in names
-    ]

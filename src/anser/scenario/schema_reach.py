@@ -2,17 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Vector
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_checks import label
-
-if TYPE_CHECKING:
-    from anser.scenario.schema import Scenario
-
+from anser.scenario.schema_tables import ScenarioTables
 
 FLIGHT_MIN_S = 1.0
 _HALVINGS = 40  # bisection of the longest flight to less than a microsecond
@@ -47,7 +42,7 @@ class ReferenceSpeed:
         return f"{self.key} = {format_number(self.speed_m_s)} m/s"
 
 
-def reference_speed(scenario: "Scenario", aircraft: Aircraft) -> ReferenceSpeed:
+def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSpeed:
     """Return the airspeed with which the checks decide whether an aircraft can reach its goal."""
     fleet, limits, arrival = scenario.fleet, scenario.limits_for(aircraft), scenario.arrival
     certified = fleet.is_certified
@@ -96,7 +91,7 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
     return min((root for root in roots if root > 0.0), default=None)
 
 
-def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Problem]:
+def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
     """List goals that outrun their aircraft, flights that are too short, and rendezvous points outside the envelope.
 
     Parameters
@@ -127,7 +122,7 @@ def reach_problems(scenario: "Scenario", *, unaided: bool = False) -> list[Probl
     return problems
 
 
-def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
+def arrival_time_problems(scenario: ScenarioTables) -> list[Problem]:
     """List arrival times that are too early even for a straight flight at the greatest airspeed and tail wind.
 
     For a window the end counts. `reach_problems` has found no problem, so every goal is reached within the flight.
@@ -149,14 +144,13 @@ def arrival_time_problems(scenario: "Scenario") -> list[Problem]:
             fastest = f"limits.speed_max_m_s, which is {format_number(scenario.limits_for(aircraft).speed_max_m_s)} m/s"
             expected = (
                 f'at least {math.ceil(10.0 * earliest_s) / 10.0:.1f} s: "{aircraft.name}" gets to goal '
-                f'"{aircraft.goal}" no '
-                f"sooner, straight at {fastest}, in this wind"
+                f'"{aircraft.goal}" no sooner, straight at {fastest}, in this wind'
             )
-            worst[path] = earliest_s, Problem(path, format_number(required_s), expected, label("aircraft", aircraft))
+            worst[path] = earliest_s, Problem(path, format_number(required_s), expected, aircraft.label)
     return [problem for _, problem in worst.values()]
 
 
-def _earliest_arrival_s(scenario: "Scenario", aircraft: Aircraft) -> float:
+def _earliest_arrival_s(scenario: ScenarioTables, aircraft: Aircraft) -> float:
     """Return a lower bound of an aircraft's arrival time, s, for any flight within the limits."""
     goal, wind = scenario.goal_of(aircraft), scenario.wind
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
@@ -179,7 +173,7 @@ def _earliest_arrival_s(scenario: "Scenario", aircraft: Aircraft) -> float:
     return low_s
 
 
-def _fastest_mean_airspeed_m_s(scenario: "Scenario", reference: ReferenceSpeed) -> float:
+def _fastest_mean_airspeed_m_s(scenario: ScenarioTables, reference: ReferenceSpeed) -> float:
     """Return an upper bound of the fleet's mean airspeed (m/s) that the published planner may choose.
 
     In a descent without drag, kinetic plus potential energy is constant, which bounds the airspeed. The bound is the
@@ -224,15 +218,15 @@ def _leg_speed_problems(
         if speed_m_s >= reference.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
             expected = (
-                f"less than {reference.key}, which is {format_number(reference.speed_m_s)} m/s: the goal "
-                "outruns its aircraft"
+                f"less than {reference.key}, which is {format_number(reference.speed_m_s)} m/s: the goal outruns its "
+                "aircraft"
             )
-            problems.append(Problem(f"{path}.waypoints[{index}]", arrived, expected, label("goal", goal)))
+            problems.append(Problem(f"{path}.waypoints[{index}]", arrived, expected, goal.label))
     return problems
 
 
 def _aircraft_reach_problems(
-    path: str, aircraft: Aircraft, scenario: "Scenario", reference: ReferenceSpeed, fastest_m_s: float | None
+    path: str, aircraft: Aircraft, scenario: ScenarioTables, reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
     """List the reasons why one aircraft cannot reach its goal."""
     goal, limits, wind, timing = (
@@ -241,7 +235,7 @@ def _aircraft_reach_problems(
         scenario.wind,
         scenario.timing,
     )
-    subject = label("aircraft", aircraft)
+    subject = aircraft.label
     rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
     relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
     heights_m = [rendezvous_m[2]]

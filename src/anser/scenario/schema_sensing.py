@@ -1,21 +1,16 @@
-"""Scenario tables for sensors and estimators, and the check that the stand-off allows for an uncertain goal."""
+"""Scenario tables for sensors and estimators, and the goal's uncertainty that follows from them."""
 
 import functools
 import json
 import math
 from importlib.resources import files
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
 from anser.config.errors import Problem, format_number
-from anser.config.tables import Table, choice, expects, number
-from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
-from anser.scenario.schema_checks import label
-from anser.scenario.schema_settings import Fleet, Timing, is_multiple, multiple_message
-
-if TYPE_CHECKING:
-    from anser.scenario.schema import Scenario
+from anser.config.tables import Table, expects, number
+from anser.scenario.schema_settings import Fleet, Timing
 
 PRESETS = ("camera", "ais", "ads-b", "weather-radar", "beacon")
 _SIGHT_KEYS = (
@@ -44,8 +39,8 @@ class Navigation(Table):
     heading reference of tactical grade, and an air data computer (RTCA DO-229, DO-334, SAE AS8002).
     """
 
-    sensors: Literal["exact", "satellite-inertial"] = choice(
-        "exact, or with the errors below", ("exact", "satellite-inertial"), "exact"
+    sensors: Literal["exact", "satellite-inertial"] = Field(
+        default="exact", description="exact, or with the errors below"
     )
     position_m: float = number("slow error of satellite navigation, per axis", 0, 1000, "m", 2.0)
     correlation_s: float = number("correlation time of the slow error (Gauss-Markov)", 0.1, 1e5, "s", 60.0)
@@ -75,8 +70,8 @@ class GoalSensor(Table):
     Errors are standard deviations.
     """
 
-    preset: Literal["exact", "camera", "ais", "ads-b", "weather-radar", "beacon"] = choice(
-        "which sensor", ("exact", *PRESETS), "exact"
+    preset: Literal["exact", "camera", "ais", "ads-b", "weather-radar", "beacon"] = Field(
+        default="exact", description="which sensor"
     )
     range_m: float | None = number("error of the range", 0, 10_000, "m", None)
     angle_mrad: float | None = number("error of the direction, across the line of sight", 0, 500, "mrad", None)
@@ -117,12 +112,8 @@ class GoalSensor(Table):
                     Problem(key, f'{_value_text(getattr(self, key))} with preset "{self.preset}"', expected)
                 )
         if self.latency_s is not None and self.latency_s[0] > self.latency_s[1]:
-            expected = "a list of two numbers (s), the first not above the second"
-            problems.append(
-                Problem(
-                    "latency_s", f"[{format_number(self.latency_s[0])}, {format_number(self.latency_s[1])}]", expected
-                )
-            )
+            arrived = f"[{format_number(self.latency_s[0])}, {format_number(self.latency_s[1])}]"
+            problems.append(Problem("latency_s", arrived, "a list of two numbers (s), the first not above the second"))
         return problems
 
     def number(self, key: str, default: Any = None) -> Any:
@@ -138,11 +129,11 @@ def _value_text(value: Any) -> str:
 class Estimator(Table):
     """Filter that tracks the goal; unused if the goal sensor is exact."""
 
-    filter: Literal["ekf", "ukf"] = choice("extended or unscented Kalman filter", ("ekf", "ukf"), "ekf")
-    motion: Literal["steady", "turning", "changing"] = choice(
-        "assumed motion of goals: steady, in a coordinated turn, or changing between both (interacting multiple model)",
-        ("steady", "turning", "changing"),
-        "steady",
+    filter: Literal["ekf", "ukf"] = Field(default="ekf", description="extended or unscented Kalman filter")
+    motion: Literal["steady", "turning", "changing"] = Field(
+        default="steady",
+        description="assumed motion of goals: steady, in a coordinated turn, or changing between both (interacting "
+        "multiple model)",
     )
     acceleration_m_s2: float = number(
         "assumed acceleration of the goal, root mean square over a second",
@@ -168,21 +159,6 @@ class Estimator(Table):
     margin_sigma: float = number(
         "standard deviations of the goal's position that the stand-off adds to its minimum", 0, 10, "", 3.0
     )
-
-
-def sensing_problems(scenario: "Scenario") -> list[Problem]:
-    """List periods that are not whole numbers of steps."""
-    navigation, sensor, step_s = scenario.navigation, scenario.goal_sensor, scenario.timing.step_s
-    periods_s = {}
-    if navigation.sensors != "exact":
-        periods_s["navigation.period_s"] = navigation.period_s
-    if sensor.preset != "exact":
-        periods_s["goal_sensor.period_s"] = sensor.number("period_s")
-    return [
-        Problem(path, format_number(period_s), multiple_message(period_s, "timing.step_s", step_s))
-        for path, period_s in periods_s.items()
-        if not is_multiple(period_s, step_s)
-    ]
 
 
 _MEASUREMENTS = 2000  # upper limit of the recursion; the filter has settled by then
@@ -246,33 +222,3 @@ def _predict_variances(
         covariance + span_s * speed_variance + density * span_s**2 / 2.0,
         speed_variance + density * span_s,
     )
-
-
-def margin_problems(scenario: "Scenario") -> list[Problem]:
-    """List rendezvous points that are too near an uncertain goal for the minimum stand-off.
-
-    Requires that the goal of every aircraft exists.
-    """
-    sensor, estimator, navigation = scenario.goal_sensor, scenario.estimator, scenario.navigation
-    goal_kinds = {goal.name: goal.kind for goal in scenario.goal}
-    problems = []
-    for index, aircraft in enumerate(scenario.aircraft):
-        stand_off_min_m = (
-            AIRBORNE_STAND_OFF_MIN_M if goal_kinds[aircraft.goal] == "airborne" else SURFACE_STAND_OFF_MIN_M
-        )
-        distance_m = aircraft.rendezvous.stand_off_distance_m
-        sigma_m = goal_sigma_m(sensor, estimator, navigation, scenario.timing, scenario.fleet, distance_m)
-        required_m = stand_off_min_m + estimator.margin_sigma * sigma_m
-        # a stand-off below the scope's minimum is reported elsewhere
-        if sigma_m > 0.0 and stand_off_min_m <= distance_m < required_m:
-            expected = (
-                f"a stand-off of {math.ceil(required_m)} m or more: the {format_number(stand_off_min_m)} m of the "
-                f"scope and "
-                f"estimator.margin_sigma = {format_number(estimator.margin_sigma)} standard "
-                "deviations of the goal's place at "
-                f"the arrival, which the sensor leaves at {sigma_m:.1f} m"
-            )
-            problems.append(
-                Problem(f"aircraft[{index}].rendezvous", f"{distance_m:.1f} m", expected, label("aircraft", aircraft))
-            )
-    return problems

@@ -1,11 +1,13 @@
-"""Scenario tables for the whole flight: time, fleet, limits, guidance, hold, requirements."""
+"""Scenario tables for the whole flight: time, fleet, limits, guidance, hold, requirements, network."""
 
 import math
-from typing import Literal
+from typing import Literal, Self
 
-from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S
+from pydantic import Field
+
+from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S, AirframeRange
 from anser.config.errors import Problem, format_number
-from anser.config.tables import Table, choice, number, ordering_problems
+from anser.config.tables import Table, number, ordering_problems
 
 DURATION_MAX_S = 7200.0
 
@@ -55,23 +57,18 @@ class Fleet(Table):
 
     speed_m_s: float = number(
         "mean airspeed of the plan, equal for all aircraft; higher if the farthest cannot descend so slowly "
-        "(certified: "
-        "preferred airspeed)",
+        "(certified: preferred airspeed)",
         1,
         SPEED_MAX_M_S,
         "m/s",
     )
-    speed_profile: Literal["even", "published"] = choice(
-        "airspeed along a path: even, or by the published polynomials in time",
-        ("even", "published"),
-        "even",
+    speed_profile: Literal["even", "published"] = Field(
+        default="even", description="airspeed along a path: even, or by the published polynomials in time"
     )
-    planner: Literal["published", "certified", "decentralised"] = choice(
-        "planner: the published method, paths with proven limits and separation, or such paths planned by each "
-        "aircraft "
-        "without a centre",
-        ("published", "certified", "decentralised"),
-        "certified",
+    planner: Literal["published", "certified", "decentralised"] = Field(
+        default="certified",
+        description="planner: the published method, paths with proven limits and separation, or such paths planned by "
+        "each aircraft without a centre",
     )
     reserve: float = number(
         "fraction of each limit reserved for the autopilot; of the airspeed window on each side of speed_m_s",
@@ -131,14 +128,22 @@ class Limits(Table):
     )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a least altitude that is not below the greatest altitude.
-
-        Load factors need no check: the ranges of the two keys do not overlap.
-
-        Airspeeds and angles of attack left out of the scenario follow from the aircraft: see
-        `schema_checks.limits_for`.
-        """
+        """List a least altitude that is not below the greatest; the ranges of the load factors do not overlap."""
         return ordering_problems(self, "altitude_min_m", "altitude_max_m", "m")
+
+    def within(self, data_range: AirframeRange) -> Self:
+        """Return one aircraft's limits; airspeeds and angles of attack left out follow from the aircraft file.
+
+        An aircraft without a file keeps these limits.
+        """
+        if not data_range.is_from_file:
+            return self
+        speeds, alphas = data_range.airspeed_m_s, data_range.alpha_deg
+        values = {} if speeds is None else {"speed_min_m_s": speeds[0], "speed_max_m_s": speeds[1]}
+        if alphas is not None:
+            values["alpha_min_deg"] = max(alphas[0], self.alpha_min_deg)
+            values["alpha_max_deg"] = min(alphas[1], self.alpha_max_deg)
+        return self.with_defaults(**values)
 
 
 class Guidance(Table):
@@ -153,7 +158,7 @@ class Hold(Table):
     """The circle flown by every aircraft after the arrival."""
 
     radius_m: float = number("radius of the circle", 20, 100_000, "m", 4000.0)
-    direction: Literal["right", "left"] = choice("sense of the turn", ("right", "left"), "right")
+    direction: Literal["right", "left"] = Field(default="right", description="sense of the turn")
 
 
 class Requirements(Table):
@@ -176,3 +181,55 @@ class Requirements(Table):
     separation_min_m: float | None = number(
         "least distance between two aircraft; left out: any", 0, 10_000, "m", None, exclusive_minimum=True
     )
+
+
+class Network(Table):
+    """Communication in a fleet without a centre (fleet.planner = "decentralised")."""
+
+    range_m: float = number(
+        "greatest distance over which two aircraft hear each other", 0, 1e7, "m", 50_000.0, exclusive_minimum=True
+    )
+    period_s: float = number("time between two broadcasts of an aircraft", 0, 10, "s", 0.1, exclusive_minimum=True)
+    delay_s: float = number("delay of a message", 0, 10, "s", 0.0)
+    loss: float = number("fraction of the messages between two aircraft that are lost, independently", 0, 1, "", 0.0)
+    outage_share: float = number("fraction of the time in which a link is out", 0, 0.99, "", 0.0)
+    outage_mean_s: float = number("mean duration of a link outage", 0, 600, "s", 5.0, exclusive_minimum=True)
+    agree_within_s: float = number("time before the start for agreement on the first plan", 1, 600, "s", 60.0)
+    coupling_per_s: float = number(
+        "rate of convergence of the clocks if all aircraft hear each other", 0, 2, "1/s", 0.2, exclusive_minimum=True
+    )
+    damping_per_s: float = number("rate at which a clock rate returns to 1", 0, 10, "1/s", 1.0, exclusive_minimum=True)
+    waiting_per_s2: float = number("slowdown of a clock for each second behind the path", 0, 1, "1/s^2", 0.1)
+    rate_range: float = number("greatest deviation of a clock rate from 1", 0, 0.1, "", 0.03, exclusive_minimum=True)
+    skew_max_s: float = number(
+        "greatest difference of two clocks, allowed for in the separation", 0, 5, "s", 0.5, exclusive_minimum=True
+    )
+    tube_m: float = number(
+        "greatest deviation of an aircraft from its last broadcast path", 0, 1_000, "m", 25.0, exclusive_minimum=True
+    )
+    window_s: float = number(
+        "time window for the network's quality of service", 0, 600, "s", 5.0, exclusive_minimum=True
+    )
+
+    def consistency_problems(self) -> list[Problem]:
+        """List a clock coupling that oscillates."""
+        greatest = 0.25 * self.damping_per_s
+        if self.coupling_per_s <= greatest:
+            return []
+        expected = f"at most {format_number(greatest)} 1/s, a quarter of damping_per_s: beyond that the clocks swing"
+        return [Problem("coupling_per_s", format_number(self.coupling_per_s), expected)]
+
+
+def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
+    """Return the greatest deviation of a clock rate from 1 for which a plan with the reserve keeps its limits.
+
+    Accelerations scale with the square of the clock rate; the tangent of the bank angle grows at least in proportion to
+    the angle. The clock rate scales the velocity over the ground; the wind speed is at most `wind_m_s`.
+    """
+    reserve, speed = fleet.reserve, fleet.speed_m_s
+    turning = math.sqrt(1.0 / (1.0 - reserve)) - 1.0
+    slow = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
+    fast = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
+    slower = (slow - limits.speed_min_m_s) / (slow + wind_m_s)
+    faster = (limits.speed_max_m_s - fast) / (fast + wind_m_s)
+    return min(turning, slower, faster, reserve)
