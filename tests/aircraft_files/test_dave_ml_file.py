@@ -13,6 +13,7 @@ from anser.aircraft import DaveMlAircraft, JetEngine
 from anser.aircraft.air_data import air_data
 from anser.aircraft.dave_ml_aircraft import DaveMlEngine
 from anser.aircraft_files import build_airframe, load_airframe, load_f16, read_airframe
+from anser.aircraft_files.build import disperse_airframe
 from anser.aircraft_files.check_data import compare_check_data
 from anser.aircraft_files.findings import collect_findings
 from anser.aircraft_files.schema import DaveMlFile
@@ -20,7 +21,6 @@ from anser.aircraft_files.sources import library_file, validate_airframe
 from anser.config import ScenarioError
 from anser.environment import StandardAtmosphere
 from anser.scenario import build_flight, load, loads, validate
-from anser.scenario.build_aircraft import disperse_airframe
 
 NASA = resources.files("anser.dave_ml").joinpath("nasa")
 TRAINER = Path(__file__).parents[2] / "scenarios" / "own-aircraft" / "trainer.toml"

@@ -1,14 +1,14 @@
 """Actuators of control surfaces: first or second order, with position and rate limits."""
 
 import abc
-from typing import Any
+from typing import Any, Self
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import AirData
-from anser.shapes import Vector
+from anser.shapes import Scalar, Vector
 from anser.variables import STANDARD_SURFACES
 
 
@@ -77,6 +77,10 @@ class AbstractActuators(eqx.Module):
         """Return the command (rad) limited to the position limits."""
         return jnp.clip(command, self.lower, self.upper)
 
+    def with_bandwidth_scaled(self, factor: Scalar) -> Self:
+        """Return the same actuators with the bandwidth (by default the inverse time constant) times a factor."""
+        return eqx.tree_at(lambda a: a.time_constant, self, self.time_constant / factor)
+
     def command_for_rate(self, position: Vector, rate: Vector) -> Vector:
         """Return the command (rad, within the position limits) that moves the surfaces at a required rate (rad/s)."""
         return self.limit_command(position + self.time_constant * rate)
@@ -141,6 +145,10 @@ class SecondOrderActuators(AbstractActuators):
     def state_names(self) -> tuple[str, ...]:
         """Names of the positions, then of the velocities."""
         return (*self.names, *(f"{name}_velocity" for name in self.names))
+
+    def with_bandwidth_scaled(self, factor: Scalar) -> Self:
+        """Return the same actuators with the natural frequency times a factor."""
+        return eqx.tree_at(lambda a: a.frequency, self, self.frequency * factor)
 
     def steady_state(self, position: Vector) -> MovingDeflections:
         """Return the state at rest: the given position and zero velocity."""

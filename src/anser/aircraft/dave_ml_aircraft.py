@@ -30,32 +30,23 @@ ENGINE_OUTPUTS = (*_THRUST, *_TORQUE)
 """Variables that a propulsion file must define: thrust force and moment along the body axes."""
 ENGINE_POWER = "powerLeverAngle"
 """Name of the propulsion file's input for the engine power, percent."""
-AIR_INPUTS = (
-    "trueAirspeed",
-    "angleOfAttack",
-    "angleOfSideslip",
-    "mach",
-    "altitudeMSL",
-    "dynamicPressure",
-    "airDensity",
-)
-"""Names of the inputs of a DAVE-ML file that describe the air data."""
+AIR_INPUTS = {
+    "trueAirspeed": "V",
+    "angleOfAttack": "alpha",
+    "angleOfSideslip": "beta",
+    "mach": "mach",
+    "altitudeMSL": "altitude",
+    "dynamicPressure": "qbar",
+    "airDensity": "density",
+}
+"""Names of the inputs of a DAVE-ML file that describe the air data, and the attributes of `AirData`."""
 _POWER_GRID = np.arange(0.0, 101.0, 10.0)
 
 
 def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]:
     """Return the values of those `AIR_INPUTS` that a file uses, by name; SI units and rad."""
-    values = (
-        air_data.V,
-        air_data.alpha,
-        air_data.beta,
-        air_data.mach,
-        air_data.altitude,
-        air_data.qbar,
-        air_data.density,
-    )
     input_names = {evaluator.structure.by_id[variable_id].name for variable_id in evaluator.structure.inputs}
-    return {name: value for name, value in zip(AIR_INPUTS, values, strict=True) if name in input_names}
+    return {name: getattr(air_data, key) for name, key in AIR_INPUTS.items() if name in input_names}
 
 
 class DaveMlEngine(AbstractLaggedEngine):
@@ -111,10 +102,7 @@ class DaveMlEngine(AbstractLaggedEngine):
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether altitude or Mach number is outside the declared range of the tables."""
-        low, high = self.altitude_range
-        mach_min, mach_max = self.mach_range
-        altitude_outside = (air_data.altitude < low) | (air_data.altitude > high)
-        return altitude_outside | (air_data.mach < mach_min) | (air_data.mach > mach_max)
+        return is_outside(air_data.altitude, self.altitude_range) | is_outside(air_data.mach, self.mach_range)
 
 
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")

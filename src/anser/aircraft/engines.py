@@ -28,8 +28,8 @@ class AbstractEngine(eqx.Module):
     The engine's `power` is its setting in percent of maximum, not watts. Each class defines its own engine state; every
     state has an attribute `power`. Thrust is a function of power and air data; controllers use the inverse functions.
 
-    A new class flies in any airframe. To give it deviations of thrust, a description or a table in aircraft files,
-    extend `anser.aircraft.dispersions`, `anser.analysis.airframes` or `anser.aircraft_files`.
+    A new class flies in any airframe. To give it a description or a table in aircraft files, extend
+    `anser.analysis.airframes` or `anser.aircraft_files`.
     """
 
     @property
@@ -85,6 +85,14 @@ class AbstractEngine(eqx.Module):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the flight condition is outside the valid range of the engine's data."""
 
+    def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "AbstractEngine":
+        """Return the same engine with the thrust times a factor; its thrust point moves by `shift_b` (m, body axes).
+
+        By default by the fields `thrust_factor` and `point_b`; raises AttributeError for an engine without them.
+        """
+        values = self.thrust_factor * thrust, self.point_b + shift_b  # pyright: ignore[reportAttributeAccessIssue]
+        return eqx.tree_at(lambda e: (e.thrust_factor, e.point_b), self, values)
+
 
 class NoEngine(AbstractEngine):
     """No engine: zero thrust, for gliders."""
@@ -117,6 +125,10 @@ class NoEngine(AbstractEngine):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Always False: there are no data."""
         return air_data.V < 0.0
+
+    def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "NoEngine":
+        """Return no engine: there is no thrust to scale."""
+        return self
 
 
 def thrust_along_body_x(thrust: Scalar) -> Wrench:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators
-from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.air_data import AirData, Wrench, is_outside
 from anser.aircraft.airframe import AbstractAirframe, MassProperties
 from anser.aircraft.engines import AbstractEngine, EnginePower, thrust_along_body_x
 from anser.numerics.arrays import as_array
@@ -88,6 +88,11 @@ class F16Engine(AbstractEngine):
         slow = jnp.clip(1.9 - 0.036 * gap, 0.1, 1.0)
         return jnp.where(is_afterburning, 5.0, slow) * gap
 
+    def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "F16Engine":
+        """Return the engine with its thrust tables times a factor; the thrust acts at any centre of gravity."""
+        cells = self.thrust_tables.cells[0] * thrust
+        return eqx.tree_at(lambda e: e.thrust_tables.cells[0], self, cells)
+
     def throttle_for_power_rate(self, power: ScalarLike, power_rate: ScalarLike) -> Scalar:
         """Return the throttle (0..1) for a required power rate (percent/s); see `power_command_for_rate`."""
         return self.throttle_for_power(self.power_command_for_rate(power, power_rate))
@@ -131,7 +136,7 @@ class AbstractF16(AbstractAirframe):
         Centre of gravity and moment reference, fractions of the mean chord.
     """
 
-    engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride] - deviations scale it
+    engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride]
     span: eqx.AbstractVar[Scalar]
     wing_area: eqx.AbstractVar[Scalar]
     mean_chord: eqx.AbstractVar[Scalar]
@@ -162,10 +167,8 @@ class AbstractF16(AbstractAirframe):
         published model and not reported.
         """
         return (
-            (air_data.alpha < self.alpha_range[0])
-            | (air_data.alpha > self.alpha_range[1])
-            | (air_data.beta < self.beta_range[0])
-            | (air_data.beta > self.beta_range[1])
+            is_outside(air_data.alpha, self.alpha_range)
+            | is_outside(air_data.beta, self.beta_range)
             | self.engine.outside_tables(air_data)
         )
 
@@ -187,10 +190,6 @@ class F16(AbstractF16):
 
     Attributes
     ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2).
-    x_cg, x_cg_reference
-        Centre of gravity and moment reference, fractions of the mean chord.
     surface_reference
         Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
     side_force
@@ -264,10 +263,7 @@ class F16(AbstractF16):
             lambda a: (a.tables.cells, a.side_force, a.normal_force_elevator),
             self,
             (
-                tuple(
-                    cells * factors_of_group[None, None, :]
-                    for cells, factors_of_group in zip(self.tables.cells, tables, strict=True)
-                ),
+                tuple(cells * group[None, None, :] for cells, group in zip(self.tables.cells, tables, strict=True)),
                 self.side_force * side_force,
                 self.normal_force_elevator * normal_force[0],
             ),
@@ -330,13 +326,7 @@ def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_
             [
                 ((0,), [tables[name] for name in alpha_values]),
                 ((0, 2), [tables[name] for name in elevator_values]),
-                (
-                    (0, 1),
-                    [
-                        (_odd_extension if n in _ODD_IN_SIDESLIP else _on_five_degrees)(tables[n])
-                        for n in sideslip_values
-                    ],
-                ),
+                ((0, 1), [_on_all_sideslips(name, tables[name]) for name in sideslip_values]),
             ],
         ),
     )
@@ -355,17 +345,18 @@ def variant_tables(data: Mapping[str, Any], variant: str) -> dict[str, np.ndarra
     return tables
 
 
-def _on_five_degrees(table: np.ndarray) -> np.ndarray:
-    """Refine a table on beta = -30, -20, ..., 30 deg to every fifth degree, without changing the bilinear function."""
+def _on_all_sideslips(name: str, table: np.ndarray) -> np.ndarray:
+    """Return a table on beta = -30, -25, ..., 30 deg.
+
+    The tables of `_ODD_IN_SIDESLIP`, given on |beta| = 0, 5, ..., 30 deg, are extended as odd functions; all others,
+    given on beta = -30, -20, ..., 30 deg, are refined, which does not change the bilinear function.
+    """
+    if name in _ODD_IN_SIDESLIP:
+        return np.concatenate([-table[:, :0:-1], table], axis=1)
     fine = np.empty((table.shape[0], 2 * table.shape[1] - 1))
     fine[:, ::2] = table
     fine[:, 1::2] = (table[:, 1:] + table[:, :-1]) / 2
     return fine
-
-
-def _odd_extension(table: np.ndarray) -> np.ndarray:
-    """Extend a table on |beta| = 0, 5, ..., 30 deg as an odd function to beta = -30, -25, ..., 30 deg."""
-    return np.concatenate([-table[:, :0:-1], table], axis=1)
 
 
 def f16_engine_from_data(data: Mapping[str, Any]) -> F16Engine:

@@ -132,8 +132,7 @@ TP1538_FUNCTIONS = (
 Functions of alpha: damping, damping increments with the flap at 0, deltaCm, deltaClbeta, deltaCnbeta. Functions of
 alpha and beta: CZ and CY without surfaces; increments with the flap at 0; increments with 30 deg of rudder; with 20 deg
 of aileron, and the additional increments with the flap at 0. Functions of alpha, beta and elevator: CX, CZ less CZ at
-zero
-elevator, Cm, Cl, Cn."""
+zero elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
@@ -141,10 +140,6 @@ class F16TP1538(AbstractF16):
 
     Attributes
     ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2).
-    x_cg, x_cg_reference
-        Centre of gravity and moment reference, fractions of the mean chord.
     surface_reference
         Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
     tables
@@ -194,20 +189,15 @@ class F16TP1538(AbstractF16):
         lever = self.x_cg_reference - self.x_cg
         CZ = CZ0 + CZde + dCZ + CZq * q
         CY = CY0 + dCY + CYda * a + CYdr * r + CYr * y + CYp * p
+        Cn = Cn0 + dCn + dCnbeta * beta_deg + Cnda * a + Cndr * r + Cnr * y + Cnp * p
+        Cn = Cn - CY * lever * self.mean_chord / self.span
         return F16Coefficients(
             CX=CX0 + dCX + CXq * q,
             CY=CY,
             CZ=CZ,
             Cl=Cl0 + dCl + dClbeta * beta_deg + Clda * a + Cldr * r + Clr * y + Clp * p,
             Cm=effectiveness * Cm0 + dCm_flap + dCm + CZ * lever + Cmq * q,
-            Cn=Cn0
-            + dCn
-            + dCnbeta * beta_deg
-            + Cnda * a
-            + Cndr * r
-            + Cnr * y
-            + Cnp * p
-            - CY * lever * self.mean_chord / self.span,
+            Cn=Cn,
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16TP1538":

@@ -8,10 +8,11 @@ from typing import overload
 
 import jax
 import numpy as np
+from jaxtyping import Array
 
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators, SecondOrderActuators
 from anser.aircraft.air_data import Validity, air_data
-from anser.aircraft.airframe import MassProperties
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
 from anser.aircraft.dave_ml_aircraft import (
     AERO_LENGTHS,
     AERO_OUTPUTS,
@@ -27,10 +28,13 @@ from anser.aircraft.derivative_aircraft import NO_STALL, DerivativeAircraft
 from anser.aircraft.dispersions import (
     BodyDispersion,
     DerivativeDispersion,
+    F16Dispersion,
     dispersed_dave_ml_aircraft,
     dispersed_derivative_aircraft,
+    dispersed_f16,
 )
 from anser.aircraft.engines import AbstractEngine, JetEngine, NoEngine
+from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
 from anser.aircraft_files import schema_aerodynamics, schema_body
 from anser.aircraft_files.deviations import Deviation
@@ -446,25 +450,26 @@ def with_derivatives(
     return dataclasses.replace(airframe, derivatives=as_array(values), has_static_side_force=has_static_side_force)
 
 
-def disperse_file_airframe(
-    airframe: DerivativeAircraft | DaveMlAircraft, deviation: Deviation
-) -> DerivativeAircraft | DaveMlAircraft:
-    """Apply a deviation to an airframe: factors on mass, inertia, thrust, actuators and coefficients.
+def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
+    """Build the airframe that flies: the nominal airframe with a scenario's deviations.
 
-    The coefficient factors multiply `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML aircraft.
+    The coefficient factors multiply the F-16's coefficients, `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML
+    aircraft. Raises TypeError for an airframe whose coefficients are not known.
     """
-    body = BodyDispersion(
-        thrust=as_array(deviation.thrust),
-        mass=as_array(deviation.mass),
-        second_moments=as_array(deviation.second_moments),
-        actuator_bandwidth=as_array(deviation.actuator_bandwidth),
-        cg_shift=as_array(deviation.cg_shift),
-    )
-    factors_in_file = deviation.coefficients
-    if isinstance(airframe, DaveMlAircraft):
-        body_factors = as_array([getattr(factors_in_file, name) for name in BODY_COEFFICIENTS])
-        return dispersed_dave_ml_aircraft(airframe, body_factors, body)
-    columns = derivative_columns(airframe.actuators.names)
+    keys = ("thrust", "mass", "second_moments", "actuator_bandwidth", "cg_shift")
+    body, factors_in_file = {key: as_array(getattr(deviation, key)) for key in keys}, deviation.coefficients
+
+    def factors_on(names: Sequence[str]) -> Array:
+        return as_array([getattr(factors_in_file, name) for name in names])
+
+    if isinstance(nominal, AbstractF16):
+        return dispersed_f16(nominal, F16Dispersion(**body, coefficients=factors_on(F16_COEFFICIENTS)))
+    if isinstance(nominal, DaveMlAircraft):
+        return dispersed_dave_ml_aircraft(nominal, factors_on(BODY_COEFFICIENTS), BodyDispersion(**body))
+    if not isinstance(nominal, DerivativeAircraft):
+        raise TypeError(f"a deviation of {type(nominal).__name__}, of which no coefficients are known")
+    columns = derivative_columns(nominal.actuators.names)
     factors = np.asarray([[getattr(factors_in_file, row + column, 1.0) for column in columns] for row in COEFFICIENTS])
-    tables = as_array([factors[place] for place in airframe.table_derivatives]) if airframe.table_derivatives else None
-    return dispersed_derivative_aircraft(airframe, DerivativeDispersion(as_array(factors), tables, body))
+    tables = as_array([factors[place] for place in nominal.table_derivatives]) if nominal.table_derivatives else None
+    dispersion = DerivativeDispersion(as_array(factors), tables, BodyDispersion(**body))
+    return dispersed_derivative_aircraft(nominal, dispersion)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from anser.aircraft_files.build import disperse_airframe
 from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.library import span_of
 from anser.config.tables import Vector, velocity_on_course
@@ -25,7 +26,6 @@ from anser.scenario.build_aircraft import (
     ResolvedAircraft,
     build_flight_limits,
     build_guidance,
-    disperse_airframe,
     resolve_fleet,
 )
 from anser.scenario.build_environment import build_environment, build_gusts, ned

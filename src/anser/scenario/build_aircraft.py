@@ -18,13 +18,7 @@ import numpy as np
 from jaxtyping import Array
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.aircraft.dave_ml_aircraft import DaveMlAircraft
-from anser.aircraft.derivative_aircraft import DerivativeAircraft
-from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
-from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.motion import flight_condition
-from anser.aircraft_files.build import disperse_file_airframe
-from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.library import airframe_of_table
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.config.tables import content_hash
@@ -54,30 +48,6 @@ from anser.units import DEG_RAD
 def build_airframe_of(aircraft: Aircraft) -> AbstractAirframe:
     """Build the nominal airframe of one aircraft, as assumed by autopilot and planner."""
     return airframe_of_table(aircraft.type, aircraft.variant, aircraft.x_cg_over_c, aircraft.airframe)
-
-
-def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
-    """Build the airframe that flies: the nominal airframe with the scenario's deviations.
-
-    Raises TypeError for an airframe whose coefficients are not known.
-    """
-    if isinstance(nominal, AbstractF16):
-        return dispersed_f16(nominal, _f16_dispersion(deviation))
-    if isinstance(nominal, DerivativeAircraft | DaveMlAircraft):
-        return disperse_file_airframe(nominal, deviation)
-    raise TypeError(f"a deviation of {type(nominal).__name__}, of which no coefficients are known")
-
-
-def _f16_dispersion(deviation: Deviation) -> F16Dispersion:
-    d = deviation
-    return F16Dispersion(
-        coefficients=as_array([getattr(d.coefficients, name) for name in F16_COEFFICIENTS]),
-        thrust=as_array(d.thrust),
-        mass=as_array(d.mass),
-        second_moments=as_array(d.second_moments),
-        actuator_bandwidth=as_array(d.actuator_bandwidth),
-        cg_shift=as_array(d.cg_shift),
-    )
 
 
 _ALTITUDE_STEP_M = 500.0
