@@ -23,21 +23,9 @@ _XML_ENCODING = re.compile(rb"""\s*<\?xml[^>]*?encoding\s*=\s*["']([A-Za-z0-9._-
 
 
 def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
-    """Return the content of a file of limited size, so that a device or a huge file does not fill the memory.
+    """Return the content of a file of at most `size_max` bytes: a device or a huge file must not fill the memory.
 
-    Parameters
-    ----------
-    path
-        Input file.
-    size_max
-        Greatest accepted size, bytes.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read or is larger than `size_max`.
-    ValueError
-        The path holds a null character.
+    Raises OSError if the file cannot be read or is larger, ValueError if the path holds a null character.
     """
     with path.open("rb") as file:
         content = file.read(size_max + 1)
@@ -49,12 +37,7 @@ def read_file(path: Path | Traversable, size_max: int = 8 * MIB) -> bytes:
 def decode_xml(content: bytes) -> str:
     """Return the text of an XML document, decoded by its declared encoding.
 
-    Raises
-    ------
-    LookupError
-        The declared encoding is not in `XML_ENCODINGS`.
-    UnicodeDecodeError
-        The content is not valid in the declared encoding.
+    Raises LookupError if that is not in `XML_ENCODINGS`, UnicodeDecodeError if the content is not valid in it.
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return content.decode("utf-16")
@@ -77,13 +60,6 @@ def new_file(path: Path, *, overwrite: bool = False) -> Iterator[Path]:
     """Yield a temporary path beside an output file, and rename the temporary file to the output file at the end.
 
     The content is flushed to disk before the renaming. If the block raises, the output file is unchanged.
-
-    Parameters
-    ----------
-    path
-        Output file, in an existing folder.
-    overwrite
-        Whether an existing file may be replaced.
 
     Raises
     ------
@@ -112,20 +88,11 @@ def write_file(path: Path, content: str | bytes, *, overwrite: bool = False) -> 
 
 @contextlib.contextmanager
 def staged_folder(folder: Path) -> Iterator[Path]:
-    """Yield a new, empty staging folder, and move its files into `folder` at the end.
+    """Yield a new, empty staging folder, and move its files into the existing `folder` at the end.
 
     Files with the same names are replaced by complete files; the remaining content of `folder` is untouched. If the
-    block raises, `folder` is unchanged.
-
-    Parameters
-    ----------
-    folder
-        Existing folder.
-
-    Raises
-    ------
-    FileExistsError
-        The target of a file is a folder or device; then no file is replaced.
+    block raises, `folder` is unchanged. Raises FileExistsError, and replaces no file, if a file's target is a folder or
+    device.
     """
     staging = folder / f".anser-{secrets.token_hex(6)}"
     with _temporary(staging, folder):
@@ -139,12 +106,8 @@ def staged_folder(folder: Path) -> Iterator[Path]:
 def new_folder(folder: Path) -> Iterator[Path]:
     """Create a folder and yield a staging folder, whose files move into the new folder at the end.
 
-    If the block raises or writes no file, the new folder and its new parents are removed.
-
-    Raises
-    ------
-    FileExistsError
-        `folder` exists.
+    If the block raises or writes no file, the new folder and its new parents are removed. Raises FileExistsError if
+    `folder` exists.
     """
     _refuse_null(folder)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]

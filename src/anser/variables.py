@@ -38,22 +38,15 @@ class Variable:
 
     Attributes
     ----------
-    name
-        Name in a dataset, with its unit suffix: `roll_rate_deg_s`.
-    key
-        Key in a history, where the value is in SI units or radians: `roll_rate`.
-    unit
-        Unit in a dataset, in CF notation: "m s-1"; "1" if dimensionless.
-    factor
-        Dataset value divided by history value.
+    name, key
+        Name in a dataset, with its unit suffix (`roll_rate_deg_s`), and key in a history, in SI units or radians
+        (`roll_rate`).
+    unit, factor
+        Unit in a dataset, in CF notation ("m s-1"; "1" if dimensionless), and dataset value divided by history value.
     frame
         Reference frame of the quantity; "none" for a scalar without a frame.
-    symbol
-        Mathematical symbol, with `_` before a subscript.
-    long_name
-        Description for a plot label.
-    dtype
-        Number type in history and dataset.
+    symbol, long_name
+        Mathematical symbol, with `_` before a subscript, and description for a plot label.
     flags
         Meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty.
     optional
@@ -306,24 +299,12 @@ OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE
 
 
 def surface_variables(names: Iterable[str]) -> tuple[Variable, ...]:
-    """Return the variables of control surfaces: first the positions, then the commands.
+    """Return the variables of control surfaces (distinct names of an airframe or a fleet): positions, then commands.
 
-    Parameters
-    ----------
-    names
-        Distinct surface names of an airframe or of a whole fleet.
-
-    Returns
-    -------
-    tuple
-        For `left_elevon` the variables `left_elevon_deg` and `left_elevon_command_deg`, keys `left_elevon` and
-        `left_elevon_command`. The symbol's subscript has the initials of a compound name, "le", or the single word; the
-        full name if two subscripts would be equal.
-
-    Raises
-    ------
-    ValueError
-        A name is not lower-case words joined by `_`, occurs twice, or is the name of another variable.
+    For `left_elevon` the variables are `left_elevon_deg` and `left_elevon_command_deg`, their keys `left_elevon` and
+    `left_elevon_command`. The symbol's subscript has the initials of a compound name, "le", or the single word; the
+    full name if two subscripts would be equal. Raises ValueError if a name is not lower-case words joined by `_`,
+    occurs twice, or is the name of another variable.
     """
     surface_names = list(names)
     wrong = [name for name in surface_names if not _SURFACE_NAME.fullmatch(name)]

@@ -15,16 +15,15 @@ from anser.variables import STANDARD_SURFACES
 class AbstractActuators(eqx.Module):
     """Interface of the actuators of any number of control surfaces.
 
-    Each class defines its own actuator state; every state has an attribute `position` (rad).
+    Each class defines its own actuator state; every state has an attribute `position` (rad). Arrays have one element
+    for each surface.
 
     Attributes
     ----------
     time_constant
-        Lag from command to position, s, shape (surfaces,); controllers use it to invert the actuators.
-    lower, upper
-        Position limits, rad, shape (surfaces,).
-    rate_limit
-        Greatest speed of the surfaces, rad/s, shape (surfaces,).
+        Lag from command to position, s; controllers use it to invert the actuators.
+    lower, upper, rate_limit
+        Position limits, rad, and greatest speed of the surfaces, rad/s.
     names
         Distinct names of the surfaces.
     """
@@ -119,15 +118,7 @@ class MovingDeflections(eqx.Module):
 
 
 class SecondOrderActuators(AbstractActuators):
-    """Actuators with second-order dynamics (natural frequency and damping) and a rate limit.
-
-    Attributes
-    ----------
-    frequency
-        Undamped natural frequency, rad/s, shape (surfaces,).
-    damping
-        Damping ratio, shape (surfaces,).
-    """
+    """Actuators with second-order dynamics (natural frequency, rad/s, and damping ratio) and a rate limit."""
 
     frequency: Vector
     damping: Vector

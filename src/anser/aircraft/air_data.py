@@ -85,15 +85,7 @@ def is_outside(value: Scalar, limits: tuple[Scalar, Scalar]) -> Flag:
 
 
 class Disturbance(eqx.Module):
-    """Gust and thrust loss acting on one aircraft; constant over a sampling period.
-
-    Attributes
-    ----------
-    gust
-        Gust relative to the mean wind.
-    thrust
-        Remaining fraction of the engine's thrust, 0..1.
-    """
+    """Gust, and remaining fraction (0..1) of the thrust, of one aircraft; constant over a sampling period."""
 
     gust: Gust
     thrust: Scalar

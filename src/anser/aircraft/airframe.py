@@ -64,16 +64,9 @@ class Controls(eqx.Module):
 
 
 class MassProperties(eqx.Module):
-    """Mass and inertia of an aircraft.
+    """Mass (kg), and about the centre of gravity in body axes the inertia matrix (kg m^2) with its inverse.
 
-    Attributes
-    ----------
-    mass
-        Mass, kg.
-    inertia_b, inertia_inverse_b
-        Inertia matrix about the centre of gravity in body axes, kg m^2, and the inverse matrix.
-    spin_momentum_b
-        Angular momentum of spinning parts (engine) in body axes, kg m^2/s.
+    `spin_momentum_b` is the angular momentum of spinning parts (engine), kg m^2/s.
     """
 
     mass: Scalar
@@ -130,12 +123,7 @@ _LENGTHS = ("span", "wing_area", "mean_chord")
 def refuse_impossible_body(airframe: AbstractAirframe, name: str) -> None:
     """Raise ValueError if an airframe's mass, inertia, area or length is physically impossible.
 
-    Parameters
-    ----------
-    airframe
-        User-defined airframe with concrete, untraced numbers.
-    name
-        Name of the airframe for the message.
+    For a user's own airframe, called `name` in the message, with untraced numbers.
     """
     properties = airframe.mass_properties
     J_b = np.asarray(properties.inertia_b, dtype=float)

@@ -50,14 +50,10 @@ def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]
 
 
 class DaveMlEngine(AbstractLaggedEngine):
-    """Thrust from a file as a function of the power in percent, with a first-order lag from throttle to power.
+    """Thrust from a file as a function of the power in percent, with a first-order lag (s) from throttle to power.
 
     Attributes
     ----------
-    evaluator
-        Evaluator of the file.
-    lag
-        Time constant, s; not part of a propulsion file.
     altitude_range, mach_range
         Valid range of the tables: m and Mach number.
     extrapolation_thrust
@@ -132,8 +128,6 @@ class DaveMlAircraft(AbstractAirframe):
 
     Attributes
     ----------
-    evaluator
-        Evaluator of the file.
     span, wing_area, mean_chord
         Reference lengths (m) and area (m^2) of the file.
     centre_b
@@ -142,8 +136,6 @@ class DaveMlAircraft(AbstractAirframe):
         Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
     airspeed_min
         Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
-    validity
-        Valid range of airspeed, altitude and Mach number.
     inputs
         Name of the file's input for each surface, in the order of the surfaces.
     has_static_side_force
@@ -346,18 +338,10 @@ def _side_forces(aircraft: DaveMlAircraft, alphas: Vector, speeds: Vector, power
 def dave_ml_body_faults(
     aerodynamics: Model | None, inertia: Model | None, inertia_inputs: Mapping[str, float]
 ) -> list[tuple[str, DaveMlError]]:
-    """List the reference lengths, masses and moments of inertia of DAVE-ML files that are physically impossible.
+    """List the impossible reference lengths, masses and moments of inertia of an aerodynamics and an inertia file.
 
-    Parameters
-    ----------
-    aerodynamics, inertia
-        Models of the aerodynamics file and of the inertia file; None: no file.
-    inertia_inputs
-        Inputs of `inertia`, in the units of the file.
-
-    Returns
-    -------
     For each fault the name of the file, "aerodynamics" or "inertia", and an error with the position in the file.
+    `inertia_inputs` are in the units of the file.
     """
     located_faults: list[tuple[str, DaveMlError]] = []
     if aerodynamics is not None:

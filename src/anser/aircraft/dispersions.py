@@ -83,14 +83,8 @@ def dispersed_body(airframe: AnyAirframe, dispersion: BodyDispersion, shift_b: V
 class DerivativeDispersion(eqx.Module):
     """Dispersion of an aircraft given by derivatives; factors of 1 mean no change.
 
-    Attributes
-    ----------
-    derivatives
-        Factor on each of `DerivativeAircraft.derivatives`.
-    tables
-        Factor on each function of the aircraft's tables; None without tables.
-    body
-        Dispersion of mass, actuators and thrust.
+    The factors multiply `DerivativeAircraft.derivatives` and each function of the aircraft's tables (None without
+    tables).
     """
 
     derivatives: Float[Array, "6 columns"]

@@ -271,12 +271,10 @@ class F16(AbstractF16):
 
 
 def f16_from_data(data: Mapping[str, Any], variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Build the F-16 from its data file.
+    """Build the F-16 from the content of `aircraft/data/f16.json`.
 
     Parameters
     ----------
-    data
-        Content of `aircraft/data/f16.json`.
     variant
         "textbook", "s119" or "founding".
     x_cg_over_c

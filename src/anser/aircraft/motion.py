@@ -35,9 +35,7 @@ class FlightCondition(eqx.Module):
     R_bn
         Rotation matrix from NED to body axes.
     wind_n
-        Mean wind over ground, without gusts, NED, m/s.
-    air_data
-        Air data, gusts included.
+        Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
     earth
         Terms of the equations of motion from the Earth model.
     aerodynamic, propulsive
@@ -145,14 +143,10 @@ class EarthFixedState(eqx.Module):
     ----------
     position_e
         Position of the centre of gravity, ECEF, m.
-    velocity_b
-        Velocity (U, V, W) relative to the rotating Earth in body axes, m/s.
+    velocity_b, rates_b
+        Velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes.
     quaternion
         Attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes.
-    rates_b
-        Inertial angular velocity in body axes, rad/s.
-    actuators, engine
-        States of the actuators and of the engine.
     """
 
     position_e: Vector3

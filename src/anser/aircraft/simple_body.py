@@ -62,13 +62,7 @@ class SimpleBody(AbstractAirframe):
 
 
 def body_from_data(data: Mapping[str, Any], name: str) -> SimpleBody:
-    """Build a body from the content of `aircraft/data/bodies.json` by name.
-
-    Raises
-    ------
-    ValueError
-        Unknown name; the message lists the known names.
-    """
+    """Build a body from the content of `aircraft/data/bodies.json`; raises ValueError for an unknown name."""
     if name not in data["bodies"]:
         raise ValueError(f"body {name!r}: known are {', '.join(data['bodies'])}")
     body = data["bodies"][name]

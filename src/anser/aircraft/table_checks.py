@@ -32,10 +32,8 @@ class SuspectPoint(NamedTuple):
     ----------
     table
         Name of the table; "all" if most tables have an outlier at the same point of the first two axes.
-    location
-        Coordinates along the axes of the table.
-    value
-        Tabulated value; nan for "all".
+    location, value
+        Coordinates along the axes of the table, and tabulated value; nan for "all".
     score
         Departure of the entry, in units of the surrounding scatter: see `suspect_points`.
     neighbours

@@ -33,15 +33,7 @@ _FLAP = 3
 
 
 class ScheduledFlap(eqx.Module):
-    """State of `ScheduledFlapActuators`: positions of all four surfaces, and the state of the flap's schedule.
-
-    Attributes
-    ----------
-    position
-        Positions of elevator, aileron, rudder and leading-edge flap, rad, shape (4,).
-    alpha_lag
-        Angle of attack through the schedule's low-pass filter, rad.
-    """
+    """Positions of elevator, aileron, rudder and leading-edge flap, and the schedule's low-passed alpha, rad."""
 
     position: Vector
     alpha_lag: Scalar
@@ -216,21 +208,10 @@ class F16TP1538(AbstractF16):
 
 
 def tp1538_from_data(data: Mapping[str, Any], engine: F16Engine, x_cg_over_c: float | None = None) -> F16TP1538:
-    """Build the F-16 of TP-1538 from its data file.
+    """Build the F-16 from the content of `aircraft/data/tp1538.json`, with the textbook's engine, whose tables it has.
 
-    Parameters
-    ----------
-    data
-        Content of `aircraft/data/tp1538.json`.
-    engine
-        Engine with the thrust tables of TP-1538, adopted by the textbook.
-    x_cg_over_c
-        Centre of gravity as a fraction of the mean chord; None: value of the report.
-
-    Raises
-    ------
-    ValueError
-        The axes of the tables differ from those expected by the build-up.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; None: value of the report. Raises ValueError
+    if the axes of the tables differ from those expected by the build-up.
     """
     airframe, actuators, schedule, deflections = (
         data[key] for key in ("airframe", "actuators", "flap_schedule", "deflections")

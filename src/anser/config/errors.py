@@ -44,16 +44,9 @@ class Problem:
 
 
 class ScenarioError(ValueError):
-    """A file is invalid; ``str()`` is the complete message.
+    """A file is invalid; ``str()`` is the complete message: a line that names the file, then a line for each problem.
 
-    The first line names the file, each following line describes a problem.
-
-    Parameters
-    ----------
-    source
-        File name, or another name for the origin of the values.
-    problems
-        One or more problems.
+    `source` is the file name, or another name for the origin of the values.
     """
 
     def __init__(self, source: str, problems: Sequence[Problem]) -> None:

@@ -16,16 +16,9 @@ _COLUMNS = ("key", "unit", "default", "what it is", "range")
 
 
 def json_schema(model: type[Table], title: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 7, without references) of the files that a model validates.
+    """Return the JSON Schema (draft 7, without references) of the files that a model validates, entitled `title`.
 
     Contradictions between keys are checked by the model only, not by the schema.
-
-    Parameters
-    ----------
-    model
-        Model of the whole file.
-    title
-        Name of the kind of file.
     """
     schema = _for_editors(_described(model))
     del schema["description"]  # addressed to readers of the code
@@ -160,10 +153,7 @@ def schema_text(model: type[Table], title: str) -> str:
 def write_new_file(path: str | os.PathLike[str], text: str) -> Path:
     """Write text to a new file.
 
-    Raises
-    ------
-    ScenarioError
-        If the name exists already (the existing file stays unchanged), or the file cannot be written.
+    Raises ScenarioError if the name exists already (the existing file stays unchanged), or the file cannot be written.
     """
     target = Path(path)
     try:

@@ -22,21 +22,9 @@ class _ItemKey(str):
 
 
 def replace_values(scenario: Table, changes: tuple[tuple[object, object], ...]) -> dict[str, Any]:
-    """Return a scenario's values as a file would give them, with the changes made one after the other.
+    """Return a scenario's values as a file would give them, not validated, with changes (path, value) made in turn.
 
-    Parameters
-    ----------
-    changes
-        Pairs of path and value.
-
-    Returns
-    -------
-    Values as in a file, not validated.
-
-    Raises
-    ------
-    ScenarioError
-        If a path is not part of the scenario. (Unknown keys are reported by the validation.)
+    Raises ScenarioError if a path is not part of the scenario. (Unknown keys are reported by the validation.)
     """
     values = scenario.model_dump(mode="json", exclude_unset=True)
     for path, value in changes:
@@ -65,10 +53,7 @@ def value_at(scenario: Table, path: str) -> Any:
 
 
 def indexed_path(scenario: Table, path: str) -> str:
-    """Replace item names in a path by indices, as in messages: ``aircraft[0].start``.
-
-    Raises ScenarioError for an unknown path.
-    """
+    """Replace item names in a path by indices, ``aircraft[0].start``; raises ScenarioError for an unknown path."""
     node: Any = scenario.model_dump(mode="json")
     indexed = ""
     for key, item in _STEP.findall(path):

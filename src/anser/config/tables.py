@@ -40,13 +40,7 @@ class Table(BaseModel):
         return self
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Copy the table.
-
-        Raises
-        ------
-        TypeError
-            If `update` is given: the changes would skip validation.
-        """
+        """Copy the table; raises TypeError if `update` is given: the changes would skip validation."""
         if update is not None:
             raise _unchecked(f"{type(self).__name__}.model_copy(update=...)")
         return super().model_copy(deep=deep)
@@ -107,15 +101,7 @@ def velocity_on_course(speed_m_s: float, course_deg: float, up_m_s: float = 0.0)
 
 
 def interpolate(points: Sequence[tuple[float, Vector]], position: float) -> Vector:
-    """Interpolate linearly between points; constant beyond the first and last point.
-
-    Parameters
-    ----------
-    points
-        Pairs of position (such as a time or an altitude) and value, by rising position; one or more.
-    position
-        Position of the interpolated value.
-    """
+    """Interpolate linearly between points (pairs of a rising position and a value); constant beyond the ends."""
     upper_index = bisect.bisect_right(points, position, key=lambda point: point[0])
     if upper_index in (0, len(points)):
         return points[0 if upper_index == 0 else -1][1]

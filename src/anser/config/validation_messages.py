@@ -42,14 +42,9 @@ _POINTS = ("N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE", "S", "SSW", "SW", "
 
 
 def conversion_hint(text: str, unit: str) -> str:
-    """Suggest the number for a text with a unit: `; 9 kt is 4.63 m/s: write 4.63`; empty if the text is unclear.
+    """Suggest the number for a text in place of a number: `; 9 kt is 4.63 m/s: write 4.63`; empty if unclear.
 
-    Parameters
-    ----------
-    text
-        Text in place of a number.
-    unit
-        Unit of the key, as messages write it; empty for a pure number.
+    `unit` is the key's, as messages write it; empty for a pure number.
     """
     match = _NUMBER_AND_UNIT.fullmatch(text)
     if match is None:
@@ -83,20 +78,9 @@ _BARE_KEY = re.compile(r"^[A-Za-z0-9_-]+\Z")
 
 
 def validation_problems(error: ValidationError, model: type[BaseModel], raw: object) -> list[Problem]:
-    """Describe the problems of a failed validation.
+    """Describe the problems of a failed validation of the values `raw` of a whole file, in the order of the schema.
 
-    Parameters
-    ----------
-    error
-        Error raised when validating `raw` as `model`.
-    model
-        Model of the whole file.
-    raw
-        Unvalidated values.
-
-    Returns
-    -------
-    One or more problems, in the order of the schema. A missing key with a misspelling in the file is reported once.
+    A missing key with a misspelling in the file is reported once.
     """
     problems: list[Problem] = []
     misspelled_keys: set[str] = set()

@@ -47,18 +47,10 @@ class StandardAtmosphere(AbstractAtmosphere):
     """
 
     def at(self, altitude: ScalarLike) -> Air:
-        """Return the air at a geometric altitude.
+        """Return the air at a geometric altitude above mean sea level (m).
 
-        Parameters
-        ----------
-        altitude
-            Geometric altitude above mean sea level, m.
-
-        Returns
-        -------
-        Air of the standard day. Pressure and temperature are continuous in altitude; at the base of a layer, where the
-        slopes are discontinuous, derivatives are those of the layer above. Source: theory section 3; [USSA76] eq. (23),
-        (33a), (33b), (42), (50).
+        Pressure and temperature are continuous in altitude; at the base of a layer, where the slopes are discontinuous,
+        derivatives are those of the layer above. Source: theory section 3; [USSA76] eq. (23), (33a), (33b), (42), (50).
         """
         h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), _LOWEST_M))
         layer = jnp.asarray(_LAYERS, h.dtype)[jnp.sum(h >= jnp.asarray(_BASES_M[1:], h.dtype))]

@@ -47,20 +47,10 @@ def somigliana(latitude: ScalarLike) -> Scalar:
 def gravitation_j2(
     position_e: Vector3, gravitational_parameter: ScalarLike, oblateness_j2: ScalarLike, equatorial_radius: ScalarLike
 ) -> Vector3:
-    """Compute the gravitation of an oblate Earth, without centrifugal acceleration.
+    """Compute the gravitation (m/s^2) of an oblate Earth at a position (m), ECEF, without centrifugal acceleration.
 
-    Parameters
-    ----------
-    position_e
-        Position (3,), ECEF, m; not the centre.
-    gravitational_parameter
-        GM, m^3/s^2.
-    oblateness_j2, equatorial_radius
-        J2 and its reference radius, m; J2 = 0 gives the field of a point mass.
-
-    Returns
-    -------
-    Gravitational acceleration (3,), ECEF axes, m/s^2. Source: [SL] eq. 1.6-14; [NESC].
+    `gravitational_parameter` is GM, m^3/s^2; J2 with its reference radius (m) may be 0, for the field of a point mass.
+    Source: [SL] eq. 1.6-14; [NESC].
     """
     r2 = jnp.sum(position_e * position_e)
     strength = gravitational_parameter / (r2 * jnp.sqrt(r2))
@@ -80,10 +70,8 @@ class LocalEarth(eqx.Module):
     apparent_gravity_n
         Acceleration of a free body relative to the travelling NED axes: effective gravity less the Coriolis
         acceleration and the acceleration of the turning axes, m/s^2.
-    earth_rate_n
-        Angular velocity of the Earth, rad/s.
-    transport_rate_n
-        Angular velocity of the travelling NED axes relative to the Earth, rad/s.
+    earth_rate_n, transport_rate_n
+        Angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s.
     chart_scale
         Rates of the chart's coordinates (north, east, down) divided by the velocity along north, east, down.
     """
@@ -112,19 +100,10 @@ class AbstractEarth(eqx.Module):
 
     @abc.abstractmethod
     def sight(self, position_n: Vector3, other_n: Vector3, other_velocity_n: Vector3) -> tuple[Vector3, Vector3]:
-        """Return the line of sight from a position to a second point, and the second point's velocity.
+        """Return the line of sight (m) from a position to a second point, and that point's velocity over ground (m/s).
 
-        Parameters
-        ----------
-        position_n, other_n
-            Chart positions of the observer and of the second point (3,), m.
-        other_velocity_n
-            Rate of change of the second point's chart coordinates (3,), m/s.
-
-        Returns
-        -------
-        Straight line from the observer to the second point (3,), m, and the second point's velocity over ground (3,),
-        m/s, both in the NED axes of the observer.
+        Positions and velocity of the second point are those of the chart; the results are in the NED axes of the
+        observer, the line of sight straight.
         """
 
     @abc.abstractmethod
@@ -137,13 +116,7 @@ class AbstractEarth(eqx.Module):
 
 
 class FlatEarth(AbstractEarth):
-    """A flat Earth at rest with uniform gravity (theory section 2).
-
-    Attributes
-    ----------
-    gravity
-        Gravity, m/s^2, along down.
-    """
+    """A flat Earth at rest with uniform gravity along down, m/s^2 (theory section 2)."""
 
     gravity: Scalar
 

@@ -22,13 +22,7 @@ class AbstractWind(eqx.Module):
 
 
 class SteadyWind(AbstractWind):
-    """A uniform, constant wind.
-
-    Attributes
-    ----------
-    velocity_n
-        Velocity of the air (3,), NED, m/s: the direction toward which the air moves.
-    """
+    """A uniform, constant wind: `velocity_n` is the direction toward which the air moves, NED, m/s."""
 
     velocity_n: Vector3
 
@@ -38,15 +32,10 @@ class SteadyWind(AbstractWind):
 
 
 class LayeredWind(AbstractWind):
-    """Wind profile over altitude, constant in time and horizontally uniform.
+    """Wind profile over rising geometric altitudes (m), constant in time and horizontally uniform.
 
-    Attributes
-    ----------
-    altitudes
-        Geometric altitudes (layer,), m, rising.
-    velocities_n
-        Velocity of the air at the altitudes (layer, 3), local NED, m/s; linear in between, and constant below the
-        lowest and above the highest altitude.
+    The velocity of the air at the altitudes (NED, m/s) is interpolated linearly, and constant beyond the first and the
+    last.
     """
 
     altitudes: Float[Array, " layer"]
@@ -59,17 +48,9 @@ class LayeredWind(AbstractWind):
 
 
 class VaryingWind(AbstractWind):
-    """Wind profile over altitude and time, horizontally uniform: a sequence of soundings or forecasts.
+    """Wind profile over rising times (s) and geometric altitudes (m), horizontally uniform: soundings or forecasts.
 
-    Attributes
-    ----------
-    times
-        Times of the profiles (t,), s, rising.
-    altitudes
-        Geometric altitudes (layer,), m, rising.
-    velocities_n
-        Velocity of the air at the times and altitudes (t, layer, 3), local NED, m/s; linear in between, and constant
-        before the first and after the last time, below the lowest and above the highest altitude.
+    The velocity of the air (local NED, m/s) is interpolated linearly, and constant beyond the first and the last.
     """
 
     times: Float[Array, " t"]
@@ -95,17 +76,7 @@ def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, 
 
 
 class Environment(eqx.Module):
-    """Environment of a flight.
-
-    Attributes
-    ----------
-    atmosphere
-        Air as a function of altitude.
-    wind
-        Wind field.
-    earth
-        Flat or round Earth, with the chart (local map) in which positions are given.
-    """
+    """Environment of a flight: air over altitude, wind, and the Earth with the chart in which positions are given."""
 
     atmosphere: AbstractAtmosphere
     wind: AbstractWind
@@ -120,17 +91,10 @@ class Environment(eqx.Module):
 def standard_environment(
     latitude: ScalarLike | None = None, wind_n: Vector3 | None = None, earth: AbstractEarth | None = None
 ) -> Environment:
-    """Build an environment of the standard atmosphere, a steady wind and an Earth, by default flat.
+    """Build an environment of the standard atmosphere, a steady wind (NED, m/s; by default none) and an Earth.
 
-    Parameters
-    ----------
-    latitude
-        Geodetic latitude, rad, for the gravity of the flat Earth (`somigliana`). None: standard gravity,
-        9.80665 m/s^2, the value in the atmosphere's hydrostatic law.
-    wind_n
-        Velocity of the air (3,), NED, m/s; None: still air.
-    earth
-        Earth model instead of the flat Earth; `latitude` is then ignored.
+    By default the Earth is flat, with the gravity at a geodetic latitude (rad, `somigliana`) or, without latitude,
+    standard gravity, 9.80665 m/s^2, the value in the atmosphere's hydrostatic law.
     """
     gravity = as_array(STANDARD_GRAVITY_M_S2) if latitude is None else somigliana(latitude)
     return Environment(

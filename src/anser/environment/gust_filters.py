@@ -112,13 +112,7 @@ class DrydenTransverse(AbstractShapingFilter):
 
 
 class ModalFilter(AbstractShapingFilter):
-    """Filter H(s) = sum of r_i / (s + p_i) with distinct real poles -p_i.
-
-    Attributes
-    ----------
-    poles, residues
-        p_i and r_i, static.
-    """
+    """Filter H(s) = sum of r_i / (s + p_i) with distinct real poles -p_i; p_i and the residues r_i are static."""
 
     poles: tuple[float, ...] = eqx.field(static=True)
     residues: tuple[float, ...] = eqx.field(static=True)
@@ -164,14 +158,9 @@ def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
 
 
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
-    """Build the filter whose transfer function is `gain` times numerator over denominator.
+    """Build the filter whose transfer function is `gain` times numerator over denominator, from s^0 upwards.
 
-    Coefficients run from s^0 upwards. The poles must be distinct, which is not checked.
-
-    Raises
-    ------
-    ValueError
-        A pole is complex or not stable.
+    The poles must be distinct, which is not checked. Raises ValueError if a pole is complex or not stable.
     """
     bottom = np.polynomial.Polynomial(denominator)
     roots = bottom.roots()

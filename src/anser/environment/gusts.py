@@ -12,35 +12,17 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Gust at one aircraft.
-
-    Attributes
-    ----------
-    velocity_b
-        Velocity of the air relative to the mean wind, body axes, m/s.
-    rates_b
-        Equivalent rotation of the air, body axes, rad/s.
-    """
+    """Velocity (m/s) of the air relative to the mean wind, and equivalent rotation (rad/s), body axes, at one aircraft."""
 
     velocity_b: Vector3
     rates_b: Vector3
 
 
 class AirFlow(eqx.Module):
-    """Flow at one aircraft at one time: the inputs of a gust model.
+    """Flow at one aircraft at one time (s), the input of a gust model.
 
-    Attributes
-    ----------
-    airspeed
-        True airspeed without gusts, m/s.
-    height
-        Height above the ground, m.
-    R_bn
-        Rotation matrix from NED to body axes.
-    wind_n
-        Mean wind, NED, m/s.
-    time
-        Time of flight, s.
+    True airspeed without gusts (m/s), height above the ground (m), rotation from NED to body axes, and mean wind (NED,
+    m/s).
     """
 
     airspeed: Scalar
@@ -96,10 +78,8 @@ class DiscreteGust(AbstractGusts):
 
     Attributes
     ----------
-    amplitudes
-        Greatest velocity V_m along the body axes, m/s.
-    length
-        Distance d_m from the edge of the gust to V_m, m.
+    amplitudes, length
+        Greatest velocity V_m along the body axes, m/s, and distance d_m from the edge of the gust to V_m, m.
     start
         Time at which the aircraft enters the gust, s.
     returns

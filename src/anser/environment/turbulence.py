@@ -32,16 +32,9 @@ _SCALE_FT = {"dryden": 1750.0, "von-karman": 2500.0}  # above 2,000 ft
 
 
 class ExceedanceTable(eqx.Module):
-    """Root-mean-square gust velocity by height and exceedance probability.
+    """Root-mean-square gust velocity (m/s) by height above the ground (m) and log10 of the exceedance probability.
 
-    Attributes
-    ----------
-    heights
-        Heights above the ground, m, rising.
-    log_probabilities
-        Logarithm to base 10 of the exceedance probability, falling.
-    sigmas
-        Root-mean-square gust velocity, shape (height, probability), m/s.
+    Heights rise, probabilities fall.
     """
 
     heights: Float[Array, " heights"]
@@ -117,14 +110,8 @@ _ROLL = FirstOrderFilter()
 class TurbulenceState(eqx.Module):
     """Turbulence at one aircraft between two samples.
 
-    Attributes
-    ----------
-    u, v, w
-        States of the shaping filters.
-    p
-        State of the shaping filter of the roll rate.
-    low_passed_w, low_passed_v
-        Gusts w and v after the wing's low-pass, over their intensities.
+    States of the shaping filters of u, v, w and of the roll rate p, and gusts w and v after the wing's low-pass, over
+    their intensities.
     """
 
     u: Array
@@ -146,16 +133,11 @@ class Turbulence(AbstractGusts):
 
     Attributes
     ----------
-    wind_20ft
-        Wind at 20 ft, which sets the intensity below 1,000 ft, m/s.
-    log_probability
-        Logarithm to base 10 of the exceedance probability of the intensity above 2,000 ft.
-    table
-        Table of intensities.
+    wind_20ft, log_probability
+        Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that
+        the intensity is exceeded.
     span
         Wing span, m.
-    family
-        Spectrum family.
     """
 
     wind_20ft: Scalar

@@ -25,21 +25,8 @@ class AbstractGuidance(eqx.Module):
     ) -> tuple[Any, Vector3, Any]:
         """Return the command for the controller, the planned position (NED, m), and the new guidance state.
 
-        Parameters
-        ----------
-        guidance_state
-            State of the guidance.
-        belief
-            The aircraft's own estimate of its state and its goal's.
-        plan
-            The aircraft's plan; None without a planner.
-        instant
-            Time, step and random numbers of this sample.
-
-        Returns
-        -------
-        The command has the type expected by the aircraft's controller; for an aircraft with a goal, also during the
-        hold, a `PathCommand`.
+        The plan is None without a planner. The command has the type expected by the aircraft's controller; for an
+        aircraft with a goal, also during the hold, a `PathCommand`.
         """
 
 

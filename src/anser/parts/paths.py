@@ -26,17 +26,7 @@ def time_rounding(time: ScalarLike) -> float:
 
 
 class PathPoint(eqx.Module):
-    """Motion along a path at one instant, over the ground in the Earth's chart, NED.
-
-    Attributes
-    ----------
-    position_n
-        Position, m.
-    velocity_n
-        Velocity, m/s.
-    acceleration_n
-        Acceleration, m/s^2.
-    """
+    """Motion along a path at one instant, over the ground in the Earth's chart, NED: m, m/s, m/s^2."""
 
     position_n: Vector3
     velocity_n: Vector3
@@ -81,18 +71,11 @@ class PathCommand(eqx.Module):
 
 
 def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
-    """Convert a velocity and its time derivative to speed, path angle and course with their rates.
+    """Convert a velocity and its time derivative (NED, m/s, m/s^2) to speed, path angle and course with their rates.
 
-    Parameters
-    ----------
-    velocity_n
-        Velocity over the ground or relative to the air, NED, m/s. In vertical flight, course and course rate are 0; at
-        rest, all angles and rates are 0.
-    acceleration_n
-        Time derivative of the velocity, NED, m/s^2.
-
-    Notes ----- Theory section 6, "Commands along a trajectory". The path angle uses atan2, because asin loses digits
-    and has no derivative near the vertical.
+    The velocity is over the ground or relative to the air. In vertical flight, course and course rate are 0; at rest,
+    all angles and rates are 0. Theory section 6, "Commands along a trajectory"; the path angle uses atan2, because asin
+    loses digits and has no derivative near the vertical.
     """
     north, east, up = velocity_n[0], velocity_n[1], -velocity_n[2]
     north_dot, east_dot, up_dot = acceleration_n[0], acceleration_n[1], -acceleration_n[2]

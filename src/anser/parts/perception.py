@@ -59,21 +59,12 @@ def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3
 def measure_line_of_sight(
     vehicle_position_n: Vector3, vehicle_velocity_n: Vector3, goal_position_n: Vector3, goal_velocity_n: Vector3
 ) -> LineOfSight:
-    """Compute the line of sight from an aircraft to its goal, without measurement errors.
+    """Compute the line of sight from an aircraft to its goal, without errors; NED, m and m/s over the ground.
 
-    Parameters
-    ----------
-    vehicle_position_n, goal_position_n
-        NED, m. The two positions must differ; at zero range all angles and rates are 0.
-    vehicle_velocity_n, goal_velocity_n
-        NED, m/s, both over the ground.
-
-    Notes
-    -----
-    Theory section 7. On the exact vertical the azimuth is undefined; the direction of the horizontal relative velocity
-    is used, so the azimuth rate is zero and the elevation rate contains the whole motion. Elsewhere the azimuth rate
-    uses the rounded elevation, so `goal_from_line_of_sight` recovers the velocity to rounding however close the
-    vertical is.
+    At zero range all angles and rates are 0. Theory section 7. On the exact vertical the azimuth is undefined; the
+    direction of the horizontal relative velocity is used, so the azimuth rate is zero and the elevation rate contains
+    the whole motion. Elsewhere the azimuth rate uses the rounded elevation, so `goal_from_line_of_sight` recovers the
+    velocity to rounding however close the vertical is.
     """
     relative, rate = goal_position_n - vehicle_position_n, goal_velocity_n - vehicle_velocity_n
     distance, horizontal_distance = norm(relative), norm(relative[:2])
@@ -116,18 +107,10 @@ def goal_from_line_of_sight(
 
 
 class Instant(eqx.Module):
-    """Time, step and random numbers of one sample of a flight, common to every part of the closed loop.
+    """Time, step (s) and random numbers of one sample of a flight, common to every part of the closed loop.
 
-    Attributes
-    ----------
-    environment
-        Atmosphere, wind and Earth.
-    number
-        Number of the sample, from 0.
-    step
-        Sampling period, s.
-    randomness
-        Source of random numbers of this aircraft in this flight; None if random numbers are not allowed.
+    `number` counts the samples from 0; `randomness` is this aircraft's source in this flight, None if random numbers
+    are not allowed.
     """
 
     environment: Environment
@@ -143,21 +126,9 @@ class Instant(eqx.Module):
     def normals(self, part: int, count: int, *, once: bool = False) -> Array:
         """Standard normal random numbers for a part of one aircraft, shape (count,).
 
-        The numbers depend only on (seed, flight, aircraft, part, sample).
-
-        Parameters
-        ----------
-        part
-            Number of the part: a constant of `anser.numerics.randomness`, or a user's number from 100 on.
-        count
-            Number of random numbers.
-        once
-            Whether to draw the numbers of the initialization instead of this sample's.
-
-        Raises
-        ------
-        ValueError
-            If the flight has no seed.
+        The numbers depend only on (seed, flight, aircraft, part, sample). `part` is a constant of
+        `anser.numerics.randomness`, or a user's number from 100 on; `once` draws the numbers of the initialization
+        instead of this sample's. Raises ValueError if the flight has no seed.
         """
         numbers = self._source().normals(part, INITIAL_SAMPLE if once else self.number, count)
         return numbers.astype(self.step.dtype)
@@ -185,16 +156,14 @@ class Truth(eqx.Module):
 
     Attributes
     ----------
-    airframe
-        The airframe that flies.
-    state, condition
-        True state of the aircraft; and air data, forces and moments in this state.
+    condition
+        Air data, forces and moments in the true state.
     goal
         Motion of the goal; None for an aircraft without a goal.
     goal_sensor_works
         False after the loss of the goal sensor.
     disturbance
-        Disturbance of the aircraft's motion: gusts in addition to the mean wind, and loss of thrust.
+        Gusts in addition to the mean wind, and loss of thrust.
     """
 
     airframe: AbstractAirframe
@@ -231,15 +200,9 @@ class GoalReading(eqx.Module):
 
 
 class Fix(eqx.Module):
-    """Position and velocity from satellite navigation.
+    """Position (m, in the Earth's chart) and velocity over the ground (m/s), NED, from satellite navigation.
 
-    Attributes
-    ----------
-    position_n, velocity_n
-        Position (m, in the Earth's chart) and velocity over the ground (m/s), NED; between two fixes, those of the
-        earlier fix.
-    is_new
-        Whether the fix belongs to this sample.
+    Between two fixes, where `is_new` is false, those of the earlier fix.
     """
 
     position_n: Vector3
@@ -286,18 +249,12 @@ class Belief(eqx.Module):
 
     Attributes
     ----------
-    airframe
-        Nominal airframe.
-    state
-        Estimated state of the aircraft.
-    condition
-        Air data, forces and moments of the nominal airframe at the estimated state.
+    airframe, condition
+        Nominal airframe, and its air data, forces and moments at the estimated state.
     specific_force_b
         Measured specific force, m/s^2.
-    sight
-        Line of sight to the goal, measured or estimated; None for an aircraft without a goal.
-    goal
-        Estimated position and velocity of the goal; None without a goal.
+    sight, goal
+        Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
     uncertainty
         Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
     """

@@ -50,21 +50,17 @@ def make_rendezvous(
 
 
 def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: ScalarLike) -> tuple[Scalar, Flag]:
-    """Compute the shortest time in which an aircraft on a straight line at constant airspeed meets a moving point.
+    """Compute the least time, s, in which an aircraft on a straight line at constant airspeed meets a moving point.
 
     Parameters
     ----------
-    relative_position
-        Position of the point relative to the aircraft, NED, m.
-    relative_velocity
-        Velocity of the point relative to the air, NED, m/s.
-    speed
-        Airspeed, m/s.
+    relative_position, relative_velocity
+        Position of the point relative to the aircraft, m, and its velocity relative to the air, m/s, NED.
 
     Returns
     -------
-    Time to go, s, and whether an interception exists. If the goal outruns the aircraft, the time is a finite
-    placeholder: the range divided by the sum of both speeds.
+    Time to go, and whether an interception exists. If the goal outruns the aircraft, the time is a finite placeholder:
+    the range divided by the sum of both speeds.
 
     Notes
     -----
@@ -88,25 +84,21 @@ def time_to_go(relative_position: Vector3, relative_velocity: Vector3, speed: Sc
 def final_air_velocity(
     rendezvous: Rendezvous, line_n: Vector3, speed: ScalarLike, wind_n: Vector3
 ) -> tuple[Vector3, Flag]:
-    """Compute the velocity relative to the air at arrival, for the prescribed direction over the ground.
+    """Compute the velocity relative to the air (NED, m/s) at arrival, for any prescribed direction over the ground.
 
     Parameters
     ----------
-    rendezvous
-        Prescribed course and path angle over the ground, if any.
     line_n
         Vector from start to rendezvous in the frame of the moving air, NED, m: the direction of arrival if none is
         prescribed. If only course or path angle is prescribed, the other follows from this direction seen from the
         ground.
-    speed
-        Airspeed at arrival, m/s.
-    wind_n
-        Steady wind, NED, m/s.
+    speed, wind_n
+        Airspeed at arrival, m/s, and steady wind, NED, m/s.
 
     Returns
     -------
-    Velocity, NED, m/s, with the given airspeed, and whether the prescribed direction over the ground can be flown: the
-    ground speed g > 0 solves |g d - wind| = speed. Without a solution the velocity is along `line_n`.
+    Velocity with the given airspeed, and whether the prescribed direction over the ground can be flown: the ground
+    speed g > 0 solves |g d - wind| = speed. Without a solution the velocity is along `line_n`.
     """
     straight_velocity = jnp.asarray(speed) * unit_vector(line_n, jnp.array([1.0, 0.0, 0.0]))
     straight_path = polar(straight_velocity + wind_n, jnp.zeros(3))
@@ -205,24 +197,16 @@ def _expand_entries(values: Any, entries: Any) -> Any:
 class AircraftReport(eqx.Module):
     """Report of one aircraft to the planner: its state, its goal's and its rendezvous; stacked for a fleet.
 
-    Velocities are rates of the coordinates in the Earth's chart.
+    All vectors are NED in the Earth's chart, m and m/s; the motion of the goal and its covariance are estimates.
 
     Attributes
     ----------
-    position_n
-        Position of the aircraft, NED, m.
     air_velocity_n, wind_n
-        Measured velocity relative to the air, and measured wind, NED, m/s.
-    airspeed
-        Airspeed, m/s.
-    goal_position_n, goal_velocity_n
-        Estimated motion of the goal, NED, m and m/s over the ground.
-    rendezvous
-        Rendezvous point relative to the goal, and prescribed directions of arrival.
+        Measured velocity relative to the air, and measured wind.
     active
         Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
     goal_covariance
-        Covariance of the estimated goal position and velocity, NED, m and m/s; None if both are exact.
+        Covariance of the goal's position and velocity; None if both are exact.
     """
 
     position_n: Vector3
@@ -239,12 +223,8 @@ class AircraftReport(eqx.Module):
 class Performance(eqx.Module):
     """Acceleration and deceleration that one aircraft can reach along its path; stacked for a fleet.
 
-    Attributes
-    ----------
-    deceleration, acceleration
-        Deceleration with idle thrust and acceleration with full thrust, in level flight at the start airspeed, m/s^2.
-    idle
-        Relative idle deceleration at other airspeeds and load factors.
+    With full and with idle thrust, in level flight at the start airspeed, m/s^2; `idle` is the relative idle
+    deceleration at other airspeeds and load factors.
     """
 
     deceleration: Float[Array, "..."]
@@ -255,16 +235,8 @@ class Performance(eqx.Module):
 class NetworkView(eqx.Module):
     """Clock and message data of one aircraft in a decentralised fleet, for the record; stacked for a fleet.
 
-    Attributes
-    ----------
-    lag
-        Delay of the aircraft's clock, s.
-    rate
-        Rate of the aircraft's clock: 1 is the rate of true time.
-    hears
-        Flags of the aircraft whose messages arrived at the last exchange.
-    offers
-        Whether the aircraft offers the fleet another path (see `anser.planning.decentralised`).
+    Delay of its clock (s) and rate (1: that of true time), flags of the aircraft whose messages arrived at the last
+    exchange, and whether it offers the fleet another path (see `anser.planning.decentralised`).
     """
 
     lag: Scalar
@@ -364,14 +336,8 @@ class AbstractPlanner(eqx.Module):
     ) -> Any:
         """Update the planner state after one step of flight, whether a plan was made or not.
 
-        Parameters
-        ----------
-        planner_state, reports
-            Planner state and the fleet's reports at the start of the step.
-        number, step
-            Number of the sample at the start of the step, and the step, s.
-        randomness
-            Random numbers of the flight; None if random numbers are not allowed.
+        Reports and sample number are those at the start of the step (s); `randomness` is None if random numbers are not
+        allowed.
         """
 
     @abc.abstractmethod

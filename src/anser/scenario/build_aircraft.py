@@ -71,8 +71,6 @@ class ResolvedAircraft:
 
     Attributes
     ----------
-    table
-        The aircraft's table.
     airframe
         Nominal airframe, as assumed by autopilot and planner.
     limits, gains
@@ -155,14 +153,8 @@ def compute_defaults(
 ) -> DerivedDefaults:
     """Compute performance limits and loop bandwidths of an airframe at one altitude, in the standard atmosphere.
 
-    Parameters
-    ----------
-    speed_m_s
-        Airspeed of the turns, climbs and bandwidths.
-    speeds_m_s
-        Airspeeds between which level flight is searched for.
-    step_s
-        Sampling period of the autopilot.
+    Turns, climbs and bandwidths are those at `speed_m_s`; level flight is searched for between the two `speeds_m_s`;
+    `step_s` is the sampling period of the autopilot.
     """
     speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
     points, bandwidths = _capability_and_bandwidths(

@@ -13,10 +13,7 @@ from anser.scenario.unused_keys import unused_key_cautions
 def find_cautions(scenario: Scenario, *, with_trim_maps: bool = True) -> tuple[str, ...]:
     """List the cautions about a scenario, one sentence each; empty without any.
 
-    Parameters
-    ----------
-    with_trim_maps
-        Whether to build the aircraft and compute the trim maps, which takes seconds the first time.
+    The trim maps take seconds the first time: they need the aircraft to be built.
     """
     gains = [text for index, aircraft in enumerate(scenario.aircraft) for text in _gain_cautions(index, aircraft)]
     limits = _limit_cautions(scenario) if with_trim_maps else []

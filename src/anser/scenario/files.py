@@ -19,31 +19,15 @@ _HEADER = re.compile(r"\[{1,2}\s*([A-Za-z0-9_-]+)[^\]]*\]")
 
 
 def load(path: str | os.PathLike[str]) -> Scenario:
-    """Read and validate a scenario file.
+    """Read and validate a scenario file (TOML, UTF-8).
 
-    Parameters
-    ----------
-    path
-        TOML file, UTF-8.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read or is not a valid scenario; the message gives the key and the expected value.
+    Raises ScenarioError if it cannot be read or is not a valid scenario; the message gives key and expected value.
     """
     return loads(read_text(path), os.fspath(path))
 
 
 def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
-    """Return a scenario unchanged, or load the scenario from a path.
-
-    Raises
-    ------
-    ScenarioError
-        If `load` refuses the file.
-    TypeError
-        If the argument is neither a scenario nor a path.
-    """
+    """Return a scenario unchanged, or load the scenario from a path; raises TypeError for anything else."""
     if isinstance(scenario, Scenario):
         return scenario
     if isinstance(scenario, str | os.PathLike):
@@ -52,19 +36,10 @@ def as_scenario(scenario: Scenario | str | os.PathLike[str]) -> Scenario:
 
 
 def loads(text: str, source: str = "<string>") -> Scenario:
-    """Validate the text of a scenario.
+    """Validate the text (TOML) of a scenario.
 
-    Parameters
-    ----------
-    text
-        TOML.
-    source
-        Name of the text in messages; a file path makes relative paths of aircraft files relative to the file's folder.
-
-    Raises
-    ------
-    ScenarioError
-        If the text is not TOML, is not a valid scenario, or has keys without effect.
+    `source` names the text in messages; a file path makes relative paths of aircraft files relative to the file's
+    folder. Raises ScenarioError if the text is not TOML, is not a valid scenario, or has keys without effect.
     """
     values = parse_scenario(text, source)
     with attach_line_numbers(text, source):
@@ -97,21 +72,9 @@ _FLEET = re.compile(r"^[ \t]*\[[ \t]*fleet[ \t]*\][^\n]*(?:\n|$)", re.MULTILINE)
 
 
 def convert(text: str, source: str = "<string>", target_format: int = FORMAT) -> str:
-    """Convert a scenario's text to another format; comments stay, and the flight is the same.
+    """Convert a valid scenario's text to another format; comments stay, and the flight is the same.
 
-    Parameters
-    ----------
-    text
-        TOML of a valid scenario.
-    source
-        Name of the text in messages.
-    target_format
-        Version number of the new format.
-
-    Raises
-    ------
-    ScenarioError
-        If the text is not a valid scenario, or if the format line or the [fleet] table cannot be edited in place.
+    Raises ScenarioError also if the format line or the [fleet] table cannot be edited in place.
     """
     scenario = loads(text, source)
     if scenario.format == target_format:
@@ -149,12 +112,7 @@ def starter_scenario() -> str:
 def write_starter(path: str | os.PathLike[str]) -> Path:
     """Write the starter scenario to a new file with its JSON Schema for editors next to it; return the scenario's path.
 
-    An existing schema is not overwritten.
-
-    Raises
-    ------
-    ScenarioError
-        If the file exists already (it is not overwritten) or cannot be written.
+    An existing schema stays; raises ScenarioError if the file exists already or cannot be written.
     """
     target = write_new_file(path, starter_scenario())
     write_schema(target, SCENARIO_SCHEMA, Scenario, "anser scenario")

@@ -18,14 +18,8 @@ from anser.steady.trim_diagnosis import nearest_trims
 def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
     """Raise ScenarioError if an aircraft has no steady flight at its start.
 
-    The message names the violated limits and the nearest conditions with a trim.
-
-    Parameters
-    ----------
-    scenario, flight
-        Scenario and the flight built from it.
-    steady
-        Flag for each aircraft of the flight, padding included: whether a steady flight at the start exists.
+    `steady` flags each aircraft of the flight, padding included. The message names the violated limits and the nearest
+    conditions with a trim.
     """
     problems = []
     for k in np.flatnonzero(~np.asarray(steady)[: len(scenario.aircraft)]):
@@ -54,19 +48,9 @@ _DIRECT_AIRCRAFT_KEYS = ("arrive_s", "arrive_from_s", "arrive_to_s")
 
 
 def refuse_unused_keys(source: str, cases: Iterable[tuple[Scenario, Mapping[str, Any]]]) -> None:
-    """Raise ScenarioError if a study varies a key path that changes no flight.
+    """Raise ScenarioError if a study (`source` in messages) varies a key path that changes none of a few flights.
 
-    Parameters
-    ----------
-    source
-        Name of the study in messages.
-    cases
-        A few flights, each with the values of the varied key paths.
-
-    Raises
-    ------
-    ScenarioError
-        If a key path has no effect in any of the flights.
+    Each case is a flight with the values of its varied key paths.
     """
     case_list = list(cases)
     problems = []

@@ -24,19 +24,10 @@ _EXCLUSIVE_KEYS = ("type", "variant", "x_cg_over_c")
 
 
 def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]:
-    """Replace the paths of aircraft files by the contents of the files.
+    """Replace the paths of aircraft files, in values that are not validated, by the contents of the files.
 
-    Parameters
-    ----------
-    values
-        Nested values of the scenario file; not validated.
-    source
-        Path of the scenario file (relative paths start from its folder), or a name for messages.
-
-    Raises
-    ------
-    ScenarioError
-        If an aircraft file is missing or invalid, or if a table also has a key of the library's airframes.
+    `source` is the path of the scenario file (relative paths start from its folder), or a name for messages. Raises
+    ScenarioError if an aircraft file is missing or invalid, or if a table also has a key of the library's airframes.
     """
     fleet = values.get("aircraft")
     if not isinstance(fleet, list | tuple) or not any(_aircraft_file_path(aircraft) for aircraft in fleet):
@@ -160,18 +151,8 @@ class Scenario(ScenarioTables):
 def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     """Validate a scenario given as nested dictionaries and lists.
 
-    Parameters
-    ----------
-    values
-        Nested values as in a scenario file.
-    source
-        Name of the scenario in messages; a file path makes relative paths of aircraft files relative to the file's
-        folder.
-
-    Raises
-    ------
-    ScenarioError
-        If the scenario or an aircraft file named in the scenario is invalid.
+    `source` names the scenario in messages; a file path makes relative paths of aircraft files relative to the file's
+    folder. Raises ScenarioError if the scenario or an aircraft file named in it is invalid.
     """
     check_file_kind("scenario", values, source)
     version = values.get("format")

@@ -19,15 +19,12 @@ class ReferenceSpeed:
 
     Parameters
     ----------
-    speed_m_s
-        Airspeed, m/s.
-    key
-        Key of the scenario that sets the airspeed.
+    speed_m_s, key
+        Airspeed, m/s, and the key of the scenario that sets it.
     is_mean
         Whether the airspeed is the mean of the plan; otherwise it is the maximum.
     may_rise
-        Whether the published planner may raise the mean because the farthest aircraft cannot slow down or descend
-        slowly enough.
+        Whether the published planner may raise the mean: the farthest aircraft cannot slow down or descend so slowly.
     uses_wind_layers
         Whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft.
     """
@@ -56,25 +53,11 @@ def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSp
 
 
 def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> float | None:
-    """Compute the time in which an aircraft on a straight line at constant airspeed meets a moving point.
+    """Compute the least time, s, in which an aircraft on a straight line meets a moving point; None if outrun.
 
-    Parameters
-    ----------
-    relative_m
-        Position of the point relative to the aircraft (north, east, up), m.
-    velocity_m_s
-        Velocity of the point relative to the air (goal velocity minus wind), m/s.
-    speed_m_s
-        Airspeed of the aircraft, m/s.
-
-    Returns
-    -------
-    The smallest time of interception, s; None if the point outruns the aircraft.
-
-    Notes
-    -----
-    Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in a form without
-    cancellation when the speeds are nearly equal.
+    `relative_m` is the point's position relative to the aircraft, `velocity_m_s` its velocity relative to the air
+    (north, east, up). Smallest positive root of ``(|W|^2 - V^2) t^2 + 2 (R.W) t + |R|^2 = 0``, theory section 7, in a
+    form without cancellation when the speeds are nearly equal.
     """
     squared = _dot(velocity_m_s, velocity_m_s) - speed_m_s**2
     half_linear = _dot(relative_m, velocity_m_s)
@@ -94,12 +77,8 @@ def time_to_go_s(relative_m: Vector, velocity_m_s: Vector, speed_m_s: float) -> 
 def reach_problems(scenario: ScenarioTables, *, unaided: bool = False) -> list[Problem]:
     """List goals that outrun their aircraft, flights that are too short, and rendezvous points outside the envelope.
 
-    Parameters
-    ----------
-    scenario
-        Scenario in which every aircraft has a goal and the wind is slower than the fleet.
-    unaided
-        Whether to leave out the gain in speed by a descent, or by a tail wind at altitudes above or below the start.
+    Requires that every aircraft has a goal and that the wind is slower than the fleet. `unaided` leaves out the gain in
+    speed by a descent, or by a tail wind at altitudes above or below the start.
     """
     problems = []
     for index, goal in enumerate(scenario.goal):

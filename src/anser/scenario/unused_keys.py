@@ -3,38 +3,23 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from anser.config.errors import Problem, format_number, format_value
+from anser.config.errors import Problem, format_number, format_value, quoted_list
 from anser.config.tables import Table
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Gains
 from anser.scenario.schema_sensing import PRESETS, Navigation
 
 _GUST_KEYS = ("wind_time_s", "gust_time_s")
 """Keys of [navigation] that an aircraft with exact sensors uses in gusts too."""
-_OTHER_PRESETS = ", ".join(f'"{preset}"' for preset in PRESETS)
 
 
 @dataclass(frozen=True)
 class UnusedKeys:
     """Keys of one table that have no effect.
 
-    Attributes
-    ----------
-    path
-        Key path of the table, such as ``aircraft[0].gains``.
-    table
-        Values of the table.
-    keys
-        Keys without effect.
-    cause
-        Continuation of the value in a message, such as ``with intensity "none"``.
-    remedy
-        Change that would give the keys an effect.
-    is_whole
-        Whether the whole table has no effect; then only the first key is named.
-    is_refused
-        Whether a file with these keys is refused. The direction of something at rest and a goal without aircraft are
-        only cautions, because speed and aircraft may be set elsewhere. A study may vary none of these keys.
+    The message names the `keys` (if `is_whole`, the first alone) of the table at `path`, their `cause` (a continuation
+    of the value, such as ``with intensity "none"``) and the `remedy` that would give them an effect. A file is refused
+    if `is_refused`; the direction of something at rest and a goal without aircraft are only cautions, because speed and
+    aircraft may be set elsewhere. A study may vary none of these keys.
     """
 
     path: str
@@ -53,32 +38,24 @@ class UnusedKeys:
     def problems(self) -> Iterator[Problem]:
         """Yield a problem for each of the keys that the file sets to another value than the default."""
         for key in self.keys[:1] if self.is_whole else self.keys:
-            value = getattr(self.table, key)
-            if key in self.table.model_fields_set and value != type(self.table).model_fields[key].default:
-                value_text = format_value(value)
-                alternative = "" if self.is_whole else f", or no {key}"
-                yield Problem(f"{self.path}.{key}", f"{value_text} {self.cause}", self.remedy + alternative)
+            value, default = getattr(self.table, key), type(self.table).model_fields[key].default
+            if key in self.table.model_fields_set and value != default:
+                expected = self.remedy if self.is_whole else f"{self.remedy}, or no {key}"
+                yield Problem(f"{self.path}.{key}", f"{format_value(value)} {self.cause}", expected)
 
 
-def unused_key_problems(scenario: Scenario) -> list[Problem]:
-    """List problems for keys without effect that make a file invalid."""
-    return [
-        problem
-        for unused_keys in find_unused_keys(scenario)
-        if unused_keys.is_refused
-        for problem in unused_keys.problems()
-    ]
+def unused_key_problems(scenario: Scenario, *, is_refused: bool = True) -> list[Problem]:
+    """List problems for keys without effect that make a file invalid, or for those that are only cautions."""
+    candidates = [unused_keys for unused_keys in find_unused_keys(scenario) if unused_keys.is_refused == is_refused]
+    return [problem for unused_keys in candidates for problem in unused_keys.problems()]
 
 
 def unused_key_cautions(scenario: Scenario) -> list[str]:
     """List cautions, in sentences, for keys without effect that do not make a file invalid."""
-    problems = [
-        problem
-        for unused_keys in find_unused_keys(scenario)
-        if not unused_keys.is_refused
-        for problem in unused_keys.problems()
+    return [
+        f"{problem.path}: {problem.arrived} changes nothing; expected {problem.expected}"
+        for problem in unused_key_problems(scenario, is_refused=False)
     ]
-    return [f"{problem.path}: {problem.arrived} changes nothing; expected {problem.expected}" for problem in problems]
 
 
 def find_unused_keys(scenario: Scenario) -> list[UnusedKeys]:
@@ -103,7 +80,7 @@ def _unused_sensing_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
         if is_smooth:
             yield UnusedKeys("navigation", navigation, _GUST_KEYS, f"{cause} in smooth air", f"{remedy} in smooth air")
     if sensor.preset == "exact":
-        remedy = f'goal_sensor.preset other than "exact", whose measurements the filter needs: {_OTHER_PRESETS}'
+        remedy = f'goal_sensor.preset other than "exact", whose measurements the filter needs: {quoted_list(PRESETS)}'
         keys = tuple(type(estimator).model_fields)
         yield UnusedKeys("estimator", estimator, keys, 'with goal_sensor.preset "exact"', remedy)
     elif estimator.motion != "changing":
@@ -112,12 +89,10 @@ def _unused_sensing_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
         if estimator.motion == "steady":
             remedy = 'motion = "turning" or "changing" beside it'
             yield UnusedKeys("estimator", estimator, ("turn_rate_deg_s",), cause, remedy)
-    outages = (("goal_sensor", sensor), ("network", scenario.network))
-    for path, table in outages:
+    for path, table in (("goal_sensor", sensor), ("network", scenario.network)):
         if table is not None and table.outage_share == 0.0:
-            yield UnusedKeys(
-                path, table, ("outage_mean_s",), "with outage_share 0", "an outage_share above 0 beside it"
-            )
+            remedy = "an outage_share above 0 beside it"
+            yield UnusedKeys(path, table, ("outage_mean_s",), "with outage_share 0", remedy)
 
 
 def _unused_air_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
@@ -128,19 +103,17 @@ def _unused_air_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
     for index, gust in enumerate(scenario.gust):
         if gust.time_s >= end_s:
             remedy = f"a time before the end of the flight, timing.duration_s = {format_number(end_s)} s"
-            yield UnusedKeys(
-                f"gust[{index}]", gust, _keys_with_first("time_s", gust), "for a gust", remedy, is_whole=True
-            )
+            keys = ("time_s", *_keys_except(type(gust), ("time_s",)))
+            yield UnusedKeys(f"gust[{index}]", gust, keys, "for a gust", remedy, is_whole=True)
 
 
 def _unused_directions(scenario: Scenario) -> Iterator[UnusedKeys]:
     """Yield the direction keys of winds, goals and keep-outs whose speed is 0."""
     remedy = "speed_m_s above 0 beside it"
     wind = scenario.wind
-    layers = [] if wind.layers is None else [(f"wind.layers[{k}]", layer) for k, layer in enumerate(wind.layers)]
-    winds = layers if wind.layers is not None else [("wind", wind)]
+    layers = [(f"wind.layers[{k}]", layer, "from_deg") for k, layer in enumerate(wind.layers or ())]
     moving = [
-        *((path, table, "from_deg") for path, table in winds),
+        *(layers or [("wind", wind, "from_deg")]),
         *((f"goal[{k}]", goal, "course_deg") for k, goal in enumerate(scenario.goal) if goal.waypoints is None),
         *((f"keep_out[{k}]", volume, "course_deg") for k, volume in enumerate(scenario.keep_out)),
     ]
@@ -154,37 +127,31 @@ def _unused_fleet_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
     if timing.replan_period_s == 0.0:
         remedy = "replan_period_s above 0 beside it: a plan that is made once stays as it is"
         yield UnusedKeys("timing", timing, ("freeze_s",), "with replan_period_s 0", remedy)
-    is_alone = len(scenario.aircraft) == 1
-    if is_alone:
-        cause, remedy = "with one aircraft", "a second [[aircraft]]"
-        yield UnusedKeys("separation", separation, tuple(type(separation).model_fields), cause, remedy)
-        yield UnusedKeys("requirements", requirements, ("separation_min_m",), cause, remedy)
+    alone = ("with one aircraft", "a second [[aircraft]]") if len(scenario.aircraft) == 1 else None
+    if alone is not None:
+        yield UnusedKeys("separation", separation, tuple(type(separation).model_fields), *alone)
+        yield UnusedKeys("requirements", requirements, ("separation_min_m",), *alone)
     elif separation.horizontal_m == 0.0:
         remedy = "horizontal_m above 0 beside it"
         yield UnusedKeys("separation", separation, ("reserve_m",), "without horizontal_m", remedy)
     if not scenario.arrival.is_common:
         cause, remedy = f'with arrival.rule "{scenario.arrival.rule}"', "a rule by which all arrive at one time"
         yield UnusedKeys("requirements", requirements, ("arrival_spread_max_s",), cause, remedy)
-    elif is_alone:
-        yield UnusedKeys(
-            "requirements", requirements, ("arrival_spread_max_s",), "with one aircraft", "a second [[aircraft]]"
-        )
+    elif alone is not None:
+        yield UnusedKeys("requirements", requirements, ("arrival_spread_max_s",), *alone)
     for index, aircraft in enumerate(scenario.aircraft):
-        gains: Gains = aircraft.gains
-        if gains.inversion == "model":
-            remedy = 'inversion = "incremental" beside it'
-            path, cause = f"aircraft[{index}].gains", 'with inversion "model"'
-            yield UnusedKeys(path, gains, ("sensor_bandwidth_rad_s",), cause, remedy)
+        if aircraft.gains.inversion == "model":
+            cause, remedy = 'with inversion "model"', 'inversion = "incremental" beside it'
+            yield UnusedKeys(f"aircraft[{index}].gains", aircraft.gains, ("sensor_bandwidth_rad_s",), cause, remedy)
 
 
 def _unused_goals(scenario: Scenario) -> Iterator[UnusedKeys]:
     flown_to = {aircraft.goal for aircraft in scenario.aircraft}
     for index, goal in enumerate(scenario.goal):
         if goal.name not in flown_to:
-            remedy = f'an aircraft with goal = "{goal.name}"'
-            yield UnusedKeys(
-                f"goal[{index}]", goal, _keys_with_first("name", goal), "for a goal of no aircraft", remedy, True, False
-            )
+            keys = ("name", *_keys_except(type(goal), ("name",)))
+            cause, remedy = "for a goal of no aircraft", f'an aircraft with goal = "{goal.name}"'
+            yield UnusedKeys(f"goal[{index}]", goal, keys, cause, remedy, is_whole=True, is_refused=False)
 
 
 def _unused_event_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
@@ -199,7 +166,3 @@ def _unused_event_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
 
 def _keys_except(model: type[Table], excluded: Iterable[str]) -> tuple[str, ...]:
     return tuple(key for key in model.model_fields if key not in excluded)
-
-
-def _keys_with_first(key: str, table: Table) -> tuple[str, ...]:
-    return (key, *_keys_except(type(table), (key,)))
