@@ -98,10 +98,6 @@ def _variable(key: str, suffix: str, frame: str, symbol: str, long_name: str) ->
     return Variable(f"{key}_{suffix}" if suffix else key, key, unit, factor, frame, symbol, long_name)
 
 
-def _optional(variable: Variable) -> Variable:
-    return replace(variable, optional=True)
-
-
 def _discrete(
     key: str, dtype: Literal["int32", "bool"], symbol: str, long_name: str, flags: tuple[str, ...]
 ) -> Variable:
@@ -130,6 +126,37 @@ def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
     )
     return (*positions, *commands)
 
+
+_OPTIONAL_VARIABLES: tuple[Variable, ...] = (
+    # turbulence and gusts
+    _variable("airspeed_mean_wind", "m_s", _NONE, "V_0", "True airspeed without gusts"),
+    _variable("gust_u", "m_s", _BODY, "u_g", "Gust along body x"),
+    _variable("gust_v", "m_s", _BODY, "v_g", "Gust along body y"),
+    _variable("gust_w", "m_s", _BODY, "w_g", "Gust along body z"),
+    _variable("gust_roll_rate", "deg_s", _BODY, "p_g", "Roll rate of the gust"),
+    _variable("gust_pitch_rate", "deg_s", _BODY, "q_g", "Pitch rate of the gust"),
+    _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
+    # estimates of an aircraft whose sensors have errors
+    _variable("own_estimate_north", "m", _NED, "p̂_N", "North position, as the aircraft takes it to be"),
+    _variable("own_estimate_east", "m", _NED, "p̂_E", "East position, as the aircraft takes it to be"),
+    _variable("own_estimate_altitude", "m", _NED, "ĥ", "Altitude, as the aircraft takes it to be"),
+    _variable("own_sigma_north", "m", _NED, "σ_p,N", "Standard deviation of the own north position"),
+    _variable("own_sigma_east", "m", _NED, "σ_p,E", "Standard deviation of the own east position"),
+    _variable("own_sigma_altitude", "m", _NED, "σ_h", "Standard deviation of the own altitude"),
+    _variable("goal_sigma_north", "m", _NED, "σ_g,N", "Standard deviation of the goal's north position"),
+    _variable("goal_sigma_east", "m", _NED, "σ_g,E", "Standard deviation of the goal's east position"),
+    _variable("goal_sigma_altitude", "m", _NED, "σ_g,h", "Standard deviation of the goal's altitude"),
+    _variable("goal_correlation", "", _NED, "ρ_g", "Correlation of the goal's north and east position"),
+    _variable("goal_sigma_speed", "m_s", _NED, "σ_W", "Standard deviation of the goal's velocity in the plane"),
+    _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
+    _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
+    _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
+    # coordination of a decentralised fleet
+    _variable("clock_lag", "s", _NONE, "t - γ", "Lag of the clock along the path"),
+    _variable("clock_rate", "", _NONE, "γ_dot", "Rate of the clock along the path"),
+    _discrete("heard_from", "int32", "H", "Whom it heard: the sum of 2^k over aircraft k", ()),
+    _discrete("path_offered", "bool", "offer", "Another path is offered", ("settled", "offered")),
+)
 
 CATALOGUE: tuple[Variable, ...] = (
     # position and velocity over ground
@@ -245,49 +272,7 @@ CATALOGUE: tuple[Variable, ...] = (
     ),
     _discrete("outside_tables", "bool", "outside", "Outside the aerodynamic tables", ("inside", "outside")),
     _discrete("status", "int32", "status", "Status of the aircraft, 0 when fine", ()),
-    # turbulence and gusts
-    *map(
-        _optional,
-        (
-            _variable("airspeed_mean_wind", "m_s", _NONE, "V_0", "True airspeed without gusts"),
-            _variable("gust_u", "m_s", _BODY, "u_g", "Gust along body x"),
-            _variable("gust_v", "m_s", _BODY, "v_g", "Gust along body y"),
-            _variable("gust_w", "m_s", _BODY, "w_g", "Gust along body z"),
-            _variable("gust_roll_rate", "deg_s", _BODY, "p_g", "Roll rate of the gust"),
-            _variable("gust_pitch_rate", "deg_s", _BODY, "q_g", "Pitch rate of the gust"),
-            _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
-        ),
-    ),
-    # estimates of an aircraft whose sensors have errors
-    *map(
-        _optional,
-        (
-            _variable("own_estimate_north", "m", _NED, "p̂_N", "North position, as the aircraft takes it to be"),
-            _variable("own_estimate_east", "m", _NED, "p̂_E", "East position, as the aircraft takes it to be"),
-            _variable("own_estimate_altitude", "m", _NED, "ĥ", "Altitude, as the aircraft takes it to be"),
-            _variable("own_sigma_north", "m", _NED, "σ_p,N", "Standard deviation of the own north position"),
-            _variable("own_sigma_east", "m", _NED, "σ_p,E", "Standard deviation of the own east position"),
-            _variable("own_sigma_altitude", "m", _NED, "σ_h", "Standard deviation of the own altitude"),
-            _variable("goal_sigma_north", "m", _NED, "σ_g,N", "Standard deviation of the goal's north position"),
-            _variable("goal_sigma_east", "m", _NED, "σ_g,E", "Standard deviation of the goal's east position"),
-            _variable("goal_sigma_altitude", "m", _NED, "σ_g,h", "Standard deviation of the goal's altitude"),
-            _variable("goal_correlation", "", _NED, "ρ_g", "Correlation of the goal's north and east position"),
-            _variable("goal_sigma_speed", "m_s", _NED, "σ_W", "Standard deviation of the goal's velocity in the plane"),
-            _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
-            _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
-            _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
-        ),
-    ),
-    # coordination of a decentralised fleet
-    *map(
-        _optional,
-        (
-            _variable("clock_lag", "s", _NONE, "t - γ", "Lag of the clock along the path"),
-            _variable("clock_rate", "", _NONE, "γ_dot", "Rate of the clock along the path"),
-            _discrete("heard_from", "int32", "H", "Whom it heard: the sum of 2^k over aircraft k", ()),
-            _discrete("path_offered", "bool", "offer", "Another path is offered", ("settled", "offered")),
-        ),
-    ),
+    *(replace(variable, optional=True) for variable in _OPTIONAL_VARIABLES),
 )
 """Every recorded variable, in dataset order."""
 

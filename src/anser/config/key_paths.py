@@ -4,7 +4,7 @@ import difflib
 import re
 from typing import Any
 
-from anser.config.errors import describe_value, format_number, problem_error
+from anser.config.errors import describe_value, format_value, problem_error
 from anser.config.tables import Table
 
 _PATH = re.compile(r"\w+(?:\[[^\[\]]+\])*(?:\.\w+(?:\[[^\[\]]+\])*)*", re.ASCII)
@@ -40,14 +40,12 @@ def value_at(scenario: Table, path: str) -> Any:
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
     node: Any = scenario.model_dump(mode="json")
     path_so_far = ""
-    for key, item in _STEP.findall(path):
-        step = key or _ItemKey(item)
+    for step in _steps(path):
         step_key = _resolve_step(node, step, path_so_far)
         path_so_far = _extend_path(path_so_far, step)
         if isinstance(step_key, str) and step_key not in node:
-            raise problem_error(
-                "", f"the unknown key {describe_value(step_key)}", f"one of the keys {', '.join(node)}", path_so_far
-            )
+            expected = f"one of the keys {', '.join(node)}"
+            raise problem_error("", f"the unknown key {describe_value(step_key)}", expected, path_so_far)
         node = node[step_key]
     return node
 
@@ -56,8 +54,8 @@ def indexed_path(scenario: Table, path: str) -> str:
     """Replace item names in a path by indices, ``aircraft[0].start``; raises ScenarioError for an unknown path."""
     node: Any = scenario.model_dump(mode="json")
     indexed = ""
-    for key, item in _STEP.findall(path):
-        step_key = _resolve_step(node, key or _ItemKey(item), indexed)
+    for step in _steps(path):
+        step_key = _resolve_step(node, step, indexed)
         indexed = f"{indexed}[{step_key}]" if isinstance(step_key, int) else f"{indexed}.{step_key}".removeprefix(".")
         node = node.get(step_key) if isinstance(node, dict) else node[step_key]
     return indexed
@@ -76,7 +74,7 @@ def to_file_value(value: object) -> object:
 
 
 def _put(values: dict[str, Any], path: str, value: object) -> None:
-    steps = [key or _ItemKey(item) for key, item in _STEP.findall(path)]
+    steps = _steps(path)
     node: Any = values
     path_so_far = ""
     for step, next_step in zip(steps, [*steps[1:], None], strict=True):
@@ -87,11 +85,14 @@ def _put(values: dict[str, Any], path: str, value: object) -> None:
             return
         if isinstance(step_key, str) and node.get(step_key) is None:
             if isinstance(next_step, _ItemKey):
-                raise problem_error(
-                    "", f"an item, [{next_step}], of a list that is not written out", "the whole list", path_so_far
-                )
+                arrived = f"an item, [{next_step}], of a list that is not written out"
+                raise problem_error("", arrived, "the whole list", path_so_far)
             node[step_key] = {}  # an omitted optional table
         node = node[step_key]
+
+
+def _steps(path: str) -> list[str]:
+    return [key or _ItemKey(item) for key, item in _STEP.findall(path)]
 
 
 def _extend_path(path_so_far: str, step: str) -> str:
@@ -112,29 +113,24 @@ def _resolve_step(node: object, step: str, path_so_far: str) -> str | int:
         return step
     if isinstance(node, list):
         raise problem_error("", f'the key "{step}" of a list', _describe_items(node, path_so_far), path_so_far)
-    text = format_number(node) if isinstance(node, float) else describe_value(node)
-    raise problem_error("", f'the key "{step}" of {text}, which is no table', "a path that ends here", path_so_far)
+    arrived = f'the key "{step}" of {format_value(node)}, which is no table'
+    raise problem_error("", arrived, "a path that ends here", path_so_far)
 
 
 def _index(items: list[Any], step: _ItemKey, path_so_far: str) -> int:
     if step.isdecimal():
         if int(step) < len(items):
             return int(step)
-        raise problem_error(
-            "", f"the item [{step}] of a list of {len(items)}", _describe_items(items, path_so_far), path_so_far
-        )
+        arrived = f"the item [{step}] of a list of {len(items)}"
+        raise problem_error("", arrived, _describe_items(items, path_so_far), path_so_far)
     name = step.removeprefix('"').removesuffix('"')
     names = _names(items)
     if name in names:
         return names.index(name)
     matches = difflib.get_close_matches(name, [item_name for item_name in names if item_name is not None], n=1)
     guess = f'perhaps "{matches[0]}"; ' if matches else ""
-    raise problem_error(
-        "",
-        f"the name {describe_value(name)}, which no item has",
-        guess + _describe_items(items, path_so_far),
-        path_so_far,
-    )
+    arrived = f"the name {describe_value(name)}, which no item has"
+    raise problem_error("", arrived, guess + _describe_items(items, path_so_far), path_so_far)
 
 
 def _names(items: list[Any]) -> list[str | None]:

@@ -12,7 +12,7 @@ from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector3
 
 
 class Gust(eqx.Module):
-    """Velocity (m/s) of the air relative to the mean wind, and equivalent rotation (rad/s), body axes, at one aircraft."""
+    """Velocity (m/s) of the air relative to the mean wind, and equivalent rotation (rad/s), body axes."""
 
     velocity_b: Vector3
     rates_b: Vector3

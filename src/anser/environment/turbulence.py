@@ -4,6 +4,7 @@ Scale lengths and intensities as functions of height, Dryden and von Karman spec
 the gradients of the gusts.
 """
 
+from collections.abc import Callable
 from typing import Literal
 
 import equinox as eqx
@@ -21,7 +22,7 @@ from anser.environment.gust_filters import (
     FirstOrderFilter,
 )
 from anser.environment.gusts import AbstractGusts, AirFlow, Gust
-from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
+from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import rotate, rotate_back, safe_hypot
 from anser.units import FOOT_M
 
@@ -240,20 +241,13 @@ def lag_response(state: Scalar, former_input: Scalar, new_input: Scalar, span: S
     return decay * state + (mean - decay) * former_input + (1.0 - mean) * new_input
 
 
-class _Axes(eqx.Module):
-    """Transformation from turbulence axes to body axes."""
-
-    R_bn: Matrix33
-    ahead: Float[Array, "2"]
-    altitude_blend: Scalar
-
-    def __call__(self, gust: Vector3) -> Vector3:
-        north, east = self.ahead
-        level_n = jnp.stack([north * gust[0] - east * gust[1], east * gust[0] + north * gust[1], gust[2]])
-        return (1.0 - self.altitude_blend) * rotate(self.R_bn, level_n) + self.altitude_blend * gust
-
-
-def _axes(flow: AirFlow, altitude_blend: Scalar) -> _Axes:
+def _axes(flow: AirFlow, altitude_blend: Scalar) -> Callable[[Vector3], Vector3]:
+    """Return the transformation from turbulence axes to body axes."""
     ahead_n = rotate_back(flow.R_bn, jnp.zeros_like(flow.wind_n).at[0].set(1.0))
-    level = jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
-    return _Axes(flow.R_bn, ahead_n[:2] / level, altitude_blend)
+    north, east = ahead_n[:2] / jnp.maximum(safe_hypot(ahead_n[0], ahead_n[1]), 1e-6)
+
+    def to_body(gust: Vector3) -> Vector3:
+        level_n = jnp.stack([north * gust[0] - east * gust[1], east * gust[0] + north * gust[1], gust[2]])
+        return (1.0 - altitude_blend) * rotate(flow.R_bn, level_n) + altitude_blend * gust
+
+    return to_body

@@ -43,17 +43,18 @@ from anser.units import DEG_RAD
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
     """Collect the faults of one aircraft from the events: times of thrust loss, goal sensor loss and departure."""
 
-    def first(kind: str) -> Event | None:
+    def first(kind: str) -> tuple[float, float]:
+        """Return the time (s) and the remaining thrust of the aircraft's first event of a kind; never without one."""
         matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
-        return min(matching_events, key=lambda event: event.time_s) if matching_events else None
+        if not matching_events:
+            return math.inf, 1.0
+        event = min(matching_events, key=lambda event: event.time_s)
+        return event.time_s, 1.0 if event.thrust_left is None else event.thrust_left
 
-    thrust_event, sensor_event, leave_event = (
-        first(kind) for kind in ("thrust-lost", "goal-sensor-lost", "aircraft-leaves")
+    (thrust_s, thrust_left), (sensor_s, _), (leaves_s, _) = map(
+        first, ("thrust-lost", "goal-sensor-lost", "aircraft-leaves")
     )
-    times = (math.inf if event is None else event.time_s for event in (thrust_event, sensor_event, leave_event))
-    thrust_s, sensor_s, leaves_s = map(as_array, times)
-    thrust_left = 1.0 if thrust_event is None or thrust_event.thrust_left is None else thrust_event.thrust_left
-    return Faults(thrust_s, as_array(thrust_left), sensor_s, leaves_s)
+    return Faults(*map(as_array, (thrust_s, thrust_left, sensor_s, leaves_s)))
 
 
 def motion_after_events(goal: Goal, motion: GoalMotion, events: Sequence[Event]) -> GoalMotion:
@@ -159,9 +160,7 @@ def _goals(goals: Sequence[Goal], events: Sequence[Event]) -> list[GoalMotion]:
 def _motion(goal: Goal) -> GoalMotion:
     if goal.waypoints is None:
         return straight_goal(ned(goal.position_m(0.0)), ned(goal.velocity_m_s()))
-    positions_n = stack_rows(
-        [ned((waypoint.north_m, waypoint.east_m, waypoint.altitude_m)) for waypoint in goal.waypoints]
-    )
+    positions_n = stack_rows([ned(waypoint.position_m) for waypoint in goal.waypoints])
     return waypoint_goal([waypoint.time_s for waypoint in goal.waypoints], positions_n)
 
 

@@ -15,7 +15,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import flight_condition
@@ -99,7 +98,8 @@ def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:
 
 def _resolve_aircraft(scenario: Scenario, aircraft: Aircraft) -> ResolvedAircraft:
     """Complete the limits, gains and guidance values of one aircraft."""
-    airframe, limits, gains = build_airframe_of(aircraft), scenario.limits_for(aircraft), build_gains(aircraft)
+    airframe, limits = build_airframe_of(aircraft), scenario.limits_for(aircraft)
+    gains = _build_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
     roll_rate = _ROLL_RATE_DEG_S * DEG_RAD
     if aircraft.is_library_f16:
         return ResolvedAircraft(aircraft, airframe, limits, gains, _CORRECTION_MAX_M_S, roll_rate, None)
@@ -246,16 +246,12 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
     return tuple(messages)
 
 
-def build_gains(aircraft: Aircraft) -> AutopilotGains:
+@functools.lru_cache(maxsize=256)
+def _build_gains(gains: Gains) -> AutopilotGains:
     """Build the gains from the scenario's table, completed by the published gains.
 
     The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the published gains.
     """
-    return _built_gains(aircraft.gains)  # pyright: ignore[reportArgumentType] - frozen tables are hashable
-
-
-@functools.lru_cache(maxsize=256)
-def _built_gains(gains: Gains) -> AutopilotGains:
     bandwidth = gains.sensor_bandwidth_rad_s if gains.inversion == "incremental" else 0.0
     return eqx.tree_at(
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
@@ -265,14 +261,11 @@ def _built_gains(gains: Gains) -> AutopilotGains:
 
 
 def _loop_gains(gains: RateGains | AttitudeGains | VelocityGains) -> LoopGains:
-    def channels(values: Sequence[float]) -> Array:
-        return as_array(values)
-
-    remaining_gains = channels(gains.derivative), channels(gains.feed_forward)
+    remaining_gains = as_array(gains.derivative), as_array(gains.feed_forward)
     if gains.bandwidth_rad_s is not None:
         damping = (math.inf,) * 3 if gains.damping is None else gains.damping
-        return design_gains(channels(gains.bandwidth_rad_s), channels(damping), *remaining_gains)
-    return LoopGains(channels(gains.proportional), channels(gains.integral), *remaining_gains)
+        return design_gains(as_array(gains.bandwidth_rad_s), as_array(damping), *remaining_gains)
+    return LoopGains(as_array(gains.proportional), as_array(gains.integral), *remaining_gains)
 
 
 _CORRECTION_MAX_M_S = 20.0  # greatest velocity correction by position feedback

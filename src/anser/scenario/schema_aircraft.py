@@ -1,5 +1,6 @@
 """Scenario tables for goals and aircraft: airframe, start, rendezvous, and autopilot gains."""
 
+import itertools
 import math
 from typing import Annotated, Literal
 
@@ -21,7 +22,7 @@ from anser.aircraft_files.sources import (
     validate_airframe,
 )
 from anser.airframe_data import BODY_COEFFICIENTS, DERIVATIVES
-from anser.config.errors import Problem, ScenarioError, describe_value, format_number
+from anser.config.errors import Problem, describe_value, format_number, problem_error
 from anser.config.tables import (
     Gain3,
     Table,
@@ -53,6 +54,11 @@ class Waypoint(Table):
     east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     altitude_m: float = number("height above sea level", GROUND_MIN_M, ALTITUDE_MAX_M, "m")
 
+    @property
+    def position_m(self) -> Vector:
+        """Position (north, east, up), m."""
+        return self.north_m, self.east_m, self.altitude_m
+
 
 class Goal(Table):
     """A position to meet: a ship, a buoy, a point of a storm, a balloon, a waypoint."""
@@ -81,8 +87,7 @@ class Goal(Table):
         """List a motion that is missing or defined twice, and waypoints whose times do not increase."""
         problems: list[Problem] = []
         if self.waypoints is None:
-            coordinates = {"north_m": self.north_m, "east_m": self.east_m}
-            missing = [key for key, value in coordinates.items() if value is None]
+            missing = [key for key in ("north_m", "east_m") if getattr(self, key) is None]
             problems.extend(Problem(key, "nothing", f"a number (m): {_WAYS}") for key in missing)
         else:
             conflicting_keys = [key for key in _STEADY_KEYS if key in self.model_fields_set]
@@ -102,24 +107,14 @@ class Goal(Table):
             north, east, up = self.velocity_m_s()
             start_north_m, start_east_m = self.north_m or 0.0, self.east_m or 0.0
             return start_north_m + north * time_s, start_east_m + east * time_s, self.altitude_m + up * time_s
-        return interpolate(
-            [
-                (waypoint.time_s, (waypoint.north_m, waypoint.east_m, waypoint.altitude_m))
-                for waypoint in self.waypoints
-            ],
-            time_s,
-        )
+        return interpolate([(waypoint.time_s, waypoint.position_m) for waypoint in self.waypoints], time_s)
 
 
 def _waypoint_order_problems(points: tuple[Waypoint, ...]) -> list[Problem]:
     """List waypoints whose times do not start at 0 or do not increase."""
-    problems = []
-    if points[0].time_s != 0:
-        problems.append(
-            Problem("waypoints[0].time_s", format_number(points[0].time_s), "0: the first waypoint is where it starts")
-        )
-    for index in range(1, len(points)):
-        previous_s, time_s = points[index - 1].time_s, points[index].time_s
+    times_s, expected = [point.time_s for point in points], "0: the first waypoint is where it starts"
+    problems = [] if times_s[0] == 0 else [Problem("waypoints[0].time_s", format_number(times_s[0]), expected)]
+    for index, (previous_s, time_s) in enumerate(itertools.pairwise(times_s), 1):
         if time_s <= previous_s:
             expected = f"more than the {format_number(previous_s)} s of the waypoint before"
             problems.append(Problem(f"waypoints[{index}].time_s", format_number(time_s), expected))
@@ -143,7 +138,7 @@ class Start(Table):
     path_angle_deg: float = number("climb angle", -PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", 0.0)
 
     @property
-    def position_m(self) -> tuple[float, float, float]:
+    def position_m(self) -> Vector:
         """Position (north, east, up), m."""
         return self.north_m, self.east_m, self.altitude_m
 
@@ -160,7 +155,7 @@ class Rendezvous(Table):
     )
 
     @property
-    def stand_off_m(self) -> tuple[float, float, float]:
+    def stand_off_m(self) -> Vector:
         """Vector from the goal to the rendezvous point (north, east, up), m."""
         return self.stand_off_north_m, self.stand_off_east_m, self.stand_off_up_m
 
@@ -240,7 +235,7 @@ def _validated_file(value: object) -> object:
         return value
     if isinstance(value, dict):
         return validate_airframe(value, "")
-    raise ScenarioError("", [Problem("", describe_value(value), _AIRFRAME_PATH)])
+    raise problem_error("", describe_value(value), _AIRFRAME_PATH)
 
 
 _AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as "my-uav.toml"'

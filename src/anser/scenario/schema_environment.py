@@ -1,5 +1,6 @@
 """Scenario tables for the environment: Earth, wind, turbulence and discrete gusts."""
 
+import itertools
 import math
 from typing import Annotated, Any, Literal
 
@@ -82,8 +83,8 @@ class Wind(Table):
             return []
         uniform_keys = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
         problems = [Problem(key, f"{format_number(getattr(self, key))} beside layers", _WAYS) for key in uniform_keys]
-        for index in range(1, len(self.layers)):
-            lower_altitude, altitude = self.layers[index - 1].altitude_m, self.layers[index].altitude_m
+        altitudes_m = [layer.altitude_m for layer in self.layers]
+        for index, (lower_altitude, altitude) in enumerate(itertools.pairwise(altitudes_m), 1):
             if altitude <= lower_altitude:
                 expected = f"more than the layer before it, {format_number(lower_altitude)} m"
                 problems.append(Problem(f"layers[{index}].altitude_m", format_number(altitude), expected))

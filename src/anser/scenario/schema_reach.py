@@ -1,5 +1,6 @@
 """Checks that every aircraft can reach its goal, made in the frame of the moving air (theory section 7)."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -109,13 +110,10 @@ def arrival_time_problems(scenario: ScenarioTables) -> list[Problem]:
     worst: dict[str, tuple[float, Problem]] = {}
     arrival = scenario.arrival
     for index, aircraft in enumerate(scenario.aircraft):
-        aircraft_path, path = f"aircraft[{index}]", "arrival.time_s"
+        key = "arrive_s" if arrival.rule == "times" else "arrive_to_s"
+        required_s, path = getattr(aircraft, key), f"aircraft[{index}].{key}"
         if arrival.rule == "at":
-            required_s = arrival.time_s
-        elif arrival.rule == "times":
-            required_s, path = aircraft.arrive_s, f"{aircraft_path}.arrive_s"
-        else:
-            required_s, path = aircraft.arrive_to_s, f"{aircraft_path}.arrive_to_s"
+            required_s, path = arrival.time_s, "arrival.time_s"
         if required_s is None:
             continue
         earliest_s = _earliest_arrival_s(scenario, aircraft)
@@ -183,16 +181,9 @@ def _leg_speed_problems(
 ) -> list[Problem]:
     """List legs on which a goal is faster through the air than the aircraft, in at least one wind of `winds_m_s`."""
     problems = []
-    points = goal.waypoints or ()
-    for index in range(1, len(points)):
-        leg_start, leg_end = points[index - 1], points[index]
-        leg_duration_s = leg_end.time_s - leg_start.time_s
-        leg_m = (
-            leg_end.north_m - leg_start.north_m,
-            leg_end.east_m - leg_start.east_m,
-            leg_end.altitude_m - leg_start.altitude_m,
-        )
-        through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / leg_duration_s)
+    for index, (leg_start, leg_end) in enumerate(itertools.pairwise(goal.waypoints or ()), 1):
+        leg_m = _plus(leg_end.position_m, leg_start.position_m, -1.0)
+        through_air = _plus((0.0, 0.0, 0.0), leg_m, 1.0 / (leg_end.time_s - leg_start.time_s))
         speed_m_s = max((math.hypot(*_plus(through_air, wind_m_s, -1.0)) for wind_m_s in winds_m_s), default=0.0)
         if speed_m_s >= reference.speed_m_s:
             arrived = f"a leg flown at {speed_m_s:.1f} m/s through the air"
@@ -208,16 +199,11 @@ def _aircraft_reach_problems(
     path: str, aircraft: Aircraft, scenario: ScenarioTables, reference: ReferenceSpeed, fastest_m_s: float | None
 ) -> list[Problem]:
     """List the reasons why one aircraft cannot reach its goal."""
-    goal, limits, wind, timing = (
-        scenario.goal_of(aircraft),
-        scenario.limits_for(aircraft),
-        scenario.wind,
-        scenario.timing,
-    )
-    subject = aircraft.label
+    goal, limits, subject = scenario.goal_of(aircraft), scenario.limits_for(aircraft), aircraft.label
+    wind, timing = scenario.wind, scenario.timing
     rendezvous_m = _plus(goal.position_m(0.0), aircraft.rendezvous.stand_off_m)
     relative_m = _plus(rendezvous_m, aircraft.start.position_m, -1.0)
-    heights_m = [rendezvous_m[2]]
+    heights_m: list[float] = []
     wind_m_s = wind.velocity_m_s(aircraft.start.altitude_m)
     # greatest difference between the mean wind along the path and the wind at the start, taken as tail wind
     tail_wind_m_s = max(math.dist(wind_m_s, layer_wind_m_s) for _, layer_wind_m_s in wind.profile_m_s)
@@ -232,9 +218,8 @@ def _aircraft_reach_problems(
             expected = f"a goal that an aircraft at {reference} can reach"
             return [Problem(f"{path}.goal", arrived, expected, subject)]
         # the arrival time is known for a mean airspeed only
-        heights_m = (
-            [rendezvous_m[2] + goal.climb_rate_m_s * time_s] if reference.is_mean or not goal.climb_rate_m_s else []
-        )
+        if reference.is_mean or not goal.climb_rate_m_s:
+            heights_m = [rendezvous_m[2] + goal.climb_rate_m_s * time_s]
         shortest_s = time_to_go_s(relative_m, velocity_m_s, greatest_m_s) or 0.0
         if shortest_s >= timing.duration_s:
             route = f'from "{aircraft.name}" to goal "{goal.name}" at {reference}'

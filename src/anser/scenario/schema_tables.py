@@ -1,0 +1,99 @@
+"""All tables of a scenario file, without the checks between tables."""
+
+from typing import Literal
+
+from pydantic import Field
+
+from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
+from anser.scenario.schema_aircraft import Aircraft, Goal
+from anser.scenario.schema_airspace import Arrival, Event, KeepOut, Separation
+from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation
+from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Requirements, Timing
+
+FORMAT = 2
+"""Newest format of scenario files; older formats are read too."""
+DEFAULT_PLANNERS = {1: "published", 2: "certified"}
+"""Planner of a file without `fleet.planner`, by format."""
+FORMATS_EXPECTED = f"{FORMAT} or 1, the formats that this anser reads"
+SEED_MAX = 2**32 - 1
+
+
+class ScenarioTables(Table):
+    """Tables of a scenario, each valid alone; :class:`~anser.scenario.schema.Scenario` adds the checks between them."""
+
+    format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(FORMATS_EXPECTED))
+    name: str = Field(
+        pattern=SLUG_PATTERN,
+        max_length=64,
+        description="name of the scenario, also of its output",
+        json_schema_extra=expects(SLUG_EXPECTED),
+    )
+    description: str = Field("", description="purpose of the scenario", json_schema_extra=expects("a text in quotes"))
+    seed: int = Field(
+        0,
+        ge=0,
+        le=SEED_MAX,
+        description="seed of all random numbers",
+        json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
+    )
+    timing: Timing = table("time", "a table [timing]")
+    earth: EarthField = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
+    wind: Wind = table("wind", "a table [wind]", Wind())
+    fleet: Fleet = table("settings of the whole fleet", "a table [fleet]")
+    limits: Limits = table("flight envelope", "a table [limits]", Limits())
+    arrival: Arrival = table("arrival times", "a table [arrival]", Arrival())
+    separation: Separation = table("minimum separation", "a table [separation]", Separation())
+    guidance: Guidance = table("path following", "a table [guidance]", Guidance())
+    hold: Hold = table("circle after the arrival", "a table [hold]", Hold())
+    requirements: Requirements = table("requirements for a pass", "a table [requirements]", Requirements())
+    aircraft: tuple[Aircraft, ...] = tables(
+        "the fleet", "one table [[aircraft]] or more, in double brackets", at_least=1
+    )
+    goal: tuple[Goal, ...] = tables(
+        "goals of the aircraft", "one table [[goal]] or more, in double brackets", at_least=1
+    )
+    turbulence: Turbulence = table("gusts of the air", "a table [turbulence]", Turbulence())
+    gust: tuple[DiscreteGust, ...] = tables(
+        "single gusts", "tables [[gust]], in double brackets", at_least=0, default=()
+    )
+    navigation: Navigation = table("navigation of the aircraft", "a table [navigation]", Navigation())
+    goal_sensor: GoalSensor = table("sensor of the goal", "a table [goal_sensor]", GoalSensor())
+    estimator: Estimator = table("filter that tracks the goal", "a table [estimator]", Estimator())
+    network: Network | None = table("communication in a fleet without a centre", "a table [network]", None)
+    event: tuple[Event, ...] = tables(
+        "events during the flight", "tables [[event]], in double brackets", at_least=0, default=()
+    )
+    keep_out: tuple[KeepOut, ...] = tables(
+        "volumes closed to all aircraft", "tables [[keep_out]], in double brackets", at_least=0, default=()
+    )
+
+    @property
+    def is_random(self) -> bool:
+        """Whether the flight depends on the seed."""
+        has_exact_sensors = self.navigation.sensors == "exact" and self.goal_sensor.preset == "exact"
+        network = self.network
+        has_perfect_network = network is None or not (network.loss or network.outage_share)
+        return self.turbulence.intensity != "none" or not has_exact_sensors or not has_perfect_network
+
+    @property
+    def requires_separation(self) -> bool:
+        """Whether a flight must keep its aircraft separated to meet the requirements."""
+        return self.separation.required_m is not None or self.requirements.separation_min_m is not None
+
+    @property
+    def is_gusty(self) -> bool:
+        """Whether the air is turbulent."""
+        return self.turbulence.intensity != "none"
+
+    def limits_for(self, aircraft: Aircraft) -> Limits:
+        """Return one aircraft's limits; keys left out of the scenario follow from the range of its data."""
+        return self.limits.within(aircraft.range)
+
+    def speed_for(self, aircraft: Aircraft) -> float:
+        """Return the preferred airspeed of one aircraft, m/s: from its table, or else from the fleet."""
+        return self.fleet.speed_m_s if aircraft.speed_m_s is None else aircraft.speed_m_s
+
+    def goal_of(self, aircraft: Aircraft) -> Goal:
+        """Return the goal of an aircraft of this scenario."""
+        return next(goal for goal in self.goal if goal.name == aircraft.goal)
