@@ -56,9 +56,7 @@ def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vec
     changed_b = J_b + jnp.trace(change) * eye - change
     inverse_b = jnp.where(jnp.all(second_moments == 1.0), properties.inertia_inverse_b, inverse3(changed_b))
     return eqx.tree_at(
-        lambda p: (p.mass, p.inertia_b, p.inertia_inverse_b),
-        properties,
-        (properties.mass * mass, changed_b, inverse_b),
+        lambda p: (p.mass, p.inertia_b, p.inertia_inverse_b), properties, (properties.mass * mass, changed_b, inverse_b)
     )
 
 

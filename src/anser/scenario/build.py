@@ -22,12 +22,7 @@ from anser.numerics.randomness import flight_randomness
 from anser.parts.planners import Rendezvous, make_rendezvous
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
-from anser.scenario.build_aircraft import (
-    ResolvedAircraft,
-    build_flight_limits,
-    build_guidance,
-    resolve_fleet,
-)
+from anser.scenario.build_aircraft import ResolvedAircraft, build_flight_limits, build_guidance, resolve_fleet
 from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors

@@ -156,9 +156,9 @@ def compute_defaults(
     Turns, climbs and bandwidths are those at `speed_m_s`; level flight is searched for between the two `speeds_m_s`;
     `step_s` is the sampling period of the autopilot.
     """
-    speed_bounds = (as_array(speeds_m_s[0]), as_array(speeds_m_s[1]))
+    altitude, speed, step, slow, fast = map(as_array, (altitude_m, speed_m_s, step_s, *speeds_m_s))
     points, bandwidths = _capability_and_bandwidths(
-        airframe, standard_environment(), as_array(altitude_m), as_array(speed_m_s), as_array(step_s), speed_bounds
+        airframe, standard_environment(), altitude, speed, step, (slow, fast)
     )
     capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
     return DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
@@ -208,10 +208,7 @@ def _derived_limits(limits: Limits, capability: Capability) -> Limits:
     slowest = capability.speed_min / math.sqrt(math.cos(math.radians(bank_deg)))
     fastest = min(capability.speed_max, limits.speed_max_m_s)
     if slowest < fastest:
-        limits = limits.with_defaults(
-            speed_min_m_s=max(slowest, limits.speed_min_m_s),
-            speed_max_m_s=fastest,
-        )
+        limits = limits.with_defaults(speed_min_m_s=max(slowest, limits.speed_min_m_s), speed_max_m_s=fastest)
     climb = min(capability.climb_rate_max, capability.sink_rate_max)
     if climb > 0.0:
         limits = limits.with_defaults(climb_rate_max_m_s=min(limits.climb_rate_max_m_s, climb))
@@ -224,25 +221,18 @@ def _exceeds_capability(scenario: Scenario, limits: Limits, index: int, capabili
     subject, speed = f'aircraft[{index}] "{aircraft.name}"', scenario.speed_for(aircraft)
     if math.isnan(capability.speed_min):
         return (f"{subject}: no airspeed of level flight was found at {aircraft.start.altitude_m:g} m",)
-    messages = []
-    for key, required, greatest, phrase, unit in (
-        ("bank_max_deg", limits.bank_max_deg, math.degrees(capability.bank_max), "banks in level turns at most", "deg"),
-        ("speed_max_m_s", limits.speed_max_m_s, capability.speed_max, "flies level at most at", "m/s"),
-        (
-            "climb_rate_max_m_s",
-            limits.climb_rate_max_m_s,
-            capability.climb_rate_max,
-            "climbs steadily at most at",
-            "m/s",
-        ),
+    messages, keys = [], scenario.limits.model_fields_set
+    for key, greatest, phrase, unit in (
+        ("bank_max_deg", math.degrees(capability.bank_max), "banks in level turns at most", "deg"),
+        ("speed_max_m_s", capability.speed_max, "flies level at most at", "m/s"),
+        ("climb_rate_max_m_s", capability.climb_rate_max, "climbs steadily at most at", "m/s"),
     ):
-        if key in scenario.limits.model_fields_set and required > greatest * 1.02:
+        required = getattr(limits, key)
+        if key in keys and required > greatest * 1.02:
             messages.append(f"limits.{key} = {required:g}: {subject} {phrase} {greatest:.1f} {unit} (at {speed:g} m/s)")
-    if "speed_min_m_s" in scenario.limits.model_fields_set and limits.speed_min_m_s < capability.speed_min / 1.02:
-        messages.append(
-            f"limits.speed_min_m_s = {limits.speed_min_m_s:g}: {subject} flies level from "
-            f"{capability.speed_min:.1f} m/s on"
-        )
+    slowest, required = capability.speed_min, limits.speed_min_m_s
+    if "speed_min_m_s" in keys and required < slowest / 1.02:
+        messages.append(f"limits.speed_min_m_s = {required:g}: {subject} flies level from {slowest:.1f} m/s on")
     return tuple(messages)
 
 

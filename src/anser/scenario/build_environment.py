@@ -41,9 +41,7 @@ def build_wind(scenario: Scenario) -> AbstractWind:
         return SteadyWind(ned(profile[0][1]))
     altitudes, velocities = zip(*profile, strict=True)
     padding_count = bucket_size(len(altitudes), _LAYERS) - len(altitudes)
-    padding_altitudes = [
-        altitudes[-1] + k * _PADDING_SPACING_M for k in range(1, padding_count + 1)
-    ]  # with the wind of the highest layer
+    padding_altitudes = [altitudes[-1] + k * _PADDING_SPACING_M for k in range(1, padding_count + 1)]
     return LayeredWind(
         as_array([*altitudes, *padding_altitudes]),
         stack_rows([ned(velocity) for velocity in [*velocities, *[velocities[-1]] * padding_count]]),
@@ -97,7 +95,5 @@ def exceedance_table() -> ExceedanceTable:
         return ExceedanceTable(
             heights=as_array([FOOT_M * height for height in data["heights_ft"]]),
             log_probabilities=as_array([math.log10(p) for p in data["probabilities"]]),
-            sigmas=as_array(
-                [[FOOT_M * sigma for sigma in sigmas_of_height] for sigmas_of_height in data["sigma_ft_s"]]
-            ),
+            sigmas=as_array([[FOOT_M * sigma for sigma in sigmas] for sigmas in data["sigma_ft_s"]]),
         )

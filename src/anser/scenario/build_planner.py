@@ -51,8 +51,9 @@ def _sides(fleet: Sequence[ResolvedAircraft]) -> Array:
 
 def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: GuidanceSettings) -> CertifiedPlanner:
     """Build the certified planner; acceleration limits left out of the scenario are infinite."""
-    separation = scenario.separation
+    separation, reserve_m = scenario.separation, scenario.separation.reserve_m
     is_separated = separation.horizontal_m > 0.0
+    is_stacked = is_separated and separation.vertical_m > 0.0
     return CertifiedPlanner(
         sides=_sides(fleet),
         speed=as_array([scenario.speed_for(aircraft.table) for aircraft in fleet]),
@@ -62,12 +63,8 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
             wind=build_wind(scenario),
             gravity=build_environment(scenario).gravity,
             separation=Separation(
-                as_array(separation.horizontal_m + separation.reserve_m if is_separated else 0.0),
-                as_array(
-                    separation.vertical_m + separation.reserve_m
-                    if is_separated and separation.vertical_m > 0.0
-                    else 0.0
-                ),
+                as_array(separation.horizontal_m + reserve_m if is_separated else 0.0),
+                as_array(separation.vertical_m + reserve_m if is_stacked else 0.0),
             ),
             keep_outs=_keep_outs(scenario),
         ),
@@ -88,10 +85,8 @@ def _decentralised(
     """
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()
-    separation, fastest = (
-        planner.airspace.separation,
-        float(np.max(planner.limits.speed_max)) + scenario.wind.speed_max_m_s,
-    )
+    separation = planner.airspace.separation
+    fastest = float(np.max(planner.limits.speed_max)) + scenario.wind.speed_max_m_s
     horizontal_margin = 2.0 * settings.tube_m + settings.skew_max_s * fastest
     vertical_margin = 2.0 * settings.tube_m + settings.skew_max_s * float(np.max(planner.limits.climb_rate_max))
     widened = Separation(
@@ -125,15 +120,8 @@ def build_network(scenario: Scenario) -> Network:
 
 def _keep_outs(scenario: Scenario) -> KeepOuts:
     volumes = [
-        (
-            keep_out.north_m,
-            keep_out.east_m,
-            *keep_out.velocity_m_s()[:2],
-            keep_out.radius_m,
-            keep_out.bottom_m,
-            keep_out.top_m,
-        )
-        for keep_out in scenario.keep_out
+        (volume.north_m, volume.east_m, *volume.velocity_m_s()[:2], volume.radius_m, volume.bottom_m, volume.top_m)
+        for volume in scenario.keep_out
     ]
     volumes += [_NO_KEEP_OUT for event in scenario.event if event.kind == "keep-out-appears"]
     if volumes:

@@ -32,11 +32,8 @@ _GRAVITY_M_S2 = 9.81
 def build_sensors(scenario: Scenario) -> AbstractSensors:
     """Build the set of sensors of an aircraft; ideal sensors if both sensor tables are "exact"."""
     vehicle_sensors, goal_sensor = build_vehicle_sensors(scenario.navigation), build_goal_sensor(scenario.goal_sensor)
-    return (
-        IdealSensors()
-        if vehicle_sensors is None and goal_sensor is None
-        else NoisySensors(vehicle_sensors, goal_sensor)
-    )
+    is_ideal = vehicle_sensors is None and goal_sensor is None
+    return IdealSensors() if is_ideal else NoisySensors(vehicle_sensors, goal_sensor)
 
 
 def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirframe | None = None) -> AbstractEstimator:
@@ -45,18 +42,12 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     `model` is the airframe assumed by the estimator; None: the airframe that flies.
     """
     navigation, sensor, estimator = scenario.navigation, scenario.goal_sensor, scenario.estimator
-    has_exact_navigation, is_smooth = (
-        navigation.sensors == "exact",
-        scenario.turbulence.intensity == "none" and not scenario.gust,
-    )
-    if has_exact_navigation and is_smooth and sensor.preset == "exact":
+    has_exact_navigation = navigation.sensors == "exact"
+    has_exact_air = has_exact_navigation and not scenario.is_gusty and not scenario.gust
+    if has_exact_air and sensor.preset == "exact":
         return DirectEstimator(model)
     navigation_filter = None if has_exact_navigation else _navigation_filter(navigation)
-    air = (
-        None
-        if has_exact_navigation and is_smooth
-        else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
-    )
+    air = None if has_exact_air else AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
     if sensor.preset == "exact":
         return TrackingEstimator(navigation_filter, air, model=model)
     tracking = GoalFilter(
@@ -141,24 +132,15 @@ def build_goal_sensor(table: GoalSensorTable) -> NoisyGoalSensor | None:
         measured, biases = [True] * 6, [0.0] * 6
     else:
         angle, rate = 1e-3 * number("angle_mrad"), number("angle_rate_mrad_s")
-        standard_deviations = (
-            number("range_m"),
-            angle,
-            angle,
-            number("range_rate_m_s"),
-            rate and 1e-3 * rate,
-            rate and 1e-3 * rate,
-        )
+        rate = rate and 1e-3 * rate
+        standard_deviations = number("range_m"), angle, angle, number("range_rate_m_s"), rate, rate
         measured = [deviation is not None for deviation in standard_deviations]
         sigmas = [_UNMEASURED if deviation is None else deviation for deviation in standard_deviations]
         bias = 1e-3 * table.angle_bias_mrad
         biases = [table.range_bias_m, bias, bias, 0.0, 0.0, 0.0]
     azimuth, elevation = (DEG_RAD * a for a in number("axis_deg", (0.0, 0.0)))
-    axis_b = [
-        math.cos(elevation) * math.cos(azimuth),
-        math.cos(elevation) * math.sin(azimuth),
-        -math.sin(elevation),
-    ]
+    level = math.cos(elevation)
+    axis_b = [level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation)]
     latency = number("latency_s")
     return NoisyGoalSensor(
         sigmas=as_array(sigmas),

@@ -8,16 +8,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
 from pydantic_core import CoreSchema
 
 from anser.config.errors import Problem, describe_value, format_number, problem_error, quoted_list
-from anser.config.tables import (
-    Table,
-    Vector,
-    expects,
-    identifier,
-    interpolate,
-    number,
-    tables,
-    velocity_on_course,
-)
+from anser.config.tables import Table, Vector, expects, identifier, interpolate, number, tables, velocity_on_course
 from anser.scenario.schema_settings import DURATION_MAX_S
 
 _EARTHS = ("flat", "wgs84")

@@ -136,12 +136,7 @@ class Estimator(Table):
         "multiple model)",
     )
     acceleration_m_s2: float = number(
-        "assumed acceleration of the goal, root mean square over a second",
-        0,
-        50,
-        "m/s^2",
-        0.02,
-        exclusive_minimum=True,
+        "assumed acceleration of the goal, root mean square over a second", 0, 50, "m/s^2", 0.02, exclusive_minimum=True
     )
     turn_rate_deg_s: float = number("assumed change of the goal's turn rate in a second", 0, 30, "deg/s", 0.5)
     sojourn_s: float = number("mean time between changes of a goal's kind of motion", 0.1, 1e5, "s", 60.0)
