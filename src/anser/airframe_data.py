@@ -46,21 +46,11 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True)
 class BodyFault:
-    """Report that a quantity of a rigid body is physically impossible.
+    """Report that a quantity of a rigid body is physically impossible."""
 
-    Attributes
-    ----------
-    quantity
-        Name from `positive`, or "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz".
-    arrived
-        Rejected value.
-    expected
-        Description of an acceptable value.
-    """
-
-    quantity: str
-    arrived: float
-    expected: str
+    quantity: str  # name from `positive`, or "Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"
+    arrived: float  # rejected value
+    expected: str  # description of an acceptable value
 
 
 def body_faults(positive: Mapping[str, float], inertia: Sequence[Sequence[float]]) -> list[BodyFault]:

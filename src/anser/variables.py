@@ -34,34 +34,23 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Variable:
-    """A recorded variable.
+    """A recorded variable."""
 
-    Attributes
-    ----------
-    name, key
-        Name in a dataset, with its unit suffix (`roll_rate_deg_s`), and key in a history, in SI units or radians
-        (`roll_rate`).
-    unit, factor
-        Unit in a dataset, in CF notation ("m s-1"; "1" if dimensionless), and dataset value divided by history value.
-    frame
-        Reference frame of the quantity; "none" for a scalar without a frame.
-    symbol, long_name
-        Mathematical symbol, with `_` before a subscript, and description for a plot label.
-    flags
-        Meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty.
-    optional
-        Whether the variable is recorded only in flights with the feature: gusts, or sensors with errors.
-    """
-
+    # name in a dataset, with its unit suffix (`roll_rate_deg_s`), and key in a history, in SI units or radians
+    # (`roll_rate`)
     name: str
     key: str
+    # unit in a dataset, in CF notation ("m s-1"; "1" if dimensionless), and dataset value divided by history value
     unit: str
     factor: float
-    frame: str
+    frame: str  # reference frame of the quantity; "none" for a scalar without a frame
+    # mathematical symbol, with `_` before a subscript, and description for a plot label
     symbol: str
     long_name: str
     dtype: Literal["float64", "int32", "bool"] = "float64"
+    # meanings of the values 0, 1, 2, ... of a discrete variable, one word per value; otherwise empty.
     flags: tuple[str, ...] = ()
+    # whether the variable is recorded only in flights with the feature: gusts, or sensors with errors
     optional: bool = False
 
 

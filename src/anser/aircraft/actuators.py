@@ -17,22 +17,15 @@ class AbstractActuators(eqx.Module):
 
     Each class defines its own actuator state; every state has an attribute `position` (rad). Arrays have one element
     for each surface.
-
-    Attributes
-    ----------
-    time_constant
-        Lag from command to position, s; controllers use it to invert the actuators.
-    lower, upper, rate_limit
-        Position limits, rad, and greatest speed of the surfaces, rad/s.
-    names
-        Distinct names of the surfaces.
     """
 
+    #: Lag from command to position, s; controllers use it to invert the actuators.
     time_constant: eqx.AbstractVar[Vector]
+    #: Position limits, rad, and greatest speed of the surfaces, rad/s.
     lower: eqx.AbstractVar[Vector]
     upper: eqx.AbstractVar[Vector]
     rate_limit: eqx.AbstractVar[Vector]
-    names: eqx.AbstractVar[tuple[str, ...]]
+    names: eqx.AbstractVar[tuple[str, ...]]  #: Distinct names of the surfaces.
 
     @abc.abstractmethod
     def steady_state(self, position: Vector) -> Any:

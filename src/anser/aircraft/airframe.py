@@ -21,29 +21,16 @@ class AircraftState(eqx.Module):
 
     Over a flat Earth this state is integrated directly. Over a round Earth an `EarthFixedState` is integrated, and this
     state is computed from it (`anser.aircraft.motion`).
-
-    Attributes
-    ----------
-    position_n
-        North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
-    velocity_b
-        Velocity (U, V, W) over ground in body axes, m/s.
-    quaternion
-        Attitude (q0, q1, q2, q3), scalar first, from NED to body axes.
-    rates_b
-        Body rates (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
-    actuators
-        State of the airframe's actuators, with an attribute `position` (rad).
-    engine
-        State of the airframe's engine, with an attribute `power` (percent).
     """
 
+    #: North, East, Down in the Earth's chart (local map), m; altitude is minus the third component.
     position_n: Vector3
-    velocity_b: Vector3
-    quaternion: Quaternion
+    velocity_b: Vector3  #: Velocity (U, V, W) over ground in body axes, m/s.
+    quaternion: Quaternion  #: Attitude (q0, q1, q2, q3), scalar first, from NED to body axes.
+    #: Body rates (P, Q, R) relative to the local NED axes, rad/s; over a flat Earth equal to the inertial rates.
     rates_b: Vector3
-    actuators: Any
-    engine: Any
+    actuators: Any  #: State of the airframe's actuators, with an attribute `position` (rad).
+    engine: Any  #: State of the airframe's engine, with an attribute `power` (percent).
 
     @property
     def surfaces(self) -> Vector:
@@ -76,23 +63,13 @@ class MassProperties(eqx.Module):
 
 
 class AbstractAirframe(eqx.Module):
-    """Interface of an airframe: subclass this class directly; concrete airframes are not subclassed.
+    """Interface of an airframe: subclass this class directly; concrete airframes are not subclassed."""
 
-    Attributes
-    ----------
-    mass_properties
-        Mass, inertia and angular momentum of the engine.
-    actuators
-        Dynamics, limits and names of the control surfaces.
-    engine
-        Thrust, lag from throttle to power, and the inverse functions for controllers.
-    alpha_range, beta_range
-        Valid range (minimum, maximum) of angle of attack and of sideslip, rad.
-    """
-
-    mass_properties: eqx.AbstractVar[MassProperties]
-    actuators: eqx.AbstractVar[AbstractActuators]
+    mass_properties: eqx.AbstractVar[MassProperties]  #: Mass, inertia and angular momentum of the engine.
+    actuators: eqx.AbstractVar[AbstractActuators]  #: Dynamics, limits and names of the control surfaces.
+    #: Thrust, lag from throttle to power, and the inverse functions for controllers.
     engine: eqx.AbstractVar[AbstractEngine]
+    #: Valid range (minimum, maximum) of angle of attack and of sideslip, rad.
     alpha_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
     beta_range: eqx.AbstractVar[tuple[Scalar, Scalar]]
 

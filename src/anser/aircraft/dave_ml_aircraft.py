@@ -50,28 +50,18 @@ def air_inputs(evaluator: Evaluator, air_data: AirData) -> dict[str, ScalarLike]
 
 
 class DaveMlEngine(AbstractLaggedEngine):
-    """Thrust from a file as a function of the power in percent, with a first-order lag (s) from throttle to power.
-
-    Attributes
-    ----------
-    altitude_range, mach_range
-        Valid range of the tables: m and Mach number.
-    extrapolation_thrust
-        Thrust per 100 percent of power outside 0 to 100, N. Unused in flight; gives a trim search a slope where the
-        file's thrust is constant beyond the ends.
-    point_b
-        Moment reference point of the file relative to the centre of gravity, m.
-    thrust_factor
-        Factor on thrust and thrust moment; 1 for the values of the file.
-    """
+    """Thrust from a file as a function of the power in percent, with a first-order lag (s) from throttle to power."""
 
     evaluator: Evaluator
     lag: Scalar
+    # valid range of the tables: m and Mach number
     altitude_range: tuple[Scalar, Scalar]
     mach_range: tuple[Scalar, Scalar]
+    # thrust per 100 percent of power outside 0 to 100, N. Unused in flight; gives a trim search a slope where the
+    # file's thrust is constant beyond the ends.
     extrapolation_thrust: Scalar
-    point_b: Vector3
-    thrust_factor: Scalar
+    point_b: Vector3  # moment reference point of the file relative to the centre of gravity, m
+    thrust_factor: Scalar  # factor on thrust and thrust moment; 1 for the values of the file
 
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
         """Compute the thrust force (N) and the thrust moment about the centre of gravity (N m) at a power (percent)."""
@@ -125,21 +115,6 @@ class DaveMlAircraft(AbstractAirframe):
     """Airframe with the aerodynamics of a DAVE-ML file.
 
     The file's coefficients are in body axes; its moments refer to the moment reference centre.
-
-    Attributes
-    ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2) of the file.
-    centre_b
-        Centre of mass relative to the moment reference centre, body axes, m.
-    coefficient_factors
-        Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
-    airspeed_min
-        Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
-    inputs
-        Name of the file's input for each surface, in the order of the surfaces.
-    has_static_side_force
-        Whether a side force without sideslip, rates and deflections is possible.
     """
 
     mass_properties: MassProperties
@@ -148,14 +123,17 @@ class DaveMlAircraft(AbstractAirframe):
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
     evaluator: Evaluator
+    #: Reference lengths (m) and area (m^2) of the file.
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
-    centre_b: Vector3
-    coefficient_factors: Float[Array, "6"]
-    airspeed_min: Scalar
+    centre_b: Vector3  #: Centre of mass relative to the moment reference centre, body axes, m.
+    coefficient_factors: Float[Array, "6"]  #: Factors on CX, CY, CZ, Cl, Cm, Cn of the file; 1 for no change.
+    airspeed_min: Scalar  #: Lower limit of the airspeed passed to the file, m/s: p b/2V is unbounded at rest.
     validity: Validity
+    #: Name of the file's input for each surface, in the order of the surfaces.
     inputs: tuple[str, ...] = eqx.field(static=True)
+    #: Whether a side force without sideslip, rates and deflections is possible.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property

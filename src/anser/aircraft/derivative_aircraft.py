@@ -21,53 +21,34 @@ _STATIC_COLUMNS = tuple(DERIVATIVE_ARGUMENTS.index(argument) for argument in STA
 
 
 class DerivativeAircraft(AbstractAirframe):
-    """Aerodynamic coefficients that are linear except for drag, stall and tables.
-
-    Attributes
-    ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2).
-    cg_offset_b
-        Centre of gravity relative to the reference point of the moment coefficients, body axes, m.
-    derivatives
-        Per rad. Rows: `anser.airframe_data.COEFFICIENTS`; columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the
-        actuators' order.
-    induced_drag
-        1 / (pi e AR): factor of the square of the lift due to angle of attack.
-    stall_sharpness, stall_alpha
-        M and alpha0 of the blending to a flat plate; alpha0 in rad, `NO_STALL` without stall model.
-    validity
-        Valid range of airspeed, altitude and Mach number.
-    tables
-        Tables over alpha, beta (rad) and surfaces (rad); None: no tables.
-    table_factors
-        Factor on each function of the tables; 1 for the published values.
-    table_derivatives
-        Row and column in `derivatives` to which each function of the tables is added.
-    table_arguments
-        Index of each table axis in (alpha, beta, *surfaces).
-    has_static_side_force
-        Whether a side force without sideslip, rates and deflections is possible, for example by CY0.
-    """
+    """Aerodynamic coefficients that are linear except for drag, stall and tables."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
     engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
+    #: Reference lengths (m) and area (m^2).
     span: Scalar
     wing_area: Scalar
     mean_chord: Scalar
-    cg_offset_b: Vector3
+    cg_offset_b: Vector3  #: Centre of gravity relative to the reference point of the moment coefficients, body axes, m.
+    #: Per rad. Rows: `anser.airframe_data.COEFFICIENTS`; columns: `DERIVATIVE_ARGUMENTS`, then the surfaces in the
+    #: actuators' order.
     derivatives: Float[Array, "6 columns"]
-    induced_drag: Scalar
+    induced_drag: Scalar  #: 1 / (pi e AR): factor of the square of the lift due to angle of attack.
+    #: M and alpha0 of the blending to a flat plate; alpha0 in rad, `NO_STALL` without stall model.
     stall_sharpness: Scalar
     stall_alpha: Scalar
-    validity: Validity
-    tables: Tables | None = None
+    validity: Validity  #: Valid range of airspeed, altitude and Mach number.
+    tables: Tables | None = None  #: Tables over alpha, beta (rad) and surfaces (rad); None: no tables.
+    #: Factor on each function of the tables; 1 for the published values.
     table_factors: Float[Array, " tables"] | None = None
+    #: Row and column in `derivatives` to which each function of the tables is added.
     table_derivatives: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
+    #: Index of each table axis in (alpha, beta, *surfaces).
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
+    #: Whether a side force without sideslip, rates and deflections is possible, for example by CY0.
     has_static_side_force: bool = eqx.field(static=True, default=True)
 
     @property

@@ -20,25 +20,15 @@ AnyAirframe = TypeVar("AnyAirframe", bound=AbstractAirframe)
 
 
 class BodyDispersion(eqx.Module):
-    """Deviations of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change.
+    """Deviations of one aircraft except for aerodynamics; factors of 1 and a shift of 0 mean no change."""
 
-    Attributes
-    ----------
-    thrust, mass
-        Factors on thrust and mass.
-    second_moments
-        Positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
-    actuator_bandwidth
-        Positive factor on the bandwidth of every actuator.
-    cg_shift
-        Shift of the centre of gravity, fraction of the mean chord, positive aft.
-    """
-
+    # factors on thrust and mass
     thrust: Scalar
     mass: Scalar
+    # positive factors on the second moments of mass along body x, y, z, shape (3,). See `dispersed_mass`.
     second_moments: Vector3
-    actuator_bandwidth: Scalar
-    cg_shift: Scalar
+    actuator_bandwidth: Scalar  # positive factor on the bandwidth of every actuator
+    cg_shift: Scalar  # shift of the centre of gravity, fraction of the mean chord, positive aft
 
 
 def dispersed_mass(properties: MassProperties, mass: Scalar, second_moments: Vector3) -> MassProperties:

@@ -138,15 +138,9 @@ def thrust_along_body_x(thrust: Scalar) -> Wrench:
 
 
 class AbstractLaggedEngine(AbstractEngine):
-    """An engine whose power (percent) follows 100 times the throttle with a first-order lag.
+    """An engine whose power (percent) follows 100 times the throttle with a first-order lag."""
 
-    Attributes
-    ----------
-    lag
-        Time constant, s.
-    """
-
-    lag: eqx.AbstractVar[Scalar]
+    lag: eqx.AbstractVar[Scalar]  # time constant, s
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""
@@ -176,24 +170,12 @@ def thrust_at_point(thrust: Scalar, torque: Scalar, point_b: Vector3) -> Wrench:
 
 
 class JetEngine(AbstractLaggedEngine):
-    """Jet engine: thrust interpolated between idle and full by the power, which follows the throttle with a lag.
+    """Jet engine: thrust interpolated between idle and full by the power, which follows the throttle with a lag."""
 
-    Attributes
-    ----------
-    thrust_tables
-        Idle and full thrust (N) over altitude (m) and Mach number.
-    lag
-        Time constant, s.
-    point_b
-        Point of thrust application relative to the centre of gravity, m.
-    thrust_factor
-        Factor on the thrust; 1 for the published values.
-    """
-
-    thrust_tables: Tables
-    lag: Scalar
-    point_b: Vector3
-    thrust_factor: Scalar
+    thrust_tables: Tables  #: Idle and full thrust (N) over altitude (m) and Mach number.
+    lag: Scalar  #: Time constant, s.
+    point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
+    thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
     def idle_and_full_thrust(self, air_data: AirData) -> tuple[Scalar, Scalar]:
         """Return the thrust (N) at 0 and at 100 percent of power."""

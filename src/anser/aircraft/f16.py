@@ -26,15 +26,9 @@ from anser.units import DEG_RAD, FOOT_M, LBF_N, RAD_DEG, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class F16Engine(AbstractEngine):
-    """Afterburning turbofan of [SL] appendix A.
+    """Afterburning turbofan of [SL] appendix A."""
 
-    Attributes
-    ----------
-    thrust_tables
-        Idle, military and maximum thrust (N) over altitude (m) and Mach number.
-    """
-
-    thrust_tables: Tables
+    thrust_tables: Tables  # idle, military and maximum thrust (N) over altitude (m) and Mach number
 
     def steady_state(self, power: ScalarLike) -> EnginePower:
         """Return the engine state of steady running at a power (percent)."""
@@ -126,20 +120,14 @@ class F16Coefficients(eqx.Module):
 
 
 class AbstractF16(AbstractAirframe):
-    """An F-16 with its engine; subclasses define the coefficients.
-
-    Attributes
-    ----------
-    span, wing_area, mean_chord
-        Reference lengths (m) and area (m^2).
-    x_cg, x_cg_reference
-        Centre of gravity and moment reference, fractions of the mean chord.
-    """
+    """An F-16 with its engine; subclasses define the coefficients."""
 
     engine: eqx.AbstractVar[F16Engine]  # pyright: ignore[reportIncompatibleVariableOverride]
+    # reference lengths (m) and area (m^2)
     span: eqx.AbstractVar[Scalar]
     wing_area: eqx.AbstractVar[Scalar]
     mean_chord: eqx.AbstractVar[Scalar]
+    # centre of gravity and moment reference, fractions of the mean chord
     x_cg: eqx.AbstractVar[Scalar]
     x_cg_reference: eqx.AbstractVar[Scalar]
 
@@ -186,20 +174,7 @@ _ODD_IN_SIDESLIP = ("Cl0", "Cn0")
 
 
 class F16(AbstractF16):
-    """F-16 airframe with its engine.
-
-    Attributes
-    ----------
-    surface_reference
-        Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
-    side_force
-        CY per degree of sideslip, per unit aileron and per unit rudder deflection.
-    normal_force_elevator
-        CZ per unit elevator deflection.
-    tables
-        Tables over angle of attack, sideslip and elevator, degrees. Groups: functions of alpha, of (alpha, elevator),
-        and of (alpha, beta).
-    """
+    """F-16 airframe with its engine."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -211,9 +186,11 @@ class F16(AbstractF16):
     mean_chord: Scalar
     x_cg: Scalar
     x_cg_reference: Scalar
-    surface_reference: Vector3
-    side_force: Vector3
-    normal_force_elevator: Scalar
+    surface_reference: Vector3  #: Reference deflections (elevator, aileron, rudder; deg) of the linear coefficients.
+    side_force: Vector3  #: CY per degree of sideslip, per unit aileron and per unit rudder deflection.
+    normal_force_elevator: Scalar  #: CZ per unit elevator deflection.
+    #: Tables over angle of attack, sideslip and elevator, degrees. Groups: functions of alpha, of (alpha, elevator),
+    #: and of (alpha, beta).
     tables: Tables
 
     @property

@@ -28,24 +28,13 @@ from anser.spatial.rotations import (
 
 
 class FlightCondition(eqx.Module):
-    """Air data, forces and moments of one aircraft at one time, computed once for all users of a step.
+    """Air data, forces and moments of one aircraft at one time, computed once for all users of a step."""
 
-    Attributes
-    ----------
-    R_bn
-        Rotation matrix from NED to body axes.
-    wind_n
-        Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
-    earth
-        Terms of the equations of motion from the Earth model.
-    aerodynamic, propulsive
-        Forces (N) and moments about the centre of gravity (N m), body axes.
-    """
-
-    R_bn: Matrix33
-    wind_n: Vector3
+    R_bn: Matrix33  #: Rotation matrix from NED to body axes.
+    wind_n: Vector3  #: Mean wind over ground, without gusts, NED, m/s; the air data include gusts.
     air_data: AirData
-    earth: LocalEarth
+    earth: LocalEarth  #: Terms of the equations of motion from the Earth model.
+    #: Forces (N) and moments about the centre of gravity (N m), body axes.
     aerodynamic: Wrench
     propulsive: Wrench
 
@@ -137,21 +126,12 @@ def state_derivative(
 
 
 class EarthFixedState(eqx.Module):
-    """State of one aircraft in Earth-fixed axes, integrated over a round Earth; regular at poles and date line.
+    """State of one aircraft in Earth-fixed axes, integrated over a round Earth; regular at poles and date line."""
 
-    Attributes
-    ----------
-    position_e
-        Position of the centre of gravity, ECEF, m.
-    velocity_b, rates_b
-        Velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes.
-    quaternion
-        Attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes.
-    """
-
-    position_e: Vector3
+    position_e: Vector3  # position of the centre of gravity, ECEF, m
+    # velocity relative to the rotating Earth, m/s, and inertial angular velocity, rad/s, in body axes
     velocity_b: Vector3
-    quaternion: Quaternion
+    quaternion: Quaternion  # attitude (q0, q1, q2, q3), scalar first, from ECEF to body axes
     rates_b: Vector3
     actuators: Any
     engine: Any

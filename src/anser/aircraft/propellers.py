@@ -18,39 +18,23 @@ class ElectricPropeller(AbstractLaggedEngine):
     C_Q(J) with J = V / (n D); thrust rho n^2 D^4 C_T and torque rho n^2 D^5 C_Q at n revolutions per second; motor
     torque K_Q ((V_in - K_V Omega) / R - i0) with K_Q = K_V in SI. Equating the torques gives a quadratic equation for
     Omega. A slow propeller at high airspeed brakes (negative thrust) and drives the motor; it never turns backwards.
-
-    Attributes
-    ----------
-    diameter
-        Propeller diameter D, m.
-    thrust_polynomial, torque_polynomial
-        Polynomials C_T and C_Q: coefficients of 1, J, J^2.
-    motor_constant
-        Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
-    resistance, no_load_current, voltage_max
-        Resistance R (ohm), no-load current i0 (A), and motor voltage V_in at full power (V).
-    direction
-        1 for a propeller that turns to the right as seen from behind, whose reaction rolls the aircraft to the left;
-        otherwise -1.
-    lag
-        Time constant from throttle to power, s.
-    point_b
-        Point of thrust application relative to the centre of gravity, m.
-    thrust_factor
-        Factor on the thrust; 1 for the published values.
     """
 
-    diameter: Scalar
+    diameter: Scalar  #: Propeller diameter D, m.
+    #: Polynomials C_T and C_Q: coefficients of 1, J, J^2.
     thrust_polynomial: Vector3
     torque_polynomial: Vector3
-    motor_constant: Scalar
+    motor_constant: Scalar  #: Motor constant: K_V in V s / rad, equal to K_Q in N m / A.
+    #: Resistance R (ohm), no-load current i0 (A), and motor voltage V_in at full power (V).
     resistance: Scalar
     no_load_current: Scalar
     voltage_max: Scalar
+    #: 1 for a propeller that turns to the right as seen from behind, whose reaction rolls the aircraft to the left;
+    #: otherwise -1.
     direction: Scalar
-    lag: Scalar
-    point_b: Vector3
-    thrust_factor: Scalar
+    lag: Scalar  #: Time constant from throttle to power, s.
+    point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
+    thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
     def _torque_terms(self, air_data: AirData) -> tuple[Scalar, Scalar, Scalar]:
         """Return the coefficients of Omega^2, Omega and 1 in the propeller's torque (N m), Omega in rad/s."""
@@ -130,33 +114,17 @@ class PistonPropeller(AbstractLaggedEngine):
     Farrar, *Altitude performance of aircraft engines equipped with gear-driven superchargers*, SAE Transactions 29,
     1934). Thrust is eta P / sqrt(V^2 + V0^2) with V0 = eta P0 / T0: eta P / V in fast flight, and the static thrust T0
     at rest at sea level.
-
-    Attributes
-    ----------
-    shaft_power
-        P0, shaft power at full throttle at sea level, W.
-    efficiency
-        eta, propeller efficiency in fast flight.
-    static_thrust
-        Static thrust T0, N.
-    torque_per_power
-        Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
-        positive for a propeller that turns to the left as seen from behind.
-    lag
-        Time constant, s.
-    point_b
-        Point of thrust application relative to the centre of gravity, m.
-    thrust_factor
-        Factor on the thrust; 1 for the published values.
     """
 
-    shaft_power: Scalar
-    efficiency: Scalar
-    static_thrust: Scalar
+    shaft_power: Scalar  #: P0, shaft power at full throttle at sea level, W.
+    efficiency: Scalar  #: eta, propeller efficiency in fast flight.
+    static_thrust: Scalar  #: Static thrust T0, N.
+    #: Reaction torque about body x per shaft power, N m / W, of a constant-speed propeller: 1 / angular velocity,
+    #: positive for a propeller that turns to the left as seen from behind.
     torque_per_power: Scalar
-    lag: Scalar
-    point_b: Vector3
-    thrust_factor: Scalar
+    lag: Scalar  #: Time constant, s.
+    point_b: Vector3  #: Point of thrust application relative to the centre of gravity, m.
+    thrust_factor: Scalar  #: Factor on the thrust; 1 for the published values.
 
     def _full_throttle(self, air_data: AirData) -> tuple[Scalar, Scalar]:
         """Return the thrust (N) and the shaft power (W) at a setting of 100 percent."""

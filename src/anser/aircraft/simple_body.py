@@ -16,31 +16,20 @@ from anser.units import FOOT_M, SLUG_FT2_KG_M2, SLUG_KG
 
 
 class SimpleBody(AbstractAirframe):
-    """A body with a constant drag coefficient and with moments proportional to the rates (damping).
-
-    Attributes
-    ----------
-    area, span, chord
-        Reference area (m^2), reference length for roll and yaw (m), and reference length for pitch (m).
-    drag_coefficient
-        CD, drag over qbar S; the drag is opposite to the velocity through the air.
-    damping
-        Derivatives Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V.
-    speed_min
-        Lower limit of the speed in p b/2V, m/s, for finite damping at rest.
-    """
+    """A body with a constant drag coefficient and with moments proportional to the rates (damping)."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
     engine: AbstractEngine
     alpha_range: tuple[Scalar, Scalar]
     beta_range: tuple[Scalar, Scalar]
+    # reference area (m^2), reference length for roll and yaw (m), and reference length for pitch (m)
     area: Scalar
     span: Scalar
     chord: Scalar
-    drag_coefficient: Scalar
-    damping: Vector3
-    speed_min: Scalar
+    drag_coefficient: Scalar  # CD, drag over qbar S; the drag is opposite to the velocity through the air
+    damping: Vector3  # derivatives Clp, Cmq, Cnr with respect to p b/2V, q c/2V, r b/2V
+    speed_min: Scalar  # lower limit of the speed in p b/2V, m/s, for finite damping at rest
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the drag (N) and the damping moments (N m), body axes. Source: [NESC] cases 1 to 10.

@@ -26,24 +26,14 @@ class GriddedTable(NamedTuple):
 
 
 class SuspectPoint(NamedTuple):
-    """A suspect table entry.
+    """A suspect table entry."""
 
-    Attributes
-    ----------
-    table
-        Name of the table; "all" if most tables have an outlier at the same point of the first two axes.
-    location, value
-        Coordinates along the axes of the table, and tabulated value; nan for "all".
-    score
-        Departure of the entry, in units of the surrounding scatter: see `suspect_points`.
-    neighbours
-        Locations in the same table row whose departures probably stem from this entry.
-    """
-
-    table: str
+    table: str  # name of the table; "all" if most tables have an outlier at the same point of the first two axes
+    # coordinates along the axes of the table, and tabulated value; nan for "all"
     location: tuple[float, ...]
     value: float
-    score: float
+    score: float  # departure of the entry, in units of the surrounding scatter: see `suspect_points`
+    # locations in the same table row whose departures probably stem from this entry
     neighbours: tuple[tuple[float, ...], ...]
 
 

@@ -46,30 +46,19 @@ class ScheduledFlapActuators(AbstractActuators):
     qbar/ps = 0.7 M^2; the flap follows with lag and rate limit. The lead-lag is 2 alpha - x with the state
     x' = pole (alpha - x). Above `alpha_down` the flap is fully down regardless of the schedule, as in every wind-tunnel
     test there.
-
-    Attributes
-    ----------
-    time_constant, lower, upper, rate_limit
-        Lag (s), position limits (rad) and rate limits (rad/s), shape (4,); see `AbstractActuators`.
-    gain
-        Flap deflection per angle of attack.
-    pole
-        Pole of the schedule's filter, 1/s.
-    compression, offset
-        Coefficient of qbar/ps, and constant term of the schedule, rad.
-    alpha_down
-        Angle of attack, rad, above which the flap is fully down.
     """
 
+    # lag (s), position limits (rad) and rate limits (rad/s), shape (4,); see `AbstractActuators`
     time_constant: Vector
     lower: Vector
     upper: Vector
     rate_limit: Vector
-    gain: Scalar
-    pole: Scalar
+    gain: Scalar  # flap deflection per angle of attack
+    pole: Scalar  # pole of the schedule's filter, 1/s
+    # coefficient of qbar/ps, and constant term of the schedule, rad
     compression: Scalar
     offset: Scalar
-    alpha_down: Scalar
+    alpha_down: Scalar  # angle of attack, rad, above which the flap is fully down
     names: tuple[str, ...] = eqx.field(static=True, default=("elevator", "aileron", "rudder", "leading_edge_flap"))
 
     @property
@@ -128,17 +117,7 @@ zero elevator, Cm, Cl, Cn."""
 
 
 class F16TP1538(AbstractF16):
-    """F-16 with the complete wind-tunnel tables of NASA TP-1538.
-
-    Attributes
-    ----------
-    surface_reference
-        Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
-    tables
-        Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
-        the last group is the elevator effectiveness. Increments with the flap at 0 were measured up to 45 deg. Above,
-        the flap is fully down and the increments fade to 0 over one interval of the tables.
-    """
+    """F-16 with the complete wind-tunnel tables of NASA TP-1538."""
 
     mass_properties: MassProperties
     actuators: AbstractActuators
@@ -150,7 +129,10 @@ class F16TP1538(AbstractF16):
     mean_chord: Scalar
     x_cg: Scalar
     x_cg_reference: Scalar
-    surface_reference: Vector3
+    surface_reference: Vector3  #: Reference deflections (aileron, rudder, leading-edge flap; deg) of the increments.
+    #: Tables over angle of attack, sideslip and elevator, degrees, constant beyond the ends: see `TP1538_FUNCTIONS`;
+    #: the last group is the elevator effectiveness. Increments with the flap at 0 were measured up to 45 deg. Above,
+    #: the flap is fully down and the increments fade to 0 over one interval of the tables.
     tables: Tables
 
     def coefficients(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> F16Coefficients:

@@ -13,27 +13,15 @@ _BITS_MAX = 256
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them.
+    """One problem in a scenario, study or aircraft file; a `ScenarioError` lists them."""
 
-    Parameters
-    ----------
-    path
-        Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
-        the whole file.
-    arrived
-        Description of the value in the file.
-    expected
-        Description of a valid value.
-    subject
-        Aircraft or goal by name, such as ``aircraft "north"``; empty without a name.
-    line
-        Line of the key, from 1, or of the innermost enclosing table in the file; None if unknown.
-    """
-
+    #: Key, such as ``aircraft[1].start.speed_m_s`` (counted from 0), or position (``line 3, column 7``), or empty for
+    #: the whole file.
     path: str
-    arrived: str
-    expected: str
-    subject: str = ""
+    arrived: str  #: Description of the value in the file.
+    expected: str  #: Description of a valid value.
+    subject: str = ""  #: Aircraft or goal by name, such as ``aircraft "north"``; empty without a name.
+    #: Line of the key, from 1, or of the innermost enclosing table in the file; None if unknown.
     line: int | None = field(default=None, compare=False)
 
     def __str__(self) -> str:

@@ -61,25 +61,16 @@ def gravitation_j2(
 
 
 class LocalEarth(eqx.Module):
-    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes.
+    """Earth-dependent terms of the equations of motion at one position and velocity, in local NED axes."""
 
-    Attributes
-    ----------
-    gravity
-        Effective gravity (gravitation and centrifugal acceleration) along down, m/s^2.
-    apparent_gravity_n
-        Acceleration of a free body relative to the travelling NED axes: effective gravity less the Coriolis
-        acceleration and the acceleration of the turning axes, m/s^2.
-    earth_rate_n, transport_rate_n
-        Angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s.
-    chart_scale
-        Rates of the chart's coordinates (north, east, down) divided by the velocity along north, east, down.
-    """
-
-    gravity: Scalar
+    gravity: Scalar  # effective gravity (gravitation and centrifugal acceleration) along down, m/s^2
+    # acceleration of a free body relative to the travelling NED axes: effective gravity less the Coriolis acceleration
+    # and the acceleration of the turning axes, m/s^2
     apparent_gravity_n: Vector3
+    # angular velocity of the Earth, and of the travelling NED axes relative to the Earth, rad/s
     earth_rate_n: Vector3
     transport_rate_n: Vector3
+    # rates of the chart's coordinates (north, east, down) divided by the velocity along north, east, down
     chart_scale: Vector3
 
 
@@ -154,23 +145,14 @@ class RotatingEarth(AbstractEarth):
     the difference. The map is one-to-one and quantities at a position are exact everywhere. Neighbours across a pole or
     across the meridian opposite to the origin are far apart in the chart, so no path may be planned across a pole or
     that meridian.
-
-    Attributes
-    ----------
-    ellipsoid
-        Figure of the Earth; altitudes are heights above the ellipsoid.
-    rotation_rate
-        Rotation rate about the polar axis, rad/s.
-    gravitational_parameter, oblateness_j2
-        GM, m^3/s^2, and J2.
-    latitude, longitude
-        Geodetic coordinates of the chart's origin at height 0, rad; not a pole.
     """
 
-    ellipsoid: Ellipsoid
-    rotation_rate: Scalar
+    ellipsoid: Ellipsoid  #: Figure of the Earth; altitudes are heights above the ellipsoid.
+    rotation_rate: Scalar  #: Rotation rate about the polar axis, rad/s.
+    #: GM, m^3/s^2, and J2.
     gravitational_parameter: Scalar
     oblateness_j2: Scalar
+    #: Geodetic coordinates of the chart's origin at height 0, rad; not a pole.
     latitude: Scalar
     longitude: Scalar
 

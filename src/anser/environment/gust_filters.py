@@ -21,8 +21,7 @@ _SERIES = [(-2.0) ** k / (np.prod(np.arange(1, k + 1), dtype=float) * (k + 3)) f
 class AbstractShapingFilter(eqx.Module):
     """Interface of a shaping filter, driven by white noise of unit intensity."""
 
-    size: eqx.AbstractVar[int]
-    """Number of filter states, equal to the number of standard normals per step."""
+    size: eqx.AbstractVar[int]  # number of filter states, equal to the number of standard normals per step
 
     @abc.abstractmethod
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:

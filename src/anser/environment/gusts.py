@@ -74,21 +74,13 @@ class NoGusts(AbstractGusts):
 
 
 class DiscreteGust(AbstractGusts):
-    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust.
+    """1 - cos gust of MIL-F-8785C: V(x) = V_m/2 (1 - cos(pi x / d_m)), with the distance x flown in the gust."""
 
-    Attributes
-    ----------
-    amplitudes, length
-        Greatest velocity V_m along the body axes, m/s, and distance d_m from the edge of the gust to V_m, m.
-    start
-        Time at which the aircraft enters the gust, s.
-    returns
-        Whether the gust decays symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
-    """
-
+    #: Greatest velocity V_m along the body axes, m/s, and distance d_m from the edge of the gust to V_m, m.
     amplitudes: Vector3
     length: Scalar
-    start: Scalar
+    start: Scalar  #: Time at which the aircraft enters the gust, s.
+    #: Whether the gust decays symmetrically from d_m to 2 d_m, as in certification; otherwise it remains at V_m.
     returns: Flag
 
     @property

@@ -54,22 +54,14 @@ class ExceedanceTable(eqx.Module):
 
 
 class TurbulenceLevels(eqx.Module):
-    """Turbulence parameters at one height.
+    """Turbulence parameters at one height."""
 
-    Attributes
-    ----------
-    lengths
-        Scale lengths (m) of the gust components u, v, w, as in the spectra of MIL-F-8785C; those of v and w are twice
-        the lengths of MIL-HDBK-1797.
-    sigmas
-        Root-mean-square values (m/s) of the gust components u, v, w.
-    altitude_blend
-        Weight of the high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft,
-        linear in between.
-    """
-
+    # scale lengths (m) of the gust components u, v, w, as in the spectra of MIL-F-8785C; those of v and w are twice the
+    # lengths of MIL-HDBK-1797
     lengths: Vector3
-    sigmas: Vector3
+    sigmas: Vector3  # Root-mean-square values (m/s) of the gust components u, v, w
+    # weight of the high-altitude model in lengths, intensities and gust axes: 0 up to 1,000 ft, 1 from 2,000 ft, linear
+    # in between
     altitude_blend: Scalar
 
 
@@ -131,20 +123,14 @@ class Turbulence(AbstractGusts):
     down; from 2,000 ft the axes are the body axes; in between the gust is the average, linear in height. Rates: q is
     the gradient of w along the flight and r minus the gradient of v, both low-passed by the span; p is independent
     noise. Gusts are constant between samples.
-
-    Attributes
-    ----------
-    wind_20ft, log_probability
-        Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that
-        the intensity is exceeded.
-    span
-        Wing span, m.
     """
 
+    #: Wind at 20 ft (m/s), which sets the intensity below 1,000 ft, and log10 of the probability above 2,000 ft that
+    #: the intensity is exceeded.
     wind_20ft: Scalar
     log_probability: Scalar
     table: ExceedanceTable
-    span: Scalar
+    span: Scalar  #: Wing span, m.
     family: SpectrumFamily = eqx.field(static=True, default="dryden")
 
     @property

@@ -56,18 +56,12 @@ class AbstractReference(eqx.Module):
 class PathCommand(eqx.Module):
     """Command to the velocity loop: speed, path angle and course, with their time derivatives."""
 
-    V: Scalar
-    """Speed, m/s."""
-    gamma: Scalar
-    """Path angle, up positive, rad."""
-    chi: Scalar
-    """Course, clockwise from North, rad, in (-pi, pi]."""
-    V_dot: Scalar
-    """Rate of the speed, m/s^2."""
-    gamma_dot: Scalar
-    """Rate of the path angle, rad/s."""
-    chi_dot: Scalar
-    """Rate of the course, rad/s."""
+    V: Scalar  #: Speed, m/s.
+    gamma: Scalar  #: Path angle, up positive, rad.
+    chi: Scalar  #: Course, clockwise from North, rad, in (-pi, pi].
+    V_dot: Scalar  #: Rate of the speed, m/s^2.
+    gamma_dot: Scalar  #: Rate of the path angle, rad/s.
+    chi_dot: Scalar  #: Rate of the course, rad/s.
 
 
 def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:

@@ -29,18 +29,13 @@ _VERTICAL = 1e-12
 class LineOfSight(eqx.Module):
     """Line of sight to a goal and its rates, in axes North, East, up."""
 
-    range: Scalar
-    """Range, m."""
-    azimuth: Scalar
-    """Clockwise from North, rad."""
-    elevation: Scalar
-    """Up positive, rad; -pi/2 with the goal straight below."""
-    range_rate: Scalar
-    """Rate of the range, m/s."""
+    range: Scalar  #: Range, m.
+    azimuth: Scalar  #: Clockwise from North, rad.
+    elevation: Scalar  #: Up positive, rad; -pi/2 with the goal straight below.
+    range_rate: Scalar  #: Rate of the range, m/s.
+    #: Rate of the azimuth, rad/s; unbounded near the vertical, where range * cos(elevation) * rate stays bounded.
     azimuth_rate: Scalar
-    """Rate of the azimuth, rad/s; unbounded near the vertical, where range * cos(elevation) * rate stays bounded."""
-    elevation_rate: Scalar
-    """Rate of the elevation, rad/s."""
+    elevation_rate: Scalar  #: Rate of the elevation, rad/s.
 
 
 def _axes(azimuth: Scalar, elevation: Scalar) -> tuple[Vector3, Vector3, Vector3]:
@@ -152,50 +147,28 @@ class GoalState(eqx.Module):
 
 
 class Truth(eqx.Module):
-    """True state of one aircraft and its goal at one instant.
-
-    Attributes
-    ----------
-    condition
-        Air data, forces and moments in the true state.
-    goal
-        Motion of the goal; None for an aircraft without a goal.
-    goal_sensor_works
-        False after the loss of the goal sensor.
-    disturbance
-        Gusts in addition to the mean wind, and loss of thrust.
-    """
+    """True state of one aircraft and its goal at one instant."""
 
     airframe: AbstractAirframe
     state: AircraftState
-    condition: FlightCondition
-    goal: GoalState | None
+    condition: FlightCondition  #: Air data, forces and moments in the true state.
+    goal: GoalState | None  #: Motion of the goal; None for an aircraft without a goal.
+    #: False after the loss of the goal sensor.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
+    #: Gusts in addition to the mean wind, and loss of thrust.
     disturbance: Disturbance = eqx.field(default_factory=no_disturbance)
 
 
 class GoalReading(eqx.Module):
-    """One measurement of a goal by a sensor with errors, or an empty reading.
+    """One measurement of a goal by a sensor with errors, or an empty reading."""
 
-    Attributes
-    ----------
-    values
-        Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
-        goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
-    sigmas
-        Standard deviations of the errors, same units.
-    measured
-        Flags of the measured components; all false at a sample without a measurement.
-    number
-        Number of the sample at which the measurement was made; the reading may arrive at a later sample.
-    kind
-        "sight": the values are a line of sight; "report": the values are the goal's reported motion.
-    """
-
+    #: Line of sight: range (m), azimuth, elevation (rad) in axes North, East, up, and the rates of the three; or the
+    #: goal's report: position (NED, m) and velocity (NED, m/s) in the Earth's chart.
     values: Float[Array, "6"]
-    sigmas: Float[Array, "6"]
-    measured: Bool[Array, "6"]
-    number: Count
+    sigmas: Float[Array, "6"]  #: Standard deviations of the errors, same units.
+    measured: Bool[Array, "6"]  #: Flags of the measured components; all false at a sample without a measurement.
+    number: Count  #: Number of the sample at which the measurement was made; the reading may arrive at a later sample.
+    #: "sight": the values are a line of sight; "report": the values are the goal's reported motion.
     kind: Literal["sight", "report"] = eqx.field(static=True)
 
 
@@ -211,86 +184,48 @@ class Fix(eqx.Module):
 
 
 class Reading(eqx.Module):
-    """All measurements of one aircraft at one instant; the input of its estimator.
+    """All measurements of one aircraft at one instant; the input of its estimator."""
 
-    Attributes
-    ----------
-    state
-        Measured state of the aircraft.
-    condition
-        Air data at the measured state, with the forces and moments of the true airframe in this state.
-    specific_force_b
-        Specific force at the centre of gravity, body axes, m/s^2.
-    sight
-        Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
-        errors (see `goal`).
-    goal
-        Measurement of a goal sensor with errors; None for an ideal sensor.
-    fix
-        Fix of satellite navigation; None if the position in `state` is measured at every sample.
-    velocity_air_b
-        Velocity through the air as measured by pitot tube and vanes, body axes, m/s; None: the velocity in `condition`.
-    goal_sensor_works
-        False after the loss of the goal sensor: the aircraft detects this failure.
-    """
-
-    state: AircraftState
+    state: AircraftState  #: Measured state of the aircraft.
+    #: Air data at the measured state, with the forces and moments of the true airframe in this state.
     condition: FlightCondition
-    specific_force_b: Vector3
+    specific_force_b: Vector3  #: Specific force at the centre of gravity, body axes, m/s^2.
+    #: Exact line of sight to the goal with all rates, at every sample; None without a goal, or if the goal sensor has
+    #: errors (see `goal`).
     sight: LineOfSight | None
-    goal: GoalReading | None = None
-    fix: Fix | None = None
+    goal: GoalReading | None = None  #: Measurement of a goal sensor with errors; None for an ideal sensor.
+    fix: Fix | None = None  #: Fix of satellite navigation; None if the position in `state` is measured at every sample.
+    #: Velocity through the air as measured by pitot tube and vanes, body axes, m/s; None: the velocity in `condition`.
     velocity_air_b: Vector3 | None = None
+    #: False after the loss of the goal sensor: the aircraft detects this failure.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
 
 
 class Belief(eqx.Module):
-    """The aircraft's own estimate of its state and its goal's: the only input of guidance and controller.
+    """The aircraft's own estimate of its state and its goal's: the only input of guidance and controller."""
 
-    Attributes
-    ----------
-    airframe, condition
-        Nominal airframe, and its air data, forces and moments at the estimated state.
-    specific_force_b
-        Measured specific force, m/s^2.
-    sight, goal
-        Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
-    uncertainty
-        Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
-    """
-
+    #: Nominal airframe, and its air data, forces and moments at the estimated state.
     airframe: AbstractAirframe
     state: AircraftState
     condition: FlightCondition
-    specific_force_b: Vector3
+    specific_force_b: Vector3  #: Measured specific force, m/s^2.
+    #: Line of sight to the goal, measured or estimated, and estimated motion of the goal; None without a goal.
     sight: LineOfSight | None
     goal: GoalState | None
+    #: Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
     uncertainty: "Uncertainty | None" = None
 
 
 class Uncertainty(eqx.Module):
-    """Uncertainty of an aircraft's position and of its goal.
+    """Uncertainty of an aircraft's position and of its goal."""
 
-    Attributes
-    ----------
-    position_covariance
-        Covariance of the aircraft's position, NED, m^2.
-    goal_covariance
-        Covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty
-        of the aircraft's position.
-    goal_is_measured
-        Whether a measurement of the goal arrived at this sample.
-    nis
-        Normalised innovation squared of the last measurement, divided by its dimension; 1 on average.
-    goal_status
-        `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`.
-    """
-
-    position_covariance: Matrix33
+    position_covariance: Matrix33  # covariance of the aircraft's position, NED, m^2
+    # covariance of the goal's position and velocity, NED, m and m/s; for lines of sight it includes the uncertainty of
+    # the aircraft's position
     goal_covariance: Float[Array, "6 6"]
-    goal_is_measured: Flag
-    nis: Scalar
-    goal_status: Count
+    goal_is_measured: Flag  # whether a measurement of the goal arrived at this sample
+    nis: Scalar  # normalised innovation squared of the last measurement, divided by its dimension; 1 on average
+    goal_status: Count  # `GOAL_KNOWN`, `GOAL_NEVER_SEEN` or `GOAL_DIVERGED`
 
 
 GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)

@@ -26,13 +26,10 @@ class Rendezvous(eqx.Module):
     All values are arrays, so a change of the numbers needs no new compilation.
     """
 
-    stand_off_n: Vector3
-    """Position relative to the goal, NED, m (300 m above the goal is (0, 0, -300))."""
-    course: Scalar
-    """Prescribed course over the ground at arrival, rad."""
+    stand_off_n: Vector3  #: Position relative to the goal, NED, m (300 m above the goal is (0, 0, -300)).
+    course: Scalar  #: Prescribed course over the ground at arrival, rad.
     course_prescribed: Flag
-    path_angle: Scalar
-    """Prescribed path angle over the ground at arrival, up positive, rad."""
+    path_angle: Scalar  #: Prescribed path angle over the ground at arrival, up positive, rad.
     path_angle_prescribed: Flag
 
 
@@ -125,20 +122,11 @@ class IdleDeceleration(eqx.Module):
     The table is linear in airspeed between its entries and constant beyond the first and the last. Drag due to lift is
     proportional to the square of the load factor. Each method takes one airspeed (m/s) and load factor, or arrays of
     equal length.
-
-    Attributes
-    ----------
-    speeds
-        Airspeeds, rising, m/s.
-    level
-        Relative deceleration in level flight (load factor 1) at each airspeed.
-    by_lift
-        Part of `level` that is due to lift, at each airspeed; not negative.
     """
 
-    speeds: Float[Array, "*aircraft entries"]
-    level: Float[Array, "*aircraft entries"]
-    by_lift: Float[Array, "*aircraft entries"]
+    speeds: Float[Array, "*aircraft entries"]  # airspeeds, rising, m/s
+    level: Float[Array, "*aircraft entries"]  # relative deceleration in level flight (load factor 1) at each airspeed
+    by_lift: Float[Array, "*aircraft entries"]  # part of `level` that is due to lift, at each airspeed; not negative
 
     def share(self, speed: Any, load_factor: Any) -> Any:
         """Return the relative deceleration that is guaranteed: a load factor above 1 counts as 1."""
@@ -198,25 +186,18 @@ class AircraftReport(eqx.Module):
     """Report of one aircraft to the planner: its state, its goal's and its rendezvous; stacked for a fleet.
 
     All vectors are NED in the Earth's chart, m and m/s; the motion of the goal and its covariance are estimates.
-
-    Attributes
-    ----------
-    air_velocity_n, wind_n
-        Measured velocity relative to the air, and measured wind.
-    active
-        Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
-    goal_covariance
-        Covariance of the goal's position and velocity; None if both are exact.
     """
 
     position_n: Vector3
+    #: Measured velocity relative to the air, and measured wind.
     air_velocity_n: Vector3
     wind_n: Vector3
     airspeed: Scalar
     goal_position_n: Vector3
     goal_velocity_n: Vector3
     rendezvous: Rendezvous
-    active: Flag
+    active: Flag  #: Whether the aircraft follows its plan; planning ignores aircraft that have stopped or broken off.
+    #: Covariance of the goal's position and velocity; None if both are exact.
     goal_covariance: Float[Array, "*aircraft 6 6"] | None = None
 
 
@@ -246,40 +227,19 @@ class NetworkView(eqx.Module):
 
 
 class AircraftPlan(eqx.Module):
-    """Plan of one aircraft, as used by the closed loop; stacked for a fleet.
+    """Plan of one aircraft, as used by the closed loop; stacked for a fleet."""
 
-    Attributes
-    ----------
-    trajectory
-        Motion up to the arrival, which the guidance follows.
-    arrival_time
-        Time of arrival at the rendezvous, s.
-    status
-        Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
-    length
-        Length of the path, m.
-    lateral_bend
-        Parameter of the published paths, m; NaN for other paths.
-    replanning
-        Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
-    hold
-        Motion after the arrival; None: the hold of the aircraft's mission.
-    hold_reach
-        Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
-        the hold is not moved (see `hold_reference`).
-    network
-        Data of a fleet without a centre; otherwise None.
-    """
-
-    trajectory: AbstractReference
-    arrival_time: Scalar
-    status: Count
-    length: Scalar
-    lateral_bend: Scalar
-    replanning: Count
-    hold: Any = None
+    trajectory: AbstractReference  #: Motion up to the arrival, which the guidance follows.
+    arrival_time: Scalar  #: Time of arrival at the rendezvous, s.
+    status: Count  #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
+    length: Scalar  #: Length of the path, m.
+    lateral_bend: Scalar  #: Parameter of the published paths, m; NaN for other paths.
+    replanning: Count  #: Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
+    hold: Any = None  #: Motion after the arrival; None: the hold of the aircraft's mission.
+    #: Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
+    #: the hold is not moved (see `hold_reference`).
     hold_reach: Scalar | None = None
-    network: NetworkView | None = None
+    network: NetworkView | None = None  #: Data of a fleet without a centre; otherwise None.
 
 
 class AbstractPlanner(eqx.Module):
@@ -290,14 +250,10 @@ class AbstractPlanner(eqx.Module):
     shapes and dtypes each time.
 
     Inactive aircraft are masked: they get no plan and do not constrain the others.
-
-    Attributes
-    ----------
-    allow_replanning
-        Whether a new plan is made in flight if a correction of the present plan is not sufficient. Without replanning
-        the compiled program is much smaller, and `replan_needed` reports that the larger program is needed.
     """
 
+    #: Whether a new plan is made in flight if a correction of the present plan is not sufficient. Without replanning
+    #: the compiled program is much smaller, and `replan_needed` reports that the larger program is needed.
     allow_replanning: bool = eqx.field(static=True, default=True, kw_only=True)
 
     @abc.abstractmethod

@@ -66,29 +66,16 @@ class DerivedDefaults(NamedTuple):
 
 @dataclass(frozen=True)
 class ResolvedAircraft:
-    """One aircraft of a scenario, with limits and gains completed by derived values or defaults.
-
-    Attributes
-    ----------
-    airframe
-        Nominal airframe, as assumed by autopilot and planner.
-    limits, gains
-        Flight limits (units of the file) and autopilot gains.
-    correction_max_m_s
-        Greatest velocity correction by position feedback, m/s.
-    plan_roll_rate
-        Mean roll rate that plans assume, rad/s.
-    capability
-        Performance limits derived from the trim map; None for the library's F-16.
-    """
+    """One aircraft of a scenario, with limits and gains completed by derived values or defaults."""
 
     table: Aircraft
-    airframe: AbstractAirframe
+    airframe: AbstractAirframe  # nominal airframe, as assumed by autopilot and planner
+    # flight limits (units of the file) and autopilot gains
     limits: Limits
     gains: AutopilotGains
-    correction_max_m_s: float
-    plan_roll_rate: float
-    capability: Capability | None
+    correction_max_m_s: float  # greatest velocity correction by position feedback, m/s
+    plan_roll_rate: float  # mean roll rate that plans assume, rad/s
+    capability: Capability | None  # performance limits derived from the trim map; None for the library's F-16
 
 
 def resolve_fleet(scenario: Scenario) -> tuple[ResolvedAircraft, ...]:

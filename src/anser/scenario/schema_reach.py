@@ -16,24 +16,15 @@ _HALVINGS = 40  # bisection of the longest flight to less than a microsecond
 
 @dataclass(frozen=True)
 class ReferenceSpeed:
-    """Airspeed with which the checks decide whether an aircraft can reach its goal, and the origin of this airspeed.
+    """Airspeed with which the checks decide whether an aircraft can reach its goal, and the origin of this airspeed."""
 
-    Parameters
-    ----------
-    speed_m_s, key
-        Airspeed, m/s, and the key of the scenario that sets it.
-    is_mean
-        Whether the airspeed is the mean of the plan; otherwise it is the maximum.
-    may_rise
-        Whether the published planner may raise the mean: the farthest aircraft cannot slow down or descend so slowly.
-    uses_wind_layers
-        Whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft.
-    """
-
+    # airspeed, m/s, and the key of the scenario that sets it
     speed_m_s: float
     key: str
-    is_mean: bool
+    is_mean: bool  # whether the airspeed is the mean of the plan; otherwise it is the maximum
+    # whether the published planner may raise the mean: the farthest aircraft cannot slow down or descend so slowly
     may_rise: bool = False
+    # whether the plan uses the wind of all altitudes; otherwise only the wind at the start of the aircraft
     uses_wind_layers: bool = False
 
     def __str__(self) -> str:
