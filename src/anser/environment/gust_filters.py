@@ -21,7 +21,10 @@ _SERIES = [(-2.0) ** k / (np.prod(np.arange(1, k + 1), dtype=float) * (k + 3)) f
 class AbstractShapingFilter(eqx.Module):
     """Interface of a shaping filter, driven by white noise of unit intensity."""
 
-    size: eqx.AbstractVar[int]  # number of filter states, equal to the number of standard normals per step
+    @property
+    @abc.abstractmethod
+    def size(self) -> int:
+        """Number of filter states, equal to the number of standard normals per step."""
 
     @abc.abstractmethod
     def stationary_state(self, normals: Float[Array, " size"]) -> Float[Array, " size"]:
@@ -53,7 +56,10 @@ class FirstOrderFilter(AbstractShapingFilter):
     Filter of Dryden's longitudinal gust and of the roll rate in both spectra.
     """
 
-    size: int = eqx.field(static=True, init=False, default=1)
+    @property
+    def size(self) -> int:
+        """Number of states: 1."""
+        return 1
 
     def stationary_state(self, normals: Float[Array, "1"]) -> Float[Array, "1"]:
         """Return a random state with the stationary distribution, from a standard normal."""
@@ -75,7 +81,10 @@ class DrydenTransverse(AbstractShapingFilter):
     The spectrum is (1/pi) (1 + 3 w^2) / (1 + w^2)^2.
     """
 
-    size: int = eqx.field(static=True, init=False, default=2)
+    @property
+    def size(self) -> int:
+        """Number of states: 2."""
+        return 2
 
     def stationary_state(self, normals: Float[Array, "2"]) -> Float[Array, "2"]:
         """Return a random state: the two elements are independent with variance 1/4."""

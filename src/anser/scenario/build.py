@@ -38,7 +38,7 @@ from anser.units import DEG_RAD
 def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
     """Collect the faults of one aircraft from the events: times of thrust loss, goal sensor loss and departure."""
 
-    def first(kind: str) -> tuple[float, float]:
+    def first_event(kind: str) -> tuple[float, float]:
         """Return the time (s) and the remaining thrust of the aircraft's first event of a kind; never without one."""
         matching_events = [event for event in events if event.kind == kind and event.aircraft == aircraft.name]
         if not matching_events:
@@ -47,7 +47,7 @@ def build_faults(aircraft: Aircraft, events: Sequence[Event]) -> Faults:
         return event.time_s, 1.0 if event.thrust_left is None else event.thrust_left
 
     (thrust_s, thrust_left), (sensor_s, _), (leaves_s, _) = map(
-        first, ("thrust-lost", "goal-sensor-lost", "aircraft-leaves")
+        first_event, ("thrust-lost", "goal-sensor-lost", "aircraft-leaves")
     )
     return Faults(*map(as_array, (thrust_s, thrust_left, sensor_s, leaves_s)))
 

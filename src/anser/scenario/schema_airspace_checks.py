@@ -37,10 +37,10 @@ def _list_aircraft(aircraft: Sequence[Aircraft], indices: Sequence[int]) -> str:
 def _coinciding(
     aircraft: Sequence[Aircraft], coincide: Callable[[int, int], bool]
 ) -> Iterator[tuple[int, str, str, str]]:
-    """Yield for each group of coinciding aircraft the index of the second, its label, the first, and the others."""
-    for first, second, *others in connected_groups(len(aircraft), coincide):
-        addition = f", also that of {_list_aircraft(aircraft, others)}" if others else ""
-        yield second, aircraft[second].label, _list_aircraft(aircraft, [first]), addition
+    """Yield for each group of coinciding aircraft the index and label of the second, and texts for first and rest."""
+    for reference, duplicate, *further_indices in connected_groups(len(aircraft), coincide):
+        addition = f", also that of {_list_aircraft(aircraft, further_indices)}" if further_indices else ""
+        yield duplicate, aircraft[duplicate].label, _list_aircraft(aircraft, [reference]), addition
 
 
 def same_start_problems(scenario: ScenarioTables) -> list[Problem]:
@@ -48,8 +48,8 @@ def same_start_problems(scenario: ScenarioTables) -> list[Problem]:
     positions_m = [aircraft.start.position_m for aircraft in scenario.aircraft]
     expected = f"a start at least {SAME_POSITION_M:g} m from every other"
     return [
-        Problem(f"aircraft[{index}].start", f"the place of {first}{others}", expected, subject)
-        for index, subject, first, others in _coinciding(
+        Problem(f"aircraft[{index}].start", f"the place of {reference}{addition}", expected, subject)
+        for index, subject, reference, addition in _coinciding(
             scenario.aircraft, lambda i, j: math.dist(positions_m[i], positions_m[j]) < SAME_POSITION_M
         )
     ]
@@ -67,11 +67,11 @@ def same_point_problems(scenario: ScenarioTables) -> list[Problem]:
     return [
         Problem(
             f"aircraft[{index}].rendezvous",
-            f"the rendezvous point of {first} at the same goal{others}",
+            f"the rendezvous point of {reference} at the same goal{addition}",
             expected,
             subject,
         )
-        for index, subject, first, others in _coinciding(scenario.aircraft, meet)
+        for index, subject, reference, addition in _coinciding(scenario.aircraft, meet)
     ]
 
 
@@ -80,13 +80,14 @@ def separation_problems(scenario: ScenarioTables) -> list[Problem]:
     aircraft, separation = scenario.aircraft, scenario.separation
     if separation.horizontal_m == 0.0:
         return []
-    problems, positions_m = [], [row.start.position_m for row in aircraft]
+    problems, positions_m = [], [member.start.position_m for member in aircraft]
     vertical = f" or {format_number(separation.vertical_m)} m in altitude" if separation.vertical_m else ""
     expected = f"a start {format_number(separation.horizontal_m)} m away in the plane{vertical}, as [separation] asks"
 
     def too_close(i: int, j: int) -> bool:
-        first_m, second_m = positions_m[i], positions_m[j]
-        return math.dist(first_m, second_m) >= SAME_POSITION_M and not separation.is_satisfied(first_m, second_m)
+        position_m, neighbour_m = positions_m[i], positions_m[j]
+        is_apart = separation.is_satisfied(position_m, neighbour_m)
+        return math.dist(position_m, neighbour_m) >= SAME_POSITION_M and not is_apart
 
     for group in connected_groups(len(aircraft), too_close):
         pairs = [(i, j) for i in group for j in group if j < i and too_close(i, j)]
@@ -99,9 +100,9 @@ def separation_problems(scenario: ScenarioTables) -> list[Problem]:
     return problems
 
 
-def _rounded_down_distances(first_m: Vector, second_m: Vector) -> str:
+def _rounded_down_distances(position_m: Vector, neighbour_m: Vector) -> str:
     """Describe a distance, rounded down: just below the requirement, it is not shown as equal to it."""
-    lengths_m = math.dist(first_m[:2], second_m[:2]), abs(first_m[2] - second_m[2])
+    lengths_m = math.dist(position_m[:2], neighbour_m[:2]), abs(position_m[2] - neighbour_m[2])
     horizontal, vertical = (f"{math.floor(10.0 * length_m) / 10.0:.1f}" for length_m in lengths_m)
     return f"{horizontal} m in the plane and {vertical} m in altitude"
 
@@ -139,10 +140,10 @@ def _aircraft_time_problems(path: str, aircraft: Aircraft, arrival: Arrival, tim
             problems.append(Problem(f"{path}.{key}", arrived, f'arrival.rule = "{rule}", or no {key}', aircraft.label))
         elif time_s is not None:
             problems.extend(_end_of_flight_problems(f"{path}.{key}", time_s, timing, aircraft.label))
-    first_s, last_s = aircraft.arrive_from_s, aircraft.arrive_to_s
-    if not problems and first_s is not None and last_s is not None and first_s >= last_s:
-        expected = f"less than arrive_to_s, which is {format_number(last_s)} s"
-        problems.append(Problem(f"{path}.arrive_from_s", format_number(first_s), expected, aircraft.label))
+    from_s, to_s = aircraft.arrive_from_s, aircraft.arrive_to_s
+    if not problems and from_s is not None and to_s is not None and from_s >= to_s:
+        expected = f"less than arrive_to_s, which is {format_number(to_s)} s"
+        problems.append(Problem(f"{path}.arrive_from_s", format_number(from_s), expected, aircraft.label))
     return problems
 
 
