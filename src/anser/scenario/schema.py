@@ -85,7 +85,12 @@ _CHECKS_WITH_GOALS = (
 
 
 class Scenario(ScenarioTables):
-    """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences."""
+    """A validated scenario file; :func:`anser.load` reads one and reports errors in plain sentences.
+
+    Its attributes are the tables of the file. `goal_of`, `limits_for` and `speed_for` return an aircraft's goal, limits
+    and preferred airspeed; `is_random`, `is_gusty` and `requires_separation` tell whether the flight depends on the
+    seed, the air is turbulent, and a flight must keep its aircraft separated.
+    """
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:

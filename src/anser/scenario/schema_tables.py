@@ -20,7 +20,7 @@ SEED_MAX = 2**32 - 1
 
 
 class ScenarioTables(Table):
-    """Tables of a scenario, each valid alone; :class:`~anser.scenario.schema.Scenario` adds the checks between them."""
+    """Tables of a scenario, each valid alone; `anser.scenario.schema.Scenario` adds the checks between them."""
 
     format: Literal[1, 2] = Field(description="version of the file format", json_schema_extra=expects(FORMATS_EXPECTED))
     name: str = Field(
