@@ -183,10 +183,7 @@ class Authority(eqx.Module):
         return _AUTHORITY_SHARE * _largest_outputs(self.deflection, self.rate_limit)
 
     def attitude_acceleration(self, effectiveness: Matrix33) -> Vector3:
-        """Return the greatest acceleration of each of (mu, alpha, beta), used alone, rad/s^2.
-
-        `effectiveness` is G in (mu_dot, alpha_dot, beta_dot) = drift + G (P, Q, R).
-        """
+        """Greatest acceleration of each of (mu, alpha, beta) alone, rad/s^2; for G of `PathMotion.effectiveness`."""
         return _AUTHORITY_SHARE * _largest_outputs(product3(self.deflection, inverse3(effectiveness)), self.margin)
 
 

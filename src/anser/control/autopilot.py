@@ -140,10 +140,8 @@ def attitude_control(
     effectiveness, target_rates = motion.effectiveness, nu - motion.drift
     if not model.airframe.actuators.controls_yaw:
         # The fin determines the sideslip: bank and angle of attack are solved for the present yaw rate.
-        effectiveness, target_rates = (
-            effectiveness.at[2].set(_YAW.astype(target_rates.dtype)),
-            target_rates.at[2].set(model.state.rates_b[2]),
-        )
+        effectiveness = effectiveness.at[2].set(_YAW.astype(target_rates.dtype))
+        target_rates = target_rates.at[2].set(model.state.rates_b[2])
     unlimited_rates = solve3(effectiveness, target_rates)
     # One common factor: limiting the roll rate without the coordinated yaw rate would cause sideslip.
     rates_command = unlimited_rates / jnp.maximum(jnp.max(jnp.abs(unlimited_rates) / model.limits.rates_max), 1.0)

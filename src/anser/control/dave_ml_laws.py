@@ -129,16 +129,12 @@ class DaveMlLaw(AbstractController):
 
         Raises ValueError if the law lacks an input with a commanded name, or an input has no value.
         """
-        inputs = {**_select_inputs(self.law, named_signals(belief)), **command}
+        names = {self.law.structure.by_id[identifier].name for identifier in self.law.structure.inputs}
+        signals = {name: value for name, value in named_signals(belief).items() if name in names}
+        inputs = {**signals, **command}
         outputs = self.law.evaluate_si(inputs, (*self.surfaces, self.power))
         surfaces = jnp.stack([outputs[name] for name in self.surfaces])
         return Controls(surfaces, belief.airframe.engine.throttle_for_power(100.0 * outputs[self.power])), None, None
-
-
-def _select_inputs(law: Evaluator, signals: Mapping[str, Scalar]) -> dict[str, Scalar]:
-    """Select the signals that are inputs of a law."""
-    names = {law.structure.by_id[identifier].name for identifier in law.structure.inputs}
-    return {name: value for name, value in signals.items() if name in names}
 
 
 def dave_ml_law(model: Model, surfaces: Sequence[str] = STANDARD_SURFACES, power: str = "powerLeverAngle") -> DaveMlLaw:

@@ -8,10 +8,7 @@ from anser.shapes import Flag, ScalarLike, Vector, Vector3
 
 
 class Differentiator(eqx.Module):
-    """First-order filter that estimates the rate of a command r: x_dot = N (r - x), exact for constant r over a step.
-
-    N is the bandwidth, rad/s.
-    """
+    """First-order filter x_dot = N (r - x) of a command r, exact for constant r over a step; N: bandwidth, rad/s."""
 
     state: Vector  # x, one value per channel
 

@@ -41,10 +41,7 @@ class FollowPlan(AbstractGuidance):
     def command(
         self, guidance_state: None, belief: Belief, plan: AircraftPlan | None, instant: Instant
     ) -> tuple[PathCommand, Vector3, None]:
-        """Return the command that follows the plan's trajectory, and the planned position.
-
-        Raises ValueError if the aircraft has no plan.
-        """
+        """Return command and planned position. Raises ValueError if the aircraft has no plan."""
         if plan is None:
             raise ValueError("FollowPlan follows a plan: fly it in a flight with a planner")
         velocity_n, wind_n = chart_velocities(belief)
@@ -174,10 +171,7 @@ def _limit_turn(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike)
 
 
 def crosses_centre(relative_n: Vector3, settings: GuidanceSettings) -> Flag:
-    """Whether the aircraft is so near the circle's centre that the hold flies on along the arrival direction.
-
-    `relative_n` is the position relative to the goal, NED, m.
-    """
+    """Whether the hold flies straight on near the circle's centre; `relative_n` is seen from the goal, NED, m."""
     return safe_hypot(relative_n[0], relative_n[1]) < _STRAIGHT_FRACTION * settings.hold_radius
 
 

@@ -121,12 +121,10 @@ def onboard_model(
     belief: Belief, limits: FlightLimits, gains: AutopilotGains, controller_state: AutopilotState, step: ScalarLike
 ) -> OnboardModel:
     """Evaluate the onboard model at the state of the aircraft's belief; `step` is the sampling period, s."""
-    airframe, state, condition, gravity = (
-        belief.airframe,
-        belief.state,
-        belief.condition,
-        belief.condition.earth.gravity,
-    )
+    airframe = belief.airframe
+    state = belief.state
+    condition = belief.condition
+    gravity = belief.condition.earth.gravity
     mass_properties = airframe.mass_properties
     residual = controller_state.residual.advance(
         mass_properties.mass * belief.specific_force_b - condition.wrench.force_b,

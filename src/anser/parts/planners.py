@@ -281,7 +281,6 @@ class AbstractPlanner(eqx.Module):
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
         """Make a new plan from the stacked reports at `time` (s), if possible; return the new planner state."""
 
-    @abc.abstractmethod
     def observe(
         self,
         planner_state: Any,
@@ -290,11 +289,12 @@ class AbstractPlanner(eqx.Module):
         step: ScalarLike,
         randomness: AbstractRandomness | None,
     ) -> Any:
-        """Update the planner state after one step of flight, whether a plan was made or not.
+        """Update the planner state after one step of flight, whether a plan was made or not; by default unchanged.
 
         Reports and sample number are those at the start of the step (s); `randomness` is None if random numbers are not
         allowed.
         """
+        return planner_state
 
     @abc.abstractmethod
     def plans(self, planner_state: Any) -> AircraftPlan:

@@ -89,10 +89,7 @@ def normal_force_max(limits: PathLimits, gravity: ScalarLike) -> Scalar:
 
 
 def side_force_max(lift_min: ScalarLike, lift_max: ScalarLike, limits: PathLimits, gravity: ScalarLike) -> Scalar:
-    """Greatest `Demand.side`, m/s^2, that bank angle and load factor allow.
-
-    The lift is between `lift_min` and `lift_max`, m/s^2.
-    """
+    """Greatest `Demand.side`, m/s^2, within bank and load factor, for lift from `lift_min` to `lift_max`, m/s^2."""
     by_bank = jnp.maximum(lift_min, _FORCE_MIN) * jnp.tan(limits.bank_max)
     side_square = normal_force_max(limits, gravity) ** 2 - lift_max**2
     return jnp.minimum(by_bank, jnp.sqrt(jnp.maximum(side_square, _FORCE_MIN**2)))

@@ -12,10 +12,7 @@ from anser.shapes import ScalarLike, Vector3
 
 
 class GoalMotion(eqx.Module):
-    """Motion of a goal: at rest before the first waypoint time, then straight from waypoint to waypoint.
-
-    After the last waypoint the goal moves at a constant velocity.
-    """
+    """Motion of a goal: at rest, then straight from waypoint to waypoint, at last with constant velocity."""
 
     #: Time at each waypoint, s, in ascending order; waypoints repeated for padding have equal times.
     times: Float[Array, " waypoints"]
@@ -78,10 +75,7 @@ def waypoint_goal(
 
 
 def pad_waypoints(goal: GoalMotion, count: int) -> GoalMotion:
-    """Return the same motion with `count` waypoints, by repeating the last one, so that goals can be stacked.
-
-    Raises ValueError if the goal has more than `count` waypoints.
-    """
+    """Repeat the last waypoint up to a `count`, so that goals can be stacked. Raises ValueError if there are more."""
     missing = count - goal.times.shape[0]
     if missing < 0:
         raise ValueError(f"the goal has {goal.times.shape[0]} waypoints, more than the {count} to pad it to")

@@ -1,7 +1,4 @@
-"""Flight limits of a path: their values, and the catalogue of limits for checks, refusals, tables and labels.
-
-Also short descriptions of a path's shape for the printed plan.
-"""
+"""Flight limits of a path: values, their catalogue for checks, refusals and tables, and descriptions of shapes."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

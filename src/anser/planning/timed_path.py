@@ -1,7 +1,4 @@
-"""Planned path of an aircraft in space and time, piecewise quintic.
-
-The knots carry position, velocity and acceleration.
-"""
+"""Planned path of an aircraft: piecewise quintic in time, from position, velocity and acceleration at knots."""
 
 import jax
 import jax.numpy as jnp
@@ -23,10 +20,7 @@ def hermite_quintic(
     span: ScalarLike,  # time between the states, s, positive
     u: ScalarLike,  # fraction of the time, 0 to 1
 ) -> Float[Array, "3 3"]:
-    """Value and first two time derivatives of the quintic that joins two states.
-
-    Returns the rows value, first and second derivative; columns are the axes.
-    """
+    """Rows value, first and second time derivative of the quintic that joins two states; columns are the axes."""
     # Relative to the parabola from the first state: small differences keep their digits.
     parabola = begin[0] + span * begin[1] + 0.5 * span**2 * begin[2]
     p = end[0] - parabola
@@ -69,10 +63,7 @@ class TimedPath(AbstractReference):
         return self.times[-1] - self.times[0]
 
     def _at(self, time: ScalarLike, knots: Knots, *added_knots: Knots) -> Float[Array, "3 3"]:
-        """Evaluate the sum of knot tables (air path, drift) at a time (s): value, slope and second derivative.
-
-        Linear before the start and after the end.
-        """
+        """Rows value, slope and second derivative of a sum of knot tables at a time (s); linear beyond the ends."""
         # Not jnp.clip, whose derivative at the bounds is one half.
         clipped = jnp.where(time < self.times[0], self.times[0], jnp.where(time > self.times[-1], self.times[-1], time))
         # The last cells may be empty: the end is that of the last non-empty cell. A comparison with all knots is ten
@@ -101,10 +92,7 @@ class TimedPath(AbstractReference):
         return self._at(time, self.air_n)[1]
 
     def states_n(self, time: ScalarLike) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
-        """Return the air path and the drift at a time (s).
-
-        Each has the rows position, velocity and acceleration over the NED axes; m, m/s, m/s^2.
-        """
+        """Air path and drift at a time (s): rows position, velocity, acceleration; NED, m, m/s, m/s^2."""
         return self._at(time, self.air_n), self._at(time, self.drift_n)
 
     def air_length(self, from_time: ScalarLike = -jnp.inf) -> Scalar:

@@ -47,10 +47,7 @@ class DirectEstimator(AbstractEstimator):
     def estimate(
         self, estimator_state: GoalState | None, reading: Reading, airframe: AbstractAirframe, instant: Instant
     ) -> tuple[Belief, GoalState | None]:
-        """Return the belief that equals the reading, and the goal's motion.
-
-        After a failure of the goal sensor, the goal is predicted with constant velocity.
-        """
+        """Return the reading as belief, and the goal's motion, extrapolated after a failure of the goal sensor."""
         condition, model = reading.condition, airframe if self.model is None else self.model
         if self.model is not None:
             condition = flight_condition(self.model, instant.environment, instant.time, reading.state)
@@ -143,13 +140,11 @@ class TrackingEstimator(AbstractEstimator):
         """Return the belief at a sample and the filters' new states."""
         state, condition, step = reading.state, reading.condition, instant.step
         airframe = airframe if self.model is None else self.model
-        vehicle, air, goal, uncertainty, seen_goal = (
-            estimator_state.vehicle,
-            estimator_state.air,
-            estimator_state.goal,
-            None,
-            None,
-        )
+        vehicle = estimator_state.vehicle
+        air = estimator_state.air
+        goal = estimator_state.goal
+        uncertainty = None
+        seen_goal = None
         position_covariance = jnp.zeros((3, 3), step.dtype)
         if self.vehicle is not None and vehicle is not None:
             assert reading.fix is not None

@@ -49,10 +49,7 @@ class AbstractGoalFilter(eqx.Module):
 
     @abc.abstractmethod
     def init(self, mean: Float[Array, "6"], sigmas: Float[Array, "6"]) -> Any:
-        """Return the filter state before the first measurement.
-
-        `mean` and `sigmas` are the prior position and velocity and their standard deviations (NED, m and m/s).
-        """
+        """Return the filter state for a prior position and velocity (NED, m and m/s) and standard deviations."""
 
     @abc.abstractmethod
     def step(
@@ -150,10 +147,8 @@ class GoalFilter(AbstractGoalFilter):
             self._predict_model(model, track.means[k], track.covariances[k], elapsed)
             for k, model in enumerate(self.models)
         ]
-        means, covariances = (
-            jnp.stack([mean for mean, _ in pairs]),
-            jnp.stack([model_covariance for _, model_covariance in pairs]),
-        )
+        means = jnp.stack([mean for mean, _ in pairs])
+        covariances = jnp.stack([model_covariance for _, model_covariance in pairs])
         mean, covariance = _mixture_moments(track.shares, means, covariances)
         return mean[:6], covariance[:6, :6]
 
@@ -206,10 +201,7 @@ class GoalFilter(AbstractGoalFilter):
         )
 
     def _mix_models(self, track: GoalTrack, span: ScalarLike) -> tuple[Array, Array, Array]:
-        """Mixing step of the IMM: return mixed means, mixed covariances and predicted model probabilities.
-
-        `span` is the time since the latest measurement, s.
-        """
+        """Mix the models (IMM) after `span` seconds: means, covariances, and predicted probabilities."""
         count = len(self.models)
         if count == 1:
             return track.means, track.covariances, track.shares
@@ -245,10 +237,7 @@ def _mixture_moments(shares: Array, means: Array, covariances: Array) -> tuple[F
 def predicted_measurement(
     reading: GoalReading, state: Float[Array, "6"], vehicle_motion: VehicleMotion, instant: Instant
 ) -> Float[Array, "6"]:
-    """Compute the error-free measurement of a goal at `state` (position and velocity, NED, m and m/s).
-
-    The six values are of the kind of `reading`: a line of sight or a report.
-    """
+    """Error-free values, of the reading's kind, of a goal at `state` (position and velocity, NED, m and m/s)."""
     if reading.kind == "report":
         return state
     goal = GoalState(state[:3], state[3:])

@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from anser.environment.earth import AbstractEarth
 from anser.numerics.arrays import select_if_any
 from anser.numerics.randomness import GOAL_SENSOR
 from anser.parts.perception import AbstractSensors, GoalReading, Instant, LineOfSight, Reading, Truth
@@ -120,9 +119,10 @@ class NoisyGoalSensor(eqx.Module):
         goal = truth.goal
         if goal is None:
             raise ValueError("a sensor of a goal on an aircraft without one")
-        sight = true_line_of_sight(truth, instant.environment.earth)
+        earth = instant.environment.earth
+        sight = true_line_of_sight(truth, earth)
         assert sight is not None
-        line_n = _line_to_goal(truth, instant.environment.earth)
+        line_n = earth.sight(truth.state.position_n, goal.position_n, goal.velocity_n)[0]
         is_seen = works & truth.goal_sensor_works & self.view.sees(truth.condition.R_bn, line_n)
         if self.kind == "sight":
             values, sigmas = line_of_sight_values(sight), self._sight_sigmas(sight)
@@ -179,16 +179,8 @@ def queue_slots(latency_max_s: float, period_s: float) -> int:
     return 2 ** max(1, math.ceil(math.log2(latency_max_s / period_s + 2.0)))
 
 
-def _line_to_goal(truth: Truth, earth: AbstractEarth) -> Vector3:
-    assert truth.goal is not None
-    return earth.sight(truth.state.position_n, truth.goal.position_n, truth.goal.velocity_n)[0]
-
-
 class NoisySensors(AbstractSensors):
-    """Complete set of sensors of an aircraft: vehicle sensors with errors, and a goal sensor with errors.
-
-    The vehicle sensors are satellite navigation, inertial sensors and air data.
-    """
+    """Sensors of an aircraft with errors: satellite navigation, inertial sensors, air data, and goal sensor."""
 
     vehicle: VehicleSensors | None = None  #: Vehicle sensors; None: exact state and air data.
     goal: NoisyGoalSensor | None = None  #: Goal sensor; None: exact line of sight.

@@ -97,10 +97,7 @@ class SampleRing(eqx.Module):
         return SampleRing(jax.tree.map(put, self.buffer, sample))
 
     def delayed_sample(self, number: Count, periods: ScalarLike) -> Any:
-        """Interpolate the sample taken `periods` sampling periods before sample `number`.
-
-        `periods` may be fractional, 0 to rows - 2.
-        """
+        """Interpolate the sample `periods` sampling periods (0 to rows - 2) before sample `number`."""
         whole = jnp.floor(periods)
         fraction = periods - whole
         newer = number - whole.astype(number.dtype)

@@ -128,10 +128,8 @@ def unscented_update(
         covariance_weights[:, None, None] * state_deviations[:, :, None] * measurement_deviations[:, None, :], axis=0
     )
     root = cholesky(innovation_covariance)
-    whitened, whitened_cross_covariance = (
-        _solve_lower(root, mean_innovation[:, None])[:, 0],
-        _solve_lower(root, cross_covariance.T),
-    )
+    whitened = _solve_lower(root, mean_innovation[:, None])[:, 0]
+    whitened_cross_covariance = _solve_lower(root, cross_covariance.T)
     # K S K^T of the gain K = (cross covariance) S^-1
     covariance = covariance - jnp.sum(
         whitened_cross_covariance[:, :, None] * whitened_cross_covariance[:, None, :], axis=0

@@ -36,10 +36,7 @@ class AbstractMotionModel(eqx.Module):
     def predict_covariance(
         self, mean: Float[Array, " n"], covariance: Float[Array, "n n"], span: ScalarLike
     ) -> Float[Array, "n n"]:
-        """Predict the covariance `span` seconds later.
-
-        It is F P F^T + Q, with the derivative F of `predict_state` at the mean and the process noise Q.
-        """
+        """Predict the covariance: F P F^T + Q, with F the derivative of `predict_state`, Q the process noise."""
 
 
 class SteadyMotion(AbstractMotionModel):

@@ -61,10 +61,7 @@ class NavigationFilter(eqx.Module):
     def step(
         self, filter_state: NavigationState, fix: Fix, acceleration_n: Vector3, chart_scale: Vector3, step: ScalarLike
     ) -> NavigationState:
-        """Predict over one sampling period (s), correct by the fix if it is new, and return the new filter state.
-
-        `acceleration_n` is the measured acceleration (NED, m/s^2).
-        """
+        """Predict over one period (s) with the measured acceleration (NED, m/s^2), and correct by a new fix."""
         velocity_change_n = 0.5 * step * (filter_state.acceleration_n + acceleration_n)
         velocity_n = filter_state.velocity_n + velocity_change_n
         position_n = filter_state.position_n + chart_scale * step * (filter_state.velocity_n + 0.5 * velocity_change_n)
@@ -108,10 +105,7 @@ class NavigationFilter(eqx.Module):
 def _update_scalar(
     mean: Vector3, covariance: Matrix33, observation: Vector3, value: Scalar, variance: Scalar
 ) -> tuple[Vector3, Matrix33]:
-    """Kalman update by a scalar measurement, value = observation . state + error.
-
-    The covariance update is the Joseph form, multiplied out.
-    """
+    """Kalman update by value = observation . state + error; covariance in Joseph form, multiplied out."""
     cross_covariance = times3(covariance, observation)
     innovation_variance = jnp.sum(cross_covariance * observation) + variance
     # zero variance: measurement and state are both exact and equal
@@ -126,10 +120,7 @@ def _update_scalar(
 
 
 def _apply_transition(matrix: Matrix33, span: ScalarLike, decay: ScalarLike) -> Matrix33:
-    """Multiply a matrix by the transition matrix of (position, velocity, slow error) over `span` seconds.
-
-    `decay` is the factor of the slow error.
-    """
+    """Multiply by the transition over `span` seconds of (position, velocity, slow error), which decays."""
     return jnp.stack([matrix[0] + span * matrix[1], matrix[1], decay * matrix[2]])
 
 

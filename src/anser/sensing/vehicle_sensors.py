@@ -32,10 +32,7 @@ class Dropouts(eqx.Module):
         return jnp.asarray(uniform) < self.outage_share
 
     def next_outage(self, outage: Flag, elapsed: ScalarLike, uniform: ScalarLike) -> Flag:
-        """Draw whether an outage exists `elapsed` seconds later; `uniform` is a random number between 0 and 1.
-
-        Exact transition probabilities of the continuous-time chain.
-        """
+        """Draw whether an outage exists `elapsed` seconds later, with the exact probabilities of the chain."""
         # share = mean_bad / (mean_bad + mean_good): the chain's memory decays with the sum of both rates
         mean = jnp.maximum(self.outage_mean, _SHORTEST_S)
         good_share = jnp.maximum(1.0 - self.outage_share, 1e-12)
@@ -125,10 +122,7 @@ class VehicleReading(eqx.Module):
 
 
 class VehicleSensors(eqx.Module):
-    """Satellite navigation, inertial sensors and air data of one aircraft; a part of `NoisySensors`.
-
-    Not itself an `AbstractSensors`, although it has the same methods.
-    """
+    """Satellite navigation, inertial sensors and air data of one aircraft; a part of `NoisySensors`."""
 
     satellite: SatelliteNavigation
     inertial: InertialSensors
@@ -182,10 +176,7 @@ class VehicleSensors(eqx.Module):
         return reading, errors
 
     def _new_fix(self, slow_n: Vector3, truth: Truth, instant: Instant) -> tuple[Vector3, Vector3, Vector3]:
-        """Draw a new fix; return its slow error (m), position (m) and velocity (m/s), NED.
-
-        `slow_n` is the slow error of the fix one period earlier, m.
-        """
+        """Draw a fix from the last slow error (m); return slow error (m), position (m), velocity (m/s), NED."""
         satellite, normals = self.satellite, instant.normals(SATELLITES, _FIX_NORMALS)
         next_slow_n = gauss_markov(
             slow_n, satellite.position_sigma, satellite.correlation_time, satellite.period, normals[0:3]

@@ -182,10 +182,7 @@ def arrival_distances_max(
 def arrival_conflicts(
     tasks: AircraftTask, airspace: Airspace, durations: Float[np.ndarray, "n aircraft"]
 ) -> Bool[np.ndarray, "n aircraft aircraft"]:
-    """Mask of the pairs of aircraft that violate the separation when the first of them arrives, whatever their paths.
-
-    `durations` are in s.
-    """
+    """Mask of pairs that violate the separation at the first arrival, whatever their paths; `durations` in s."""
     horizontal, vertical = float(airspace.separation.horizontal), float(airspace.separation.vertical)
     level, height = arrival_distances_max(tasks, airspace, durations)
     return separation_ratio(level + _EDGE_M, height + _EDGE_M, horizontal, vertical) < 1.0
@@ -240,10 +237,7 @@ def _reachable_at(
     intervals: int,
     candidate_set: CandidateSet,
 ) -> Bool[Array, " n"]:
-    """Whether each of the first `count` aircraft, flying alone, can arrive after its duration (s).
-
-    False for aircraft beyond `count`.
-    """
+    """Whether each aircraft, flying alone, can arrive after its duration (s); False for aircraft beyond `count`."""
 
     def check_reachable(k: Count, reached: Bool[Array, " n"]) -> Bool[Array, " n"]:
         # Sequential: a batch would take as long, and a partly filled batch longer.
@@ -272,10 +266,8 @@ def reachable(
         remaining = np.flatnonzero(admissible & ~reached)
         for begin in range(0, remaining.size, _BATCH_SIZE):
             # Padded to one size, so that one compiled program serves every batch.
-            batch, padded = (
-                remaining[begin : begin + _BATCH_SIZE],
-                np.resize(remaining[begin : begin + _BATCH_SIZE], _BATCH_SIZE),
-            )
+            batch = remaining[begin : begin + _BATCH_SIZE]
+            padded = np.resize(remaining[begin : begin + _BATCH_SIZE], _BATCH_SIZE)
             batch_tasks = take_rows(tasks, aircraft[padded])
             count, times = as_array(batch.size, np.int32), as_array(durations[padded])
             reached[batch] = np.asarray(_reachable_at(batch_tasks, airspace, times, count, intervals, candidate_set))[

@@ -43,10 +43,7 @@ _CLOSE_S = 0.02  # closer knots are merged, because accelerations from differenc
 
 
 def _knots(marks: Float[Array, " marks"], duration: Scalar, intervals: int) -> Float[Array, " knots"]:
-    """Knot times of a path, s, in order: equal intervals and the times `marks`.
-
-    A time less than `_CLOSE_S` after the previous one is set equal to it.
-    """
+    """Knot times of a path, s: equal intervals and `marks`; a time within `_CLOSE_S` of the previous one equals it."""
     even = duration * jnp.linspace(0.0, 1.0, intervals + 1)
     times = jnp.sort(jnp.concatenate([even, jnp.clip(marks, 0.0, duration)]))
     times = jnp.where(duration - times < _CLOSE_S, duration, times)
@@ -84,10 +81,8 @@ def deliver(start_time: ScalarLike, table: TabulatedProfile, horizontal: Route) 
         drift, wind = drift + t * drift_correction, wind + drift_correction
         state = table.profile.at(t)
         direction = cis(heading)
-        velocity, acceleration = (
-            scale * speed * direction,
-            (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * direction,
-        )
+        velocity = scale * speed * direction
+        acceleration = (scale * speed_dot + 1j * curvature * (scale * speed) ** 2) * direction
         level = [jnp.stack([jnp.real(x), jnp.imag(x)]) for x in (position, velocity, acceleration)]
         down = (-state.altitude - drift[2], -state.climb - wind[2], -state.climb_dot - wind_dot[2])
         air = jnp.stack([jnp.append(x, z) for x, z in zip(level, down, strict=True)])
@@ -235,10 +230,7 @@ def _detours(
 def _turn_leg_paths(
     task: AircraftTask, airspace: Airspace, starts: int, timed: TimedProfile, cost_and_profile: tuple[Scalar, Count]
 ) -> _Routed:
-    """Generate turn-and-leg paths with the length of a profile, stacked.
-
-    They may bend to either side, and are valid only for a task without a prescribed side.
-    """
+    """Turn-and-leg paths with a profile's length, stacked; to either side, hence for tasks without prescribed side."""
     schedule = make_radius_schedule(timed.table, timed.endpoints, task.limits, airspace.gravity)
     keep_outs = keep_outs_along_path(timed.table, airspace.keep_outs)
     problem = TurnLegProblem(timed.endpoints, schedule, keep_outs, timed.table.length)

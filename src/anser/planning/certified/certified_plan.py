@@ -18,8 +18,10 @@ from anser.planning.certified.clearance import (
     INTERVALS_PER_CYLINDER,
     BoundingCylinders,
     Track,
+    bounded_track,
     clearance_from_keep_outs,
     fleet_clearance_ratio,
+    fleet_clearance_ratios,
     fleet_cylinders,
     path_track,
 )
@@ -46,10 +48,7 @@ class Placement(eqx.Module):
 
 
 def place_candidates(candidates: Candidates, separation: Separation, order: Int[Array, " aircraft"]) -> Placement:
-    """Choose one candidate per aircraft so that the paths are clear of each other.
-
-    The aircraft choose in the given order, see the module docstring.
-    """
+    """Choose one candidate per aircraft, clear of each other, in the given order, see the module docstring."""
     cost = candidates.cost + jnp.where(candidates.valid, 0.0, _INVALID_COST)
     cost = cost + jnp.where(candidates.penetration > 0.0, _CONFLICT_COST + candidates.penetration, 0.0)
     fleet, count = cost.shape
@@ -252,22 +251,7 @@ def certify(
         return path_track(path, accelerations, active, times, from_time)
 
     tracks = jax.vmap(tracked)(paths, bounds.cell_acceleration, tasks.active)
-    fleet = paths.times.shape[0]
-    cylinders, aircraft_indices = (
-        fleet_cylinders(tracks, fleet, TIMES_PER_INTERVAL * INTERVALS_PER_CYLINDER),
-        jnp.arange(fleet),
-    )
-
-    def ratios_of(aircraft: Count) -> Float[Array, " aircraft"]:
-        def tracks_of(indices: Int[Array, " selected"]) -> Track:
-            return jax.tree.map(lambda leaf: leaf[indices], tracks)
-
-        track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft], (tracks, cylinders))
-        return fleet_clearance_ratio(
-            track, track_cylinders, cylinders, tracks_of, aircraft_indices != aircraft, airspace.separation
-        )
-
-    ratios = jax.lax.map(ratios_of, aircraft_indices)
+    ratios = fleet_clearance_ratios(tracks, airspace.separation, TIMES_PER_INTERVAL * INTERVALS_PER_CYLINDER)
     clearance = jax.lax.map(
         lambda fleet_track: clearance_from_keep_outs(fleet_track, times, airspace.keep_outs), tracks
     )
@@ -286,10 +270,7 @@ def plan_fleet_at(
     # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
-    """Plan a fleet from a start time (s): choose candidates with the given durations (s) and certify them.
-
-    A duration is the time from the start to the rendezvous of one aircraft.
-    """
+    """Choose and certify candidates from a start time (s), each with its time to the rendezvous (`durations`, s)."""
     volumes = airspace.keep_outs
     airspace_at_start = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
@@ -339,12 +320,8 @@ def _with_fixed_paths(
 ) -> Candidates:
     """Replace every candidate of an aircraft that has a fixed path by this path."""
     times = start_time + jnp.max(durations) / intervals * jnp.arange(intervals + 1)
-
-    def tracked(path: TimedPath) -> Track:
-        bounds = path_bounds(path, airspace.wind, airspace.gravity)
-        return path_track(path, bounds.cell_acceleration, 1.0, times)
-
-    tracks, count = jax.vmap(tracked)(fixed_paths.paths), candidates.valid.shape[1]
+    tracks = jax.vmap(bounded_track, in_axes=(0, None, None, None))(fixed_paths.paths, airspace, 1.0, times)
+    count = candidates.valid.shape[1]
     tracks = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf[:, None], (leaf.shape[0], count, *leaf.shape[1:])), tracks)
     fixed_fields = (
         tracks,
@@ -397,8 +374,5 @@ plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_s
 
 
 def choose_interval_count(duration_s: float) -> int:
-    """Number of equal intervals for a path of a duration (s): a power of two from 64 to 2048.
-
-    The least number with intervals of at most 2 s; a path of more than 4096 s has 2048 longer intervals.
-    """
+    """Number of intervals for a duration (s): a power of two from 64 to 2048, with at most 2 s each if possible."""
     return next((intervals for intervals in (64, 128, 256, 512, 1024) if 2.0 * intervals >= duration_s), 2048)

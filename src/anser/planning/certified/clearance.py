@@ -14,14 +14,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from anser.planning.certified.path_bounds import path_bounds
 from anser.planning.certified.profile import TabulatedProfile
 from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route, turn_limits
-from anser.planning.certified.task import KeepOuts
+from anser.planning.certified.task import Airspace, KeepOuts
 from anser.planning.demand import coordinated_demand, normal_force_max
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation, closest_fraction, separation_ratio
 from anser.planning.timed_path import TimedPath
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 _TINY = 1e-9  # m^2
 
@@ -78,10 +79,7 @@ def clearance_from_keep_outs(
 
 
 def chord_error_bound(acceleration: Float[Array, "*batch intervals"], step: Scalar) -> Float[Array, "*batch intervals"]:
-    """Greatest distance, m, of a path from its chord in each interval.
-
-    `acceleration` is the bound of the acceleration in the interval, m/s^2, `step` the interval's duration, s.
-    """
+    """Greatest distance of a path from its chord, m, for a greatest acceleration (m/s^2) in intervals of `step` (s)."""
     return acceleration * step**2 / 8
 
 
@@ -106,10 +104,7 @@ class BoundingCylinders(eqx.Module):
 
 
 def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Compute one bounding cylinder for every `size` consecutive intervals of a track, or of each track of a batch.
-
-    Raises ValueError if `size` does not divide the number of intervals.
-    """
+    """Bounding cylinder of every `size` intervals. Raises ValueError if `size` does not divide their number."""
     batch, count = track.error_bound.shape[:-1], track.error_bound.shape[-1]
     if count % size:
         raise ValueError(f"track: arrived {count} intervals; expected a multiple of {size}")
@@ -130,10 +125,7 @@ def bounding_cylinders(track: Track, size: int = INTERVALS_PER_CYLINDER) -> Boun
 
 
 def fleet_cylinders(tracks: Track, fleet: int, size: int = INTERVALS_PER_CYLINDER) -> BoundingCylinders:
-    """Bounding cylinders of the tracks of a fleet of `fleet` aircraft, for `fleet_clearance_ratio`.
-
-    Without cylinders for a small fleet, whose clearance is computed exactly.
-    """
+    """Bounding cylinders for `fleet_clearance_ratio`; empty for a small fleet, with exact clearance."""
     if fleet > EXACT_PAIRS:
         return bounding_cylinders(tracks, size)
     empty = jnp.zeros((*tracks.error_bound.shape[:-1], 0))
@@ -179,6 +171,24 @@ def fleet_clearance_ratio(
     bound = jnp.where(neighbours, bound, jnp.inf)
     nearest = jax.lax.top_k(-bound, EXACT_PAIRS)[1]
     return bound.at[nearest].set(jnp.where(neighbours[nearest], jnp.maximum(exact(nearest), bound[nearest]), jnp.inf))
+
+
+def fleet_clearance_ratios(
+    tracks: Track, separation: Separation, size: int = INTERVALS_PER_CYLINDER
+) -> Float[Array, "aircraft aircraft"]:
+    """Clearance ratio of each pair of a fleet's paths; `size` intervals per cylinder; infinite on the diagonal."""
+    fleet = tracks.error_bound.shape[0]
+    cylinders, aircraft_indices = fleet_cylinders(tracks, fleet, size), jnp.arange(fleet)
+
+    def tracks_of(indices: Int[Array, " selected"]) -> Track:
+        return jax.tree.map(lambda leaf: leaf[indices], tracks)
+
+    def ratios_of(aircraft: Count) -> Float[Array, " aircraft"]:
+        track, track_cylinders = jax.tree.map(lambda leaf: leaf[aircraft], (tracks, cylinders))
+        neighbours = aircraft_indices != aircraft
+        return fleet_clearance_ratio(track, track_cylinders, cylinders, tracks_of, neighbours, separation)
+
+    return jax.lax.map(ratios_of, aircraft_indices)
 
 
 _LIMIT_FRACTION = 0.995  # of the limits: a margin for the motion between the sample times
@@ -308,3 +318,8 @@ def path_track(
     flown = (times[:-1] < path.times[-1] - 1e-6) & (times[1:] > jnp.maximum(from_time, path.times[0]))
     included = active * jnp.where(flown, 1.0, 0.0)
     return Track(positions, chord_error_bound(bounds, step), included)
+
+
+def bounded_track(path: TimedPath, airspace: Airspace, active: ScalarLike, times: Float[Array, " instants"]) -> Track:
+    """Track of a timed path with the accelerations of its `path_bounds`, see `path_track`."""
+    return path_track(path, path_bounds(path, airspace.wind, airspace.gravity).cell_acceleration, active, times)

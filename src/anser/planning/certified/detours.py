@@ -124,10 +124,7 @@ def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath
 
 
 def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
-    """Derivatives of the two turn angles with respect to the heading of the straight part.
-
-    1 for the first turn, -1 for the last turn, or 0 for the last turn if the end heading is free.
-    """
+    """Derivatives of both turn angles by the heading of the straight part; 0 for the last if the end is free."""
     return jnp.where(endpoints.end_free, jnp.array([1.0, 0.0]), jnp.array([1.0, -1.0]))
 
 
@@ -142,10 +139,7 @@ def _make_direct(
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
-    """Adapt a direct path to other endpoints or turn scales.
-
-    The heading of its straight part is found anew, by the secant method.
-    """
+    """Adapt a direct path to other endpoints or turn scales; its heading follows from the secant method."""
     angle_rates = _angle_rates(endpoints)
 
     def miss(x: Scalar) -> Scalar:

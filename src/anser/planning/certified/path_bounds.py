@@ -64,7 +64,7 @@ class PathBounds(eqx.Module):
         return xp.max(equivalents), xp.max(self.cell_along[:, 1] / idle.least_share(slow, fast, load_min))
 
 
-def _bernstein_coefficients(
+def bernstein_coefficients(
     knots: Float[Array, "knots 3 3"], spans: Float[Array, " cells"]
 ) -> tuple[Float[Array, "cells 3 6"], Float[Array, "cells 3 5"], Float[Array, "cells 3 4"]]:
     """Bernstein coefficients of position, velocity and acceleration, (cell, axis, coefficient)."""
@@ -198,8 +198,8 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     safe = jnp.where(nonempty, spans, 1.0)
     # The results of an empty cell are finite, but excluded below.
     air = path.air_n
-    ground, velocity_g, acceleration = _bernstein_coefficients(air + path.drift_n, safe)
-    _, drift_slope, _ = _bernstein_coefficients(path.drift_n, safe)
+    ground, velocity_g, acceleration = bernstein_coefficients(air + path.drift_n, safe)
+    _, drift_slope, _ = bernstein_coefficients(path.drift_n, safe)
     velocity = velocity_g - drift_slope
     error = _wind_error(wind, ground[:, 2], drift_slope, nonempty)
 

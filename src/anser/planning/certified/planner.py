@@ -13,7 +13,6 @@ from anser.compiling.options import compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.control.guidance import GuidanceSettings
 from anser.numerics.arrays import any_in_batch, as_array
-from anser.numerics.randomness import AbstractRandomness
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, IdleDeceleration, Performance
 from anser.planning.certified.certified_plan import CertifiedPlan, choose_interval_count, plan_at
 from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_certified
@@ -145,10 +144,7 @@ class CertifiedPlanner(AbstractPlanner):
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
-        """Prepare, one at a time, the programs needed by a search from time 0 to `end_time` (s).
-
-        Yields the programs for plans (`CertifiedPlan`) and for holds (`PlannedHolds`).
-        """
+        """Yield the programs for plans and for holds of a search from time 0 to `end_time` (s), one at a time."""
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
             durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
@@ -186,17 +182,6 @@ class CertifiedPlanner(AbstractPlanner):
         holds = jax.lax.cond(any_in_batch(planned_anew), assign_again, lambda: former)
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
         return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
-
-    def observe(
-        self,
-        planner_state: CertifiedPlanState,
-        reports: AircraftReport,
-        number: Count,
-        step: ScalarLike,
-        randomness: AbstractRandomness | None,
-    ) -> CertifiedPlanState:
-        """Return the state unchanged: the planner does not use the flown path."""
-        return planner_state
 
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
         """See `AbstractPlanner`."""

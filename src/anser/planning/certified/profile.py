@@ -85,7 +85,9 @@ class Profile(eqx.Module):
         """Mean airspeed, m/s."""
         early = 0.5 * self.speed_ramp * (self.speed_0 - self.speed_1)
         late = 0.5 * self.speed_ramp_2 * (self.speed_2 - self.speed_1)
-        return self.speed_1 + (early + late + self.speed_dot_0 * _fading_integral(self.duration)) / self.duration
+        # the last term: integral of `_fading_speed` over time
+        fading = self.speed_dot_0 * (jnp.square(jnp.minimum(_FADE_S, 0.5 * self.duration)) / 20.0)
+        return self.speed_1 + (early + late + fading) / self.duration
 
     @property
     def climb_bounds(self) -> tuple[Scalar, Scalar]:
@@ -152,11 +154,6 @@ def _fading_speed(t: ScalarLike, fade: ScalarLike) -> tuple[Scalar, Scalar]:
     """The function t (1 - t/fade)^3 and its slope: a unit first derivative that fades out."""
     q = jnp.maximum(1.0 - t / fade, 0.0)
     return t * q**3, q**3 - 3 * t / fade * q**2
-
-
-def _fading_integral(duration: ScalarLike) -> Scalar:
-    """Integral over time of the change of airspeed per unit initial acceleration, s^2."""
-    return jnp.square(jnp.minimum(_FADE_S, 0.5 * duration)) / 20.0
 
 
 Rates = tuple[ScalarLike, ScalarLike]
@@ -283,10 +280,7 @@ def horizontal_speed(profile: Profile, wind: AbstractWind, t: ScalarLike) -> tup
 
 
 def flown_between(profile: Profile, wind: AbstractWind, begin: ScalarLike, span: ScalarLike) -> tuple[Scalar, Vector3]:
-    """Horizontal length flown through the air, m, and displacement of the air, NED, m, from `begin` for `span` seconds.
-
-    The span contains no kink of the profile.
-    """
+    """Horizontal length flown and displacement of the air (NED), m, from `begin` for a `span` without kink, s."""
     speeds, winds = jax.vmap(lambda u: horizontal_speed(profile, wind, begin + span * u))(jnp.asarray(_RULE.nodes))
     weights = span * jnp.asarray(_RULE.weights)
     return jnp.sum(weights * speeds), jnp.sum(weights[:, None] * winds, axis=0)

@@ -155,10 +155,7 @@ class AttemptLadder(eqx.Module):
         try_plan: Callable[[Scalar, PathLimits], tuple[Flag, _Plan]],
         initial: _Plan,  # plan before the first attempt
     ) -> tuple[Flag, _Plan, Scalar]:
-        """Attempt plans in order until the first success.
-
-        Returns success, the plan of the last attempt, and its delay, s.
-        """
+        """Attempt plans until the first success; returns success, the last plan, and its delay, s."""
         relaxed_limits = self.limits if self.relaxed_limits is None else self.relaxed_limits
         attempt_count = self.delay_count if self.relaxed_limits is None else 2 * self.delay_count
 

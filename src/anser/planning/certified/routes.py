@@ -161,11 +161,9 @@ class Route(eqx.Module):
         falling = kind == _DOWN
         reference_mark = jnp.where(falling, k + 1, k)
         u = jnp.where(falling, clipped_length - self.marks[k + 1], clipped_length - self.marks[k])
-        curvature_rate, heading, curvature = (
-            self.sharpness[k],
-            self.headings[reference_mark],
-            self.curvatures[reference_mark],
-        )
+        curvature_rate = self.sharpness[k]
+        heading = self.headings[reference_mark]
+        curvature = self.curvatures[reference_mark]
         flat = kind == _FLAT
         step = jnp.where(flat, along_arc(u, curvature), along_ramp(u, curvature_rate))
         position = self.positions[reference_mark] + cis(heading) * step
@@ -195,11 +193,9 @@ def route(endpoints: PathEndpoints, solved: TurnsAndLegs) -> Route:
     turns = jax.vmap(smooth_turn)(angles, curvatures, sharpest)
     zero = jnp.zeros(())
     sign = jnp.where(angles < 0.0, -1.0, 1.0)
-    lengths, curvature_list, curvature_rates = (
-        [initial.length],
-        [zero],
-        [-jnp.sign(endpoints.curvature) * endpoints.sharpness],
-    )
+    lengths = [initial.length]
+    curvature_list = [zero]
+    curvature_rates = [-jnp.sign(endpoints.curvature) * endpoints.sharpness]
     for k in range(TURNS):
         rate = jnp.where(turns.ramp[k] > 0.0, sign[k] * sharpest[k], 0.0)
         lengths += [turns.ramp[k], turns.arc[k], turns.ramp[k]]

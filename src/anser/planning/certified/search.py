@@ -7,8 +7,9 @@ or with the mask of failed aircraft. A stage is a generator of proposals that le
 import contextlib
 import itertools
 from collections.abc import Callable, Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -84,10 +85,7 @@ class FleetTask:
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
-        """Flight time of each aircraft's direct path at its preferred speed, s.
-
-        Longer only if the climb certainly takes longer.
-        """
+        """Flight time of each direct path at the preferred speed, s; longer if the climb certainly takes longer."""
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
         line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
@@ -139,10 +137,7 @@ def _make_proposal(times: ArrivalTimes, candidate_set: CandidateSet) -> Proposal
 
 
 def first_stage(fleet: FleetTask, thorough: bool) -> Stage:
-    """Propose the times that the arrival rule prefers: with few candidates, then with more.
-
-    The second proposal is omitted if a necessary condition fails.
-    """
+    """Propose the preferred times with few candidates; if the necessary conditions hold, with more."""
     preferred_times = _preferred_arrival_times(fleet)
     if preferred_times is None:
         return
@@ -163,10 +158,8 @@ def later_stage(fleet: FleetTask) -> Stage:
     if preferred_times is None:
         return
     individually = fleet.request.rule == "windows"
-    times, groups = (
-        preferred_times.copy(),
-        [fleet.indices[k : k + 1] for k in range(fleet.indices.size)] if individually else [fleet.indices],
-    )
+    times = preferred_times.copy()
+    groups = [fleet.indices[k : k + 1] for k in range(fleet.indices.size)] if individually else [fleet.indices]
     for delay_min, delay_max in itertools.pairwise(_DELAY_BOUNDS):
         delays = [_delays(fleet, indices, preferred_times, delay_min, delay_max) for indices in groups]
         one_by_one = (
@@ -194,10 +187,7 @@ class _Delays:
     times: Float[np.ndarray, "n group"]  # sets of arrival times, s
 
     def truncated(self, index: int | None) -> "_Delays":
-        """Keep the times before an index (None: every time).
-
-        Empty if the index is at most one step after the first time.
-        """
+        """Keep the times before an index (None: every time); empty if at most one step after the first time."""
         is_close = index is not None and self.times[index, 0] <= _DELAY_RATIO**1.5 * self.times[0, 0]
         return _Delays(self.indices, self.times[: 0 if is_close else index])
 
@@ -279,10 +269,7 @@ def earlier_stage(fleet: FleetTask, plan_arrival_s: float) -> Stage:
 
 
 def open_arrivals(fleet: FleetTask, on_progress: Callable[[str], None]) -> list[Intervals] | None:
-    """Find the arrival times at which each aircraft alone can arrive, s after the start.
-
-    None if an aircraft has no such time in its window.
-    """
+    """Arrival times open to each aircraft alone, s after the start; None if a window has no such time."""
     request = fleet.request
     on_progress("searching the possible arrival times of each aircraft")
     arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s, request.windows_s)
@@ -376,65 +363,23 @@ class SearchOutcome:
 
     def leading(self, count: int) -> "SearchOutcome":
         """Result for the first `count` aircraft, without the padding."""
-        plans = (None if plan is None else plan.leading(count) for plan in (self.plan, self.best_attempt))
-        plan_without_holds = None if self.plan_without_holds is None else self.plan_without_holds.leading(count)
+        plan, best_attempt, plan_without_holds = (
+            None if plan is None else plan.leading(count)
+            for plan in (self.plan, self.best_attempt, self.plan_without_holds)
+        )
         arrivals = None if self.arrivals is None else self.arrivals[:count]
-        return SearchOutcome(next(plans), self.attempts, next(plans), arrivals, plan_without_holds)
+        return SearchOutcome(plan, self.attempts, best_attempt, arrivals, plan_without_holds)
 
 
-@dataclass(frozen=True)
-class _Attempt:
-    """Attempt of the search: arrival times (s after the start), the set of candidates, and the failed aircraft.
-
-    An aircraft has failed if it has no valid path or no hold at these times.
-    """
-
+class _Attempt(NamedTuple):
     times: ArrivalTimes
     candidate_set: CandidateSet
-    failed: FailedAircraft
+    failed: FailedAircraft  # without a valid path or without a hold at these times
 
 
-@dataclass(frozen=True)
-class _State:
-    """Progress of the search: attempts so far, and the plan of the latest one (None if it failed).
-
-    The other fields are those of `SearchOutcome`.
-    """
-
-    tried: tuple[_Attempt, ...] = ()
-    plan: CertifiedPlan | None = None
-    best_attempt: CertifiedPlan | None = None
-    plan_without_holds: CertifiedPlan | None = None
-
-    def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
-        """Mask of the aircraft that failed in an earlier attempt with these times and candidates.
-
-        None if there was no such attempt.
-        """
-        for past in self.tried:
-            if past.candidate_set is candidate_set and np.allclose(times, past.times, rtol=_TIME_TOLERANCE, atol=0.0):
-                return past.failed
-        return None
-
-    def with_attempt(self, attempt: _Attempt, plan: CertifiedPlan) -> "_State":
-        """The state after an attempt, successful or not."""
-        fewest = min((np.sum(past.failed) for past in self.tried), default=np.inf)
-        return replace(
-            self,
-            tried=(*self.tried, attempt),
-            plan=None if attempt.failed.any() else plan,
-            best_attempt=plan if np.sum(attempt.failed) < fewest else self.best_attempt,
-        )
-
-    def outcome(self, arrivals: list[Intervals] | None = None) -> SearchOutcome:
-        if self.plan is not None:
-            return SearchOutcome(self.plan, len(self.tried), arrivals=arrivals)
-        return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
-
-
-@dataclass(frozen=True)
-class _Searcher:
-    """Data of a search that do not change from attempt to attempt: the arguments of `search`."""
+@dataclass
+class _Search:
+    """Search in progress: the arguments of `search`, the attempts so far, and the results as in `SearchOutcome`."""
 
     start_time: float
     fleet: FleetTask
@@ -442,55 +387,69 @@ class _Searcher:
     failed_after_arrival: FailedAfterArrival
     fixed_paths: FixedPaths | None
     intervals: int | None
+    tried: list[_Attempt] = field(default_factory=list)
+    plan: CertifiedPlan | None = None
+    best_attempt: CertifiedPlan | None = None
+    plan_without_holds: CertifiedPlan | None = None
 
-    def run(self, state: _State, stage: Stage, run_to_end: bool = False) -> _State:
-        """Attempt the proposals of a stage until a plan is found.
+    def outcome(self, arrivals: list[Intervals] | None = None) -> SearchOutcome:
+        if self.plan is not None:
+            return SearchOutcome(self.plan, len(self.tried), arrivals=arrivals)
+        return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
 
-        With `run_to_end`, attempt every proposal: the last plan counts.
-        """
+    def run(self, stage: Stage, run_to_end: bool = False) -> None:
+        """Attempt the proposals of a stage until a plan is found; with `run_to_end` every one: the last plan counts."""
         with contextlib.suppress(StopIteration):
             proposal = next(stage)
             while True:
                 if proposal.message is not None:
                     self.on_progress(proposal.message)
-                attempted = self.attempt(state, proposal.times, proposal.candidate_set)
-                failed = attempted.failed_at(proposal.times, proposal.candidate_set)
-                state = attempted if attempted.plan is not None else replace(attempted, plan=state.plan)
-                if attempted.plan is not None and not run_to_end:
-                    break
+                plan = self.attempt(proposal.times, proposal.candidate_set)
+                if plan is not None:
+                    self.plan = plan
+                    if not run_to_end:
+                        break
+                failed = self.failed_at(proposal.times, proposal.candidate_set)
                 # Without a recorded attempt for this set, the standard candidates sufficed.
                 proposal = stage.send(np.zeros_like(self.fleet.active) if failed is None else failed)
-        return state
 
-    def attempt(self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet) -> _State:
-        """Plan the fleet for arrival times and candidates, unless tried before.
+    def failed_at(self, times: ArrivalTimes, candidate_set: CandidateSet) -> FailedAircraft | None:
+        """Mask of the aircraft that failed with these times and candidates; None if not attempted."""
+        for past in self.tried:
+            if past.candidate_set is candidate_set and np.allclose(times, past.times, rtol=_TIME_TOLERANCE, atol=0.0):
+                return past.failed
+        return None
 
-        The plan of the returned state is this attempt's. Extra candidates are generated for the aircraft that fail with
-        the standard candidates.
+    def attempt(self, times: ArrivalTimes, candidate_set: CandidateSet) -> CertifiedPlan | None:
+        """Plan the fleet for arrival times and candidates, unless tried before; None without a new plan.
+
+        Extra candidates are generated for the aircraft that fail with the standard candidates.
         """
-        state = replace(state, plan=None)
-        if state.failed_at(times, candidate_set) is not None:
-            return state
+        if self.failed_at(times, candidate_set) is not None:
+            return None
         extra_for = None
         if candidate_set.extra is not None:
-            if state.failed_at(times, STANDARD) is None:
-                state = self.attempt(state, times, STANDARD)
-                if state.plan is not None:
-                    return state
-            extra_for = state.failed_at(times, STANDARD)
-        plan, failed, state = self._plan(state, times, candidate_set, extra_for)
+            if self.failed_at(times, STANDARD) is None:
+                plan = self.attempt(times, STANDARD)
+                if plan is not None:
+                    return plan
+            extra_for = self.failed_at(times, STANDARD)
+        plan, failed = self._make_plan(times, candidate_set, extra_for)
         for _ in range(_EXTENSIONS):
             # A new path of one aircraft may obstruct other aircraft, which then need extra candidates too.
             if extra_for is None or not (failed & ~extra_for).any():
                 break
             extra_for = extra_for | failed
-            plan, failed, state = self._plan(state, times, candidate_set, extra_for)
-        return state.with_attempt(_Attempt(times, candidate_set, failed), plan)
+            plan, failed = self._make_plan(times, candidate_set, extra_for)
+        if np.sum(failed) < min((np.sum(past.failed) for past in self.tried), default=np.inf):
+            self.best_attempt = plan
+        self.tried.append(_Attempt(times, candidate_set, failed))
+        return None if failed.any() else plan
 
-    def _plan(
-        self, state: _State, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
-    ) -> tuple[CertifiedPlan, FailedAircraft, _State]:
-        """Make a plan, and find the aircraft that fail before or after their arrivals; returns plan, mask and state."""
+    def _make_plan(
+        self, times: ArrivalTimes, candidate_set: CandidateSet, extra_for: FailedAircraft | None
+    ) -> tuple[CertifiedPlan, FailedAircraft]:
+        """Make a plan, and find the aircraft that fail before or after their arrivals."""
         fleet = self.fleet
         plan = plan_at(
             self.start_time,
@@ -506,8 +465,8 @@ class _Searcher:
         if not failed.any():
             failed = fleet.active & self.failed_after_arrival(plan)
             if failed.any():
-                state = replace(state, plan_without_holds=plan)
-        return plan, failed, state
+                self.plan_without_holds = plan
+        return plan, failed
 
 
 def search(
@@ -531,21 +490,21 @@ def search(
     increasingly thorough candidates; for the rule "earliest", finally, times before those of the plan.
     """
     fleet = FleetTask(tasks, airspace, request)
-    searcher = _Searcher(start_time, fleet, on_progress, failed_after_arrival, fixed_paths, intervals)
+    progress = _Search(start_time, fleet, on_progress, failed_after_arrival, fixed_paths, intervals)
     on_progress("planning")
-    state = searcher.run(_State(), first_stage(fleet, thorough))
-    if state.plan is not None or fleet.has_fixed_times or not thorough:
-        return state.outcome()
+    progress.run(first_stage(fleet, thorough))
+    if progress.plan is not None or fleet.has_fixed_times or not thorough:
+        return progress.outcome()
     if fleet.is_small and request.rule != "windows" and not fleet.admissible(fleet.requested_times()).any():
-        return state.outcome()
-    state = searcher.run(state, later_stage(fleet), run_to_end=True)
-    if state.plan is not None:
-        return state.outcome()
+        return progress.outcome()
+    progress.run(later_stage(fleet), run_to_end=True)
+    if progress.plan is not None:
+        return progress.outcome()
     arrivals = open_arrivals(fleet, on_progress)
     if arrivals is None:
-        return state.outcome()
-    state = searcher.run(state, open_stage(fleet, arrivals))
-    if state.plan is not None and request.rule == "earliest" and fleet.is_small:
-        arrival_s = float(np.max(np.asarray(state.plan.arrival_times)[fleet.active])) - start_time
-        state = searcher.run(state, earlier_stage(fleet, arrival_s), run_to_end=True)
-    return state.outcome(None if request.rule == "windows" else arrivals)
+        return progress.outcome()
+    progress.run(open_stage(fleet, arrivals))
+    if progress.plan is not None and request.rule == "earliest" and fleet.is_small:
+        arrival_s = float(np.max(np.asarray(progress.plan.arrival_times)[fleet.active])) - start_time
+        progress.run(earlier_stage(fleet, arrival_s), run_to_end=True)
+    return progress.outcome(None if request.rule == "windows" else arrivals)

@@ -69,10 +69,7 @@ class Guess(NamedTuple):
 
 
 def _detour(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, float]:
-    """Draw the shape of a detour: a corner on an ellipse, a zigzag or full circles.
-
-    Returns the first five fields of `Guess`.
-    """
+    """Draw a detour, a corner on an ellipse, a zigzag or full circles: the first five fields of `Guess`."""
     s, side = np.linspace(0.0, 1.0, _POINTS + 1), float(rng.choice([-1.0, 1.0]))
     zeros = np.zeros_like(s)
     kind = rng.random()
@@ -180,10 +177,8 @@ def spline_start(problem: SplineProblem, cells: int, guess: Guess) -> SplineStar
     target_length = length - first_leg - last_leg
     circles_max = jnp.maximum(target_length - straight, 0.0) / (2.0 * jnp.pi * _CIRCLE_MIN * radius)
     circle_angle = jnp.maximum(jnp.round(jnp.abs(guess.circle_fraction) * circles_max), 1.0) * guess.angle
-    along_shape, across_shape = (
-        guess.along_detour + jnp.sin(circle_angle),
-        guess.across_detour + jnp.sign(guess.circle_fraction) * (1.0 - jnp.cos(circle_angle)),
-    )
+    along_shape = guess.along_detour + jnp.sin(circle_angle)
+    across_shape = guess.across_detour + jnp.sign(guess.circle_fraction) * (1.0 - jnp.cos(circle_angle))
     detour = along_shape[:, None] * along[None] + across_shape[:, None] * across[None]
 
     def detour_length(size: Scalar) -> Scalar:

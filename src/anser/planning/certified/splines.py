@@ -65,10 +65,7 @@ def coefficient_windows(coefficients: Coefficients) -> Float[Array, "cells 4 3"]
 
 
 def spline_states(spline: Spline, fractions: Float[np.ndarray, " fractions"]) -> Float[Array, "cells fractions 3 3"]:
-    """Position, velocity and acceleration at fractions (0 to 1) of each interval.
-
-    Shape (interval, fraction, derivative, axis).
-    """
+    """States at fractions (0 to 1) of each interval: (interval, fraction, order of derivative, axis)."""
     scale = jnp.stack([spline.cell**-order for order in range(3)])
     return jnp.einsum(
         "ouk,nka,o->nuoa", jnp.asarray(basis_values(fractions)), coefficient_windows(spline.coefficients), scale
@@ -85,10 +82,7 @@ def states_at(spline: Spline, times: Float[Array, " times"]) -> Float[Array, "ti
 
 
 def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
-    """Matrix that converts position, velocity and acceleration at a knot to its three nearest coefficients.
-
-    `cell` is the duration of an interval, s.
-    """
+    """Matrix from a knot's state to its three nearest coefficients; `cell` is the duration of an interval, s."""
     sixth = jnp.asarray(cell) ** 2 / 6.0
     unit = jnp.ones(())
     return jnp.stack(
@@ -101,10 +95,7 @@ def knot_coefficients(cell: ScalarLike) -> Float[Array, "3 3"]:
 
 @functools.cache
 def mean_squares() -> Float[np.ndarray, "3 4 4"]:
-    """Matrices of the mean squares of position, velocity and acceleration over an interval of 1 s.
-
-    The mean square is the quadratic form of the interval's four coefficients; shape (derivative, 4, 4).
-    """
+    """Quadratic forms of four coefficients: mean squares over 1 s of position, velocity, acceleration; (3, 4, 4)."""
     basis = basis_values(np.asarray(_RULE.nodes))
     return np.einsum("ouk,oul,u->okl", basis, basis, np.asarray(_RULE.weights))
 
@@ -242,10 +233,7 @@ class NormalEquations(NamedTuple):
 
 
 def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
-    """Limits at the start of a search: a fraction of the limits of bank, load factor and acceleration along the path.
-
-    The other limits are nearly the aircraft's own.
-    """
+    """Limits at the start of a search: a fraction of bank, load factor and accelerations, the others nearly whole."""
     limits = problem.task.limits
     highest = jnp.minimum(limits.speed_max, _ANY_SPEED)
     reserve = jnp.minimum(_SPEED_RESERVE, _SPEED_FRACTION * (highest - limits.speed_min))
@@ -336,10 +324,7 @@ def _keep_out_penetration(problem: SplineProblem, time: Scalar, position: Float[
 def _violations(
     problem: SplineProblem, allowed: TightenedLimits, time: Scalar, state: Float[Array, "3 3"]
 ) -> Float[Array, " violations"]:
-    """Violations of limits and keep-outs at one sample point, in units of equal weight.
-
-    `state` is position, velocity and acceleration over the ground: (derivative, axis).
-    """
+    """Violations at one sample point, in units of equal weight; `state` is over the ground: (derivative, axis)."""
     violations = _limit_violations(problem, allowed, -state[0, 2], state[1], state[2])
     if problem.airspace.keep_outs.radius.shape[0]:
         violations = jnp.append(violations, _keep_out_penetration(problem, time, state[0]))
@@ -369,10 +354,7 @@ def _end_jacobian(start: SplineStart, cell: Scalar) -> Float[Array, "12 12"]:
 
 
 def _sum_into_groups(cell_forms: Float[Array, "cells 4 4 a b"]) -> BlockTridiagonal:
-    """Sum the quadratic forms of the intervals into one block-tridiagonal form of the coefficients.
-
-    Blocks are groups of four coefficients; the first three coefficients are fixed and left out.
-    """
+    """Sum the intervals' quadratic forms in groups of four coefficients, without the first three, which are fixed."""
     cells, axes = cell_forms.shape[0], cell_forms.shape[3]
     phases = cell_forms.reshape(cells // GROUP, GROUP, 4, 4, axes, axes)
     # The first interval of a group reaches three coefficients back into the previous group, the last one none.
@@ -393,10 +375,7 @@ def _in_unknowns(form: BlockTridiagonal, end_jacobian: Float[Array, "12 12"]) ->
 
 
 def arrives_forward(start: SplineStart, velocity_n: Float[Array, "3"]) -> Flag:
-    """Whether the velocity over the ground at the arrival points along the prescribed course and not opposite to it.
-
-    True if no course is prescribed.
-    """
+    """Whether the arrival's velocity points along the prescribed course, not opposite; true if the course is free."""
     is_free = jnp.all(jnp.any(start.frame != 0.0, axis=0))
     return is_free | (start.frame[:2, 0] @ velocity_n[:2] > 0.0)
 

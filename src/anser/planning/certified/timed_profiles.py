@@ -219,10 +219,7 @@ def curvature_limits(task: AircraftTask, gravity: ScalarLike, profile: Profile) 
 
 
 def speed_rates(task: AircraftTask) -> tuple[Scalar, Scalar]:
-    """Greatest rates at which a profile gains and loses airspeed, m/s^2.
-
-    The rest of the limits along the path is for climb and descent.
-    """
+    """Greatest rates of gain and loss of airspeed, m/s^2; the rest of the limits is for climb and descent."""
     limits = task.limits
     return jnp.minimum(_GAIN, _RATE_FRACTION * limits.acceleration_max), jnp.minimum(
         _LOSS, _RATE_FRACTION * limits.deceleration_max

@@ -243,10 +243,8 @@ def _path_and_residuals(
         middle_by = _rotate(flown.heading, quantities_by[2:4]) + jnp.outer(_perpendicular(middle), flown.heading_by)
         heading, heading_by = flown.heading + angle, flown.heading_by + angle_by
         direction = jnp.stack([jnp.cos(heading), jnp.sin(heading)])
-        leg_vector, leg_vector_by = (
-            leg * direction,
-            jnp.outer(direction, leg_by) + leg * jnp.outer(_perpendicular(direction), heading_by),
-        )
+        leg_vector = leg * direction
+        leg_vector_by = jnp.outer(direction, leg_by) + leg * jnp.outer(_perpendicular(direction), heading_by)
         leg_start = jnp.append(flown.position + move, flown.length + quantities[4])
         leg_start_by = jnp.concatenate([flown.position_by + move_by, (flown.length_by + quantities_by[4])[None]])
         along, along_by = jnp.append(leg_vector, leg), jnp.concatenate([leg_vector_by, leg_by[None]])
@@ -260,10 +258,8 @@ def _path_and_residuals(
             spots = jnp.concatenate([halfway[None], leg_start[None] + jnp.outer(fractions, along)])
             depths, slope = jax.lax.optimization_barrier(jax.vmap(problem.keep_outs.penetration)(spots))
             penetration = penetration + jnp.sum(depths, axis=0)
-            leg_slope, fraction_slope = (
-                jnp.sum(slope[1:], axis=0),
-                jnp.sum(slope[1:] * fractions[:, None, None], axis=0),
-            )
+            leg_slope = jnp.sum(slope[1:], axis=0)
+            fraction_slope = jnp.sum(slope[1:] * fractions[:, None, None], axis=0)
             for k in range(3):
                 penetration_by = penetration_by + jnp.outer(slope[0, :, k], halfway_by[k])
                 penetration_by = penetration_by + jnp.outer(leg_slope[:, k], leg_start_by[k])
@@ -287,10 +283,8 @@ def _path_and_residuals(
     miss = jnp.stack([jnp.real(endpoints.end), jnp.imag(endpoints.end)]) - flown.position
     heading_error = jnp.mod(flown.heading - endpoints.end_heading + jnp.pi, 2 * jnp.pi) - jnp.pi
     heading_weight = jnp.where(endpoints.end_free, 0.0, 1.0 / jnp.pi)
-    length_residual, heading_residual = (
-        (flown.length / target_length - 1.0)[None],
-        (heading_weight * heading_error)[None],
-    )
+    length_residual = (flown.length / target_length - 1.0)[None]
+    heading_residual = (heading_weight * heading_error)[None]
     residuals = [miss / target_length, length_residual, heading_residual, _VOLUME_WEIGHT * flown.penetration]
     residuals_by = [
         -flown.position_by / target_length,
@@ -333,10 +327,8 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
     def residuals_at(context: tuple[Array, Array], x: Unknowns) -> least_squares.Linearized:
         return least_squares.Linearized(*_path_and_residuals(x, problem, *context)[1:])
 
-    initial_value, step_rule = (
-        least_squares.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS))),
-        least_squares.minimum_norm_step(_LONGEST_STEP),
-    )
+    initial_value = least_squares.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS)))
+    step_rule = least_squares.minimum_norm_step(_LONGEST_STEP)
     searches = jax.vmap(initialize)(*(jnp.asarray(x) for x in starts))
     searches = least_squares.search_steps(residuals_at, step_rule, _DAMPING, _FIRST_STEPS, searches)
     if max_paths is not None and max_paths < searches.best.shape[0]:

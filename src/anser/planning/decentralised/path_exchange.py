@@ -10,12 +10,12 @@ Each aircraft has a token that counts its steps: odd while an offer is open, eve
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics.arrays import select_rows
+from anser.planning.certified.path_bounds import bernstein_coefficients
 from anser.planning.decentralised.network import KnowledgeMatrix
 from anser.planning.holds.hold_paths import ApproachAndHold
 from anser.planning.timed_path import TimedPath
@@ -63,10 +63,7 @@ def process_messages(
     participates: Bool[Array, " aircraft"],  # mask of the flying aircraft, which answer
     patience: ScalarLike,  # time after which an offer is withdrawn, s
 ) -> tuple[Exchange, Bool[Array, " aircraft"]]:
-    """Let each aircraft acknowledge the offers it knows, and accept, withdraw or settle its own offer.
-
-    Returns the new state, and the mask of the aircraft with an offer that the fleet has just accepted.
-    """
+    """Acknowledge known offers; accept, withdraw or settle each offer. Returns state and mask of accepted offers."""
     count = clocks.shape[0]
     known_tokens, is_current = knowledge.tokens, knowledge.tokens == state.tokens[None, :]
     # (aircraft, owner): the owner's offer keeps clear of every path that the aircraft may fly
@@ -108,26 +105,7 @@ def open_offers(
 
 
 def path_distance_max(path: TimedPath, alternative: TimedPath) -> Array:
-    """Upper bound of the distance between two paths with the same knots at any time, m.
-
-    In each cell the difference is a quintic, within the convex hull of its Bernstein coefficients.
-    """
+    """Upper bound of the distance between two paths with the same knots, m, from their Bernstein coefficients."""
     knots = (path.air_n + path.drift_n) - (alternative.air_n + alternative.drift_n)
-    h = (path.times[1:] - path.times[:-1])[:, None]
-    begin, end = knots[:-1], knots[1:]
-    points = jnp.stack(
-        [
-            begin[:, 0],
-            begin[:, 0] + h * begin[:, 1] / 5,
-            begin[:, 0] + 2 * h * begin[:, 1] / 5 + h**2 * begin[:, 2] / 20,
-            end[:, 0] - 2 * h * end[:, 1] / 5 + h**2 * end[:, 2] / 20,
-            end[:, 0] - h * end[:, 1] / 5,
-            end[:, 0],
-        ]
-    )
-    return jnp.sqrt(jnp.max(jnp.sum(points**2, axis=-1)))
-
-
-def concatenate_fleets(*sets: ApproachAndHold) -> ApproachAndHold:
-    """Concatenate several sets of paths of one fleet along the leading axis."""
-    return jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *sets)
+    points = bernstein_coefficients(knots, path.times[1:] - path.times[:-1])[0]
+    return jnp.sqrt(jnp.max(jnp.sum(points**2, axis=1)))

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.numerics.arrays import any_in_batch, select_rows
 from anser.numerics.randomness import AbstractRandomness
+from anser.parts.paths import AbstractReference, PathPoint
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, NetworkView, Performance
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan, FixedPaths, certify, plan_fleet_at
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
@@ -33,35 +34,111 @@ from anser.planning.certified.replanning import (
 )
 from anser.planning.certified.task import AircraftTask
 from anser.planning.certified.timed_profiles import MINIMAL
-from anser.planning.decentralised.clocks import ClockedPath, Clocks, advance_clocks, clock_accelerations
-from anser.planning.decentralised.network import Broadcast, Network, NetworkState
+from anser.planning.decentralised.network import Broadcast, KnowledgeMatrix, Network, NetworkState
 from anser.planning.decentralised.path_exchange import (
     Exchange,
-    concatenate_fleets,
     initial_exchange,
     open_offers,
     path_distance_max,
     process_messages,
 )
-from anser.planning.decentralised.time_coordination import CoordinationGains
+from anser.planning.decentralised.time_coordination import CoordinationGains, bounded_rate, clock_acceleration
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import ApproachAndHold, broadcast_holds, move_with_goals, pairwise_clearance_ratios
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
+from anser.spatial.rotations import safe_norm
 
 LEAD_S = 6.0
 """Time between an offer and the start of the offered path, s: in this time the fleet must acknowledge it."""
 _CLEARANCE_RATIO_MIN = 1.0 - 1e-7  # ratio of distance to separation
 _SAME_TIME_S = 1e-3
-_DELAY_FRACTIONS = (
-    0.0,
-    0.01,
-    0.02,
-    0.04,
-    0.08,
-    0.15,
-)  # of the time to go: small delays first, because the fleet follows
+# of the time to go: small delays first, because the fleet follows
+_DELAY_FRACTIONS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
+
+
+class ClockedPath(AbstractReference):
+    """A path that one aircraft flies by its own clock instead of time."""
+
+    # present path and next path, as functions of the clock
+    path: TimedPath
+    next_path: TimedPath
+    has_next_path: Flag  # whether the next path replaces the present one from its start on
+    # clock (s) at `time`, its rate (1) and acceleration (1/s)
+    clock: Scalar
+    rate: Scalar
+    acceleration: Scalar
+    time: Scalar  # time to which clock and rate belong, s
+
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Motion over the ground at a time."""
+        clock = self.clock + self.rate * (time - self.time)
+        on_next_path = self.has_next_path & (clock >= self.next_path.start_time)
+        point = jax.tree.map(lambda a, b: jnp.where(on_next_path, a, b), self.next_path.at(clock), self.path.at(clock))
+        bend_n = self.rate**2 * point.acceleration_n + self.acceleration * point.velocity_n
+        return PathPoint(point.position_n, self.rate * point.velocity_n, bend_n)
+
+    @property
+    def duration(self) -> Scalar:
+        """Duration of the path by its clock, s."""
+        return self.path.duration
+
+
+class Clocks(eqx.Module):
+    """Clocks of the fleet; leading axis aircraft."""
+
+    clock: Float[Array, " aircraft"]  # commanded progress along the path, s
+    # rate (1) and acceleration (1/s) of the clock
+    rate: Float[Array, " aircraft"]
+    acceleration: Float[Array, " aircraft"]
+
+
+def clock_accelerations(
+    paths: ClockedPath,  # paths and clocks of the fleet
+    network: NetworkState,  # state of the network after the exchange
+    positions_n: Float[Array, "aircraft 3"],  # positions of the aircraft, NED, m
+    # masks of the flying aircraft and of the coordinated clocks; the rate of an uncoordinated clock returns to 1
+    active: Bool[Array, " aircraft"],
+    coordinated: Bool[Array, " aircraft"],
+    gains: CoordinationGains,
+) -> Float[Array, " aircraft"]:
+    """Compute the accelerations of the clocks, 1/s, by the coordination law, from received messages."""
+    knowledge = network.knowledge
+    estimated_clocks = knowledge.clocks + (paths.time[:, None] - knowledge.times)
+    count = jnp.sum(active)
+
+    def aircraft_acceleration(path: ClockedPath, other_clocks: Array, hears: Array, position_n: Array) -> Scalar:
+        reference = path.at(path.time)
+        speed = jnp.maximum(safe_norm(reference.velocity_n), 1.0)
+        lag = jnp.sum(reference.velocity_n * (reference.position_n - position_n)) / speed**2
+        return clock_acceleration(path.clock, path.rate, other_clocks, hears, lag, count, gains)
+
+    accelerations = jax.vmap(aircraft_acceleration)(paths, estimated_clocks, network.hears, positions_n)
+    return jnp.where(coordinated, accelerations, -gains.damping * (paths.rate - 1.0))
+
+
+def advance_clocks(
+    clocks: Clocks,
+    knowledge: KnowledgeMatrix,
+    time: ScalarLike,
+    active: Bool[Array, " aircraft"],
+    arrived: Bool[Array, " aircraft"],
+    gains: CoordinationGains,
+    step: ScalarLike,
+) -> Clocks:
+    """Advance the clocks from a time (s) by one step (s); after the arrival a clock continues at rate 1."""
+    count = clocks.clock.shape[0]
+    estimated_clocks = knowledge.clocks + (time - knowledge.times)
+    clock_uncertainty = gains.rate_range * (time - knowledge.times)
+    is_coordinated = active[None, :] & ~jnp.eye(count, dtype=bool)
+    unlimited_rate = clocks.rate + step * clocks.acceleration
+    rate = jax.vmap(bounded_rate, in_axes=(0, 0, 0, 0, 0, None))(
+        unlimited_rate, clocks.clock, estimated_clocks, clock_uncertainty, is_coordinated, gains
+    )
+    rate = jnp.where(arrived | ~active, 1.0, rate)
+    clock = clocks.clock + step * 0.5 * (clocks.rate + rate)
+    return Clocks(clock, rate, jnp.where(arrived, 0.0, (rate - clocks.rate) / step))
 
 
 class DecentralisedPlanState(eqx.Module):
@@ -121,12 +198,10 @@ class DecentralisedPlanner(AbstractPlanner):
         self, planner_state: DecentralisedPlanState, time: ScalarLike, reports: AircraftReport
     ) -> DecentralisedPlanState:
         """Process messages, and correct each path to the rendezvous predicted now."""
-        plan, state, clocks, planner = (
-            planner_state.plan,
-            planner_state.exchange,
-            planner_state.clocks,
-            self.aircraft_planner,
-        )
+        plan = planner_state.plan
+        state = planner_state.exchange
+        clocks = planner_state.clocks
+        planner = self.aircraft_planner
         clock, knowledge = clocks.clock, planner_state.network.knowledge
         tasks = planner.aircraft_tasks(reports, planner_state.limits)
         to_go = plan.arrival_times - clock
@@ -232,11 +307,10 @@ class DecentralisedPlanner(AbstractPlanner):
     def _clearance(
         self, state: Exchange, approaches: ApproachAndHold, active: Float[Array, " aircraft"], from_time: ScalarLike
     ) -> Bool[Array, "paths paths"]:
-        """Mask of the pairs of paths that keep the separation.
-
-        Paths are concatenated in this order: agreed, alternative and proposed paths.
-        """
-        path_sets = concatenate_fleets(state.agreed_paths, state.alternative, approaches)
+        """Mask of the separated pairs of paths, concatenated: agreed, alternative and proposed paths."""
+        path_sets = jax.tree.map(
+            lambda *leaves: jnp.concatenate(leaves), state.agreed_paths, state.alternative, approaches
+        )
         ratios = pairwise_clearance_ratios(path_sets, jnp.tile(active, 3), self.aircraft_planner.airspace, from_time)
         return (ratios >= _CLEARANCE_RATIO_MIN) | jnp.tile(jnp.eye(active.shape[0], dtype=bool), (3, 3))
 

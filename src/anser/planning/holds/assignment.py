@@ -10,6 +10,7 @@ from anser.control.guidance import GuidanceSettings
 from anser.planning.certified.clearance import (
     BoundingCylinders,
     Track,
+    bounded_track,
     clearance_from_keep_outs,
     fleet_clearance_ratio,
     fleet_cylinders,
@@ -140,10 +141,7 @@ def assign_holds(
     circles = jax.vmap(_candidate_circles, in_axes=(0, None, None))(tasks, airspace, settings)
     stays = arrival_times <= start_time if stays is None else stays
 
-    def approach(path: TimedPath, active: Scalar) -> Track:
-        return path_track(path, path_bounds(path, airspace.wind, gravity).cell_acceleration, active, times)
-
-    approaches = jax.vmap(approach)(paths, tasks.active)
+    approaches = jax.vmap(bounded_track, in_axes=(0, None, 0, None))(paths, airspace, tasks.active, times)
 
     @jax.jit  # one trace
     def evaluate_circle(index: Count, circle_index: Count) -> _HoldOption:

@@ -15,8 +15,7 @@ from anser.environment.environment import AbstractWind
 from anser.numerics.integration import rk4_step
 from anser.parts.paths import AbstractReference, PathPoint
 from anser.planning.certified import clearance
-from anser.planning.certified.clearance import Track, fleet_clearance_ratio, fleet_cylinders, path_track
-from anser.planning.certified.path_bounds import path_bounds
+from anser.planning.certified.clearance import Track, bounded_track, fleet_clearance_ratios
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
@@ -60,10 +59,7 @@ class PlannedHolds(eqx.Module):
 
 
 def choose_cell_count(duration_s: float) -> int:
-    """Number of cells of a hold's path for a flight of a duration (s): a power of two up to 4096.
-
-    The least number with cells of at most 2 s, if possible.
-    """
+    """Cells of a hold's path for a duration (s): a power of two from 128 to 4096, of at most 2 s if possible."""
     return next((cells for cells in (128, 256, 512, 1024, 2048) if 2.0 * cells >= duration_s), 4096)
 
 
@@ -282,30 +278,13 @@ def pairwise_clearance_ratios(
 
     Infinite on the diagonal. The time before the start of a path is ignored, and so are paths with `active` 0.
     """
-    cells, count = approaches.hold.paths.times.shape[1] - 1, active.shape[0]
+    cells = approaches.hold.paths.times.shape[1] - 1
     end_time = jnp.max(approaches.hold.paths.times)
     times = from_time + (end_time - from_time) * jnp.linspace(0.0, 1.0, SAMPLES_PER_CELL * cells + 1)
 
-    def bounded_track(path: TimedPath, included: Scalar) -> Track:
-        bounds = path_bounds(path, airspace.wind, airspace.gravity)
-        return path_track(path, bounds.cell_acceleration, included, times)
-
     def joined_track(path: TimedPath, hold: TimedPath, included: Scalar) -> Track:
-        return join_tracks(bounded_track(path, included), bounded_track(hold, included), times, path.times[-1])
+        approach_track, hold_track = (bounded_track(flown, airspace, included, times) for flown in (path, hold))
+        return join_tracks(approach_track, hold_track, times, path.times[-1])
 
     tracks = jax.vmap(joined_track)(approaches.path, approaches.hold.paths, active)
-    cylinders, aircraft_indices = fleet_cylinders(tracks, count, HOLD_INTERVALS_PER_CYLINDER), jnp.arange(count)
-
-    def ratios_of(index: Count) -> Float[Array, " paths"]:
-        track, track_cylinders = jax.tree.map(lambda leaf: leaf[index], (tracks, cylinders))
-        is_other = aircraft_indices != index
-        return fleet_clearance_ratio(
-            track,
-            track_cylinders,
-            cylinders,
-            lambda indices: jax.tree.map(lambda leaf: leaf[indices], tracks),
-            is_other,
-            airspace.separation,
-        )
-
-    return jax.lax.map(ratios_of, aircraft_indices)
+    return fleet_clearance_ratios(tracks, airspace.separation, HOLD_INTERVALS_PER_CYLINDER)

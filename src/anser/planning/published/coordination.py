@@ -118,20 +118,14 @@ def nominal_trajectory(
 
 
 def _lengths(tasks: PlanningTask, duration: Scalar, speed: Scalar) -> Float[Array, " aircraft"]:
-    """Length of each aircraft's path without bend, less its `path_length_deficit`, m.
-
-    Without deficits, this is L_i of theory section 8.
-    """
+    """Length of each unbent path less its `path_length_deficit`, m; without deficits, L_i of theory section 8."""
     return jax.vmap(
         lambda task: arc_length(nominal_trajectory(task, jnp.zeros(()), duration, speed)[0]) - task.path_length_deficit
     )(tasks)
 
 
 def _planned_for(tasks: PlanningTask) -> Bool[Array, " aircraft"]:
-    """Mask of the aircraft to plan for: the active aircraft.
-
-    Every aircraft if none is active, so that the numbers stay finite.
-    """
+    """Mask of the active aircraft; every aircraft if none is active, so that the numbers stay finite."""
     return tasks.active | ~jnp.any(tasks.active)
 
 
@@ -191,10 +185,7 @@ class _CommonTime(NamedTuple):
 
 
 def _solve_common_time(tasks: PlanningTask, start: Scalar, speed: Scalar, may_raise: Flag) -> _CommonTime:
-    """Find the common duration at the fleet's mean airspeed.
-
-    With `may_raise`, the airspeed is raised if the farthest active aircraft cannot descend at it.
-    """
+    """Find the common duration; with `may_raise`, at an airspeed at which the farthest aircraft can descend."""
     speeds_0 = jax.vmap(norm)(tasks.air_velocity_n)
 
     @jax.jit  # one trace, also for the shapes

@@ -123,19 +123,13 @@ class TimeLaw(eqx.Module):
         )
 
     def _demanded_square(self, k: Count, energy_gain: Array, length_to_node: Array) -> Array:
-        """Square of the airspeed demanded in cell `k`, m^2/s^2.
-
-        For an energy gain (m^2/s^2) and a length (m) since the start of the cell.
-        """
+        """Square of the demanded airspeed, m^2/s^2, after an energy gain (m^2/s^2) and a length (m) in cell `k`."""
         return self.squares[k] + 2 * (self.exchange * energy_gain - self.braking * length_to_node)
 
     def _motion(
         self, coefficients_n: Float[Array, "3 5"], k: Count, offset: Scalar
     ) -> tuple[Scalar, Scalar, Flag, Scalar]:
-        """Evaluate the motion at an offset of s from the start of cell `k`.
-
-        Returns |dr/ds| (m), airspeed (m/s), whether it is the least airspeed, and the time since the cell's start (s).
-        """
+        """Return |dr/ds| (m), airspeed (m/s), whether it is the least, and time (s), at an offset of s in cell `k`."""
         start = k.astype(offset.dtype) / CELLS
         cell = _cell(coefficients_n, start, offset)
         slope = jnp.maximum(norm(path_derivative(coefficients_n, start + offset, 1)), _TINY)

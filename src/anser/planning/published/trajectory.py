@@ -103,10 +103,7 @@ def with_even_speed(
     exchange: ScalarLike | None = None,
     even: Flag | bool = True,
 ) -> Trajectory:
-    """Replace the time law: same path and times, but an airspeed that changes evenly from `speed_0` (m/s).
-
-    See `even_law`.
-    """
+    """Replace the time law: an airspeed that changes evenly from `speed_0` (m/s), see `even_law`; same times."""
     law = even_law(trajectory.coefficients_n, trajectory.duration, speed_0, deceleration, exchange, even)
     return eqx.tree_at(lambda path: path.law, trajectory, law)
 
@@ -165,10 +162,7 @@ def arc_length(
 
 
 def arc_length_estimate(trajectory: Trajectory, start_phase: ScalarLike = 0.0) -> Scalar:
-    """Length of the air path, m, by the six-point closed Newton-Cotes rule, as published.
-
-    Theory section 6; section 9, item 1.
-    """
+    """Length of the air path, m, by the closed six-point Newton-Cotes rule, as published (theory 6; 9, item 1)."""
     return arc_length(trajectory, start_phase, NEWTON_COTES_6)
 
 
