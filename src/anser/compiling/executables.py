@@ -25,10 +25,7 @@ _PACKAGE = "anser"
 def encode_structure(value: Any) -> Any:
     """Encode a result, with `jax.ShapeDtypeStruct` in place of arrays, as a value for `json.dumps`.
 
-    Raises
-    ------
-    NotCacheableError
-        The result contains a class that `decode_structure` rejects.
+    Raises NotCacheableError if the result contains a class that `decode_structure` rejects.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -49,10 +46,7 @@ def encode_structure(value: Any) -> Any:
 def decode_structure(value: Any) -> Any:
     """Decode a value from `encode_structure`, without running code of the decoded classes.
 
-    Raises
-    ------
-    NotCacheableError
-        The value is not an output of `encode_structure`.
+    Raises NotCacheableError if the value is not an output of `encode_structure`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value
@@ -133,11 +127,8 @@ class Executable(NamedTuple):
 def pack_program(compiled: jax.stages.Compiled, result: Any) -> bytes:
     """Serialize a program as: length of the JSON header, header (result structure, argument indices), machine code.
 
-    Raises
-    ------
-    NotCacheableError
-        The program calls back into Python, has effects, runs on other devices, or returns a class from outside the
-        package.
+    Raises NotCacheableError if the program calls back into Python, has effects, runs on other devices, or returns a
+    class from outside the package.
     """
     executable = _serialize(compiled)
     header = json.dumps({"result": encode_structure(result), "argument_indices": executable.argument_indices}).encode()
@@ -149,10 +140,8 @@ def unpack_program(content: bytes, argument_count: int) -> tuple[Executable, Any
 
     The structure has `jax.ShapeDtypeStruct` in place of arrays.
 
-    Raises
-    ------
-    NotCacheableError, ValueError, KeyError, TypeError
-        The header is not from `pack_program`, or an argument index exceeds `argument_count`.
+    Raises NotCacheableError, ValueError, KeyError or TypeError if the header is not from `pack_program`, or an argument
+    index exceeds `argument_count`.
     """
     end = 8 + int.from_bytes(content[:8], "big")
     header = json.loads(content[8:end])
@@ -169,10 +158,8 @@ def load_executable(
 ) -> Callable[[list[Any]], list[Any]]:
     """Load machine code on the first device; return a function from the list of arguments to the list of result arrays.
 
-    Raises
-    ------
-    ImportError, AttributeError
-        The internals of the installed JAX differ; the caller then compiles the program again.
+    Raises ImportError or AttributeError if the internals of the installed JAX differ; the caller then compiles the
+    program again.
     """
     from jax._src import core
     from jax._src.interpreters import pxla

@@ -52,10 +52,8 @@ class NotCacheableError(Exception):
 def describe_value(value: Any) -> str:
     """Describe a value as text: structure, static parts, shapes and types of arrays, on which compiled code depends.
 
-    Raises
-    ------
-    NotCacheableError
-        The value contains code from outside the trusted packages, which may differ in the next process.
+    Raises NotCacheableError if the value contains code from outside the trusted packages, which may differ in the next
+    process.
     """
     if isinstance(value, np.ndarray | np.generic | jax.Array | jax.ShapeDtypeStruct):
         return f"{value.dtype}{list(value.shape)}{'~' if getattr(value, 'weak_type', False) else ''}"
@@ -118,10 +116,7 @@ def _source_hash(description: str) -> str:
 def _hash_loaded_code() -> str:
     """Hash the names and numbers in the loaded kernel modules, to detect functions or constants replaced at run time.
 
-    Raises
-    ------
-    NotCacheableError
-        A replacement comes from outside the trusted packages.
+    Raises NotCacheableError if a replacement comes from outside the trusted packages.
     """
     entries = []
 
@@ -177,25 +172,17 @@ def jax_settings() -> str:
 def program_key(value: Any) -> str:
     """Hash a value together with the package sources, the platform and the JAX settings, as the key of a program.
 
-    Raises
-    ------
-    NotCacheableError
-        The value contains code that another process could not identify reliably.
+    Raises NotCacheableError if the value contains code that another process could not identify reliably.
     """
     description = describe_value(value)
     parts = [_describe_platform(), _source_hash(description), jax_settings(), _hash_loaded_code(), description]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
-def operations_key(text: str, options: Mapping[str, bool | str]) -> str:
-    """Return the key of a lowered program: a hash of its operations, which identify even code from outside the package.
-
-    Parameters
-    ----------
-    text
-        StableHLO of the program with its constants.
-    options
-        Compiler options.
-    """
+def operations_key(
+    text: str,  # StableHLO of the program with its constants
+    options: Mapping[str, bool | str],  # compiler options
+) -> str:
+    """Return the key of a lowered program by its operations, which identify even code from outside the package."""
     parts = ["operations", _describe_platform(), jax_settings(), repr(sorted(options.items())), text]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()

@@ -120,20 +120,13 @@ def forget_programs() -> None:
 def _release_oldest(size: int) -> None:
     """Release the least recently used programs until a new program's code of `size` bytes fits into the limit."""
     with _release_lock:
-        present = sorted(
-            (
-                (prepared.last_use, prepared.size, program, key)
-                for program in list(_programs)
-                for key, prepared in program
-            ),
-            key=lambda entry: entry[0],
-        )
-        total = size + sum(entry[1] for entry in present)
-        for _, released, program, key in present:
+        present = [(prepared, program, key) for program in list(_programs) for key, prepared in program]
+        total = size + sum(prepared.size for prepared, _, _ in present)
+        for prepared, program, key in sorted(present, key=lambda entry: entry[0].last_use):
             if total <= _CODE_MAX:
                 break
             program.release(key)
-            total -= released
+            total -= prepared.size
 
 
 def limit_memory_regions() -> None:
@@ -256,21 +249,14 @@ def _restore_structure(compiled: Callable[..., list[Any]], result: Any) -> Calla
 class PreparedProgram:
     """A program that is loaded or compiled in a background thread.
 
-    Loading starts at once, compiling when `start` is called.
-
-    Attributes
-    ----------
-    shapes
-        Result of the program, with `jax.ShapeDtypeStruct` in place of arrays.
-    size
-        Code size, bytes; 0 until loaded or compiled.
-    last_use
-        Counter value at the last use; the counter is common to every program.
+    Loading starts at once, compiling when `start` is called. `shapes` is the result of the program, with
+    `jax.ShapeDtypeStruct` in place of arrays.
     """
 
     def __init__(self, shapes: Any, make: Callable[[], _LoadedProgram], *, compiles: bool) -> None:
         self.shapes, self._make, self._compiles, self._started = shapes, make, compiles, False
-        self.size, self.last_use = 0, next(_uses)
+        self.size = 0  # code size, bytes; 0 until loaded or compiled
+        self.last_use = next(_uses)  # value at the last use of a counter common to every program
         if not compiles:
             self.start()
 
@@ -295,22 +281,14 @@ class Program(Generic[_P, _R]):
 
     With an active store (`use_program_store`), programs compiled by another process are neither traced nor compiled
     again. Inside another compiled function or a derivative, the function is inlined.
-
-    Parameters
-    ----------
-    function
-        Pure function.
-    options
-        Returns the compiler options; called on first use.
-    static_argnames
-        Names of static arguments, as in `jax.jit`; other arguments are traced. None: every argument without arrays is
-        static.
     """
 
     def __init__(
         self,
-        function: Callable[_P, _R],
-        options: Callable[[], dict[str, bool | str]],
+        function: Callable[_P, _R],  # pure function
+        options: Callable[[], dict[str, bool | str]],  # returns the compiler options; called on first use
+        # names of static arguments, as in `jax.jit`; other arguments are traced. None: every argument without arrays
+        # is static
         static_argnames: Sequence[str] | None = None,
     ) -> None:
         functools.update_wrapper(self, function)

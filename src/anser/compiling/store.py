@@ -22,12 +22,7 @@ class FolderStore:
     or a file saved under another key, is ignored. For security, code is loaded only from a folder and files that belong
     to the user and that other users cannot write; otherwise a warning is logged once.
 
-    Attributes
-    ----------
-    folder
-        Folder of the programs, created on the first save.
-    size_max
-        Greatest total size, bytes.
+    The folder is created on the first save; `size_max` is the greatest total size, bytes.
     """
 
     _reported: set[Path] = set()  # noqa: RUF012 - of the process: each place once

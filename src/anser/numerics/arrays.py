@@ -123,18 +123,11 @@ T = TypeVar("T")
 
 
 class Stacked(eqx.Module, Generic[T]):
-    """Several objects of equal structure, stored as one pytree for `vmap`.
+    """Several objects of equal structure, stored as one pytree for `vmap`."""
 
-    Attributes
-    ----------
-    batched
-        Leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves.
-    shared
-        Leaves equal for every object; None in place of batched leaves.
-    """
-
+    # leaves that differ between the objects, with a leading axis over the objects; None in place of shared leaves
     batched: T
-    shared: T
+    shared: T  # leaves equal for every object; None in place of batched leaves
 
     def combine(self, batched: T) -> T:
         """Return one object, made of its batched leaves and the shared leaves; for use inside `vmap` over `batched`."""
@@ -162,25 +155,14 @@ def tree_signature(value: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def stack_objects(
-    parts: Sequence[T], *, tables_only: bool = True, batched: Callable[[T], Any] | None = None
+    parts: Sequence[T],  # objects, one or more
+    *,
+    # whether arrays with fewer than two dimensions are batched even if equal. The structure of the result, and hence
+    # the compiled program, then does not depend on these numbers; tables and matrices can still be shared
+    tables_only: bool = True,
+    batched: Callable[[T], Any] | None = None,  # selects a subtree that is batched even if equal; None: no subtree
 ) -> Stacked[T]:
-    """Stack equally structured objects; leaves with equal values are shared.
-
-    Parameters
-    ----------
-    parts
-        Objects, one or more.
-    tables_only
-        Whether arrays with fewer than two dimensions are batched even if equal. The structure of the result, and hence
-        the compiled program, then does not depend on these numbers; tables and matrices can still be shared.
-    batched
-        Selects a subtree that is batched even if equal; None: no subtree.
-
-    Raises
-    ------
-    ValueError
-        The structures differ.
-    """
+    """Stack equally structured objects; leaves with equal values are shared. Raises ValueError for other structures."""
     if len({tree_signature(part) for part in parts}) != 1:
         raise ValueError("objects of different structure cannot be stacked: each must have leaves of the same shapes")
     leaves_by_object = [jax.tree.leaves(part) for part in parts]

@@ -47,25 +47,14 @@ class Damping(NamedTuple):
 
 
 class SearchState(NamedTuple):
-    """State of the search from one start.
+    """State of the search from one start."""
 
-    Attributes
-    ----------
-    context
-        Data of this start besides the unknowns.
-    best, trial
-        Unknowns: the best so far, and the next to evaluate.
-    at
-        Linearized equations at `best`.
-    damping
-        Damping of the last step; NaN before the first.
-    """
-
-    context: PyTree
+    context: PyTree  # data of this start besides the unknowns
+    # unknowns: the best so far, and the next to evaluate
     best: Array
     trial: Array
-    at: Any
-    damping: Scalar
+    at: Any  # linearized equations at `best`
+    damping: Scalar  # damping of the last step; NaN before the first
 
 
 def start_search(context: PyTree, start: Array, unknown: Any) -> SearchState:
@@ -149,11 +138,11 @@ class Solution(NamedTuple):
 
 
 def levenberg_marquardt(
-    function: Callable[[Float[Array, " n"], Parameters], Float[Array, " n"]],
-    parameters: Parameters,
-    start: Float[Array, " n"],
-    steps: int = 64,
-    tolerance: float = 1e-12,
+    function: Callable[[Float[Array, " n"], Parameters], Float[Array, " n"]],  # residuals, scaled so that 1 is large
+    parameters: Parameters,  # any pytree
+    start: Float[Array, " n"],  # initial unknowns, scaled so that 1 is large
+    steps: int = 64,  # greatest number of steps
+    tolerance: float = 1e-12,  # largest absolute residual at which the search stops
 ) -> Solution:
     """Find x with `function(x, parameters)` = 0, for as many residuals as unknowns.
 
@@ -163,19 +152,6 @@ def levenberg_marquardt(
     11(2), 1963). Each step evaluates the function with its Jacobian once, in the only copy of the function in the
     compiled code: a large model compiles several times faster than with a general solver. The search is not
     differentiated; see `with_implicit_derivative`.
-
-    Parameters
-    ----------
-    function
-        Residuals, scaled so that 1 is large.
-    parameters
-        Any pytree.
-    start
-        Initial unknowns, scaled so that 1 is large.
-    steps
-        Greatest number of steps.
-    tolerance
-        Largest absolute residual at which the search stops.
     """
     # Inputs without tangents keep the loop from being differentiated: its derivative would be compiled but unused.
     parameters = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_array(leaf) else leaf, parameters)

@@ -42,8 +42,9 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
     unscaled_inverse = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
     determinant = jnp.sum(a * unscaled_inverse[0])
-    safe = jnp.where(jnp.abs(determinant) < floor, jnp.where(determinant < 0, -floor, floor), determinant)
-    return unscaled_inverse / (safe * lengths[:, None])
+    bound = jnp.where(determinant < 0, -floor, floor)
+    safe_determinant = jnp.where(jnp.abs(determinant) < floor, bound, determinant)
+    return unscaled_inverse / (safe_determinant * lengths[:, None])
 
 
 def solve3(matrix: Matrix33, vector: Vector3) -> Vector3:
@@ -69,17 +70,10 @@ Groups = Float[Array, "groups n"]
 
 
 class BlockTridiagonal(NamedTuple):
-    """A symmetric block tridiagonal matrix.
+    """A symmetric block tridiagonal matrix."""
 
-    Attributes
-    ----------
-    diagonal
-        Diagonal block of each group.
-    subdiagonal
-        Coupling block of each group (row) with the preceding group (column); the first block is unused.
-    """
-
-    diagonal: Float[Array, "groups n n"]
+    diagonal: Float[Array, "groups n n"]  # diagonal block of each group
+    # coupling block of each group (row) with the preceding group (column); the first block is unused
     subdiagonal: Float[Array, "groups n n"]
 
 
@@ -96,17 +90,15 @@ def solve_tridiagonal(form: BlockTridiagonal, right: Groups) -> Groups:
         return (factor, intermediate), (factor, across, intermediate)
 
     size = right.shape[1]
-    none = form.subdiagonal.at[0].set(0.0)
-    begin = (jnp.eye(size), jnp.zeros(size))
-    _, (factors, acrosses, intermediates) = jax.lax.scan(eliminate, begin, (form.diagonal, none, right))
+    subdiagonals = form.subdiagonal.at[0].set(0.0)
+    start = (jnp.eye(size), jnp.zeros(size))
+    _, (factors, acrosses, intermediates) = jax.lax.scan(eliminate, start, (form.diagonal, subdiagonals, right))
 
-    def back(later: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], Array]:
-        across_later, solved_later = later
+    def substitute(following: tuple[Array, Array], group: tuple[Array, Array, Array]) -> tuple[Any, Array]:
+        following_across, following_solution = following
         factor, across, intermediate = group
-        solved = lower(factor, intermediate - across_later.T @ solved_later, lower=True, trans="T")
-        return (across, solved), solved
+        solution = lower(factor, intermediate - following_across.T @ following_solution, lower=True, trans="T")
+        return (across, solution), solution
 
-    _, solved = jax.lax.scan(
-        back, (jnp.zeros((size, size)), jnp.zeros(size)), (factors, acrosses, intermediates), reverse=True
-    )
-    return solved
+    end = (jnp.zeros((size, size)), jnp.zeros(size))
+    return jax.lax.scan(substitute, end, (factors, acrosses, intermediates), reverse=True)[1]

@@ -46,14 +46,9 @@ class SeededRandomness(AbstractRandomness):
     """Counter-based generator: Threefry-2x32 of (part and lane, sample) with a key from (seed, flight, aircraft).
 
     The numbers are bit-identical for an aircraft alone and in any batch.
-
-    Attributes
-    ----------
-    key
-        Key of a flight, or of one aircraft in a flight.
     """
 
-    key: UInt32[Array, "2"]
+    key: UInt32[Array, "2"]  # key of a flight, or of one aircraft in a flight
 
     def for_aircraft(self, index: Count) -> "SeededRandomness":
         """Return the source with the aircraft's index folded into the key."""
@@ -72,15 +67,10 @@ class SeededRandomness(AbstractRandomness):
 
 
 class PrescribedRandomness(AbstractRandomness):
-    """Random numbers from a table, designed or recorded, for tests and replays.
+    """Random numbers from a table, designed or recorded, for tests and replays."""
 
-    Attributes
-    ----------
-    standard_normals
-        Standard normals by part, shape (aircraft, samples, count), or (samples, count) for one aircraft; the first
-        sample is `INITIAL_SAMPLE`.
-    """
-
+    #: Standard normals by part, shape (aircraft, samples, count), or (samples, count) for one aircraft; the first
+    #: sample is `INITIAL_SAMPLE`.
     standard_normals: Mapping[int, Float[Array, "..."]]
 
     def for_aircraft(self, index: Count) -> "PrescribedRandomness":
@@ -88,13 +78,7 @@ class PrescribedRandomness(AbstractRandomness):
         return PrescribedRandomness({part: numbers[index] for part, numbers in self.standard_normals.items()})
 
     def normals(self, part: int, number: Count | int, count: int) -> Float[Array, " count"]:
-        """Return the prescribed standard normals of a part at a sample.
-
-        Raises
-        ------
-        ValueError
-            The part has no or too few prescribed numbers.
-        """
+        """Return the prescribed standard normals of a part at a sample; raises ValueError if there are too few."""
         numbers = self.standard_normals.get(part)
         if numbers is None or numbers.shape[-1] < count:
             available = "none" if numbers is None else f"{numbers.shape[-1]} a sample"
@@ -111,23 +95,13 @@ class BlendedRandomness(AbstractRandomness):
 
     A chain that blends the standard normals of a flight with new ones (preconditioned Crank-Nicolson) is fully
     described by the keys and weights of its sources: storage is independent of the flight's length and number of draws.
-
-    Attributes
-    ----------
-    keys
-        Keys of the sources, for a flight or for one aircraft.
-    weights
-        Weights of the sources; the sum of squares is 1.
-    count
-        Number of sources in use; the remaining entries are padding. The cost of a draw is proportional to `count`.
-    aircraft
-        Index in the fleet; None: source of the flight.
     """
 
-    keys: UInt32[Array, "terms 2"]
-    weights: Float[Array, " terms"]
+    keys: UInt32[Array, "terms 2"]  # keys of the sources, for a flight or for one aircraft
+    weights: Float[Array, " terms"]  # weights of the sources; the sum of squares is 1
+    # number of sources in use; the remaining entries are padding. The cost of a draw is proportional to `count`
     count: Count
-    aircraft: Count | None = None
+    aircraft: Count | None = None  # index in the fleet; None: source of the flight
 
     def for_aircraft(self, index: Count) -> "BlendedRandomness":
         """Return the sources of one aircraft."""

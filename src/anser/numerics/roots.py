@@ -24,12 +24,16 @@ class Root(NamedTuple):
 
 
 def bracketed_newton(
+    # maps x and the parameters to the value and the slope with respect to x. Differentiable inputs must be in
+    # `parameters`, not in a closure
     function: Callable[[Scalar, Parameters], tuple[Scalar, Scalar]],
-    parameters: Parameters,
+    parameters: Parameters,  # any pytree
+    # bracket, low <= high. Without a change of sign the result is the evaluated point of least residual: check
+    # `residual`
     low: ScalarLike,
     high: ScalarLike,
-    guess: ScalarLike,
-    steps: int,
+    guess: ScalarLike,  # initial x, clipped to the bracket
+    steps: int,  # number of function evaluations in the loop
 ) -> Root:
     """Find the root of a scalar function that is not positive at `low` and not negative at `high`.
 
@@ -39,21 +43,6 @@ def bracketed_newton(
 
     The steps are not differentiated. The root carries the derivative by the implicit function theorem,
     dx = -(df/dp) dp / (df/dx), or zero if df/dx is zero. First derivatives only.
-
-    Parameters
-    ----------
-    function
-        Maps x and the parameters to the value and the slope with respect to x. Differentiable inputs must be in
-        `parameters`, not in a closure.
-    parameters
-        Any pytree.
-    low, high
-        Bracket, low <= high. Without a change of sign the result is the evaluated point of least residual: check
-        `residual`.
-    guess
-        Initial x, clipped to the bracket.
-    steps
-        Number of function evaluations in the loop.
     """
     fixed, low, high, guess = lax.stop_gradient((parameters, jnp.asarray(low), jnp.asarray(high), jnp.asarray(guess)))
     low, high = low.astype(float), high.astype(float)
@@ -94,33 +83,23 @@ Parameters = TypeVar("Parameters")
 
 
 def bracketed_secant(
+    # function of x and the parameters; differentiable inputs must be in `parameters`
     function: Callable[[Scalar, Parameters], Scalar],
-    parameters: Parameters,
+    parameters: Parameters,  # any pytree
+    # bracket
     low: ScalarLike,
     high: ScalarLike,
+    # values at the endpoints. Without a change of sign the result is an arbitrary point of the bracket: check
+    # `residual`
     value_low: ScalarLike,
     value_high: ScalarLike,
-    steps: int,
+    steps: int,  # number of function evaluations in the loop
 ) -> Root:
     """Find the root of a scalar function with opposite signs at the bracket's endpoints, by the Illinois method.
 
     The number of steps is fixed. The steps are not differentiated. The root carries the derivative by the implicit
     function theorem, dx = -(df/dp) dp / (df/dx), evaluated only when differentiating, or zero if df/dx is zero. First
     derivatives only.
-
-    Parameters
-    ----------
-    function
-        Function of x and the parameters; differentiable inputs must be in `parameters`.
-    parameters
-        Any pytree.
-    low, high
-        Bracket.
-    value_low, value_high
-        Values at the endpoints. Without a change of sign the result is an arbitrary point of the bracket: check
-        `residual`.
-    steps
-        Number of function evaluations in the loop.
     """
     fixed = lax.stop_gradient(parameters)
     begin = tuple(lax.stop_gradient(jnp.asarray(x, dtype=float)) for x in (low, high, value_low, value_high))

@@ -25,33 +25,23 @@ class Axes(eqx.Module):
     """Axes of tables: breakpoints, and clamping or extrapolation beyond them.
 
     An argument of every axis is looked up at once.
-
-    Attributes
-    ----------
-    breakpoints
-        Strictly increasing breakpoints of each axis, padded with plus infinity; shape (k, n).
-    lower, upper
-        Range to which arguments are clipped before the look-up: first and last breakpoint of a clamped axis, minus and
-        plus infinity for linear extrapolation; shape (k,).
-    sizes
-        Number of breakpoints of each axis, at least 2.
-    even
-        Whether the breakpoints of every axis are evenly spaced, to rounding; the interval index is then computed.
-    step_lookup
-        For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval
-        length for every step; shape (k steps, 3), axes concatenated. Twice as fast as a search for the interval.
-        Otherwise None.
-    step
-        Step of each axis in `step_lookup`, shape (k,); or None.
     """
 
+    #: Strictly increasing breakpoints of each axis, padded with plus infinity; shape (k, n).
     breakpoints: Float[Array, "k n"]
+    #: Lower bound of the arguments before the look-up: first breakpoint of a clamped axis, minus infinity for linear
+    #: extrapolation; shape (k,).
     lower: Float[Array, " k"]
+    #: Upper bound of the arguments: last breakpoint of a clamped axis, or plus infinity; shape (k,).
     upper: Float[Array, " k"]
-    sizes: tuple[int, ...] = eqx.field(static=True)
+    sizes: tuple[int, ...] = eqx.field(static=True)  #: Number of breakpoints of each axis, at least 2.
+    #: Whether the breakpoints of every axis are evenly spaced, to rounding; the interval index is then computed.
     even: bool = eqx.field(static=True)
+    #: For axes with breakpoints at multiples of a step: interval index, lower breakpoint and reciprocal interval length
+    #: for every step; shape (k steps, 3), axes concatenated. Twice as fast as a search for the interval. Otherwise
+    #: None.
     step_lookup: Float[Array, "all_steps 3"] | None = None
-    step: Float[Array, " k"] | None = None
+    step: Float[Array, " k"] | None = None  #: Step of each axis in `step_lookup`, shape (k,); or None.
 
     def locate(self, x: Float[Array, " k"]) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
         """Return interval index and fraction within the interval (outside 0..1 if extrapolated), on each axis."""
@@ -82,21 +72,13 @@ class Tables(eqx.Module):
     """Groups of tabulated functions on shared axes, multilinear between the breakpoints.
 
     The functions of a group depend on the same axes.
-
-    Attributes
-    ----------
-    axes
-        Axes of every group.
-    cells
-        For each group and each cell of its axes (row-major), coefficients of 1, u, v, u v, ... in the fractions u, v,
-        ... along the group's axes; shape (cells, 2^axes, functions).
-    axis_indices
-        Indices of each group's axes.
     """
 
-    axes: Axes
+    axes: Axes  #: Axes of every group.
+    #: For each group and each cell of its axes (row-major), coefficients of 1, u, v, u v, ... in the fractions u, v,
+    #: ... along the group's axes; shape (cells, 2^axes, functions).
     cells: tuple[Float[Array, "cells corners functions"], ...]
-    axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    axis_indices: tuple[tuple[int, ...], ...] = eqx.field(static=True)  #: Indices of each group's axes.
 
     def __call__(self, *x: ScalarLike) -> tuple[Float[Array, " functions"], ...]:
         """Evaluate the functions of each group; one argument per axis."""
