@@ -27,11 +27,7 @@ def cases_of(study: Path, flights: int) -> list[FlightCase]:
     study_config, scenario, sampled_values = load_study(study)
     applied = applied_values(study_config, scenario, sampled_values)
     seeds = flight_seeds(study_config, next(iter(applied.values())).size)[:flights].tolist()
-    flight_values = [{path: values[k] for path, values in applied.items()} for k in range(len(seeds))]
-    return [
-        FlightCase(dispersed_scenario(scenario, seed, values_by_path))
-        for seed, values_by_path in zip(seeds, flight_values, strict=True)
-    ]
+    return [FlightCase(dispersed_scenario(scenario, seed, applied, k)) for k, seed in enumerate(seeds)]
 
 
 def flown(cases: list[FlightCase], precision: Precision) -> tuple[list[FlightRow], np.ndarray]:

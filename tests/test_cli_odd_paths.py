@@ -5,7 +5,7 @@ import os
 import pytest
 
 from anser import campaign, load, load_flight
-from anser.campaigns.rare_store import RareStore
+from anser.campaigns.rare_flights import RareStore
 from anser.campaigns.store import CampaignStore
 from anser.config import ScenarioError
 from anser.files import new_folder, write_file

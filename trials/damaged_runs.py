@@ -250,7 +250,7 @@ class RareTrial(Trial):
         """Damage a fresh copy."""
         shutil.rmtree(self.out, ignore_errors=True)
         shutil.copytree(self.whole, self.out)
-        files = [*sorted((self.out / "flown").iterdir()), self.out / "rare-asked.json"]
+        files = sorted(path for part in ("flown", "checksums") for path in (self.out / part).iterdir())
         return self._mutated(number, draw, tuple(MUTATIONS), files)
 
     def verdict(self, number: int) -> str:
@@ -264,7 +264,7 @@ class RareTrial(Trial):
         try:
             result = rare(self.study, self.out, resume=True, processes=1)
         except StoreError as error:
-            return "refused" if "rare-asked.json" in str(error) else f"FAILED: {error}"
+            return "refused" if "store.json: arrived" in str(error) else f"FAILED: {error}"
         return "repaired" if result.document == self.expected else "FAILED: resumed to something else"
 
 

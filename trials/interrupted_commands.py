@@ -24,7 +24,7 @@ _STOPPED = 130
 _SCENARIO, _RUN, _STUDY, _RARE = "scenario.toml", "run", "study.toml", "rare.toml"
 _PROGRAM = "import os, sys; os.write({ready}, b'x'); from anser.cli import main; sys.argv[0] = 'anser'; main()"
 _TIMEOUT_S = 600.0
-RESUMED = {"campaign": "flights.zarr", "rare": "rare-asked.json"}
+RESUMED = {"campaign": "flights.zarr", "rare": "flown"}
 """Commands with a resumable folder, and a file in it."""
 COMMANDS: dict[str, tuple[str, ...]] = {
     "run": ("run", _SCENARIO, "--out", "{out}"),

@@ -11,7 +11,6 @@ import xarray as xr
 from anser.campaigns import StoreError, campaign, flights
 from anser.campaigns.campaign_folder import open_campaign_store
 from anser.campaigns.store import CampaignStore
-from campaigns.old_stores import as_first_format
 from campaigns.study_cases import STUDIES, made_up, text_of
 from trials.damaged_files import MUTATIONS, files_of
 
@@ -87,19 +86,6 @@ def test_missing_flights_are_marked_in_plain_xarray(study, tmp_path):
     data = xr.open_zarr(tmp_path / "out" / "flights.zarr").load()
     assert np.flatnonzero(data["flown"].values).tolist() == [4, 5, 6, 7]
     assert np.isnan(data["miss_m"].values[[0, 11]]).all()
-
-
-def test_a_store_of_the_first_format_is_readable_but_not_resumable(study, whole, out):
-    as_first_format(out)
-    store, expected = CampaignStore.open(out), CampaignStore.open(whole)
-    old, new = store.dataset(), expected.dataset()
-    assert old.attrs.pop("format_version") == 1
-    assert new.attrs.pop("format_version") == 2
-    assert old.attrs == new.attrs
-    xr.testing.assert_equal(old, new)
-    xr.testing.assert_equal(store.series().load(), expected.series().load())
-    with pytest.raises(StoreError, match="a campaign of format 1, which can only be read; expected one of format 2"):
-        campaign(study, out, resume=True, processes=1)
 
 
 @pytest.mark.parametrize("seed", range(11))

@@ -48,7 +48,7 @@ def test_each_dispersed_parameter_changes_the_flight(tmp_path):
     study = study_of(vary=[], sampling={"method": "table", "file": "values.csv"})
     store = create_store(tmp_path, study, WORLD, columns)
     store._array("seed")[:] = 7  # all alike but for what is changed
-    store._checksums.record_base({"chunk": store.chunk})
+    store._checksums.record_base(store.attributes)
     fly_campaign(store)
     data = CampaignStore.open(tmp_path).dataset()
     assert (data["reason"].values == "").all()

@@ -121,18 +121,19 @@ def test_a_different_study_scenario_or_version_is_refused(tmp_path, monkeypatch)
     store = new_store(tmp_path / "out")
     study = study_of(sampling={"flights": FLIGHTS})
     values = flights.applied_values(study, THREE, {})
-    store.refuse_unless_same(study, THREE, values)
+    store.refuse_unless_same(study, THREE)
+    store.refuse_other_values(values)
     with pytest.raises(StoreError, match="other values"):
-        store.refuse_unless_same(study, THREE, {"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
+        store.refuse_other_values({"wind.speed_m_s": values["wind.speed_m_s"] + 1.0})
     with pytest.raises(StoreError, match="study"):
-        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE, values)
+        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, seed=2), THREE)
     with pytest.raises(StoreError, match="the precision float64; expected float32, to go on with it"):
-        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, precision="float32"), THREE, values)
+        store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, precision="float32"), THREE)
     with pytest.raises(StoreError, match="scenario"):
-        store.refuse_unless_same(study, THREE.replace("fleet.speed_m_s", 151.0), values)
-    monkeypatch.setattr(campaigns.store, "version_attributes", lambda: {"version_anser": "9.9"})
+        store.refuse_unless_same(study, THREE.replace("fleet.speed_m_s", 151.0))
+    monkeypatch.setattr(campaigns.store_integrity, "version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"expected 9\.9"):
-        store.refuse_unless_same(study, THREE, values)
+        store.refuse_unless_same(study, THREE)
     with pytest.raises(StoreError, match=r"expected 9\.9"):
         flights.fly_chunk(store.folder, 0)  # a worker of another version
     with pytest.raises(StoreError, match="a folder without"):
@@ -225,11 +226,10 @@ def test_series_are_resumed_with_the_campaign(tmp_path):
     store._array("series/position_error_m")[16:24] = -1.0  # half written
     fly_campaign(CampaignStore.open(store.folder))
     xr.testing.assert_identical(store.series().load(), whole.series().load())
-    values = store.applied(slice(None))[1]
-    store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, keep=KEEP), THREE, values)
+    store.refuse_unless_same(study_of(sampling={"flights": FLIGHTS}, keep=KEEP), THREE)
     changed_study = study_of(sampling={"flights": FLIGHTS}, keep={**KEEP, "series_every_s": 1.0})
     with pytest.raises(StoreError, match="study"):
-        store.refuse_unless_same(changed_study, THREE, values)
+        store.refuse_unless_same(changed_study, THREE)
 
 
 def test_a_campaign_without_series_raises_an_error(tmp_path):

@@ -7,8 +7,7 @@ import pytest
 
 from anser.campaigns import StoreError, campaign, load_study, rare, rare_flights, read_rare
 from anser.campaigns.rare_events import open_rare_store
-from anser.campaigns.rare_flights import RareFlights
-from anser.campaigns.rare_store import RareStore
+from anser.campaigns.rare_flights import RareFlights, RareStore
 from anser.campaigns.subset import SubsetPlan
 from anser.config import ScenarioError
 from anser.results.flight_rows import FlightRow
@@ -92,6 +91,9 @@ def test_an_interrupted_analysis_is_resumed_bit_identically(study, tmp_path, mon
     # none was flown twice: what was interrupted counts once more
     assert flown - interrupted == whole.store.flown // whole.flights.batch
     (tmp_path / "parts" / "flown" / "000000030.npy").unlink()
+    with pytest.raises(StoreError, match=r"arrived the batch from flight 30 on of which .*/000000030\.npy is missing"):
+        read_rare(tmp_path / "parts")
+    (tmp_path / "parts" / "checksums" / "30.json").unlink()
     with pytest.raises(StoreError, match="arrived no batch from flight 30 on"):
         read_rare(tmp_path / "parts")
 
@@ -100,13 +102,13 @@ def test_an_unsuitable_store_is_not_resumed(study, tmp_path, monkeypatch):
     open_rare_store(study, tmp_path / "out", resume=False)
     with pytest.raises(FileExistsError):
         rare(study, tmp_path / "out", processes=1)
-    with pytest.raises(StoreError, match=r"a folder without rare-asked\.json"):
+    with pytest.raises(StoreError, match="a folder without flown; expected that of a rare event"):
         rare(study, tmp_path, processes=1, resume=True)
     study.write_text(RARE_TEXT.replace("seed = 1", "seed = 2"))
     with pytest.raises(StoreError, match="a rare event with the study hash"):
         rare(study, tmp_path / "out", processes=1, resume=True)
     study.write_text(RARE_TEXT)
-    monkeypatch.setattr("anser.campaigns.rare_store.version_attributes", lambda: {"version_anser": "9.9"})
+    monkeypatch.setattr("anser.campaigns.store_integrity.version_attributes", lambda: {"version_anser": "9.9"})
     with pytest.raises(StoreError, match=r"version anser .*; expected 9\.9, to go on with it"):
         rare(study, tmp_path / "out", processes=1, resume=True)
     RareStore.open(tmp_path / "out").write(0, np.zeros(2))

@@ -3,7 +3,8 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+
+import xarray as xr
 
 from anser.campaigns.campaign_report import BACKGROUND_FLIGHTS, WORST_FLIGHTS, write_campaign
 from anser.campaigns.estimates import CampaignEstimates, estimate_campaign
@@ -22,24 +23,15 @@ from anser.campaigns.store import CampaignStore, repair_base
 from anser.campaigns.store_integrity import refuse_existing
 from anser.campaigns.study import load_study, validate_study
 from anser.files import new_folder
-from anser.missions.batches import Progress
+from anser.missions.batches import Progress, no_progress
 from anser.scenario.schema import Scenario
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 
 @dataclass(frozen=True)
 class Campaign:
-    """A campaign in a folder, complete or partial.
+    """A campaign in a folder, complete or partial."""
 
-    Attributes
-    ----------
-    store
-        Store of the campaign.
-    """
-
-    store: CampaignStore
+    store: CampaignStore  #: Store of the campaign.
 
     @property
     def folder(self) -> Path:
@@ -47,12 +39,12 @@ class Campaign:
         return self.store.folder
 
     @property
-    def dataset(self) -> "xr.Dataset":
+    def dataset(self) -> xr.Dataset:
         """Sampled values and results of each completed flight; dimensions flight and aircraft."""
         return self.store.dataset()
 
     @property
-    def series(self) -> "xr.Dataset":
+    def series(self) -> xr.Dataset:
         """Time series selected by the study's table [keep]; dimensions flight, aircraft and time.
 
         Contains the completed flights. Raises StoreError if no series are selected.
@@ -127,15 +119,14 @@ def campaign(
     FileExistsError
         The folder exists and `resume` is False.
     """
-    store = open_campaign_store(study, Path(out), resume=resume, precision=precision)
+    store, report = open_campaign_store(study, Path(out), resume=resume, precision=precision), progress or no_progress
     if cluster is None:
-        processes = choose_processes(processes, lambda: campaign_process_limit(store), progress)
+        processes = choose_processes(processes, lambda: campaign_process_limit(store), report)
     with store.locked():
-        if progress is not None:
-            for message in store.damages:
-                progress(message, None)
-        fly_campaign(store, processes or 1, progress, cluster)
-        archive_worst(store, progress)
+        for message in store.damages:
+            report(message, None)
+        fly_campaign(store, processes or 1, report, cluster)
+        archive_worst(store, report)
     return Campaign(store)
 
 
@@ -152,7 +143,8 @@ def open_campaign_store(
         applied = applied_values(requested, scenario, table_columns)
         repair_base(folder, requested, scenario, applied, campaign_seeds(requested, applied))
         store = CampaignStore.open(folder, verify_chunks=False)
-        store.refuse_unless_same(requested, scenario, applied)
+        store.refuse_unless_same(requested, scenario)
+        store.refuse_other_values(applied)
         return store
     refuse_existing(folder)
     with new_folder(folder) as staging:

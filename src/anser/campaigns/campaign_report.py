@@ -1,7 +1,6 @@
 """Report of a campaign: quantiles of the time series, replayed flights for the map, and the output files."""
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -37,29 +36,23 @@ _VALUES_MAX = 1 << 26
 """Maximum number of values of a variable in memory; of larger campaigns, evenly spaced flights are used."""
 
 
-def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands, ...]:
-    """Compute quantiles over the flights of the stored time series; empty without series or completed flights.
-
-    Parameters
-    ----------
-    flights
-        Numbers of the completed flights to include.
-    """
+def series_bands(
+    store: CampaignStore,
+    flights: np.ndarray,  # numbers of the completed flights to include
+) -> tuple[SeriesBands, ...]:
+    """Compute quantiles over the flights of the stored time series; empty without series or completed flights."""
     if store.series_selection is None or not flights.size:
         return ()
     data, bands_by_variable = store.series(), []
     times = data["time"].values
-    time_indices = np.unique(np.linspace(0, times.size - 1, min(times.size, _TIMES_MAX)).round().astype(int))
+    time_indices = _spaced_indices(times.size, _TIMES_MAX)
     names = data["aircraft"].values[:_AIRCRAFT_MAX].tolist()
-    flights_max = max(1, _VALUES_MAX // (len(names) * time_indices.size))
-    if flights.size > flights_max:
-        flights = flights[np.linspace(0, flights.size - 1, flights_max).round().astype(int)]
+    flights = flights[_spaced_indices(flights.size, max(1, _VALUES_MAX // (len(names) * time_indices.size)))]
     for key in store.series_selection.keys:
         variable = catalogue_variable(key)
         if not is_quantity(variable):
             continue
-        parts = store.read_series_chunks(variable.name, flights)
-        values = np.concatenate([part[:, : len(names), time_indices] for part in parts])
+        values = data[variable.name].sel(flight=flights).isel(aircraft=slice(len(names)), time=time_indices).values
         bands = quantiles_over(values, circular=variable.unit == "degree")
         label = "" if variable.unit == "1" else variable.unit
         bands_by_variable.append(
@@ -68,21 +61,14 @@ def series_bands(store: CampaignStore, flights: np.ndarray) -> tuple[SeriesBands
     return tuple(bands_by_variable)
 
 
-def quantiles_over(values: np.ndarray, *, circular: bool) -> np.ndarray:
-    """Compute the quantiles `BAND_QUANTILES` over the flights, for each aircraft and time; NaN without any value.
-
-    Parameters
-    ----------
-    values
-        Values of a variable; shape (flights, aircraft, times).
-    circular
-        Whether the values are angles in degrees: quantiles are then taken of the deviation from the mean direction, and
-        results may exceed 180.
-
-    Returns
-    -------
-    Quantiles; shape (quantiles, aircraft, times).
-    """
+def quantiles_over(
+    values: np.ndarray,  # values of a variable; shape (flights, aircraft, times)
+    *,
+    # whether the values are angles in degrees: quantiles are then taken of the deviation from the mean direction, and
+    # results may exceed 180
+    circular: bool,
+) -> np.ndarray:
+    """Compute `BAND_QUANTILES` over the flights, shape (quantiles, aircraft, times); NaN if every value is missing."""
     quantiles = np.full((len(BAND_QUANTILES), *values.shape[1:]), np.nan)
     has_value = ~np.isnan(values).all(axis=0)
     selected = values[:, has_value].astype(float)
@@ -108,30 +94,15 @@ _LISTED = 5
 
 def write_campaign(
     store: CampaignStore,
-    worst: int = WORST_FLIGHTS,
-    background: int = BACKGROUND_FLIGHTS,
-    progress: Progress | None = None,
+    worst: int = WORST_FLIGHTS,  # number of the worst flights to replay and draw; 0: no replays and no map
+    background: int = BACKGROUND_FLIGHTS,  # number of evenly spaced flights to replay as background of the map
+    progress: Progress | None = None,  # called with a message and the completed fraction, 0..1
 ) -> tuple[Path, ...]:
     """Write the report of a complete or partial campaign, with figures and tables, replacing former files.
 
-    Parameters
-    ----------
-    worst
-        Number of the worst flights to replay and draw; 0: no replays and no map.
-    background
-        Number of evenly spaced flights to replay as background of the map.
-    progress
-        Called with a message and the completed fraction, 0..1.
-
-    Returns
-    -------
-    Paths of the written files: `report.html`, for two or more flights `campaign.svg` and `campaign.png`, and with
-    pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`.
-
-    Raises
-    ------
-    StoreError
-        No flight is complete.
+    Returns the paths of the written files: `report.html`, for two or more flights `campaign.svg` and `campaign.png`,
+    and with pyarrow `flights.parquet`, `aircraft.parquet`, `answers.parquet` and `indices.parquet`. Raises StoreError
+    if no flight is complete.
     """
     report, data, study = progress or no_progress, store.dataset(), store.study
     if not data.sizes["flight"]:
@@ -143,7 +114,7 @@ def write_campaign(
     replay_worst = dict.fromkeys(drawn_worst, True)
     if drawn_worst:
         remaining = np.setdiff1d(started["flight"].values, drawn_worst)
-        replay_worst |= dict.fromkeys(_evenly_spaced(remaining, background), False)
+        replay_worst |= dict.fromkeys(remaining[_spaced_indices(remaining.size, background)].tolist(), False)
     estimates, sensitivities = (
         estimate_campaign(data, store.flights, study).as_dict(),
         influences(data, study, store.varied).as_dict(),
@@ -177,24 +148,20 @@ def write_campaign(
     return tuple(store.folder / path.name for path in (staging / REPORT, *figure, *tables))
 
 
-def _evenly_spaced(numbers: np.ndarray, count: int) -> Sequence[int]:
-    if not count or not numbers.size:
-        return ()
-    indices = np.linspace(0, numbers.size - 1, min(count, numbers.size)).round().astype(int)
-    return [int(number) for number in np.unique(numbers[indices])]
+def _spaced_indices(size: int, count_max: int) -> np.ndarray:
+    """Return evenly spaced indices of an array, at most `count_max`."""
+    return np.unique(np.linspace(0, size - 1, min(size, count_max)).round().astype(int))
 
 
 def _replay(
-    store: CampaignStore, data: xr.Dataset, replay_worst: dict[int, bool], report: Progress
+    store: CampaignStore,
+    data: xr.Dataset,
+    replay_worst: dict[int, bool],  # by number of the flight, whether it is one of the worst (otherwise background)
+    report: Progress,
 ) -> tuple[tuple[ReplayedFlight, ...], list[int]]:
     """Replay flights for the map; return their tracks, and the numbers of the flights whose results changed.
 
     Archived flights are read from file; the remaining flights fly in one batch.
-
-    Parameters
-    ----------
-    replay_worst
-        Flights to replay, by number; whether each is one of the worst (otherwise background).
     """
     tracks: dict[int, xr.Dataset] = {}
     cases: dict[int, FlightCase] = {}

@@ -29,29 +29,18 @@ _CONSECUTIVE_FAILURES = 3
 
 
 def fly_on_cluster(
-    address: str, fly: Callable[[Path, int], object], folder: Path, chunks: list[int]
+    address: str,  # address of a running scheduler
+    # flies a chunk of the campaign in a folder; importable by the workers. The result is ignored, since it may be lost
+    # with the worker
+    fly: Callable[[Path, int], object],
+    folder: Path,  # folder of the campaign, accessible to the workers
+    chunks: list[int],  # numbers of the chunks, in submission order
 ) -> Generator[int, None, None]:
     """Fly chunks of a campaign on the workers of a cluster; yield the number of each completed chunk.
 
-    A chunk that repeatedly kills workers is abandoned while the remaining chunks continue.
-
-    Parameters
-    ----------
-    address
-        Address of a running scheduler.
-    fly
-        Flies a chunk of the campaign in a folder; importable by the workers. The result is ignored, since it may be
-        lost with the worker.
-    folder
-        Folder of the campaign, accessible to the workers.
-    chunks
-        Numbers of the chunks, in submission order.
-
-    Raises
-    ------
-    StoreError
-        The cluster is unreachable or lacks anser; the scheduler died or does not answer; no workers for two minutes; or
-        a chunk was abandoned. Completed chunks remain complete.
+    A chunk that repeatedly kills workers is abandoned while the remaining chunks continue. Raises StoreError if the
+    cluster is unreachable or lacks anser, the scheduler died or does not answer, there are no workers for two minutes,
+    or a chunk was abandoned. Completed chunks remain complete.
     """
     with _client(address) as (client, distributed):
         watch = _Supervision(client, address)
@@ -156,7 +145,10 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
         distributed = importlib.import_module("distributed")
     except ImportError:
         raise StoreError(f"cluster: arrived an address; {install_hint('dask', 'campaign')}") from None
-    with _quiet():
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)  # a single StoreError reports a lost connection
+    try:
         try:
             client = distributed.Client(address, timeout=_CONNECT)
         except (OSError, ValueError) as error:
@@ -164,15 +156,5 @@ def _client(address: str) -> Iterator[tuple[Any, Any]]:
             raise StoreError(f"cluster: arrived {address}; {expected}") from None
         with client:
             yield client, distributed
-
-
-@contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """Silence the log of dask's client in the `with` block: a single StoreError reports a lost connection."""
-    logger = logging.getLogger("distributed.client")
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
     finally:
         logger.setLevel(level)

@@ -3,9 +3,10 @@
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from anser.campaigns.campaign_folder import Campaign
 from anser.campaigns.sampling import is_independent
@@ -16,44 +17,28 @@ from anser.results.flight_rows import AIRCRAFT_QUANTITIES, FLEET_QUANTITIES, app
 from anser.results.sampling_statistics import mcnemar_exact, order_statistic_interval, quantile, wilson_interval
 from anser.results.variable_labels import unit_attributes
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
 _OUTPUTS = {"miss_m": "greatest miss", "arrival_spread_s": "arrival spread"}
 _MEDIAN = 0.5
+_UNITS = {name: unit for name, (unit, _) in (AIRCRAFT_QUANTITIES | FLEET_QUANTITIES).items()}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Difference of one quantity between paired flights: second campaign minus first.
+    """Difference of one quantity between paired flights: second campaign minus first."""
 
-    Attributes
-    ----------
-    name
-        Name of the quantity; smaller is better.
-    words
-        Description of the quantity.
-    unit
-        Unit of the quantity.
-    second_better, alike, first_better
-        Number of flights by outcome; alike includes pairs without a value in both campaigns.
-    share, low, high
-        Fraction of the flights in which the second is better, and the bounds of its Wilson interval.
-    quantiles
-        Quantiles of the differences, each as (share, value, low, high) with the bounds of its confidence interval; None
-        if unknown.
-    """
-
-    name: str
-    words: str
-    unit: str
+    name: str  # name of the quantity; smaller is better
+    words: str  # description of the quantity
+    unit: str  # unit of the quantity
+    # number of flights by outcome; alike includes pairs without a value in both campaigns
     second_better: int
     alike: int
     first_better: int
+    # fraction of the flights in which the second is better, and the bounds of its Wilson interval
     share: float
     low: float
     high: float
+    # quantiles of the differences, each as (share, value, low, high) with the bounds of its confidence interval; None
+    # if unknown
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -64,46 +49,24 @@ class Difference:
 
 @dataclass(frozen=True)
 class CampaignComparison:
-    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both.
+    """Comparison of two campaigns whose flights are paired: flight k has the same seed in both."""
 
-    Attributes
-    ----------
-    first, second
-        Folders of the campaigns.
-    flights
-        Number of independent pairs completed in both campaigns.
-    confidence
-        Confidence level of the intervals.
-    both, first_only, second_only, neither
-        Number of pairs in which both, only the first, only the second, or no flight met every requirement.
-    p_value
-        McNemar's exact test on the pairs with one success: probability of such a difference by chance.
-    differences
-        Differences of miss and spread.
-    applied
-        Number of pairs whose sampled values differ, by key path; every pair for a path varied in one campaign only.
-    scenario
-        Differences of the base scenarios: key path, first value, second value.
-    precision
-        Precision of the first and the second campaign, "float64" or "float32".
-    dataset
-        Paired `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
-    """
-
-    first: Path
-    second: Path
-    flights: int
-    confidence: float
-    both: int
-    first_only: int
-    second_only: int
-    neither: int
-    p_value: float
-    differences: tuple[Difference, ...]
+    first: Path  #: Folder of the first campaign.
+    second: Path  #: Folder of the second campaign.
+    flights: int  #: Number of independent pairs completed in both campaigns.
+    confidence: float  #: Confidence level of the intervals.
+    both: int  #: Number of pairs in which both flights met every requirement.
+    first_only: int  #: Number of pairs in which only the first flight met every requirement.
+    second_only: int  #: Number of pairs in which only the second flight met every requirement.
+    neither: int  #: Number of pairs in which no flight met every requirement.
+    p_value: float  #: McNemar's exact test on the pairs with one success: probability of such a difference by chance.
+    differences: tuple[Difference, ...]  #: Differences of miss and spread.
+    #: Number of pairs whose sampled values differ, by key path; every pair for a path varied in one campaign only.
     applied: dict[str, int]
+    #: Differences of the base scenarios: key path, first value, second value.
     scenario: tuple[tuple[str, Any, Any], ...]
-    precision: tuple[str, str]
-    dataset: "xr.Dataset"
+    precision: tuple[str, str]  #: Precision of the first and the second campaign, "float64" or "float32".
+    dataset: xr.Dataset  #: Paired `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the comparison as plain data for JSON, without the dataset."""
@@ -121,22 +84,11 @@ class CampaignComparison:
 def compare_campaigns(
     first: Campaign | str | os.PathLike[str], second: Campaign | str | os.PathLike[str]
 ) -> CampaignComparison:
-    """Compare two campaigns flight by flight: flight k has the same seed in both.
+    """Compare two campaigns, or their folders, flight by flight: flight k has the same seed in both.
 
     Random effects are then identical, so the difference of a pair is due to the changed settings. A missing miss
-    distance counts as infinite; pairs with two missing values are alike.
-
-    Parameters
-    ----------
-    first, second
-        Campaigns, or their folders. Scenarios and distributions may differ; seeds and number of flights must agree.
-
-    Raises
-    ------
-    StoreError
-        A folder has no campaign.
-    ValueError
-        The flights are not paired, or no flight was completed in both campaigns.
+    distance counts as infinite; pairs with two missing values are alike. Raises StoreError if a folder has no campaign,
+    ValueError if the flights are not paired, or no flight was completed in both campaigns.
     """
     store_1, store_2 = (_store(source) for source in (first, second))
     _refuse_unpaired(store_1, store_2)
@@ -186,18 +138,15 @@ def _refuse_unpaired(store_1: CampaignStore, store_2: CampaignStore) -> None:
         )
 
 
-def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> "xr.Dataset":
+def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> xr.Dataset:
     """Return the results of the paired flights, dimensions campaign and flight, for the given flight numbers."""
-    import xarray as xr
-
     datasets = [data.dataset().sel(flight=numbers) for data in (store_1, store_2)]
     is_met = np.stack([data["met"].values for data in datasets])
     dimensions = ("campaign", "flight")
-    labels = {**AIRCRAFT_QUANTITIES, **FLEET_QUANTITIES}
     variables: dict[str, Any] = {"met": (dimensions, is_met, unit_attributes("1", "Whether every requirement is met"))}
     for name in applicable_quantities(_OUTPUTS, datasets[0]):
         values = np.stack([worst_of_fleet(data, name) for data in datasets])
-        variables[name] = (dimensions, values, unit_attributes(labels[name][0], _OUTPUTS[name]))
+        variables[name] = (dimensions, values, unit_attributes(_UNITS[name], _OUTPUTS[name]))
     return xr.Dataset(variables, coords={"campaign": ["first", "second"], "flight": numbers})
 
 
@@ -210,29 +159,12 @@ def _difference(name: str, values: np.ndarray, shares: list[float], confidence: 
     low, high = wilson_interval(better_count, count, confidence)
     quantiles = []
     for share in shares:
-        interval = order_statistic_interval(difference, share, confidence)
-        quantiles.append(
-            (
-                share,
-                finite_or_none(quantile(difference, share)),
-                finite_or_none(interval[0]),
-                finite_or_none(interval[1]),
-            )
-        )
-    unit = {**AIRCRAFT_QUANTITIES, **FLEET_QUANTITIES}[name][0]
+        value, interval = quantile(difference, share), order_statistic_interval(difference, share, confidence)
+        quantiles.append((share, finite_or_none(value), *map(finite_or_none, interval)))
     alike_count = int(alike.sum())
-    return Difference(
-        name,
-        _OUTPUTS[name],
-        unit,
-        better_count,
-        alike_count,
-        count - better_count - alike_count,
-        better_count / count,
-        low,
-        high,
-        tuple(quantiles),
-    )
+    counts = better_count, alike_count, count - better_count - alike_count
+    shares_better = better_count / count, low, high
+    return Difference(name, _OUTPUTS[name], _UNITS[name], *counts, *shares_better, tuple(quantiles))
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:

@@ -1,6 +1,5 @@
 """Distributions of dispersed parameters: transformation of uniform numbers to values."""
 
-from collections.abc import Callable
 from typing import Annotated, Literal
 
 import numpy as np
@@ -72,18 +71,18 @@ class Dispersion(Table):
     def consistency_problems(self) -> list[Problem]:
         """Return problems of missing, superfluous and inconsistent keys."""
         required = _KEYS[self.distribution]
-        allowed = {*required, "weights"} if self.distribution == "choice" else {*required}
-        all_keys = {key for keys in _KEYS.values() for key in keys} | {"weights"}
+        superfluous = {key for keys in _KEYS.values() for key in keys} - {*required}
+        if self.distribution != "choice":
+            superfluous.add("weights")
+        keys_text = f"{self.distribution} has {', '.join(required)}"
         problems = [
-            Problem(key, "nothing", f"a value: the distribution {self.distribution} has {', '.join(required)}")
+            Problem(key, "nothing", f"a value: the distribution {keys_text}")
             for key in required
             if getattr(self, key) is None
         ]
         problems += [
-            Problem(
-                key, describe_value(getattr(self, key)), f"no such key: {self.distribution} has {', '.join(required)}"
-            )
-            for key in sorted(all_keys - allowed)
+            Problem(key, describe_value(getattr(self, key)), f"no such key: {keys_text}")
+            for key in sorted(superfluous)
             if getattr(self, key) is not None
         ]
         if problems:
@@ -119,7 +118,22 @@ class Dispersion(Table):
 
         For a the listed values share the interval from 0 to 1 in their order, by weight.
         """
-        return _INVERSE[self.distribution](self, shares)
+        low, mode, high, mean, sigma = (getattr(self, key) for key in ("low", "mode", "high", "mean", "sigma"))
+        match self.distribution:
+            case "normal":
+                return stats.norm.ppf(shares, mean, sigma)
+            case "truncated":
+                return np.clip(stats.truncnorm.ppf(shares, *self._scaled_bounds(), mean, sigma), low, high)
+            case "uniform":
+                return stats.uniform.ppf(shares, low, high - low)
+            case "log-normal":
+                return stats.lognorm.ppf(shares, sigma, scale=self.median)
+            case "triangular":
+                return stats.triang.ppf(shares, (mode - low) / (high - low), low, high - low)
+        values = self.values or ()
+        cumulative_weights = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
+        indices = np.searchsorted(cumulative_weights / cumulative_weights[-1], shares, side="right")
+        return np.array(values)[np.minimum(indices, len(values) - 1)]
 
     @property
     def is_number(self) -> bool:
@@ -130,29 +144,6 @@ class Dispersion(Table):
         """Return the bounds of a truncated normal distribution, less the mean, in standard deviations."""
         low, high, mean, sigma = (getattr(self, key) for key in ("low", "high", "mean", "sigma"))
         return (low - mean) / sigma, (high - mean) / sigma
-
-    def _truncated(self, shares: np.ndarray) -> np.ndarray:
-        return np.clip(stats.truncnorm.ppf(shares, *self._scaled_bounds(), self.mean, self.sigma), self.low, self.high)
-
-    def _triangular(self, shares: np.ndarray) -> np.ndarray:
-        low, mode, high = (getattr(self, key) for key in ("low", "mode", "high"))
-        return stats.triang.ppf(shares, (mode - low) / (high - low), low, high - low)
-
-    def _choose(self, shares: np.ndarray) -> np.ndarray:
-        values = self.values or ()
-        cumulative_weights = np.cumsum(np.ones(len(values)) if self.weights is None else self.weights)
-        indices = np.searchsorted(cumulative_weights / cumulative_weights[-1], shares, side="right")
-        return np.array(values)[np.minimum(indices, len(values) - 1)]
-
-
-_INVERSE: dict[str, Callable[[Dispersion, np.ndarray], np.ndarray]] = {
-    "normal": lambda vary, shares: stats.norm.ppf(shares, vary.mean, vary.sigma),
-    "truncated": Dispersion._truncated,
-    "uniform": lambda vary, shares: stats.uniform.ppf(shares, vary.low, vary.high - vary.low),  # pyright: ignore
-    "log-normal": lambda vary, shares: stats.lognorm.ppf(shares, vary.sigma, scale=vary.median),
-    "triangular": Dispersion._triangular,
-    "choice": Dispersion._choose,
-}
 
 
 def _kind(value: Value) -> str:

@@ -5,20 +5,16 @@ A flight succeeds if every aircraft arrives and every requirement is met.
 
 from collections import Counter
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from anser.campaigns.sampling import is_independent
+from anser.campaigns.study import Study
 from anser.results.documents import finite_or_none
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
-
-if TYPE_CHECKING:
-    import xarray as xr
-
-    from anser.campaigns.study import Study
-
 
 _UPPER = {
     "miss_m": ("greatest miss", "m"),
@@ -36,76 +32,36 @@ _LOWER = {
 
 @dataclass(frozen=True)
 class QuantileEstimate:
-    """Quantile of a quantity over the flights of a campaign, with its confidence interval.
+    """Quantile of a quantity over the flights of a campaign, with its confidence interval."""
 
-    Attributes
-    ----------
-    name
-        Name of the quantity, such as "miss_m".
-    words
-        Description of the quantity.
-    unit
-        Unit of the quantity.
-    share
-        Fraction of the flights below the value, or above the value if `upper` is False.
-    upper
-        Whether the quantile is an upper bound.
-    value
-        The quantile; None if unknown because of too many failed or too few flights.
-    low, high
-        Bounds of the confidence interval, two of the sorted values; None as for `value`.
-    """
-
-    name: str
-    words: str
-    unit: str
-    share: float
-    upper: bool
-    value: float | None
+    name: str  # name of the quantity, such as "miss_m"
+    words: str  # description of the quantity
+    unit: str  # unit of the quantity
+    share: float  # fraction of the flights below the value, or above the value if `upper` is False
+    upper: bool  # whether the quantile is an upper bound
+    value: float | None  # the quantile; None if unknown because of too many failed or too few flights
+    # bounds of the confidence interval, two of the sorted values; None as for `value`
     low: float | None
     high: float | None
 
 
 @dataclass(frozen=True)
 class CampaignEstimates:
-    """Estimates from the completed flights of a campaign.
+    """Estimates from the completed flights of a campaign."""
 
-    Attributes
-    ----------
-    flights
-        Number of planned flights.
-    flown
-        Number of completed flights, including flights that could not start.
-    met
-        Number of flights with every requirement met.
-    confidence
-        Confidence level of the intervals.
-    independent
-        Number of independent completed flights: all, except in the blocks of a Saltelli sampling. Probability and
-        quantiles use only independent flights; otherwise the intervals would be too narrow.
-    probability
-        Probability that every requirement is met; None before the first flight.
-    low, high
-        Bounds of the Wilson interval of the probability.
-    causes
-        Number of flights by failure cause, most frequent first.
-    quantiles
-        Quantiles of each quantity.
-    worst
-        Numbers of at most ten flights: failed flights first, then by greatest miss.
-    """
-
-    flights: int
-    flown: int
-    met: int
-    confidence: float
+    flights: int  #: Number of planned flights.
+    flown: int  #: Number of completed flights, including flights that could not start.
+    met: int  #: Number of flights with every requirement met.
+    confidence: float  #: Confidence level of the intervals.
+    #: Number of independent completed flights: all, except in the blocks of a Saltelli sampling. Probability and
+    #: quantiles use only independent flights; otherwise the intervals would be too narrow.
     independent: int
-    probability: float | None
-    low: float
-    high: float
-    causes: dict[str, int]
-    quantiles: tuple[QuantileEstimate, ...]
-    worst: tuple[int, ...]
+    probability: float | None  #: Probability that every requirement is met; None before the first flight.
+    low: float  #: Lower bound of the Wilson interval of the probability.
+    high: float  #: Upper bound of the Wilson interval of the probability.
+    causes: dict[str, int]  #: Number of flights by failure cause, most frequent first.
+    quantiles: tuple[QuantileEstimate, ...]  #: Quantiles of each quantity.
+    worst: tuple[int, ...]  #: Numbers of at most ten flights: failed flights first, then by greatest miss.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the estimates as plain data for JSON."""
@@ -115,19 +71,10 @@ class CampaignEstimates:
 _WORST = 10
 
 
-def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> CampaignEstimates:
-    """Compute the estimates of a campaign.
+def estimate_campaign(data: xr.Dataset, flights: int, study: Study) -> CampaignEstimates:
+    """Compute the estimates of a campaign with `flights` planned flights from its dataset of completed flights.
 
     Failed flights count as failures in every estimate; they are never left out as missing.
-
-    Parameters
-    ----------
-    data
-        Completed flights, from `CampaignStore.dataset`.
-    flights
-        Number of planned flights.
-    study
-        Study with the confidence level and the quantiles.
     """
     flown, met_count, settings = data.sizes["flight"], int(data["met"].sum()), study.answers
     independent = data.isel(flight=np.flatnonzero(is_independent(study, data["flight"].values)))
@@ -143,26 +90,25 @@ def estimate_campaign(data: "xr.Dataset", flights: int, study: "Study") -> Campa
                     _quantile_estimate(name, description, unit, values, share, upper, settings.confidence)
                     for share in settings.quantiles
                 ]
-    share, worst = met_independent / count if count else None, worst_flights(data, _WORST)
     return CampaignEstimates(
-        flights,
-        flown,
-        met_count,
-        settings.confidence,
-        count,
-        share,
-        low,
-        high,
-        _causes(data),
-        tuple(quantile_estimates),
-        worst,
+        flights=flights,
+        flown=flown,
+        met=met_count,
+        confidence=settings.confidence,
+        independent=count,
+        probability=met_independent / count if count else None,
+        low=low,
+        high=high,
+        causes=_causes(data),
+        quantiles=tuple(quantile_estimates),
+        worst=worst_flights(data, _WORST),
     )
 
 
 def _quantile_estimate(
     name: str, description: str, unit: str, values: np.ndarray, share: float, upper: bool, confidence: float
 ) -> QuantileEstimate:
-    """Return the estimate of one quantile; `values` has the worst value of each flight, infinite for a failure."""
+    """Estimate one quantile of the worst values of each flight, infinite for a failure."""
     sign = 1.0 if upper else -1.0
     low, high = order_statistic_interval(sign * values, share, confidence)
     value = sign * quantile(sign * values, share)
@@ -170,7 +116,7 @@ def _quantile_estimate(
     return QuantileEstimate(name, description, unit, share, upper, *map(finite_or_none, (value, *interval)))
 
 
-def _causes(data: "xr.Dataset") -> dict[str, int]:
+def _causes(data: xr.Dataset) -> dict[str, int]:
     """Count the failed flights by cause, most frequent first.
 
     The cause is the reason of a failed start, otherwise each aircraft status other than arrived and each unmet
@@ -185,7 +131,7 @@ def _causes(data: "xr.Dataset") -> dict[str, int]:
     return dict(counts.most_common())
 
 
-def worst_flights(data: "xr.Dataset", count: int) -> tuple[int, ...]:
+def worst_flights(data: xr.Dataset, count: int) -> tuple[int, ...]:
     """Return the numbers of the worst flights, at most `count`: failed flights first, then by greatest miss."""
     misses = worst_of_fleet(data, "miss_m")
     order = np.lexsort((-misses, data["met"].values))

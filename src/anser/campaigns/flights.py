@@ -1,13 +1,8 @@
-"""Flights of a campaign.
-
-The module computes the scenario of each flight from the sampled values, checks a study before the first flight, and
-flies the missing chunks.
-"""
+"""Flights of a campaign: scenarios from the sampled values, checks before the first flight, and the missing chunks."""
 
 import contextlib
-import functools
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -42,22 +37,14 @@ VALIDATED_FLIGHTS = 64
 
 
 def applied_values(study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Sample a study; return the values applied to each flight's scenario, by key path. Raises as `apply_samples`."""
+    """Sample a study and apply the samples; see `apply_samples`."""
     return apply_samples(study, scenario, sample_study(study, table_columns))
 
 
 def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the values to write into each flight's scenario, by key path: samples set, added to or multiplied.
 
-    Parameters
-    ----------
-    sampled
-        Sampled values by key path, one per flight.
-
-    Raises
-    ------
-    ScenarioError
-        A path does not exist, or is not a number although the operation is add or multiply.
+    Raises ScenarioError if a path does not exist, or is not a number although the operation is add or multiply.
     """
     operations, applied = {dispersion.path: dispersion.how for dispersion in study.vary}, {}
     for path, values in sampled.items():
@@ -67,7 +54,8 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
             raise ScenarioError(f"{study.name}, what varies of {scenario.name}", error.problems) from None
         if operations.get(path, "set") != "set":
             if isinstance(base, bool) or not isinstance(base, int | float):
-                raise ScenarioError(study.name, [_not_a_number_problem(path, base, operations[path])])
+                arrived = f'{describe_value(base)} in the scenario, with how = "{operations[path]}"'
+                raise ScenarioError(study.name, [Problem(path, arrived, 'a number there, or how = "set"')])
             values = base + values if operations[path] == "add" else base * values
         is_integer = isinstance(base, int) and not isinstance(base, bool) and values.dtype.kind == "f"
         applied[path] = values.astype(int) if is_integer and np.all(values == np.rint(values)) else values
@@ -76,20 +64,17 @@ def apply_samples(study: Study, scenario: Scenario, sampled: dict[str, np.ndarra
 
 def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: dict[str, np.ndarray]) -> CampaignStore:
     """Check a study and create the campaign's store in an existing folder; raises ScenarioError and StoreError."""
-    check_precision(scenario, study.precision, study.name)
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
-    count = seeds.size
-    refuse_invalid_flights(study, scenario, applied, count)
-    refuse_paths_without_effect(study, scenario, applied, count)
-    refuse_series(study.keep, study.name, _valid_scenarios(scenario, applied, count), applied)
-    chunk_max = (
+    refuse_early(study, scenario, applied, seeds.size)
+    valid_scenarios = (dispersed for dispersed, _ in _valid_cases(scenario, applied, seeds.size))
+    refuse_series(study.keep, study.name, valid_scenarios, applied)
+    chunk = (
         _CHUNK_WITHOUT_BATCH
         if needs_single_flight(scenario)
         else batch_size_for(BATCH, scenario, select_series(study.keep, scenario))
     )
-    chunk = min(chunk_max, count)
-    return CampaignStore.create(folder, study, scenario, applied, seeds, chunk)
+    return CampaignStore.create(folder, study, scenario, applied, seeds, min(chunk, seeds.size))
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
@@ -98,53 +83,36 @@ def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def fly_campaign(
-    store: CampaignStore, processes: int = 1, progress: Progress | None = None, cluster: str | None = None
+    store: CampaignStore,
+    processes: int = 1,
+    progress: Progress = no_progress,  # called with a message and the completed fraction of the flights, 0..1
+    # address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
+    # folder
+    cluster: str | None = None,
 ) -> None:
-    """Fly the missing or damaged flights of a campaign.
+    """Fly the missing or damaged flights of a campaign until all are complete or the stopping rule is satisfied.
 
-    Parameters
-    ----------
-    progress
-        Called with a message and the completed fraction of the flights, 0..1.
-    cluster
-        Address of a running scheduler of dask.distributed, whose workers fly instead; the workers need access to the
-        folder.
-
-    Raises
-    ------
-    StoreError
-        A process was killed, the cluster is unreachable or lost, or another process flies the campaign. Completed
-        chunks remain complete.
+    Raises StoreError if a process was killed, the cluster is unreachable or lost, or another process flies the
+    campaign. Completed chunks remain complete.
     """
-    with store.locked():
-        _fly_missing(store, processes, progress or no_progress, cluster)
-
-
-def _fly_missing(store: CampaignStore, processes: int, tell: Progress, cluster: str | None) -> None:
-    """Fly the incomplete chunks of a locked campaign until all are complete or the stopping rule is satisfied."""
-    total = store.flights
-    missing = [int(chunk) for chunk in np.flatnonzero(~store.chunk_is_complete)]
-    flown_count = store.flown.size
-
-    def report() -> None:
-        tell(f"{flown_count} of {total} flights", flown_count / total)
-
-    report()
-    if store.converged_chunks is not None:
-        return
-    folder = store.folder.resolve()
     with contextlib.ExitStack() as stack:
+        stack.enter_context(store.locked())
+        missing, flown_count = np.flatnonzero(~store.chunk_is_complete).tolist(), store.flown.size
+        progress(f"{flown_count} of {store.flights} flights", flown_count / store.flights)
+        if store.converged_chunks is not None:
+            return
+        folder = store.folder.resolve()
         if cluster is not None:
             completed_chunks = fly_on_cluster(cluster, fly_chunk, folder, missing)
         else:
             processes = min(processes, len(missing))
             executor = stack.enter_context(worker_processes(processes))
-            fly, tasks = functools.partial(fly_chunk, folder), [(chunk,) for chunk in missing]
-            completed_chunks = (chunk for _, chunk in fly_concurrently(executor, fly, tasks, processes, folder))
+            tasks = [(folder, chunk) for chunk in missing]
+            completed_chunks = (chunk for _, chunk in fly_concurrently(executor, fly_chunk, tasks, processes, folder))
         for chunk in stack.enter_context(contextlib.closing(completed_chunks)):
             flights = store.chunk_slice(chunk)
             flown_count += flights.stop - flights.start
-            report()
+            progress(f"{flown_count} of {store.flights} flights", flown_count / store.flights)
             if store.converged_chunks is not None:
                 break
 
@@ -157,19 +125,14 @@ def campaign_process_limit(store: CampaignStore) -> ProcessLimit:
 
 
 def flight_scenario(store: CampaignStore, number: int) -> Scenario:
-    """Return the scenario of one flight.
+    """Return the scenario of flight `number`.
 
-    Raises
-    ------
-    ValueError
-        `number` is out of range.
-    ScenarioError
-        The sampled values are not a valid scenario.
+    Raises ValueError if out of range, ScenarioError if the sampled values are not a valid scenario.
     """
     if not 0 <= number < store.flights:
         raise ValueError(f"flight: arrived {number}; expected one from 0 to {store.flights - 1}")
     seeds, applied = store.applied(slice(number, number + 1))
-    return dispersed_scenario(store.scenario, int(seeds[0]), {path: values[0] for path, values in applied.items()})
+    return dispersed_scenario(store.scenario, int(seeds[0]), applied, 0)
 
 
 def fly_chunk(folder: Path, chunk: int) -> int:
@@ -179,58 +142,47 @@ def fly_chunk(folder: Path, chunk: int) -> int:
     if store.chunk_is_complete[chunk]:  # a cluster may submit it again when the worker dies
         return chunk
     seeds, applied = store.applied(store.chunk_slice(chunk))
-    flight_rows: list[FlightRow | None] = [None] * seeds.size
     cases: dict[int, FlightCase] = {}
+    flight_rows: dict[int, FlightRow] = {}
     for k, seed in enumerate(seeds.tolist()):
         if not applied:
             cases[k] = FlightCase(store.scenario, seed=seed)
             continue
         try:
-            cases[k] = FlightCase(
-                dispersed_scenario(store.scenario, seed, {path: column[k] for path, column in applied.items()})
-            )
+            cases[k] = FlightCase(dispersed_scenario(store.scenario, seed, applied, k))
         except ScenarioError as error:
             flight_rows[k] = FlightRow.failed_start("; ".join(map(str, error.problems)))
     flown = fly_many(
         list(cases.values()), batch=store.chunk, series=store.series_selection, precision=store.study.precision
     )
-    for k, flight_row in zip(cases, flown, strict=True):
-        flight_rows[k] = flight_row
-    store.write(chunk, [flight_row for flight_row in flight_rows if flight_row is not None])
+    flight_rows.update(zip(cases, flown, strict=True))
+    store.write(chunk, [flight_rows[k] for k in range(seeds.size)])
     return chunk
 
 
-def dispersed_scenario(base: Scenario, seed: int, applied: dict[str, Any]) -> Scenario:
-    """Return a scenario with a seed and values by path; raises ScenarioError if the result is invalid."""
-    changes: list[object] = ["seed", seed]
-    for path, value in applied.items():
-        changes += [path, value.item()]
-    return base.replace(*changes)  # pyright: ignore[reportArgumentType]
+def dispersed_scenario(base: Scenario, seed: int, applied: Mapping[str, np.ndarray], number: int) -> Scenario:
+    """Return a scenario with a seed and the values of flight `number`; raises ScenarioError if it is invalid.
+
+    `applied` has an array over the flights for each key path.
+    """
+    changes = {"seed": seed, **{path: values[number].item() for path, values in applied.items()}}
+    return base.replace(*itertools.chain.from_iterable(changes.items()))  # pyright: ignore[reportArgumentType]
 
 
-def refuse_invalid_flights(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Raise ScenarioError if all of the first flights of a study (at most 64) have invalid scenarios."""
-    first_error: ScenarioError | None = None
-    for k in range(min(count, VALIDATED_FLIGHTS)):
+def refuse_early(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
+    """Raise ScenarioError before flying if the flights of a study cannot be flown as requested.
+
+    That is, in its precision; if all of the first flights (at most 64) have invalid scenarios; or if a varied path
+    changes nothing in any of the first flights.
+    """
+    check_precision(scenario, study.precision, study.name)
+    cases = list(itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS))
+    if not cases:
         try:
-            dispersed_scenario(scenario, 0, {path: values[k] for path, values in applied.items()})
+            dispersed_scenario(scenario, 0, applied, 0)
         except ScenarioError as error:
-            first_error = first_error or error
-        else:
-            return
-    if first_error is not None:
-        raise ScenarioError(f"{study.name}, every flight", first_error.problems)
-
-
-def refuse_paths_without_effect(study: Study, scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> None:
-    """Raise ScenarioError if a varied path changes nothing in any of the first flights."""
-    first_cases = itertools.islice(_valid_cases(scenario, applied, count), _BUILT_FLIGHTS)
-    refuse_unused_keys(f"{study.name}, what varies of {scenario.name}", first_cases)
-
-
-def _valid_scenarios(scenario: Scenario, applied: dict[str, np.ndarray], count: int) -> Iterator[Scenario]:
-    """Yield the valid scenarios among the first flights."""
-    return (dispersed for dispersed, _ in _valid_cases(scenario, applied, count))
+            raise ScenarioError(f"{study.name}, every flight", error.problems) from None
+    refuse_unused_keys(f"{study.name}, what varies of {scenario.name}", cases)
 
 
 def _valid_cases(
@@ -238,12 +190,6 @@ def _valid_cases(
 ) -> Iterator[tuple[Scenario, dict[str, Any]]]:
     """Yield the valid scenarios among the first flights, each with the values applied to it by key path."""
     for k in range(min(count, VALIDATED_FLIGHTS) if applied else 1):
-        values = {path: column[k] for path, column in applied.items()}
         with contextlib.suppress(ScenarioError):
-            yield dispersed_scenario(scenario, 0, values), values
-
-
-def _not_a_number_problem(path: str, base: object, operation: str) -> Problem:
-    return Problem(
-        path, f'{describe_value(base)} in the scenario, with how = "{operation}"', 'a number there, or how = "set"'
-    )
+            dispersed = dispersed_scenario(scenario, 0, applied, k)
+            yield dispersed, {path: values[k] for path, values in applied.items()}

@@ -13,16 +13,13 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def available_memory(root: Path = _ROOT) -> int | None:
+def available_memory(
+    root: Path = _ROOT,  # root of the kernel's files, for tests
+) -> int | None:
     """Return the free memory for programs, bytes; None if the system does not report any.
 
     On Linux the kernel's available memory, or less if a control group (of a container or batch job) sets a lower limit;
     on other Unix systems half of the installed memory; on Windows None.
-
-    Parameters
-    ----------
-    root
-        Root of the kernel's files, for tests.
     """
     limits = [size for size in (_kernel_available(root), *_group_limits(root)) if size is not None]
     if limits:

@@ -8,10 +8,9 @@ import signal
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from anser.campaigns.machine import available_memory, usable_cores
 from anser.campaigns.store_integrity import StoreError
@@ -32,32 +31,19 @@ _COPIES = 3
 _MB = 1e6
 
 
-@dataclass(frozen=True)
-class ProcessLimit:
-    """Number of processes that the machine allows for flying.
+class ProcessLimit(NamedTuple):
+    """Number of processes that the machine allows for flying."""
 
-    Attributes
-    ----------
-    processes
-        Number of processes, at least one.
-    message
-        Explanation if memory limits the number; otherwise empty.
-    """
-
-    processes: int
-    message: str
+    processes: int  # number of processes, at least one
+    message: str  # explanation if memory limits the number; otherwise empty
 
 
-def process_limit(scenario: Scenario, batch: int, series: SeriesSelection | None = None) -> ProcessLimit:
-    """Return how many processes may fly: one per core, fewer if the free memory is too small; at least one.
-
-    Parameters
-    ----------
-    batch
-        Flights per compiled call.
-    series
-        Variables stored over time; None if none are stored.
-    """
+def process_limit(
+    scenario: Scenario,
+    batch: int,  # flights per compiled call
+    series: SeriesSelection | None = None,  # variables stored over time; None if none are stored
+) -> ProcessLimit:
+    """Return how many processes may fly: one per core, fewer if the free memory is too small; at least one."""
     cores, free_bytes = usable_cores(), available_memory()
     if free_bytes is None:
         return ProcessLimit(cores, "")
@@ -90,22 +76,16 @@ def _flight_bytes(scenario: Scenario, series: SeriesSelection | None) -> int:
     return aircraft * _AIRCRAFT_BYTES + 8 * numbers
 
 
-def choose_processes(processes: int | None, limit: Callable[[], ProcessLimit], progress: Progress | None) -> int:
-    """Return the requested number of processes, or if None the machine's limit.
-
-    Parameters
-    ----------
-    processes
-        Requested number; None for the limit.
-    limit
-        Function that computes the machine's limit.
-    progress
-        Gets a message if the memory limits the number.
-    """
+def choose_processes(
+    processes: int | None,  # requested number; None for the limit
+    limit: Callable[[], ProcessLimit],  # function that computes the machine's limit
+    progress: Progress,  # gets a message if the memory limits the number
+) -> int:
+    """Return the requested number of processes, or if None the machine's limit."""
     if processes is not None:
         return processes
     chosen = limit()
-    if chosen.message and progress is not None:
+    if chosen.message:
         progress(chosen.message, None)
     return chosen.processes
 
@@ -155,31 +135,15 @@ def _initialize_worker() -> None:
 
 
 def fly_concurrently(
-    executor: Executor | None,
-    fly: Callable[..., Result],
-    tasks: Sequence[tuple[Any, ...]],
-    concurrency: int,
-    folder: Path,
+    executor: Executor | None,  # worker processes; None evaluates in this process
+    fly: Callable[..., Result],  # function of a task, importable by the workers
+    tasks: Sequence[tuple[Any, ...]],  # arguments of `fly`, one tuple per task
+    concurrency: int,  # number of tasks submitted at a time
+    folder: Path,  # folder of the store, for messages
 ) -> Generator[tuple[int, Result], None, None]:
     """Evaluate `fly(*task)` for each task; yield each task's index and result, in order of completion.
 
-    Parameters
-    ----------
-    executor
-        Worker processes; None evaluates in this process.
-    fly
-        Function of a task, importable by the workers.
-    tasks
-        Arguments of `fly`, one tuple per task.
-    concurrency
-        Number of tasks submitted at a time.
-    folder
-        Folder of the store, for messages.
-
-    Raises
-    ------
-    StoreError
-        A worker was killed.
+    Raises StoreError if a worker was killed.
     """
     if executor is None:
         for index, task in enumerate(tasks):

@@ -1,30 +1,23 @@
-"""Rare-event analysis for users.
-
-Fly a study by subset simulation and read the probability, the exceedance curve and the worst flights (`rare`,
-`RareEvent`, `read_rare`).
-"""
+"""Rare-event analysis for users: fly a study by subset simulation, and read the results."""
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from anser.campaigns.processes import choose_processes, process_limit, worker_processes
-from anser.campaigns.rare_flights import RareFlights, fly_points
-from anser.campaigns.rare_store import RareStore, provenance
+from anser.campaigns.rare_flights import RareFlights, RareStore, fly_repetitions
 from anser.campaigns.store_integrity import refuse_existing
-from anser.campaigns.study import load_study
-from anser.campaigns.subset import Repetition, SubsetEstimate, estimate, subset_simulation
+from anser.campaigns.study import RareEventConfig, load_study
+from anser.campaigns.subset import Repetition, SubsetEstimate, estimate
 from anser.missions.batches import Progress, no_progress
 from anser.missions.flight_batches import FlightCase
 from anser.missions.plans import plan
 from anser.missions.runs import FlightResult, run
-from anser.results.documents import finite_or_none, write_json
+from anser.results.documents import finite_or_none, version_attributes, write_json
 from anser.results.flight_rows import AIRCRAFT_QUANTITIES, FLEET_QUANTITIES
 
 _WORST = 10
@@ -32,125 +25,12 @@ _THRESHOLDS = 121
 """Number of points of the exceedance curve."""
 
 
-class WorstPoint(NamedTuple):
-    """A flight of the last level: signed value (greater is worse), number, and random numbers as a point."""
-
-    value: float
-    number: int
-    point: np.ndarray
-
-
-def worst_points(repetitions: Sequence[Repetition]) -> list[WorstPoint]:
-    """Return the worst distinct flights of the repetitions' last levels, the worst first, at most ten."""
-    points_by_number: dict[int, WorstPoint] = {}
-    for repetition in repetitions:
-        for value, number, point in zip(
-            repetition[-1].values, repetition[-1].numbers, repetition[-1].points, strict=True
-        ):
-            points_by_number[int(number)] = WorstPoint(float(value), int(number), point)
-    return sorted(points_by_number.values(), key=lambda worst: (-worst.value, worst.number))[:_WORST]
-
-
-def rare_document(
-    store: RareStore, flights: RareFlights, repetitions: Sequence[Repetition], probability_estimate: SubsetEstimate
-) -> dict[str, Any]:
-    """Return the results of a rare-event analysis as plain data for JSON; values that are not finite become None."""
-    rare, plan = flights.config, flights.plan
-
-    def quantity(value: float) -> float | None:
-        return finite_or_none(flights.signed_value(value))
-
-    levels = []
-    for k in range(max(map(len, repetitions))):
-        reaching = [item[k] for item in repetitions if len(item) > k]
-        levels.append(
-            {
-                "flights": len(reaching) * (plan.points if k == 0 else plan.points - plan.chains),
-                "bounds": [quantity(item.bound) for item in reaching],
-                "shares": [item.share for item in reaching],
-                "acceptances": [finite_or_none(item.acceptance) for item in reaching],
-            }
-        )
-    last_values = np.concatenate([item[-1].values for item in repetitions])
-    return {
-        **provenance(store.study, store.scenario),
-        "study": store.study.name,
-        "scenario": store.scenario.name,
-        "statistic": rare.statistic,
-        "threshold": rare.threshold,
-        "breached": "below" if rare.breached_below else "above",
-        "probability": probability_estimate.probability,
-        "low": probability_estimate.low,
-        "high": probability_estimate.high,
-        "confidence": store.study.answers.confidence,
-        "repetitions": plan.repetitions,
-        "flights": sum(level["flights"] for level in levels),
-        "failed_share_of_last_level": float(np.mean(np.isinf(last_values))),
-        "levels": levels,
-        "worst": [
-            {
-                "flight": item.number,
-                rare.statistic: quantity(item.value),
-                "flights": item.point["flights"][: item.point["count"]].tolist(),
-                "weights": item.point["weights"][: item.point["count"]].tolist(),
-            }
-            for item in worst_points(repetitions)
-        ],
-    }
-
-
-def exceedance_dataset(flights: RareFlights, repetitions: Sequence[Repetition]) -> xr.Dataset:
-    """Compute the curve of exceedance probability against threshold, with confidence interval.
-
-    The curve starts at the median of the plain Monte Carlo flights (probability one half) and ends at the study's
-    threshold, or short of it at the last bound that the levels reached.
-    """
-    rare, confidence = flights.config, flights.study.answers.confidence
-    first_values = np.concatenate([item[0].values for item in repetitions])
-    last_bound = min(flights.threshold, *(item[-1].bound for item in repetitions if len(item) > 1), np.inf)
-    reached = estimate(repetitions, flights.threshold, confidence).probability is not None
-    curve_end = flights.threshold if reached else float(np.nextafter(last_bound, -np.inf))
-    # if half of the flights breach the threshold, or the median is infinite, the curve is a single point
-    median = float(np.median(first_values))
-    values = np.linspace(median if median < curve_end else curve_end, curve_end, _THRESHOLDS)
-    estimates = [estimate(repetitions, value, confidence) for value in values]
-    unit, description = (AIRCRAFT_QUANTITIES | FLEET_QUANTITIES)[rare.statistic]
-    breached_side = "below" if rare.breached_below else "above"
-    return xr.Dataset(
-        {
-            key: ("threshold", [np.nan if getattr(item, key) is None else getattr(item, key) for item in estimates])
-            for key in ("probability", "low", "high")
-        },
-        {"threshold": ("threshold", flights.signed_value(1.0) * values, {"units": unit, "long_name": description})},
-        {
-            "title": flights.study.name,
-            "statistic": rare.statistic,
-            "asked": rare.threshold,
-            "breached": breached_side,
-            "confidence": confidence,
-            "reached": int(reached),
-            "bounds": [flights.signed_value(level.bound) for item in repetitions for level in item[1:]],
-        },
-    )
-
-
-_DOCUMENT = "rare.json"
-
-
 @dataclass(frozen=True)
 class RareEvent:
-    """A completed rare-event analysis: probability, exceedance curve and worst flights.
+    """A completed rare-event analysis: probability, exceedance curve and worst flights."""
 
-    Attributes
-    ----------
-    store
-        Store of the analysis.
-    repetitions
-        Levels of each independent repetition of the subset simulation.
-    """
-
-    store: RareStore
-    repetitions: tuple[Repetition, ...]
+    store: RareStore  #: Store of the analysis.
+    repetitions: tuple[Repetition, ...]  #: Levels of each independent repetition of the subset simulation.
 
     @property
     def folder(self) -> Path:
@@ -169,13 +49,73 @@ class RareEvent:
 
     @property
     def document(self) -> dict[str, Any]:
-        """Content of `rare.json`: the results as plain data."""
-        return rare_document(self.store, self.flights, self.repetitions, self.estimate)
+        """Content of `rare.json`: the results as plain data; values that are not finite are None."""
+        store, flights, estimate = self.store, self.flights, self.estimate
+        rare, levels = flights.config, self._levels()
+        last_values = np.concatenate([repetition[-1].values for repetition in self.repetitions])
+        return {
+            **{key: store.attributes[key] for key in ("format_version", "study_hash", "scenario_hash")},
+            "seed": store.study.seed,
+            **version_attributes(),
+            "study": store.study.name,
+            "scenario": store.scenario.name,
+            "statistic": rare.statistic,
+            "threshold": rare.threshold,
+            "breached": _breached_side(rare),
+            "probability": estimate.probability,
+            "low": estimate.low,
+            "high": estimate.high,
+            "confidence": store.study.answers.confidence,
+            "repetitions": rare.repetitions,
+            "flights": sum(level["flights"] for level in levels),
+            "failed_share_of_last_level": float(np.mean(np.isinf(last_values))),
+            "levels": levels,
+            "worst": [
+                {
+                    "flight": number,
+                    rare.statistic: finite_or_none(flights.signed_value(value)),
+                    "flights": point["flights"][: point["count"]].tolist(),
+                    "weights": point["weights"][: point["count"]].tolist(),
+                }
+                for value, number, point in self._worst_points()
+            ],
+        }
 
     @property
-    def dataset(self) -> "xr.Dataset":
-        """Exceedance probability against the threshold, with confidence interval; see `exceedance_dataset`."""
-        return exceedance_dataset(self.flights, self.repetitions)
+    def dataset(self) -> xr.Dataset:
+        """Exceedance probability against the threshold, with confidence interval.
+
+        The curve starts at the median of the plain Monte Carlo flights (probability one half) and ends at the study's
+        threshold, or short of it at the last bound that the levels reached.
+        """
+        flights, repetitions = self.flights, self.repetitions
+        rare, confidence = flights.config, flights.study.answers.confidence
+        last_bound = min(flights.threshold, *(item[-1].bound for item in repetitions if len(item) > 1), np.inf)
+        reached = estimate(repetitions, flights.threshold, confidence).probability is not None
+        curve_end = flights.threshold if reached else float(np.nextafter(last_bound, -np.inf))
+        # if half of the flights breach the threshold, or the median is infinite, the curve is a single point
+        median = float(np.median(np.concatenate([item[0].values for item in repetitions])))
+        values = np.linspace(median if median < curve_end else curve_end, curve_end, _THRESHOLDS)
+        estimates = [estimate(repetitions, value, confidence) for value in values]
+        probabilities = [np.nan if item.probability is None else item.probability for item in estimates]
+        unit, description = (AIRCRAFT_QUANTITIES | FLEET_QUANTITIES)[rare.statistic]
+        return xr.Dataset(
+            {
+                "probability": ("threshold", probabilities),
+                "low": ("threshold", [item.low for item in estimates]),
+                "high": ("threshold", [item.high for item in estimates]),
+            },
+            {"threshold": ("threshold", flights.signed_value(1.0) * values, {"units": unit, "long_name": description})},
+            {
+                "title": flights.study.name,
+                "statistic": rare.statistic,
+                "asked": rare.threshold,
+                "breached": _breached_side(rare),
+                "confidence": confidence,
+                "reached": int(reached),
+                "bounds": [flights.signed_value(level.bound) for item in repetitions for level in item[1:]],
+            },
+        )
 
     def probability_of(self, threshold: float) -> SubsetEstimate:
         """Estimate the probability that a threshold less extreme than the study's is breached.
@@ -196,16 +136,45 @@ class RareEvent:
 
         Raises ValueError if `rank` is out of range, ScenarioError if the sampled values are not a valid scenario.
         """
-        points = worst_points(self.repetitions)
+        points = self._worst_points()
         if not 0 <= rank < len(points):
             raise ValueError(f"rank: arrived {rank}; expected one from 0 to {len(points) - 1}")
-        return self.flights.case(points[rank].point)
+        return self.flights.case(points[rank][2])
 
     def fly_worst(self, rank: int = 0) -> FlightResult:
         """Fly one of the worst flights again, alone, with the complete results of `anser.run`; rank 0 is the worst."""
         case = self.worst(rank)
         planned = plan(case.scenario, randomness=case.randomness)
         return run(case.scenario, planned=planned, precision=self.flights.study.precision)
+
+    def _levels(self) -> list[dict[str, Any]]:
+        """Return the number of flights, and the bounds, shares and acceptance rates of the repetitions, by level."""
+        flights, levels = self.flights, []
+        for k in range(max(map(len, self.repetitions))):
+            reaching = [repetition[k] for repetition in self.repetitions if len(repetition) > k]
+            points = flights.plan.points if k == 0 else flights.plan.points - flights.plan.chains
+            levels.append(
+                {
+                    "flights": len(reaching) * points,
+                    "bounds": [finite_or_none(flights.signed_value(level.bound)) for level in reaching],
+                    "shares": [level.share for level in reaching],
+                    "acceptances": [finite_or_none(level.acceptance) for level in reaching],
+                }
+            )
+        return levels
+
+    def _worst_points(self) -> list[tuple[float, int, np.ndarray]]:
+        """Return signed value, number and point of the worst distinct flights of the last levels, at most ten."""
+        points_by_number = {
+            int(number): (float(value), int(number), point)
+            for level in (repetition[-1] for repetition in self.repetitions)
+            for value, number, point in zip(level.values, level.numbers, level.points, strict=True)
+        }
+        return sorted(points_by_number.values(), key=lambda worst: (-worst[0], worst[1]))[:_WORST]
+
+
+def _breached_side(config: RareEventConfig) -> str:
+    return "below" if config.breached_below else "above"
 
 
 def rare(
@@ -252,19 +221,15 @@ def rare(
     """
     from anser.report.campaign_figures import draw_rare
 
-    store = open_rare_store(study, Path(out), resume=resume)
-    report = progress or no_progress
-    processes = choose_processes(
-        processes,
-        lambda: process_limit(store.scenario, RareFlights(store.study, store.scenario).batch),
-        progress,
-    )
+    store, report = open_rare_store(study, Path(out), resume=resume), progress or no_progress
+    batch = RareFlights(store.study, store.scenario).batch
+    processes = choose_processes(processes, lambda: process_limit(store.scenario, batch), report)
     with store.locked():
         for message in store.damages:
             report(message, None)
         with worker_processes(processes) as executor:
-            event = RareEvent(store, _repetitions(store, executor, report))
-        write_json(event.document, store.folder / _DOCUMENT, overwrite=True)
+            event = RareEvent(store, fly_repetitions(store, executor, report))
+        write_json(event.document, store.folder / "rare.json", overwrite=True)
         draw_rare(event.dataset, store.folder)
     return event
 
@@ -275,7 +240,7 @@ def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool
     flights = RareFlights(requested, scenario)
     _ = flights.config
     if resume:
-        store = RareStore.open(folder)
+        store = RareStore.open(folder, verify_chunks=False)
         store.refuse_unless_same(requested, scenario)
         return store
     refuse_existing(folder)
@@ -286,38 +251,4 @@ def open_rare_store(study: str | os.PathLike[str], folder: Path, *, resume: bool
 def read_rare(folder: str | os.PathLike[str]) -> RareEvent:
     """Read a completed rare-event analysis from its folder; raises StoreError if flights are missing."""
     store = RareStore.open(Path(folder))
-    return RareEvent(store, _repetitions(store, None, no_progress, fly=False))
-
-
-def _repetitions(
-    store: RareStore, executor: Executor | None, tell: Progress, *, fly: bool = True
-) -> tuple[Repetition, ...]:
-    flights = RareFlights(store.study, store.scenario)
-    limit_state = _limit_state(store, flights, executor, tell, fly=fly)
-    return subset_simulation(flights.space, limit_state, flights.threshold, flights.plan, store.study.seed)
-
-
-def _limit_state(
-    store: RareStore, flights: RareFlights, executor: Executor | None, report: Progress, *, fly: bool
-) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Return a function that gives the signed value (greater is worse) of each point of random numbers.
-
-    The function takes stored values or flies missing flights, and reports progress; with `fly=False` a missing flight
-    is an error.
-    """
-    plan, flown_count, level = flights.plan, 0, 0
-
-    def values(points: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        nonlocal flown_count, level
-        start = int(numbers[0])
-        level_count = plan.points * plan.repetitions if start == 0 else points.size * (plan.length - 1)
-        if start == 0 or flown_count >= level_count:
-            flown_count, level = 0, level + 1
-        results = np.full(points.size, np.nan)
-        for index, part in fly_points(store, executor, points, start, fly=fly):
-            results[index : index + part.size] = part
-            flown_count += part.size
-            report(f"level {level}: {flown_count} of {level_count} flights", flown_count / level_count)
-        return results
-
-    return values
+    return RareEvent(store, fly_repetitions(store, None, no_progress, fly=False))

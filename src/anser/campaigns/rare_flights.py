@@ -1,35 +1,33 @@
-"""Flights of a rare-event analysis.
+"""Flights of a rare-event analysis and their store.
 
 Every random effect of a flight follows from standard normal numbers ("normals"). A point of the space of these
 normals is a weighted sum of the normals of numbered flights. The module flies the flight at a point and returns its
 limit-state value: the signed statistic of the event, greater is worse.
 """
 
+import contextlib
 import functools
+import io
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from scipy import stats
 
-from anser.campaigns.flights import (
-    VALIDATED_FLIGHTS,
-    apply_samples,
-    dispersed_scenario,
-    refuse_invalid_flights,
-    refuse_paths_without_effect,
-)
+from anser.campaigns.flights import VALIDATED_FLIGHTS, apply_samples, dispersed_scenario, refuse_early
 from anser.campaigns.processes import fly_concurrently
-from anser.campaigns.rare_store import RareStore
 from anser.campaigns.sampling import apply_distributions
-from anser.campaigns.store_integrity import StoreError
+from anser.campaigns.store_integrity import AbstractFlightStore, StoreChecksums, StoreError, store_attributes
 from anser.campaigns.study import RareEventConfig, Study
-from anser.campaigns.subset import SubsetPlan
+from anser.campaigns.subset import Repetition, SubsetPlan, subset_simulation
 from anser.config.errors import Problem, ScenarioError
+from anser.files import new_folder, write_file
+from anser.missions.batches import Progress
 from anser.missions.flight_batches import FlightCase, fly_many
-from anser.missions.runs import check_precision, needs_single_flight
+from anser.missions.runs import needs_single_flight
 from anser.numerics.arrays import as_array, bucket_size
 from anser.numerics.randomness import DISPERSIONS, BlendedRandomness, draw_uniforms, flight_keys
 from anser.results.flight_rows import FlightRow
@@ -43,36 +41,22 @@ _TERMS_MIN = 128
 class GaussianSpace:
     """Space of the standard normal numbers behind the flights of a seed; implements `SampleSpace` of module `subset`.
 
-    Points are NumPy records with the fields `count`, `flights` and `weights`: how many flights are blended, their
-    numbers, and their weights in the sum.
-
-    Attributes
-    ----------
-    seed
-        Seed of the flights.
-    terms
-        Maximum number of blended flights per point.
-    dtype
-        Type of the records.
+    Points are NumPy records with the fields `count`, `flights` and `weights`: how many flights are blended (at most
+    `terms`), their numbers, and their weights in the sum.
     """
 
     def __init__(self, seed: int, terms: int) -> None:
-        self.seed, self.terms = seed, bucket_size(terms, _TERMS_MIN)
-        self.dtype = np.dtype(
-            [("count", np.int32), ("flights", np.uint32, (self.terms,)), ("weights", float, (self.terms,))]
-        )
+        self.seed, size = seed, bucket_size(terms, _TERMS_MIN)
+        self.dtype = np.dtype([("count", np.int32), ("flights", np.uint32, (size,)), ("weights", float, (size,))])
 
     def sample(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the points of numbered flights, unblended."""
+        """Return the points of the numbered flights themselves."""
         points = np.zeros(numbers.size, self.dtype)
         points["count"], points["flights"][:, 0], points["weights"][:, 0] = 1, numbers, 1.0
         return points
 
     def propose(self, points: np.ndarray, keep: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Return new points ``keep * point + sqrt(1 - keep**2) * new`` (preconditioned Crank-Nicolson).
-
-        `new` are the normals of the flights with the given numbers; one `keep` per point.
-        """
+        """Blend points with the flights of the given numbers (preconditioned Crank-Nicolson), see `SampleSpace`."""
         proposal = points.copy()
         proposal["weights"] *= keep[:, None]
         proposal["count"][keep == 0.0] = 0
@@ -112,13 +96,7 @@ _BATCH_MAX = 64
 
 
 class RareFlights:
-    """Flights of a study's rare event: their random numbers, scenarios and signed values.
-
-    Attributes
-    ----------
-    study, scenario
-        Study and base scenario.
-    """
+    """Flights of a study's rare event: their random numbers, scenarios and signed values."""
 
     def __init__(self, study: Study, scenario: Scenario) -> None:
         self.study, self.scenario = study, scenario
@@ -167,30 +145,28 @@ class RareFlights:
 
     def refuse_early(self) -> None:
         """Raise ScenarioError before flying if none of the first flights is valid, or a varied path has no effect."""
-        check_precision(self.scenario, self.study.precision, self.study.name)
         numbers = np.arange(min(VALIDATED_FLIGHTS, self.config.flights))
-        applied = self._applied(self.space.sample(numbers))
-        refuse_invalid_flights(self.study, self.scenario, applied, numbers.size)
-        refuse_paths_without_effect(self.study, self.scenario, applied, numbers.size)
+        refuse_early(self.study, self.scenario, self._applied(self.space.sample(numbers)), numbers.size)
 
     def fly(self, points: np.ndarray) -> np.ndarray:
         """Fly up to one batch of points and return their signed values; infinite for failed flights."""
-        values = np.full(points.size, np.inf)
-        cases = dict(self._cases(points))
+        values, applied = np.full(points.size, np.inf), self._applied(points)
+        cases: dict[int, FlightCase] = {}
+        for k, point in enumerate(points):
+            with contextlib.suppress(ScenarioError):
+                cases[k] = self._case(point, applied, k)
         if not cases:
             return values
         # padded to one size for a single compiled program; rejected flights are few
         padded = list(itertools.islice(itertools.cycle(cases.values()), self.batch))
-        for k, flight_row in zip(
-            cases, fly_many(padded, batch=self.batch, precision=self.study.precision), strict=False
-        ):
+        flight_rows = fly_many(padded, batch=self.batch, precision=self.study.precision)
+        for k, flight_row in zip(cases, flight_rows, strict=False):
             values[k] = self.limit_state_value(flight_row)
         return values
 
     def case(self, point: np.ndarray) -> FlightCase:
         """Return the flight at a point; raises ScenarioError if the sampled values are not a valid scenario."""
-        (applied,) = self._applied_by_flight(point.reshape(1))
-        return self._case(point, applied)
+        return self._case(point, self._applied(point.reshape(1)), 0)
 
     def limit_state_value(self, flight_row: FlightRow) -> float:
         """Return the signed value of the statistic in a flight, of the worst aircraft; infinite for a failed flight."""
@@ -202,74 +178,103 @@ class RareFlights:
             return np.inf
         return max(self.signed_value(float(value)) for value in values)  # pyright: ignore[reportArgumentType]
 
-    def _cases(self, points: np.ndarray) -> Iterator[tuple[int, FlightCase]]:
-        """Yield the index and the flight of each point with a valid scenario."""
-        for k, (point, applied) in enumerate(zip(points, self._applied_by_flight(points), strict=True)):
-            try:
-                yield k, self._case(point, applied)
-            except ScenarioError:
-                continue
-
-    def _case(self, point: np.ndarray, applied: dict[str, np.ndarray]) -> FlightCase:
-        scenario = dispersed_scenario(self.scenario, self.study.seed, applied) if applied else self.scenario
+    def _case(self, point: np.ndarray, applied: dict[str, np.ndarray], number: int) -> FlightCase:
+        scenario = dispersed_scenario(self.scenario, self.study.seed, applied, number) if applied else self.scenario
         return FlightCase(scenario, randomness=self.space.randomness_at(point))
 
-    def _applied_by_flight(self, points: np.ndarray) -> list[dict[str, np.ndarray]]:
-        """Return the values applied to the scenario at each point, by key path."""
-        applied = self._applied(points)
-        return [{path: values[k] for path, values in applied.items()} for k in range(points.size)]
-
     def _applied(self, points: np.ndarray) -> dict[str, np.ndarray]:
-        """Return the study's varied parameters at each point of random numbers, by key path: one entry per point."""
+        """Return the values applied to the scenario at each point, by key path: one entry per point."""
         shares = stats.norm.cdf(self.space.dispersions(points, len(self.study.vary)))
         return apply_samples(self.study, self.scenario, apply_distributions(self.study, shares))
 
 
-def fly_points(
-    store: RareStore, executor: Executor | None, points: np.ndarray, start: int, *, fly: bool = True
-) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the signed values of points, batch by batch, with the index of each batch's first point.
+class RareStore(AbstractFlightStore):
+    """Store of a rare-event analysis in a folder: a file with the values of each batch of flights.
 
-    Batches in the store come first, then the missing batches as they are flown.
+    A batch is a chunk whose number is that of its first flight.
+    """
 
-    Parameters
-    ----------
-    points
-        Points with consecutive flight numbers.
-    start
-        Flight number of the first point.
-    fly
-        Whether to fly missing batches.
+    description, command, data_folder = "a rare event", "rare", "flown"
 
-    Raises
-    ------
-    StoreError
-        A process was killed, a stored batch is damaged or differs in size, or a batch is missing and `fly` is False.
+    @classmethod
+    def create(cls, folder: Path, study: Study, scenario: Scenario) -> Self:
+        """Create a new folder; raises FileExistsError if the folder exists."""
+        with new_folder(folder) as staging:
+            (staging / cls.data_folder).mkdir()
+            StoreChecksums(staging, cls.data_folder).record_base(store_attributes(study, scenario))
+        return cls(folder)
+
+    def values(self, start: int, count: int) -> np.ndarray | None:
+        """Return the values of a batch of `count` flights from flight number `start` on; None if not yet flown.
+
+        Raises StoreError if the stored batch has another number of flights.
+        """
+        if start not in self._checksums.chunks():
+            return None
+        values = np.load(self._last_file(start))
+        if values.shape != (count,):
+            raise StoreError(f"{self._last_file(start)}: arrived {values.size} flights; expected {count}")
+        return values
+
+    def write(self, start: int, values: np.ndarray) -> None:
+        """Store the values of a batch of flights with consecutive numbers from `start` on."""
+        content = io.BytesIO()  # written to a file by NumPy itself, a full disk would be an error without its reason
+        np.save(content, values)
+        path = self._last_file(start)
+        write_file(path, content.getvalue(), overwrite=True)
+        self._checksums.record_chunk(start, [path.name])
+
+    @property
+    def flown(self) -> int:
+        """Number of completed flights."""
+        return sum(np.load(self._last_file(start)).size for start in self._checksums.chunks())
+
+    def _last_file(self, chunk: int) -> Path:
+        return self.folder / self.data_folder / f"{chunk:09d}.npy"
+
+    def _chunk_label(self, chunk: int) -> str:
+        return f"the batch from flight {chunk} on"
+
+
+def fly_repetitions(
+    store: RareStore, executor: Executor | None, report: Progress, *, fly: bool = True
+) -> tuple[Repetition, ...]:
+    """Return the levels of each repetition of the subset simulation, from stored values and missing flights.
+
+    Raises StoreError if a process was killed, a stored batch differs in size, or a flight is missing and `fly` is
+    False.
     """
     flights = RareFlights(store.study, store.scenario)
-    parts = {offset: points[offset : offset + flights.batch] for offset in range(0, points.size, flights.batch)}
-    stored = {offset: store.values(start + offset, part.size) for offset, part in parts.items()}
-    missing = [offset for offset, values in stored.items() if values is None]
-    if missing and not fly:
-        detail = f"arrived no batch from flight {start + missing[0]} on; expected all: resume flies the rest"
-        raise StoreError(f"{store.folder}: {detail}")
-    yield from ((offset, values) for offset, values in stored.items() if values is not None)
-    fly_batch = (
-        functools.partial(_fly_and_store, store, flights)
-        if executor is None
-        else functools.partial(_fly_in_worker, store.folder.resolve())
-    )
-    tasks = [(parts[offset], start + offset) for offset in missing]
-    for index, values in fly_concurrently(executor, fly_batch, tasks, len(tasks), store.folder):
-        yield missing[index], values
+    plan, batch, flown_count, level = flights.plan, flights.batch, 0, 0
+    fly_batch = functools.partial(_fly_batch, store.folder.resolve())
+
+    def limit_state(points: np.ndarray, numbers: np.ndarray) -> np.ndarray:
+        nonlocal flown_count, level
+        start = int(numbers[0])
+        level_count = plan.points * plan.repetitions if start == 0 else points.size * (plan.length - 1)
+        if start == 0 or flown_count >= level_count:
+            flown_count, level = 0, level + 1
+        results = np.full(points.size, np.nan)
+        parts = {offset: points[offset : offset + batch] for offset in range(0, points.size, batch)}
+        values = {offset: store.values(start + offset, part.size) for offset, part in parts.items()}
+        missing = [offset for offset, part in values.items() if part is None]
+        if missing and not fly:
+            detail = f"arrived no batch from flight {start + missing[0]} on; expected all: resume flies the rest"
+            raise StoreError(f"{store.folder}: {detail}")
+        tasks = [(parts[offset], start + offset) for offset in missing]
+        flown = fly_concurrently(executor, fly_batch, tasks, len(tasks), store.folder)
+        stored = ((offset, part) for offset, part in values.items() if part is not None)
+        for offset, part in itertools.chain(stored, ((missing[index], part) for index, part in flown)):
+            results[offset : offset + part.size] = part
+            flown_count += part.size
+            report(f"level {level}: {flown_count} of {level_count} flights", flown_count / level_count)
+        return results
+
+    return subset_simulation(flights.space, limit_state, flights.threshold, plan, store.study.seed)
 
 
-def _fly_in_worker(folder: Path, points: np.ndarray, start: int) -> np.ndarray:
-    store = RareStore.open(folder)
-    return _fly_and_store(store, RareFlights(store.study, store.scenario), points, start)
-
-
-def _fly_and_store(store: RareStore, flights: RareFlights, points: np.ndarray, start: int) -> np.ndarray:
-    values = flights.fly(points)
+def _fly_batch(folder: Path, points: np.ndarray, start: int) -> np.ndarray:
+    store = RareStore.open(folder, verify_chunks=False)
+    values = RareFlights(store.study, store.scenario).fly(points)
     store.write(start, values)
     return values

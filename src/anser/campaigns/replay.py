@@ -1,13 +1,10 @@
-"""Replay of campaign flights.
-
-A flight of a campaign is flown again alone and compared with its stored results; the worst flights are archived, each
-with every output of `anser run`.
-"""
+"""Replay of flights: comparison of a single flight with its stored results, and archive of the worst flights."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from anser.campaigns.estimates import worst_flights
 from anser.campaigns.flights import flight_scenario
@@ -20,42 +17,30 @@ from anser.missions.runs import run
 from anser.results.checksums import DamagedFileError, read_document, verify_checksum
 from anser.results.flight_rows import FlightRow, tabulate_flights
 
-if TYPE_CHECKING:
-    import xarray as xr
-
-
 REPLAY_TOLERANCES = {"float64": 1e-9, "float32": 1e-5}
 """Tolerated rounding difference between a single flight and a batch, relative to `_SCALES`, by precision."""
 _SCALES = {"s": 100.0, "m": 1e4, "m s-1": 150.0, "1": 1.0}
 
 
 def replay_differences(
-    store: CampaignStore, number: int, summary: dict[str, Any], *, met: bool
+    store: CampaignStore,
+    number: int,
+    summary: dict[str, Any],  # summary of the replay
+    *,
+    met: bool,  # whether the replay met every requirement
 ) -> dict[str, float | str]:
-    """Compare a replayed flight with its stored results.
+    """Compare a replayed flight with its stored results; return the differing quantities by name.
 
-    Parameters
-    ----------
-    summary
-        Summary of the replay.
-    met
-        Whether the replay met every requirement.
-
-    Returns
-    -------
-    Differing quantities by name: the greatest difference, relative to the scale of the quantity, if above
-    `REPLAY_TOLERANCES`; for a text, the stored text.
+    That is, the greatest difference, relative to the scale of the quantity, if above `REPLAY_TOLERANCES`; for a text,
+    the stored text.
     """
     return row_differences(
         store.dataset(), number, FlightRow(summary["aircraft"], summary["fleet"], summary["requirements"], met)
     )
 
 
-def row_differences(data: "xr.Dataset", number: int, flight_row: FlightRow) -> dict[str, float | str]:
-    """Compare the results of a replay with the flight of the same number in `CampaignStore.dataset`.
-
-    The result is that of `replay_differences`.
-    """
+def row_differences(data: xr.Dataset, number: int, flight_row: FlightRow) -> dict[str, float | str]:
+    """Compare a replay with the flight `number` of `CampaignStore.dataset`, as `replay_differences` does."""
     tolerance, data = REPLAY_TOLERANCES[data.attrs["precision"]], data.sel(flight=number)
     differences: dict[str, float | str] = {}
     for name, (_, values, attributes) in tabulate_flights([flight_row], data.sizes["aircraft"]).items():
@@ -77,33 +62,26 @@ _FOLDER = "worst"
 _FLIGHT, _SUMMARY = "flight.nc", "summary.json"
 
 
-def archive_worst(store: CampaignStore, progress: Progress | None = None) -> tuple[Path, ...]:
+def archive_worst(
+    store: CampaignStore,
+    progress: Progress = no_progress,  # called with a message and the completed fraction, 0..1
+) -> tuple[Path, ...]:
     """Replay and archive the worst flights, as many as the study's table [keep] requests; return their folders.
 
     Flights already archived completely are not replayed. Flights that could not start are excluded: the store already
     holds the reason.
-
-    Parameters
-    ----------
-    progress
-        Called with a message and the completed fraction, 0..1.
-
-    Returns
-    -------
-    Folders of the archived flights, including folders of an earlier call.
     """
     count = store.study.keep.worst if store.study.keep is not None else 0
     if not count:
         return ()
-    report, data = progress or no_progress, store.dataset()
+    data = store.dataset()
     started = data.isel(flight=np.flatnonzero(data["reason"].values == ""))
     folders, numbers = [], worst_flights(started, count)
     for k, number in enumerate(numbers):
-        report(f"keeping the worst {len(numbers)} flights", k / len(numbers))
+        progress(f"keeping the worst {len(numbers)} flights", k / len(numbers))
         folder = _folder(store, number)
-        if not _is_intact(folder) and not _archive_flight(store, number, folder):
-            continue
-        folders.append(folder)
+        if _is_intact(folder) or _archive_flight(store, number, folder):
+            folders.append(folder)
     return tuple(folders)
 
 

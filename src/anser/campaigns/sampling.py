@@ -1,6 +1,5 @@
 """Sampling of a study: the values of the varied parameters in every flight."""
 
-import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,16 +13,14 @@ from anser.results.sampling_statistics import saltelli_points
 _LEAST = 2.0**-53
 
 
-def sample_study(study: Study, table_columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def sample_study(
+    study: Study,
+    table_columns: Mapping[str, np.ndarray],  # columns of the study's table of values, by path
+) -> dict[str, np.ndarray]:
     """Sample the distributions of a study: values by key path, one per flight.
 
     The values are not yet combined with those of the scenario (set, add or multiply). In plain Monte Carlo the values
     of flight k do not depend on the number of flights; in a Latin hypercube they do.
-
-    Parameters
-    ----------
-    table_columns
-        Columns of the study's table of values, by path.
     """
     if study.sampled.method == "table":
         return dict(table_columns)
@@ -32,18 +29,11 @@ def sample_study(study: Study, table_columns: Mapping[str, np.ndarray]) -> dict[
     return apply_distributions(study, _shares(study))
 
 
-def apply_distributions(study: Study, shares: np.ndarray) -> dict[str, np.ndarray]:
-    """Convert uniform numbers to parameter values with the distributions and correlations of the study.
-
-    Parameters
-    ----------
-    shares
-        Independent uniform numbers in (0, 1), shape (flights, varied parameters).
-
-    Returns
-    -------
-    Values by key path, one per flight.
-    """
+def apply_distributions(
+    study: Study,
+    shares: np.ndarray,  # independent uniform numbers, shape (flights, varied parameters)
+) -> dict[str, np.ndarray]:
+    """Convert uniform numbers to values, by key path, with the distributions and correlations of the study."""
     correlated = _correlate(study, np.clip(shares, _LEAST, 1.0 - _LEAST))
     return {vary.path: vary.quantile(correlated[:, k]) for k, vary in enumerate(study.vary)}
 
@@ -72,7 +62,7 @@ def is_independent(study: Study, numbers: np.ndarray) -> np.ndarray:
 
 
 def _shares(study: Study) -> np.ndarray:
-    """Return uniform numbers in (0, 1) by the study's sampling method; shape (flights, varied parameters)."""
+    """Return uniform numbers by the study's sampling method; shape (flights, varied parameters)."""
     flights, count = study.sampled.flights or 0, len(study.vary)
     if study.sampled.method == "monte-carlo":
         lanes = np.tile(np.arange(count), flights)
@@ -80,9 +70,9 @@ def _shares(study: Study) -> np.ndarray:
         key = np.asarray(flight_randomness(study.seed).key)
         return draw_uniforms(key, DISPERSIONS, numbers, lanes).reshape(flights, count)
     if study.sampled.method == "saltelli":
-        return np.clip(saltelli_points(count, flights, study.seed), _LEAST, 1.0 - _LEAST)
+        return saltelli_points(count, flights, study.seed)
     sampler = {"latin-hypercube": qmc.LatinHypercube, "sobol": qmc.Sobol}[study.sampled.method]
-    return np.clip(sampler(count, rng=np.random.default_rng(study.seed)).random(flights), _LEAST, 1.0 - _LEAST)
+    return sampler(count, rng=np.random.default_rng(study.seed)).random(flights)
 
 
 def _correlate(study: Study, shares: np.ndarray) -> np.ndarray:
@@ -103,5 +93,5 @@ def _grid(study: Study) -> dict[str, np.ndarray]:
     levels = study.sampled.levels or 1
     middles = (np.arange(levels) + 0.5) / levels
     axes = [np.array(vary.values) if vary.values is not None else vary.quantile(middles) for vary in study.vary]
-    columns = zip(*itertools.product(*axes), strict=True)
-    return {vary.path: np.array(column) for vary, column in zip(study.vary, columns, strict=True)}
+    grids = np.meshgrid(*axes, indexing="ij")
+    return {vary.path: grid.ravel() for vary, grid in zip(study.vary, grids, strict=True)}

@@ -1,71 +1,53 @@
 """Store of a campaign: results of every flight in Zarr arrays in a folder.
 
-The arrays are allocated for all flights at the start and filled in chunks of flights. A chunk is complete when the
-checksums of its files are recorded. The module also evaluates the study's stopping rule (the number of chunks after
-which the estimate is precise enough) and repairs damaged files that were written once, when the store was created.
+The arrays are allocated for all flights at the start and filled in chunks of flights. The module also evaluates the
+study's stopping rule (the number of chunks after which the estimate is precise enough) and repairs damaged files that
+were written once, when the store was created.
 """
 
+import contextlib
+import itertools
 import json
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray as xr
 import zarr
 
-from anser.campaigns.store_arrays import (
-    FLOWN,
-    SERIES,
-    create_arrays,
-    create_series,
-    open_arrays,
-    series_bytes,
-    series_dataset,
-    to_fixed_width,
-    write_every_chunk,
-    write_series,
-)
-from anser.campaigns.store_integrity import (
-    FORMAT,
-    UNCHECKED_FORMAT,
-    AbstractFlightStore,
-    StoreChecksums,
-    StoreError,
-    chunk_files,
-    damage_as_store_error,
-)
-from anser.campaigns.study import Study, select_series, validate_study
-from anser.config.errors import ScenarioError
+from anser.campaigns.store_integrity import SERIES, AbstractFlightStore, StoreChecksums, StoreError, store_attributes
+from anser.campaigns.study import Study, select_series
+from anser.missions.series import SeriesSelection
 from anser.results.checksums import file_digest
-from anser.results.documents import version_attributes
-from anser.results.flight_rows import FlightRow, tabulate_flights, worst_of_fleet
+from anser.results.flight_rows import FlightColumn, FlightRow, tabulate_flights, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, wilson_interval
 from anser.results.separation import separation_attributes
-from anser.scenario.schema import Scenario, validate
+from anser.results.variable_labels import (
+    catalogue_attributes,
+    catalogue_variable,
+    is_quantity,
+    missing_series,
+    record_coordinates,
+)
+from anser.scenario.schema import Scenario
 
 
 def count_converged_chunks(
-    study: Study, is_complete: np.ndarray, chunk: int, values: np.ndarray, unconverged: int = 0
+    study: Study,
+    is_complete: np.ndarray,  # whether each chunk is complete; shape (chunks,)
+    chunk: int,  # number of flights per chunk
+    values: np.ndarray,  # values of the rule's statistic, one per flight; infinite for the worst possible outcome
+    # number of leading chunks for which an earlier evaluation has already failed; not evaluated again
+    unconverged: int = 0,
 ) -> int | None:
     """Return how many leading chunks first satisfy the study's stopping rule; None without a rule or if unsatisfied.
 
     The rule is evaluated after each chunk in order of chunk numbers, so the result is independent of the number of
     parallel processes. With repeated evaluation an interval's coverage is slightly below its confidence level.
-
-    Parameters
-    ----------
-    is_complete
-        Whether each chunk is complete; shape (chunks,).
-    chunk
-        Number of flights per chunk.
-    values
-        Values of the rule's statistic, one per flight; infinite for the worst possible outcome.
-    unconverged
-        Number of leading chunks for which an earlier evaluation has already failed; not evaluated again.
     """
     rule = study.until
     if rule is None:
@@ -86,7 +68,7 @@ def complete_prefix(is_complete: np.ndarray) -> int:
 
 
 def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
-    """Return the confidence interval of the stopping rule's statistic over the given flights: lower and upper bound."""
+    """Return the confidence interval of the stopping rule's statistic over the given flights."""
     assert study.until is not None
     if study.until.statistic == "met":
         return wilson_interval(int(np.sum(values)), values.size, study.answers.confidence)
@@ -95,11 +77,7 @@ def _interval(study: Study, values: np.ndarray) -> tuple[float, float]:
     return (low, high) if np.isfinite(low) else (-np.inf, np.inf)
 
 
-STORE_FOLDER = "flights.zarr"
-_DONE = "chunk_done"
-"""Completion marks of chunks in the format without checksums."""
-_UNREADABLE = OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError
-"""Exceptions of Zarr and its codecs for a damaged store without checksums."""
+FLOWN = "flown"
 _SPARE = 2.0
 """Required free disk space over the uncompressed size of the store."""
 
@@ -108,37 +86,17 @@ class CampaignStore(AbstractFlightStore):
     """Store of a campaign in a folder: the sampled values and the results of every flight; see `create` and `open`.
 
     The store is also readable by ``xarray.open_zarr(folder / "flights.zarr")``, with every flight and the flag `flown`;
-    `dataset` returns completed flights only. A chunk is complete when the checksums of its files are recorded.
-
-    Attributes
-    ----------
-    chunk
-        Flights per chunk.
-    series_selection
-        Variables stored over time; None if the study selects none.
-    versions
-        Software versions with which the store was created, by name.
-    folder, study, scenario, format, damages
-        See `AbstractFlightStore`.
+    `dataset` returns completed flights only.
     """
 
-    description = "a campaign"
+    description, command, data_folder = "a campaign", "campaign", "flights.zarr"
 
-    def __init__(self, folder: Path, group: zarr.Group) -> None:
-        attributes: dict[str, Any] = dict(group.attrs)
-        study = validate_study(json.loads(attributes["study"]), f"{folder}, study")
-        scenario = validate(json.loads(attributes["scenario"]), f"{folder}, scenario")
-        super().__init__(folder, study, scenario, int(attributes["format_version"]))
-        self._group = group
-        self._checksums = StoreChecksums(folder, STORE_FOLDER)
-        self._verified: dict[bool, set[int]] = {
-            False: set(),
-            True: set(),
-        }  # chunks, by whether their series are verified
-        self.chunk = int(attributes["chunk"])
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self._group = zarr.open_group(folder / self.data_folder, mode="r+")
+        self.chunk = int(self.attributes["chunk"])  # flights per chunk
         self._unconverged_chunks = 0  # evaluated chunks: each evaluation sorts every flight so far
         self.series_selection = select_series(self.study.keep, self.scenario)
-        self.versions = {key: value for key, value in attributes.items() if key.startswith("version_")}
 
     @classmethod
     def create(
@@ -146,133 +104,33 @@ class CampaignStore(AbstractFlightStore):
         folder: Path,
         study: Study,
         scenario: Scenario,
-        applied: Mapping[str, np.ndarray],
-        seeds: np.ndarray,
-        chunk: int,
-    ) -> "CampaignStore":
-        """Create the store in an existing folder.
-
-        Parameters
-        ----------
-        applied
-            Sampled values as applied to the scenario, one per flight, by key path.
-        seeds
-            Seed of each flight.
-        chunk
-            Number of flights per chunk.
-
-        Raises
-        ------
-        StoreError
-            The disk space is insufficient.
-        """
+        applied: Mapping[str, np.ndarray],  # sampled values as applied to the scenario, one per flight, by key path
+        seeds: np.ndarray,  # seed of each flight
+        chunk: int,  # number of flights per chunk
+    ) -> Self:
+        """Create the store in an existing folder; raises StoreError if the disk space is insufficient."""
+        columns = _result_columns([FlightRow.failed_start("")], len(scenario.aircraft))
         selection = select_series(study.keep, scenario)
-        flights, names = seeds.size, [item.name for item in scenario.aircraft]
-        columns = tabulate_flights([FlightRow.failed_start("")], len(names))
-        sized = {name: to_fixed_width(name, column) for name, column in columns.items()}
-        required_bytes = flights * sum(item[1][0].nbytes for item in sized.values()) + sum(
-            item.nbytes for item in applied.values()
-        )
-        required_bytes += 0 if selection is None else flights * series_bytes(selection, scenario)
+        flight_bytes = sum(values[0].nbytes for _, values, _ in columns.values())
+        if selection is not None:
+            flight_bytes += 4 * len(selection.keys) * len(scenario.aircraft) * selection.rows(scenario)
+        required_bytes = seeds.size * flight_bytes + sum(values.nbytes for values in applied.values())
         free_bytes = shutil.disk_usage(folder).free
         if free_bytes < _SPARE * required_bytes:
             detail = (
                 f"arrived a disk with {free_bytes / 1e6:.3f} MB free; expected {_SPARE * required_bytes / 1e6:.3f} MB"
             )
             raise StoreError(f"{folder}: {detail}")
-        with write_every_chunk():
-            group = create_arrays(folder / STORE_FOLDER, study, scenario, applied, seeds, chunk, sized)
+        attributes = store_attributes(study, scenario) | {"varied": json.dumps(list(applied)), "chunk": chunk}
+        with _write_every_chunk():
+            group = zarr.open_group(folder / cls.data_folder, mode="w-", zarr_format=2)
+            group.attrs.update(attributes)
+            _create_rows(group, scenario, applied, seeds, chunk, columns)
             if selection is not None:
-                create_series(group, selection, scenario, flights, chunk)
+                _create_series(group, selection, scenario, seeds.size, chunk)
         zarr.consolidate_metadata(group.store)
-        StoreChecksums(folder, STORE_FOLDER).record_base({"chunk": chunk})
-        return cls(folder, group)
-
-    @classmethod
-    def open(cls, folder: Path, *, verify_chunks: bool = True) -> "CampaignStore":
-        """Open the store of a folder and verify its files; time series are verified later, when they are read.
-
-        Parameters
-        ----------
-        verify_chunks
-            Whether to verify the results of the flights (chunks) in addition to the files written once at creation.
-
-        Raises
-        ------
-        StoreError
-            The store is missing, has another format, or has a damaged file.
-        """
-        if not (folder / STORE_FOLDER).is_dir():
-            raise StoreError(f"{folder}: arrived a folder without {STORE_FOLDER}; expected that of a campaign")
-        checksums = StoreChecksums(folder, STORE_FOLDER)
-        if checksums.has_records:
-            with damage_as_store_error():
-                checksums.refuse_damaged_base()
-        try:
-            group = zarr.open_group(folder / STORE_FOLDER, mode="r+")
-            version = group.attrs.get("format_version")
-            if version != (FORMAT if checksums.has_records else UNCHECKED_FORMAT) or not (
-                checksums.has_records or _DONE in group
-            ):
-                found_format = f"a store of format {version}{'' if checksums.has_records else ' without checksums'}"
-                raise StoreError(
-                    f"{folder}: arrived {found_format}; expected one of format {FORMAT}, with its checksums"
-                )
-            store = cls(folder, group)
-        except (StoreError, ScenarioError):
-            raise
-        except _UNREADABLE as error:
-            raise StoreError(f"{folder}: arrived a store that cannot be read ({error}); expected a whole one") from None
-        if verify_chunks:
-            store.refuse_damaged()
-        return store
-
-    def refuse_damaged(self, *, series: bool = False) -> None:
-        """Raise StoreError if a chunk is damaged, optionally including its series."""
-        problems = self._chunk_problems(series=series)
-        if problems:
-            (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
-            further = f", and {further_count} more chunks are damaged" if further_count else ""
-            expected = "expected a whole store: anser campaign with --resume flies damaged chunks again"
-            raise StoreError(
-                f"{self.folder}: arrived {self._chunk_label(chunk)} of which {problem}{further}; {expected}"
-            )
-
-    def _remove_damaged(self) -> list[str]:
-        problems = self._chunk_problems(series=True)
-        for chunk in problems:
-            self._checksums.forget_chunk(chunk)
-            (self.folder / STORE_FOLDER / FLOWN / str(chunk)).unlink(missing_ok=True)
-        return [
-            f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}"
-            for chunk, problem in problems.items()
-        ]
-
-    def _chunk_problems(self, *, series: bool) -> dict[int, str]:
-        """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
-
-        Chunks that this object has already verified are not read again.
-        """
-        if not self._checksums.has_records:
-            return {}
-        is_selected: Callable[[str], bool] = (
-            (lambda _: True) if series else (lambda name: not name.startswith(f"{SERIES}/"))
-        )
-        recorded, problems = self._checksums.chunks(), dict[int, str]()
-        for chunk in sorted(recorded - self._verified[series]):
-            problem = self._checksums.chunk_problem(chunk, is_selected)
-            if problem is None:
-                self._verified[series].add(chunk)
-            else:
-                problems[chunk] = problem
-        if self._has_lock:  # a chunk interrupted while being written is incomplete, not damaged
-            return problems
-        flown = {int(path.name) for path in (self.folder / STORE_FOLDER / FLOWN).iterdir() if path.name.isdecimal()}
-        return problems | dict.fromkeys(sorted(flown - self._checksums.chunks()), "the record of checksums is missing")
-
-    def _chunk_label(self, chunk: int) -> str:
-        flights = self.chunk_slice(chunk)
-        return f"chunk {chunk} (flights {flights.start} to {flights.stop - 1})"
+        StoreChecksums(folder, cls.data_folder).record_base(attributes)
+        return cls(folder)
 
     @property
     def flights(self) -> int:
@@ -282,8 +140,6 @@ class CampaignStore(AbstractFlightStore):
     @property
     def chunk_is_complete(self) -> np.ndarray:
         """Whether each chunk is complete."""
-        if not self._checksums.has_records:
-            return np.asarray(self._array(_DONE)[:]) == 1
         return np.isin(np.arange(-(-self.flights // self.chunk)), list(self._checksums.chunks()))
 
     @property
@@ -308,13 +164,13 @@ class CampaignStore(AbstractFlightStore):
         """
         is_counted, stop = self.chunk_is_complete, self.converged_chunks
         if stop is not None:
-            is_counted = is_counted & (np.arange(is_counted.size) < stop)
+            is_counted[stop:] = False
         return np.flatnonzero(np.repeat(is_counted, self.chunk)[: self.flights])
 
     @property
     def varied(self) -> list[str]:
         """Key paths of the varied parameters in the scenario."""
-        return json.loads(str(self._group.attrs["varied"]))
+        return json.loads(self.attributes["varied"])
 
     def chunk_slice(self, chunk: int) -> slice:
         """Return the range of flight numbers of a chunk."""
@@ -322,38 +178,27 @@ class CampaignStore(AbstractFlightStore):
 
     def applied(self, flights: slice) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return the seeds of a range of flights, and their sampled values by key path."""
-        return np.asarray(self._array("seed")[flights]), {
-            path: np.asarray(self._array(path)[flights]) for path in self.varied
-        }
+        values = {path: np.asarray(self._array(path)[flights]) for path in self.varied}
+        return np.asarray(self._array("seed")[flights]), values
 
     def write(self, chunk: int, flight_rows: list[FlightRow]) -> None:
         """Write the results of a chunk's flights; its checksums are recorded only when the data are on disk."""
-        flights, columns = self.chunk_slice(chunk), tabulate_flights(flight_rows, len(self.scenario.aircraft))
-        names = [*columns, FLOWN]
-        with write_every_chunk():
-            for name, column in columns.items():
-                self._array(name)[flights] = to_fixed_width(name, column)[1]
-            if self.series_selection is not None:
-                names += [
-                    f"{SERIES}/{name}"
-                    for name in write_series(self._group, self.series_selection, flights, flight_rows)
-                ]
+        flights = self.chunk_slice(chunk)
+        columns = {
+            name: values for name, (_, values, _) in _result_columns(flight_rows, len(self.scenario.aircraft)).items()
+        }
+        if self.series_selection is not None:
+            columns |= self._series_columns(self.series_selection, flight_rows)
+        with _write_every_chunk():
+            for name, values in columns.items():
+                self._array(name)[flights] = values
             os.sync()  # otherwise a power cut could destroy the chunk but not the record
             self._array(FLOWN)[flights] = True
-        files = (file for name in names for file in chunk_files(name, chunk, self._array(name).cdata_shape))
+        files = (file for name in [*columns, FLOWN] for file in self._chunk_files(name, chunk))
         self._checksums.record_chunk(chunk, files)
 
-    def refuse_unless_same(self, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray]) -> None:
-        """Raise StoreError if the study cannot be continued in this store.
-
-        The study, scenario, sampled values, precision and the software versions that affect results must equal the
-        store's.
-        """
-        self._refuse_differences(
-            {"precision": "float64", **dict(self._group.attrs)},
-            {"precision": study.precision, "study_hash": study.hash, "scenario_hash": scenario.hash},
-        )
-        self.refuse_other_versions()
+    def refuse_other_values(self, applied: Mapping[str, np.ndarray]) -> None:
+        """Raise StoreError if the sampled values of a study differ from the store's."""
         stored = self.applied(slice(None))[1]
         unchanged = [
             path for path, values in applied.items() if path in stored and np.array_equal(stored[path], values)
@@ -363,19 +208,11 @@ class CampaignStore(AbstractFlightStore):
                 f"{self.folder}: arrived a campaign with other values; expected those of the study, to go on with it"
             )
 
-    def refuse_other_versions(self) -> None:
-        """Raise StoreError if a software version that affects results differs from the store's, here or on a worker."""
-        self._refuse_differences(self.versions, version_attributes())
-
     def dataset(self) -> xr.Dataset:
         """Return the completed flights as a labelled dataset with the dimensions flight and aircraft."""
         self.refuse_damaged()
-        try:
-            with open_arrays(self.folder / STORE_FOLDER) as data:
-                flights = data.drop_vars([FLOWN, _DONE], errors="ignore").isel(flight=self.flown).load()
-        except _UNREADABLE as error:
-            detail = f"arrived a store that cannot be read ({error}); expected a whole one"
-            raise StoreError(f"{self.folder}: {detail}") from None
+        with self._open_dataset() as data:
+            flights = data.drop_vars(FLOWN).isel(flight=self.flown).load()
         attributes = {"confidence": self.study.answers.confidence, "precision": self.study.precision}
         attributes |= separation_attributes(self.scenario)
         return flights.set_coords(["flight", "aircraft"]).assign_attrs(attributes)
@@ -383,68 +220,175 @@ class CampaignStore(AbstractFlightStore):
     def series(self) -> xr.Dataset:
         """Return the time series of completed flights, read when used; dimensions flight, aircraft and time.
 
-        Quantities are float32, NaN if missing; codes and flags are int32, -1 if missing.
-
-        Raises
-        ------
-        StoreError
-            The study selects no series, or a file of the series is damaged.
+        Quantities are float32, NaN if missing; codes and flags are int32, -1 if missing. Raises StoreError if the study
+        selects no series, or a file of the series is damaged.
         """
         if self.series_selection is None:
             expected = 'a study that keeps some, such as [keep] series = ["position_error", "airspeed"]'
             raise StoreError(f"{self.folder}: arrived a campaign without series; expected one of {expected}")
         self.refuse_damaged(series=True)
-        return series_dataset(self.folder / STORE_FOLDER, self.flown)
+        return self._open_dataset(SERIES).isel(flight=self.flown)
 
-    def read_series_chunks(self, name: str, flights: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield one variable of the given flights over time, by chunk: shape (selected flights, aircraft, times)."""
-        self.refuse_damaged(series=True)
-        array = self._array(f"{SERIES}/{name}")
-        for chunk in np.unique(flights // self.chunk):
-            chunk_flights = self.chunk_slice(int(chunk))
-            selected = flights[flights // self.chunk == chunk]
-            yield np.asarray(array[chunk_flights])[selected - chunk_flights.start]
+    def _open_dataset(self, group: str | None = None) -> xr.Dataset:
+        """Open the arrays of the store, or of a group in it; values are read when used and are not decoded."""
+        path = self.folder / self.data_folder
+        dataset = xr.open_zarr(path, group=group, chunks=None, consolidated=False, mask_and_scale=False)
+        for values in dataset.variables.values():
+            values.attrs.pop("_FillValue", None)
+        return dataset
+
+    def _series_columns(self, selection: SeriesSelection, flight_rows: list[FlightRow]) -> dict[str, np.ndarray]:
+        """Return the time series of a chunk's flights, float32 or, for codes, int32, by name of the array."""
+        shape = len(self.scenario.aircraft), selection.rows(self.scenario)
+        return {
+            # a flight that could not start has no series
+            _series_name(key): np.stack(
+                [row.series.get(key, missing_series(key, shape)) for row in flight_rows]
+            ).astype(_series_type(key))
+            for key in selection.keys
+        }
 
     def _array(self, name: str) -> zarr.Array:
         array = self._group[name]
         assert isinstance(array, zarr.Array)
         return array
 
+    def _chunk_files(self, name: str, chunk: int) -> Iterator[str]:
+        """Yield the paths of the files that hold one chunk of flights of an array (Zarr format 2)."""
+        for further_indices in itertools.product(*map(range, self._array(name).cdata_shape[1:])):
+            yield f"{name}/{'.'.join(map(str, (chunk, *further_indices)))}"
+
+    def _last_file(self, chunk: int) -> Path:
+        return self.folder / self.data_folder / FLOWN / str(chunk)
+
+    def _chunk_label(self, chunk: int) -> str:
+        flights = self.chunk_slice(chunk)
+        return f"chunk {chunk} (flights {flights.start} to {flights.stop - 1})"
+
 
 def repair_base(
     folder: Path, study: Study, scenario: Scenario, applied: Mapping[str, np.ndarray], seeds: np.ndarray
-) -> tuple[str, ...]:
+) -> None:
     """Rebuild the damaged files that were written once, when the store was created, from the study and scenario.
 
     These are metadata, coordinates, seeds and sampled values. A file is replaced only if the rebuilt file matches the
-    recorded checksum.
-
-    Returns
-    -------
-    Paths of the rebuilt files.
-
-    Raises
-    ------
-    StoreError
-        The record of checksums is damaged, or a rebuilt file differs from the record, because of another study or
-        version.
+    recorded checksum. Raises StoreError if the record of checksums is damaged, or a rebuilt file differs from the
+    record, because of another study or version.
     """
-    checksums = StoreChecksums(folder, STORE_FOLDER)
-    if not checksums.has_records:
-        return ()
-    with damage_as_store_error():
-        problems, chunk = checksums.base_problems(), checksums.base_number("chunk")
+    data_folder = folder / CampaignStore.data_folder
+    checksums = StoreChecksums(folder, data_folder.name)
+    problems = checksums.base_problems() if data_folder.is_dir() else {}
     if not problems:
-        return ()
+        return
     with tempfile.TemporaryDirectory(dir=folder, prefix=".anser-") as temporary_folder:
-        CampaignStore.create(Path(temporary_folder), study, scenario, applied, seeds, chunk)
-        rebuilt = Path(temporary_folder) / STORE_FOLDER
+        CampaignStore.create(Path(temporary_folder), study, scenario, applied, seeds, checksums.attributes()["chunk"])
+        rebuilt = Path(temporary_folder) / data_folder.name
         for name, digest in problems.items():
             if not (rebuilt / name).is_file() or file_digest(rebuilt / name) != digest:
                 detail = "a damaged file that this study and version do not make anew; expected those of the campaign"
-                raise StoreError(f"{folder / STORE_FOLDER / name}: arrived {detail}, to go on with it")
+                raise StoreError(f"{data_folder / name}: arrived {detail}, to go on with it")
         for name in problems:
-            target = folder / STORE_FOLDER / name
+            target = data_folder / name
             target.parent.mkdir(parents=True, exist_ok=True)
             (rebuilt / name).replace(target)
-    return tuple(str(folder / STORE_FOLDER / name) for name in problems)
+
+
+@contextlib.contextmanager
+def _write_every_chunk() -> Iterator[None]:
+    """Make Zarr also write files that hold only fill values, in the `with` block: a missing file then means damage."""
+    with zarr.config.set({"array.write_empty_chunks": True}):
+        yield
+
+
+_WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
+"""Maximum characters of text columns; longer texts are truncated with dots."""
+
+
+def _result_columns(flight_rows: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
+    """Return the results of flights by name, with texts of fixed width."""
+    columns = tabulate_flights(flight_rows, aircraft)
+    for name, width in _WIDTHS.items():
+        dimensions, values, labels = columns[name]
+        texts = [text if len(text) <= width else f"{text[: width - 3]}..." for text in values.ravel().tolist()]
+        columns[name] = dimensions, np.array(texts, dtype=f"<U{width}").reshape(values.shape), labels
+    return columns
+
+
+def _create_rows(
+    group: zarr.Group,
+    scenario: Scenario,
+    applied: Mapping[str, np.ndarray],
+    seeds: np.ndarray,
+    chunk: int,
+    columns: Mapping[str, FlightColumn],
+) -> None:
+    """Write coordinates, seeds and sampled values, and allocate the arrays of the results.
+
+    `columns` are examples of type, dimensions and attributes.
+    """
+    names = np.array([aircraft.name for aircraft in scenario.aircraft], dtype=np.str_)
+    _write_whole(group, "aircraft", names, "aircraft", {"long_name": "Aircraft"})
+    _write_whole(group, "flight", np.arange(seeds.size), "flight", _FLIGHT_LABELS)
+    _write_whole(group, "seed", seeds, "flight", {"long_name": "Seed of the flight's scenario"})
+    for key_path, values in applied.items():
+        _write_whole(group, key_path, values, "flight", {"long_name": f"{key_path} of the scenario, as flown"})
+    flown_column = (), np.zeros(1, dtype=bool), {"long_name": "Whether the flight was flown"}
+    for name, (dimensions, values, labels) in {**columns, FLOWN: flown_column}.items():
+        shape = values.shape[1:]
+        _allocate(group, name, (seeds.size, *shape), (chunk, *shape), values.dtype, ["flight", *dimensions], labels)
+
+
+_FLIGHT_LABELS = {"long_name": "Number of the flight"}
+_PIECE = 1 << 26
+"""Maximum number of values in a file of the store: longer time series are divided into several files."""
+
+
+def _create_series(group: zarr.Group, selection: SeriesSelection, scenario: Scenario, flights: int, chunk: int) -> None:
+    """Write the coordinates and allocate the arrays of the selected time series, in the group `series` of the store."""
+    names, times_s = [aircraft.name for aircraft in scenario.aircraft], selection.times_s(scenario)
+    group.create_group(SERIES)
+    coordinates = {"flight": ("flight", np.arange(flights), _FLIGHT_LABELS), **record_coordinates(times_s, names)}
+    for name, (dimension, values, labels) in coordinates.items():
+        _write_whole(group, f"{SERIES}/{name}", values, dimension, labels)
+    piece = max(1, min(times_s.size, _PIECE // (chunk * len(names))))
+    for key in selection.keys:
+        shape, chunks = (flights, len(names), times_s.size), (chunk, len(names), piece)
+        labels = {
+            label: value.tolist() if isinstance(value, np.ndarray) else value
+            for label, value in catalogue_attributes(catalogue_variable(key)).items()
+        }
+        dimensions = ["flight", "aircraft", "time"]
+        _allocate(group, _series_name(key), shape, chunks, _series_type(key), dimensions, labels)
+
+
+def _write_whole(group: zarr.Group, name: str, values: np.ndarray, dimension: str, labels: Mapping[str, Any]) -> None:
+    attributes = {**labels, "_ARRAY_DIMENSIONS": [dimension]}
+    group.create_array(name, data=values, chunks=values.shape, fill_value=None, attributes=attributes)
+
+
+def _allocate(
+    group: zarr.Group,
+    name: str,
+    shape: tuple[int, ...],
+    chunks: tuple[int, ...],
+    dtype: np.dtype,
+    dimensions: list[str],
+    labels: Mapping[str, Any],
+) -> None:
+    """Create an array without values; only floats have a fill value, NaN, since xarray treats it as missing."""
+    group.create_array(
+        name,
+        shape=shape,
+        chunks=chunks,
+        dtype=dtype,
+        fill_value=np.nan if dtype.kind == "f" else None,
+        attributes={**labels, "_ARRAY_DIMENSIONS": dimensions},
+    )
+
+
+def _series_name(key: str) -> str:
+    return f"{SERIES}/{catalogue_variable(key).name}"
+
+
+def _series_type(key: str) -> np.dtype:
+    return np.dtype(np.float32 if is_quantity(catalogue_variable(key)) else np.int32)

@@ -1,23 +1,23 @@
-"""Integrity of a campaign folder: errors, the lock of the process that flies, and checksums (SHA-256) of the files."""
+"""Base of the stores of campaigns and rare events: the lock of the process that flies, and checksums of the files."""
 
 import abc
 import contextlib
 import fcntl
-import itertools
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
-from anser.campaigns.study import Study
+from anser.campaigns.study import Study, validate_study
 from anser.files import write_file
 from anser.results.checksums import DamagedFileError, add_checksum, damaged_file_error, file_digest, read_document
-from anser.scenario.schema import Scenario
+from anser.results.documents import version_attributes
+from anser.scenario.schema import Scenario, validate
 
 FORMAT = 2
-"""Format of the stores of campaigns and of rare events, with checksums."""
-UNCHECKED_FORMAT = 1
-"""Former format without checksums: stores of this format can be read but not resumed."""
+"""Format of the stores of campaigns and of rare events."""
+SERIES = "series"
+"""Group of the time series among a campaign's results."""
 
 
 class StoreError(ValueError):
@@ -25,22 +25,10 @@ class StoreError(ValueError):
 
 
 @contextlib.contextmanager
-def damage_as_store_error() -> Iterator[None]:
-    """Convert a DamagedFileError raised in the `with` block to a StoreError with the same message."""
-    try:
-        yield
-    except DamagedFileError as error:
-        raise StoreError(str(error)) from None
-
-
-@contextlib.contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
     """Hold the lock of a folder in the `with` block; the operating system also releases the lock when the process ends.
 
-    Raises
-    ------
-    StoreError
-        Another process holds the lock, or the file system does not support locks.
+    Raises StoreError if another process holds the lock, or the file system does not support locks.
     """
     path = folder / "lock"
     with contextlib.ExitStack() as stack:
@@ -56,65 +44,131 @@ def folder_lock(folder: Path) -> Iterator[None]:
         yield
 
 
+def store_attributes(study: Study, scenario: Scenario) -> dict[str, Any]:
+    """Return the attributes of a store: study, scenario, their hashes, and the software versions that fly."""
+    return {
+        "format_version": FORMAT,
+        "title": study.name,
+        "study": study.model_dump_json(exclude_unset=True),
+        "study_hash": study.hash,
+        "precision": study.precision,
+        "scenario": scenario.model_dump_json(exclude_unset=True),
+        "scenario_hash": scenario.hash,
+        **version_attributes(),
+    }
+
+
 class AbstractFlightStore(abc.ABC):
     """Folder with the results of a study's flights; only one process at a time may write, and a later one can resume.
 
-    Attributes
-    ----------
-    description
-        Name of the content in messages: "a campaign" or "a rare event".
-    folder
-        Folder of the results.
-    study, scenario
-        Study, and the scenario that its flights vary.
-    format
-        Version of the folder's format.
-    damages
-        A message for each damaged result that was removed and is flown again.
+    The results are the files of the subfolder `data_folder`. Their checksums are JSON files in the subfolder
+    `checksums`, see `StoreChecksums`. A chunk of flights is complete when the checksums of its files are recorded.
     """
 
-    description: ClassVar[str]
+    description: ClassVar[str]  # name of the content in messages
+    command: ClassVar[str]
+    data_folder: ClassVar[str]
 
-    def __init__(self, folder: Path, study: Study, scenario: Scenario, version: int) -> None:
-        self.folder, self.study, self.scenario, self.format = folder, study, scenario, version
-        self.damages: list[str] = []
+    def __init__(self, folder: Path) -> None:
+        self._checksums = StoreChecksums(folder, self.data_folder)
+        self.folder, self.attributes = folder, self._checksums.attributes()
+        if self.attributes.get("format_version") != FORMAT:
+            raise StoreError(f"{folder}: arrived {self.description} of another format; expected format {FORMAT}")
+        self.study = validate_study(json.loads(self.attributes["study"]), f"{folder}, study")
+        self.scenario = validate(json.loads(self.attributes["scenario"]), f"{folder}, scenario")
+        self.damages: list[str] = []  # messages about damaged results that were removed and are flown again
         self._has_lock = False
+        self._verified: dict[bool, set[int]] = {False: set(), True: set()}  # by whether the series are verified
+
+    @classmethod
+    def open(cls, folder: Path, *, verify_chunks: bool = True) -> Self:
+        """Open the store of a folder; raises StoreError if missing, of another format, or with a damaged file.
+
+        Verified are the files written once at creation and, with `verify_chunks`, the results of the flights; time
+        series are verified later, when they are read.
+        """
+        if not (folder / cls.data_folder).is_dir():
+            raise StoreError(
+                f"{folder}: arrived a folder without {cls.data_folder}; expected that of {cls.description}"
+            )
+        StoreChecksums(folder, cls.data_folder).refuse_damaged_base()
+        store = cls(folder)
+        if verify_chunks:
+            store.refuse_damaged()
+        return store
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
         """Lock the folder in the `with` block, and remove damaged results; `damages` lists them.
 
-        Raises
-        ------
-        StoreError
-            Another process flies into the folder, or the format has no checksums.
+        Raises StoreError if another process flies into the folder.
         """
         if self._has_lock:
             yield
             return
-        if self.format != FORMAT:
-            found_format = f"{self.description} of format {self.format}, which can only be read"
-            raise StoreError(
-                f"{self.folder}: arrived {found_format}; expected one of format {FORMAT}, to go on with it"
-            )
         with folder_lock(self.folder):
-            self.damages += self._remove_damaged()
+            for chunk, problem in self._chunk_problems(series=True).items():
+                self._checksums.forget_chunk(chunk)
+                self._last_file(chunk).unlink(missing_ok=True)
+                self.damages.append(f"{self.folder}: {self._chunk_label(chunk)} is flown again: {problem}")
             self._has_lock = True
             try:
                 yield
             finally:
                 self._has_lock = False
 
-    @abc.abstractmethod
-    def _remove_damaged(self) -> list[str]:
-        """Remove damaged results, so that they are flown again; return a message for each."""
+    def refuse_damaged(self, *, series: bool = False) -> None:
+        """Raise StoreError if a chunk is damaged, optionally including its series."""
+        problems = self._chunk_problems(series=series)
+        if problems:
+            (chunk, problem), further_count = next(iter(problems.items())), len(problems) - 1
+            further = f", and {further_count} more chunks are damaged" if further_count else ""
+            expected = f"expected a whole store: anser {self.command} with --resume flies damaged chunks again"
+            raise StoreError(
+                f"{self.folder}: arrived {self._chunk_label(chunk)} of which {problem}{further}; {expected}"
+            )
 
-    def _refuse_differences(self, stored: Mapping[str, Any], current: Mapping[str, object]) -> None:
-        """Raise StoreError if one of the `current` values differs from the stored value of the same name."""
+    def refuse_unless_same(self, study: Study, scenario: Scenario) -> None:
+        """Raise StoreError if study, scenario or a software version that affects results differs from the store's."""
+        hashes = {"study_hash": study.hash, "scenario_hash": scenario.hash}
+        self._refuse_differences({"precision": study.precision, **hashes, **version_attributes()})
+
+    def refuse_other_versions(self) -> None:
+        """Raise StoreError if a software version that affects results differs from the store's, here or on a worker."""
+        self._refuse_differences(version_attributes())
+
+    def _refuse_differences(self, current: Mapping[str, object]) -> None:
         for key, value in current.items():
-            if stored.get(key) != value:
-                difference = f"{self.description} with the {key.replace('_', ' ')} {stored.get(key)}"
+            if self.attributes.get(key) != value:
+                difference = f"{self.description} with the {key.replace('_', ' ')} {self.attributes.get(key)}"
                 raise StoreError(f"{self.folder}: arrived {difference}; expected {value}, to go on with it")
+
+    def _chunk_problems(self, *, series: bool) -> dict[int, str]:
+        """Return the problem of each damaged chunk, by chunk number; `series` includes the chunk's time series.
+
+        Chunks that this object has already verified are not read again.
+        """
+        recorded, problems = self._checksums.chunks(), dict[int, str]()
+        for chunk in sorted(recorded - self._verified[series]):
+            problem = self._checksums.chunk_problem(chunk, lambda name: series or not name.startswith(f"{SERIES}/"))
+            if problem is None:
+                self._verified[series].add(chunk)
+            else:
+                problems[chunk] = problem
+        if self._has_lock:  # a chunk interrupted while being written is incomplete, not damaged
+            return problems
+        written = {int(path.stem) for path in self._last_file(0).parent.iterdir() if path.stem.isdecimal()}
+        return problems | dict.fromkeys(
+            sorted(written - self._checksums.chunks()), "the record of checksums is missing"
+        )
+
+    @abc.abstractmethod
+    def _last_file(self, chunk: int) -> Path:
+        """Return the path of the file of a chunk that is written last."""
+
+    @abc.abstractmethod
+    def _chunk_label(self, chunk: int) -> str:
+        """Return the name of a chunk in messages."""
 
 
 def refuse_existing(folder: Path) -> None:
@@ -130,30 +184,19 @@ _BASE = "store"
 class StoreChecksums:
     """Checksums of a store's files, in JSON files ("records") in the subfolder `checksums`.
 
-    One record covers the files that are written once, when the store is created (the "base"); each chunk has a record
-    of its own, written after the chunk's files are on disk. A chunk with a record is therefore complete.
-
-    Parameters
-    ----------
-    folder
-        Folder of the campaign; the records are in `checksums`.
-    store
-        Name of the store's subfolder, to which file paths are relative.
+    One record has the store's attributes and covers the files that are written once, when the store is created (the
+    "base"); each chunk has a record of its own, written after the chunk's files are on disk. A chunk with a record is
+    therefore complete. Paths of files are relative to the subfolder `data_folder`. A damaged record raises StoreError.
     """
 
-    def __init__(self, folder: Path, store: str) -> None:
-        self._folder, self._store = folder / "checksums", folder / store
+    def __init__(self, folder: Path, data_folder: str) -> None:
+        self._folder, self._data_folder = folder / "checksums", folder / data_folder
 
-    @property
-    def has_records(self) -> bool:
-        """Whether records exist; stores of the first format have none."""
-        return self._folder.is_dir()
-
-    def record_base(self, parameters: Mapping[str, int]) -> None:
-        """Record the checksums of all files now in the store, and numbers (`parameters`) needed for repairs."""
+    def record_base(self, attributes: Mapping[str, Any]) -> None:
+        """Record the attributes of the store and the checksums of all files now in it."""
         self._folder.mkdir(exist_ok=True)
-        files = sorted(path for path in self._store.rglob("*") if path.is_file())
-        self._write(_BASE, (str(path.relative_to(self._store)) for path in files), parameters)
+        files = sorted(path for path in self._data_folder.rglob("*") if path.is_file())
+        self._write(_BASE, (str(path.relative_to(self._data_folder)) for path in files), attributes)
 
     def record_chunk(self, chunk: int, files: Iterable[str]) -> None:
         """Record the checksums of a chunk's files, which marks the chunk as complete."""
@@ -168,80 +211,60 @@ class StoreChecksums:
         stems = (path.stem for path in self._folder.glob("*.json"))
         return {int(stem) for stem in stems if stem.isdecimal()}
 
-    def base_number(self, key: str) -> int:
-        """Return a number that was passed to `record_base`; raises DamagedFileError if the record is damaged."""
-        return self._read(_BASE)["about"][key]
+    def attributes(self) -> dict[str, Any]:
+        """Return the attributes of the store."""
+        return self._read(_BASE)["about"]
 
     def base_problems(self) -> dict[str, str]:
-        """Return the recorded checksum of each damaged or missing file of the base, by path in the store.
-
-        Raises DamagedFileError if the record itself is damaged.
-        """
+        """Return the recorded checksum of each damaged or missing file of the base, by path in the data folder."""
         files = self._read(_BASE)["files"]
         return {name: digest for name, digest in files.items() if not self._matches(name, digest)}
 
     def refuse_damaged_base(self) -> None:
-        """Raise DamagedFileError if a file written once at creation (see `record_base`) is damaged or missing."""
+        """Raise StoreError if a file written once at creation (see `record_base`) is damaged or missing."""
         problems = list(self.base_problems())
         if problems:
             further = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
             arrived = f"a file that is damaged or missing{further}"
-            raise damaged_file_error(
-                self._store / problems[0], arrived, "it as anser wrote it: anser campaign with --resume makes it anew"
-            )
+            expected = "it as anser wrote it: anser campaign with --resume makes it anew"
+            raise StoreError(f"{self._data_folder / problems[0]}: arrived {arrived}; expected {expected}")
 
-    def chunk_problem(self, chunk: int, is_verified: Callable[[str], bool] = lambda name: True) -> str | None:
-        """Describe the first damaged file of a chunk; None if the chunk is intact.
-
-        Parameters
-        ----------
-        is_verified
-            Function that selects the files to verify, by path in the store; by default all files.
-        """
+    def chunk_problem(self, chunk: int, is_verified: Callable[[str], bool]) -> str | None:
+        """Describe the first damaged file of a chunk, among the paths that `is_verified` selects; None if intact."""
         try:
             files = self._read(str(chunk))["files"]
-        except DamagedFileError as error:
+        except StoreError as error:
             return str(error)
         for name, digest in files.items():
             if is_verified(name) and not self._matches(name, digest):
-                return f"{self._store / name} is {'damaged' if (self._store / name).is_file() else 'missing'}"
+                return (
+                    f"{self._data_folder / name} is {'damaged' if (self._data_folder / name).is_file() else 'missing'}"
+                )
         return None
 
     def _matches(self, name: str, digest: str) -> bool:
-        path = self._store / name
+        path = self._data_folder / name
         return path.is_file() and file_digest(path) == digest
 
-    def _write(self, name: str, files: Iterable[str], parameters: Mapping[str, int]) -> None:
-        digests = {file: file_digest(self._store / file) for file in files}
-        document = add_checksum({"about": dict(parameters), "files": digests, "record": name})
+    def _write(self, name: str, files: Iterable[str], attributes: Mapping[str, Any]) -> None:
+        digests = {file: file_digest(self._data_folder / file) for file in files}
+        document = add_checksum({"about": dict(attributes), "files": digests, "record": name})
         write_file(self._path(name), json.dumps(document, indent=0) + "\n", overwrite=True)
 
     def _read(self, name: str) -> dict[str, Any]:
         path = self._path(name)
         try:
-            document, checked = read_document(path)
+            document, has_checksum = read_document(path)
+        except DamagedFileError as error:
+            raise StoreError(str(error)) from None
         except OSError as error:
-            raise damaged_file_error(path, f"a record that cannot be read ({error.strerror})") from None
+            raise StoreError(
+                str(damaged_file_error(path, f"a record that cannot be read ({error.strerror})"))
+            ) from None
         # a renamed record is undamaged, but wrong
-        if not checked or document.get("record") != name:
-            raise damaged_file_error(path, "a record without its checksum, or of another chunk")
+        if not has_checksum or document.get("record") != name:
+            raise StoreError(str(damaged_file_error(path, "a record without its checksum, or of another chunk")))
         return document
 
     def _path(self, name: str) -> Path:
         return self._folder / f"{name}.json"
-
-
-def chunk_files(array: str, chunk: int, grid: tuple[int, ...]) -> Iterable[str]:
-    """Yield the paths of the files that hold one chunk of flights of an array (Zarr format 2).
-
-    Parameters
-    ----------
-    array
-        Path of the array in the store.
-    chunk
-        Index of the chunk along the first dimension, the flights.
-    grid
-        Number of chunks along each dimension of the array.
-    """
-    for further_indices in itertools.product(*map(range, grid[1:])):
-        yield f"{array}/{'.'.join(map(str, (chunk, *further_indices)))}"

@@ -1,8 +1,4 @@
-"""The study file: base scenario and number of flights.
-
-Dispersed parameters, requested estimates, selected outputs (table [keep]), and the rare event (table [rare]). Schema,
-checks and reading.
-"""
+"""The study file: schema, checks and reading."""
 
 import csv
 import difflib
@@ -16,7 +12,17 @@ from pydantic import Field, ValidationError
 
 from anser.campaigns.distributions import Dispersion
 from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, content_hash, expects, number, table, tables
+from anser.config.tables import (
+    SLUG_EXPECTED,
+    SLUG_PATTERN,
+    Table,
+    content_hash,
+    expects,
+    number,
+    table,
+    tables,
+    whole_number,
+)
 from anser.config.toml_text import attach_line_numbers, read_text
 from anser.config.validation_messages import validation_problems
 from anser.files import MIB
@@ -38,12 +44,8 @@ _SENSOR_KEYS = OPTIONAL_KEYS - _GUST_KEYS - _NETWORK_KEYS
 class OutputSelection(Table):
     """Outputs of flights stored in addition to the rows."""
 
-    worst: int = Field(
-        0,
-        ge=0,
-        le=1000,
-        description="number of the worst flights archived at the end of the campaign, with the outputs of anser run",
-        json_schema_extra=expects("a whole number from 0 to 1000"),
+    worst: int = whole_number(
+        "number of the worst flights archived at the end of the campaign, with the outputs of anser run", 0, 1000, 0
     )
     series: tuple[str, ...] = Field(
         (),
@@ -79,25 +81,14 @@ def select_series(keep: OutputSelection | None, scenario: Scenario) -> SeriesSel
 
 
 def refuse_series(
-    keep: OutputSelection | None, source: str, scenarios: Iterable[Scenario], varied: Iterable[str]
+    keep: OutputSelection | None,  # output selection of the study; None if the study has none
+    source: str,  # name of the study, for messages
+    scenarios: Iterable[Scenario],  # one or more of the scenarios to be flown
+    varied: Iterable[str],  # key paths of the varied parameters
 ) -> None:
     """Raise ScenarioError if the flights of a study cannot have the time series that the study selects.
 
-    Parameters
-    ----------
-    keep
-        Output selection of the study; None if the study has none.
-    source
-        Name of the study, for messages.
-    scenarios
-        One or more of the scenarios to be flown.
-    varied
-        Key paths of the varied parameters.
-
-    Raises
-    ------
-    ScenarioError
-        The period is not a multiple of the step, the timing varies, or no flight has one of the variables.
+    That is, if the period is not a multiple of the step, the timing varies, or no flight has one of the variables.
     """
     if keep is None or not keep.series:
         return
@@ -113,13 +104,8 @@ def refuse_series(
     recorded = set().union(*map(_recorded, scenarios))
     for k, name in enumerate(keep.series):
         if name not in recorded:
-            problems.append(
-                Problem(
-                    f"keep.series[{k}]",
-                    describe_value(name),
-                    f"a variable that a flight has; {_requirement_text(name)}",
-                )
-            )
+            expected = f"a variable that a flight has; this one takes {_requirement(name)}"
+            problems.append(Problem(f"keep.series[{k}]", describe_value(name), expected))
     if problems:
         raise ScenarioError(source, problems)
 
@@ -136,12 +122,12 @@ def _recorded(scenario: Scenario) -> set[str]:
     return keys
 
 
-def _requirement_text(name: str) -> str:
+def _requirement(name: str) -> str:
     if name in _GUST_KEYS:
-        return "this one takes turbulence or a gust"
+        return "turbulence or a gust"
     if name in _NETWORK_KEYS:
-        return 'this one takes fleet.planner = "decentralised"'
-    return "this one takes a goal sensor with errors, such as goal_sensor.preset"
+        return 'fleet.planner = "decentralised"'
+    return "a goal sensor with errors, such as goal_sensor.preset"
 
 
 def _suggestion(name: str) -> str:
@@ -156,8 +142,6 @@ def _suggestion(name: str) -> str:
 
 RARE_FLIGHTS_MAX = 100_000
 """Maximum number of flights per level: each takes about 1.5 kB of memory."""
-BREACHED_BELOW = ("separation_min_m", "clearance_min_m")
-"""Statistics whose event is a value below the threshold; for all others it is a value above."""
 _CHAINS = 10
 """Minimum number of chains per level and repetition; the interval's coverage was measured down to this number."""
 _WHOLE = 1e-9
@@ -170,35 +154,19 @@ class RareEventConfig(Table):
         description="quantity whose breach is the event; the worst aircraft of the fleet counts"
     )
     threshold: float = number("threshold of the event", 0, 1e9, "m or s")
-    flights: int = Field(
-        2000,
-        ge=1,
-        le=RARE_FLIGHTS_MAX,
-        description="number of flights per level, over all repetitions",
-        json_schema_extra=expects(f"a whole number from 1 to {RARE_FLIGHTS_MAX}"),
-    )
+    flights: int = whole_number("number of flights per level, over all repetitions", 1, RARE_FLIGHTS_MAX, 2000)
     level_share: float = number(
         "fraction of the worst flights of a level that start the next level", 0.05, 0.5, "", 0.1
     )
-    levels_max: int = Field(
-        10,
-        ge=2,
-        le=20,
-        description="maximum number of levels; level_share to this power is about the lowest detectable probability",
-        json_schema_extra=expects("a whole number from 2 to 20"),
+    levels_max: int = whole_number(
+        "maximum number of levels; level_share to this power is about the lowest detectable probability", 2, 20, 10
     )
-    repetitions: int = Field(
-        5,
-        ge=3,
-        le=100,
-        description="number of independent repetitions, whose scatter gives the interval",
-        json_schema_extra=expects("a whole number from 3 to 100"),
-    )
+    repetitions: int = whole_number("number of independent repetitions, whose scatter gives the interval", 3, 100, 5)
 
     @property
     def breached_below(self) -> bool:
         """Whether the event is a value below the threshold; otherwise it is a value above."""
-        return self.statistic in BREACHED_BELOW
+        return self.statistic in ("separation_min_m", "clearance_min_m")
 
     @property
     def chain_length(self) -> int:
@@ -219,6 +187,7 @@ class RareEventConfig(Table):
 
 
 FLIGHTS_MAX = 10_000_000
+_ANOTHER_PATH = "another path: the study's seed gives each flight its own"
 _LEAST_EIGENVALUE = 1e-9
 _TABLE_SIZE_MAX = 256 * MIB
 """Maximum size of a table of sampled values, bytes."""
@@ -230,20 +199,15 @@ class Sampling(Table):
     method: Literal["monte-carlo", "latin-hypercube", "sobol", "saltelli", "grid", "table"] = Field(
         default="monte-carlo", description="sampling method"
     )
-    flights: int | None = Field(
-        None,
-        ge=1,
-        le=FLIGHTS_MAX,
-        description="number of flights; with saltelli the number of blocks, each with one flight per varied parameter "
+    flights: int | None = whole_number(
+        "number of flights; with saltelli the number of blocks, each with one flight per varied parameter "
         "and two more; not with a grid or a table, which determine the number",
-        json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
-    )
-    levels: int | None = Field(
+        1,
+        FLIGHTS_MAX,
         None,
-        ge=1,
-        le=1000,
-        description="number of grid values per parameter: midpoints of intervals of equal probability",
-        json_schema_extra=expects("a whole number from 1 to 1000"),
+    )
+    levels: int | None = whole_number(
+        "number of grid values per parameter: midpoints of intervals of equal probability", 1, 1000, None
     )
     file: str | None = Field(
         None,
@@ -334,13 +298,7 @@ class StoppingRule(Table):
     width: float = number(
         "greatest width of the interval, in the unit of the statistic", 0, 1e9, "", exclusive_minimum=True
     )
-    at_least: int = Field(
-        100,
-        ge=1,
-        le=FLIGHTS_MAX,
-        description="minimum number of flights",
-        json_schema_extra=expects(f"a whole number from 1 to {FLIGHTS_MAX}"),
-    )
+    at_least: int = whole_number("minimum number of flights", 1, FLIGHTS_MAX, 100)
 
     def consistency_problems(self) -> list[Problem]:
         """Return problems of a quantile that has no finite upper bound."""
@@ -365,13 +323,7 @@ class Study(Table):
         description="scenario file, relative to the study file",
         json_schema_extra=expects("the path of a scenario file in quotes"),
     )
-    seed: int = Field(
-        0,
-        ge=0,
-        le=SEED_MAX,
-        description="seed of the sampling and of the flights",
-        json_schema_extra=expects(f"a whole number from 0 to {SEED_MAX}"),
-    )
+    seed: int = whole_number("seed of the sampling and of the flights", 0, SEED_MAX, 0)
     precision: Precision = Field(default="float64", description="precision of the flights; plans are always in float64")
     sampling: Sampling | None = table("sampling of a campaign", "a table [sampling]", None)
     vary: tuple[Dispersion, ...] = tables(
@@ -389,14 +341,9 @@ class Study(Table):
         """Return problems between tables."""
         paths = [dispersion.path for dispersion in self.vary]
         problems = [
-            Problem(f"vary[{k}].path", describe_value(path), "each path once")
+            Problem(f"vary[{k}].path", describe_value(path), _ANOTHER_PATH if path == "seed" else "each path once")
             for k, path in enumerate(paths)
-            if path in paths[:k]
-        ]
-        problems += [
-            Problem(f"vary[{k}].path", '"seed"', "another path: the study's seed gives each flight its own")
-            for k, path in enumerate(paths)
-            if path == "seed"
+            if path == "seed" or path in paths[:k]
         ]
         grouped_paths: list[str] = []
         for k, group in enumerate(self.correlated):
@@ -408,17 +355,16 @@ class Study(Table):
                         Problem(f"correlated[{k}].paths", describe_value(path), "each path in one group, once")
                     )
                 grouped_paths.append(path)
-        return [
-            *problems,
-            *(
-                self._sampling_problems(self.sampling)
-                if self.sampling is not None
-                else self._problems_without_sampling()
-            ),
-        ]
+        return problems + self._sampling_problems(self.sampling)
 
-    def _sampling_problems(self, sampling: Sampling) -> list[Problem]:
+    def _sampling_problems(self, sampling: Sampling | None) -> list[Problem]:
         problems = []
+        if sampling is None:
+            if self.rare is None:
+                problems.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
+            if self.until is not None:
+                problems.append(Problem("until", "a table", "none without a table [sampling]"))
+            return problems
         if sampling.method in ("grid", "table", "saltelli") and self.correlated:
             problems.append(Problem("correlated", "a table", f"none with the method {sampling.method}"))
         if self.block * (sampling.flights or 0) > FLIGHTS_MAX:
@@ -431,18 +377,9 @@ class Study(Table):
             problems.append(Problem("rare", "a table", "none: the values of a table are no distributions"))
         if sampling.method == "table" and self.vary:
             problems.append(Problem("vary", "a table", "none: the columns of sampling.file say what varies"))
-        if sampling.method != "monte-carlo" and not self.vary and sampling.method != "table":
+        if sampling.method not in ("monte-carlo", "table") and not self.vary:
             expected = f"one table [[vary]] at least with the method {sampling.method}"
             problems.append(Problem("vary", "nothing", expected))
-        return problems
-
-    def _problems_without_sampling(self) -> list[Problem]:
-        """Return the problems of a study that has no table [sampling]."""
-        problems = []
-        if self.rare is None:
-            problems.append(Problem("sampling", "nothing", "a table [sampling], or a table [rare]"))
-        if self.until is not None:
-            problems.append(Problem("until", "a table", "none without a table [sampling]"))
         return problems
 
     @property
@@ -464,22 +401,10 @@ class Study(Table):
 
 
 def load_study(path: str | os.PathLike[str]) -> tuple[Study, Scenario, dict[str, np.ndarray]]:
-    """Read and validate a study file, its scenario, and its table of values if any.
+    """Read a study file (TOML), its scenario, and the columns of its table of values by path (empty without a table).
 
-    Parameters
-    ----------
-    path
-        TOML file, UTF-8.
-
-    Returns
-    -------
-    The study, the scenario, and the columns of the table by path (empty without a table).
-
-    Raises
-    ------
-    ScenarioError
-        A file cannot be read or is not a valid study or scenario; the message states the position and the expected
-        content.
+    Raises ScenarioError if a file cannot be read or is not valid; the message states the position and the expected
+    content.
     """
     source = os.fspath(path)
     text = read_text(path, "study")
@@ -506,20 +431,23 @@ def _read_columns(path: Path) -> dict[str, np.ndarray]:
         lines = list(csv.reader(read_text(path, "table", _TABLE_SIZE_MAX).splitlines()))
     except csv.Error as error:
         raise ScenarioError(os.fspath(path), [Problem("", f"a table that is no CSV ({error})", "a CSV file")]) from None
-    lines = [line for line in lines if line]
+    lines = [[text.strip() for text in line] for line in lines if line]
     if len(lines) < 2:
         arrived = f"{len(lines)} rows"
         raise ScenarioError(os.fspath(path), [Problem("", arrived, "a row of paths and one row of values at least")])
-    heads, width = [head.strip() for head in lines[0]], len(lines[0])
-    if len(set(heads)) < width:
-        raise ScenarioError(os.fspath(path), [Problem("row 1", "a path twice", "each path once")])
+    heads, problems = lines[0], []
+    if len(set(heads)) < len(heads):
+        problems.append(Problem("row 1", "a path twice", "each path once"))
     if "seed" in heads:
-        expected = "another path: the study's seed gives each flight its own"
-        raise ScenarioError(os.fspath(path), [Problem("row 1", '"seed"', expected)])
-    for k, line in enumerate(lines):
-        if len(line) != width:
-            raise ScenarioError(os.fspath(path), [Problem(f"row {k + 1}", f"{len(line)} values", f"{width}")])
-    return {head: _parse_column([line[k].strip() for line in lines[1:]]) for k, head in enumerate(heads)}
+        problems.append(Problem("row 1", '"seed"', _ANOTHER_PATH))
+    problems += [
+        Problem(f"row {k}", f"{len(line)} values", f"{len(heads)}")
+        for k, line in enumerate(lines, 1)
+        if len(line) != len(heads)
+    ]
+    if problems:
+        raise ScenarioError(os.fspath(path), problems[:1])
+    return {head: _parse_column(list(texts)) for head, *texts in zip(*lines, strict=True)}
 
 
 def _parse_column(texts: list[str]) -> np.ndarray:

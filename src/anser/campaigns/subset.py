@@ -38,24 +38,12 @@ class SampleSpace(Protocol):
 
 @dataclass(frozen=True)
 class SubsetPlan:
-    """Size of a subset simulation: numbers of points, levels and repetitions.
+    """Size of a subset simulation: numbers of points, levels and repetitions."""
 
-    Attributes
-    ----------
-    points
-        Points per level and repetition; a multiple of 1 / share.
-    share
-        Fraction of a level's points that start the chains of the next level; 1 over a whole number.
-    levels_max
-        Maximum number of levels.
-    repetitions
-        Number of independent repetitions, whose scatter gives the confidence interval.
-    """
-
-    points: int
-    share: float
-    levels_max: int
-    repetitions: int
+    points: int  # points per level and repetition; a multiple of 1 / share
+    share: float  # fraction of a level's points that start the chains of the next level; 1 over a whole number
+    levels_max: int  # maximum number of levels
+    repetitions: int  # number of independent repetitions, whose scatter gives the confidence interval
 
     @property
     def length(self) -> int:
@@ -70,28 +58,15 @@ class SubsetPlan:
 
 @dataclass(frozen=True)
 class SubsetLevel:
-    """One level of one repetition: points whose values are at least the level's bound.
+    """One level of one repetition: points whose values are at least the level's bound."""
 
-    Attributes
-    ----------
-    bound
-        Lower bound of the level's values; -inf on the first level.
-    values
-        Values of the points, chain by chain.
-    points, numbers
-        Points, and the number with which each was computed.
-    share
-        Fraction of the points that reach the next level's bound, or on the last level exceed the threshold.
-    acceptance
-        Acceptance rate of the chains' moves; NaN on the first level.
-    """
-
-    bound: float
-    values: np.ndarray
+    bound: float  # lower bound of the level's values; -inf on the first level
+    values: np.ndarray  # values of the points, chain by chain
+    # points, and the number with which each was computed
     points: np.ndarray
     numbers: np.ndarray
-    share: float
-    acceptance: float
+    share: float  # fraction of the points that reach the next level's bound, or on the last level exceed the threshold
+    acceptance: float  # acceptance rate of the chains' moves; NaN on the first level
 
 
 Repetition = tuple[SubsetLevel, ...]
@@ -110,19 +85,11 @@ def exceedance(repetition: Repetition, value: float) -> float:
 
 @dataclass(frozen=True)
 class SubsetEstimate:
-    """Estimate of a probability with its confidence interval.
+    """Estimate of a probability with its confidence interval."""
 
-    Attributes
-    ----------
-    probability
-        Estimated probability; None if in a repetition no point exceeds the value.
-    low, high
-        Bounds of the interval; 0 and 1 if no probability could be estimated.
-    """
-
-    probability: float | None
-    low: float
-    high: float
+    probability: float | None  #: Estimated probability; None if in a repetition no point exceeds the value.
+    low: float  #: Lower bound of the interval; 0 if no probability could be estimated.
+    high: float  #: Upper bound of the interval; 1 if no probability could be estimated.
 
 
 def estimate(repetitions: Sequence[Repetition], value: float, confidence: float) -> SubsetEstimate:

@@ -377,7 +377,7 @@ def rare(
 ) -> None:
     """Estimate the probability of a rare event of a study by subset simulation (level by level)."""
     from anser.campaigns.rare_events import rare as flown_event
-    from anser.campaigns.rare_store import RareStore
+    from anser.campaigns.rare_flights import RareStore
     from anser.campaigns.store_integrity import StoreError
 
     try:
@@ -395,7 +395,7 @@ def rare(
         raise RefusedError(str(error)) from None
     except KeyboardInterrupt:
         if out.exists():
-            print_note(f"{out}: {RareStore.open(out).flown} flights; --resume goes on")
+            print_note(f"{out}: {RareStore.open(out, verify_chunks=False).flown} flights; --resume goes on")
         raise
     print_document(lambda: event.document)
     _print_rare_event(event)

@@ -146,6 +146,12 @@ def number(
     return Field(default, **lower, le=high, description=description, json_schema_extra=expects(expected, unit))
 
 
+def whole_number(description: str, low: int, high: int, default: object = PydanticUndefined) -> Any:
+    """Declare a field for a whole number from `low` to `high`; `default` as for `number`."""
+    expected = f"a whole number from {low} to {high}"
+    return Field(default, ge=low, le=high, description=description, json_schema_extra=expects(expected))
+
+
 def identifier(description: str, expected: str = NAME_EXPECTED, default: object = PydanticUndefined) -> Any:
     """Declare a field for the name of an aircraft or a goal; without a default the key is required."""
     return Field(default, pattern=NAME_PATTERN, description=description, json_schema_extra=expects(expected))
