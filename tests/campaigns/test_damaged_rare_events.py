@@ -48,7 +48,9 @@ def test_a_damaged_batch_is_reported_and_flown_again(study, whole, out, seed):
     kinds = [*OF_ONE_FILE, "swap", "copy over"]
     files = sorted((out / "flown").iterdir())
     damaged = MUTATIONS[kinds[seed % len(kinds)]](files, np.random.default_rng(seed))
-    with pytest.raises(StoreError, match=r"the batch from flight \d+ on of which .*flown/\d+\.npy is (damaged|missing)"):
+    with pytest.raises(
+        StoreError, match=r"the batch from flight \d+ on of which .*flown/\d+\.npy is (damaged|missing)"
+    ):
         read_rare(out)
     messages = []
     event = rare(study, out, processes=1, resume=True, progress=lambda message, part: messages.append(message))
