@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import anser
-from anser.results.summary import CLEARANCE_MIN_M
+from anser.results.flight_rows import CLEARANCE_MIN_M
 from anser.scenario import load, loads
 
 pytestmark = pytest.mark.long

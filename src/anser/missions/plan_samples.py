@@ -162,8 +162,6 @@ def nearest_pairs(
 
     A pair counts until its first arrival.
 
-    Notes
-    -----
     The closest approach is searched among the 64 pairs that are nearest at the samples.
     """
     count, fleet = motion.positions_n.shape[:2]
@@ -277,8 +275,6 @@ def sample_times(start_s: float, arrival_times: np.ndarray) -> tuple[np.ndarray,
 def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) -> dict[str, Scalar]:
     """Motion and demand of an aircraft on its path at a time (s), by key of `anser.variables`; SI units and radians.
 
-    Notes
-    -----
     Bank angle and load factor hold for coordinated flight along the path: they follow from the specific force
     perpendicular to the velocity relative to the air (theory section 6).
     """

@@ -23,18 +23,11 @@ class RunFolderError(ValueError):
 
 @dataclass(frozen=True, repr=False)
 class SavedFlight:
-    """A recorded flight; the printed form lists the arrivals.
+    """A recorded flight; the printed form lists the arrivals."""
 
-    Attributes
-    ----------
-    dataset
-        Samples at the scenario's record period; dimensions time and aircraft, every variable with unit, frame and name.
-    summary
-        Content of `summary.json`.
-    """
-
+    #: Samples at the scenario's record period; dimensions time and aircraft, every variable with unit, frame and name.
     dataset: "xr.Dataset"
-    summary: dict[str, Any]
+    summary: dict[str, Any]  #: Content of `summary.json`.
 
     @property
     def met(self) -> bool:

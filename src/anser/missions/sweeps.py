@@ -29,11 +29,7 @@ def sweep_dataset(
 ) -> xr.Dataset:
     """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
 
-    Returns
-    -------
-    xr.Dataset
-        One dimension for each path, with the values as coordinate, and `aircraft`. A flight that could not start has
-        NaN, "no flight" and the reason.
+    The values are the coordinate of the dimension. A flight that could not start has NaN, "no flight" and the reason.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)

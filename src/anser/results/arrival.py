@@ -82,15 +82,9 @@ def closest_approach(
     The offset is linear in time between samples, and its length is minimised exactly. Only the record up to
     `planned_arrival_s + margin_s` counts, which excludes later, closer passes in the hold around the goal.
 
-    Returns
-    -------
-    tuple[float, float]
-        Time of closest approach, s, and distance, m; both NaN without a finite sample in the window.
+    Returns the time of closest approach, s, and the distance, m; both NaN without a finite sample in the window.
 
-    Raises
-    ------
-    ValueError
-        If the shapes do not match, or the record has fewer than two samples.
+    Raises ValueError if the shapes do not match, or the record has fewer than two samples.
     """
     time, points = np.asarray(time_s, dtype=np.float64), np.asarray(offset, dtype=np.float64)
     if time.ndim != 1 or time.size < 2 or points.shape != (time.size, 3):
@@ -114,10 +108,7 @@ def least_distance(
 ) -> np.ndarray:
     """Compute the least distance of each pair of points, whose offset is linear in time between samples.
 
-    Returns
-    -------
-    np.ndarray
-        Least distance by pair, m, shape (pair,); NaN for a pair without two consecutive finite samples.
+    Returns the least distance by pair, m, shape (pair,); NaN for a pair without two consecutive finite samples.
     """
     _, distance = _segment_minima(offset, np.ones((offset.shape[0] - 1, 1)))
     minimum = np.min(np.where(np.isfinite(distance), distance, np.inf), axis=0)

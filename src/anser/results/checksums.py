@@ -44,14 +44,9 @@ def checksum_trailer(digest: str) -> bytes:
 def verify_checksum(path: Path) -> bool:
     """Verify the content of a binary file by the checksum at its end.
 
-    Returns
-    -------
-    Whether the file has a checksum; files of older versions have none.
+    Returns whether the file has a checksum; files of older versions have none.
 
-    Raises
-    ------
-    DamagedFileError
-        If the content differs from the checksum.
+    Raises DamagedFileError if the content differs from the checksum.
     """
     size = path.stat().st_size - TRAILER_BYTES
     if size < 0:
@@ -86,16 +81,10 @@ def add_checksum(document: Mapping[str, Any]) -> dict[str, Any]:
 def read_document(path: Path) -> tuple[dict[str, Any], bool]:
     """Read a JSON document and verify its checksum.
 
-    Returns
-    -------
-    The document without its checksum, and whether it has a checksum; documents of older versions have none.
+    Returns the document without its checksum, and whether it has a checksum; documents of older versions have none.
 
-    Raises
-    ------
-    DamagedFileError
-        If the file is not a JSON object, or the content differs from the checksum.
-    OSError
-        If the file cannot be read, or is larger than 32 MiB.
+    Raises DamagedFileError if the file is not a JSON object, or the content differs from the checksum. Raises OSError
+    if the file cannot be read, or is larger than 32 MiB.
     """
     try:
         document = json.loads(read_file(path, _DOCUMENT_BYTES_MAX).decode(), parse_constant=_reject_constant)

@@ -25,12 +25,8 @@ def plain_attributes(attributes: Any) -> dict[str, Any]:
 def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = False) -> None:
     """Write a JSON file.
 
-    Raises
-    ------
-    FileExistsError
-        If `path` exists and `overwrite` is False.
-    ValueError
-        If the document contains a number without JSON representation (NaN, infinity).
+    Raises FileExistsError if `path` exists and `overwrite` is False. Raises ValueError if the document contains a
+    number without JSON representation (NaN, infinity).
     """
     write_file(path, json.dumps(document, indent=1, allow_nan=False) + "\n", overwrite=overwrite)
 

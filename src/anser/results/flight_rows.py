@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.results.arrival import ARRIVED, arrival_outcome
 from anser.results.documents import finite_or_none
 from anser.results.requirements import evaluate_requirements, scenario_requirements
-from anser.results.summary import CLEARANCE_MIN_M
 from anser.results.variable_labels import unit_attributes
 from anser.scenario.schema import Scenario
 from anser.simulation.closed_loop import LEFT_FLEET
@@ -39,59 +39,79 @@ class FlightRow:
         return cls([], {}, [], met=False, reason=reason)
 
 
+CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
+"""Least distance required from a goal of each kind, m: part of the product's scope, not of a scenario."""
+
+
 def build_flight_row(
-    summary: FleetSummary,  # running summary of one flight, with concrete arrays
-    planned_s: np.ndarray,  # arrival times of the last plan, s; shape (aircraft,)
+    summary: FleetSummary,  # summary of one flight, running or from its record, with concrete arrays
+    planned_s: Sequence[float] | np.ndarray,  # arrival times of the last plan, s; shape (aircraft,)
     scenario: Scenario,
+    end_s: float | None = None,  # end of the record, s; None: the scenario's duration
+    goals: Sequence[str] = (),  # name of the final goal by aircraft, if goals were reassigned
 ) -> FlightRow:
-    """Compute the results of one flight from its running summary, as `summarize` does from the complete history."""
-    aircraft = []
-    for k, config in enumerate(scenario.aircraft):
-        has_left = int(summary.first_status[k]) == LEFT_FLEET
-        approach = arrival_outcome(
-            (float(summary.pass_time[k]), float(summary.pass_distance[k])),
-            float(planned_s[k]),
-            float(summary.off_plan_time[k]),
-            scenario.timing.duration_s,
-            (int(summary.first_status[k]), int(summary.last_status[k])),
-        )
-        speeds, error_max = summary.speeds_on_plan, summary.position_error_on_plan
-        if approach.is_arrival:
-            speeds, error_max = summary.speeds_until_pass, summary.position_error_until_pass
-        mean = (
-            float(speeds.integral[k]) / approach.approach_end_s
-            if approach.approach_end_s > 0.0
-            else float(speeds.minimum[k])
-        )
-        aircraft.append(
-            {
-                "name": config.name,
-                "goal": config.goal,
-                "planned_arrival_s": None if has_left else finite_or_none(float(planned_s[k])),
-                "arrival_s": None if has_left else finite_or_none(approach.time_s),
-                "miss_m": None if has_left else finite_or_none(approach.miss_m),
-                "speed_mean_m_s": finite_or_none(mean),
-                "speed_min_m_s": finite_or_none(float(speeds.minimum[k])),
-                "speed_max_m_s": finite_or_none(float(speeds.maximum[k])),
-                "clearance_min_m": finite_or_none(float(summary.clearance_min[k])),
-                "tables_left_s": finite_or_none(float(summary.tables_left_time[k])),
-                "position_error_max_m": finite_or_none(float(error_max[k])),
-                "status": approach.status,
-            }
-        )
-    arrivals = [entry["arrival_s"] for entry in aircraft]
+    """Compute the results of one flight from its summary."""
+    end_s = scenario.timing.duration_s if end_s is None else end_s
+    aircraft = [_aircraft_entry(summary, k, float(planned_s[k]), scenario, end_s) for k in range(len(planned_s))]
+    for entry, goal in zip(aircraft, goals, strict=bool(goals)):
+        entry["goal"] = goal
+    arrivals = [entry["arrival_s"] for entry in aircraft if "left_s" not in entry]
     fleet = {
-        "arrival_spread_s": None if None in arrivals else max(arrivals) - min(arrivals),
-        "separation_min_m": finite_or_none(float(summary.separation_min)),
+        "arrival_spread_s": None if not arrivals or None in arrivals else max(arrivals) - min(arrivals),
+        "separation_min_m": finite_or_none(summary.separation_min),
     }
     if scenario.separation.required_m is not None:
-        fleet["separation_ratio_min"] = finite_or_none(float(summary.separation_ratio_min))
-    goal_kinds = [scenario.goal_of(config).kind for config in scenario.aircraft]
-    requirements = evaluate_requirements(
-        scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in goal_kinds]
-    )
+        fleet["separation_ratio_min"] = finite_or_none(summary.separation_ratio_min)
+    clearances = [(kind, CLEARANCE_MIN_M[kind]) for kind in _clearance_kinds(scenario, aircraft)]
+    requirements = evaluate_requirements(scenario_requirements(scenario), aircraft, fleet, clearances)
     is_met = all(entry["status"] == ARRIVED for entry in aircraft) and all(config["met"] for config in requirements)
     return FlightRow(aircraft, fleet, requirements, is_met)
+
+
+def _aircraft_entry(
+    summary: FleetSummary, index: int, planned_s: float, scenario: Scenario, end_s: float
+) -> dict[str, Any]:
+    config, first_status = scenario.aircraft[index], int(summary.first_status[index])
+    off_plan_s = float(summary.off_plan_time[index])
+    approach = arrival_outcome(
+        (float(summary.pass_time[index]), float(summary.pass_distance[index])),
+        planned_s,
+        off_plan_s,
+        end_s,
+        (first_status, int(summary.last_status[index])),
+    )
+    speeds, error_max = summary.speeds_on_plan, summary.position_error_on_plan
+    if approach.is_arrival:
+        speeds, error_max = summary.speeds_until_pass, summary.position_error_until_pass
+    duration_s, speed_min = approach.approach_end_s, speeds.minimum[index]
+    has_left = first_status == LEFT_FLEET
+    return {
+        **({"left_s": off_plan_s} if has_left else {}),
+        "name": config.name,
+        "goal": config.goal,
+        "planned_arrival_s": None if has_left else finite_or_none(planned_s),
+        "arrival_s": None if has_left else finite_or_none(approach.time_s),
+        "miss_m": None if has_left else finite_or_none(approach.miss_m),
+        "speed_mean_m_s": finite_or_none(speeds.integral[index] / duration_s if duration_s > 0.0 else speed_min),
+        "speed_min_m_s": finite_or_none(speed_min),
+        "speed_max_m_s": finite_or_none(speeds.maximum[index]),
+        "clearance_min_m": finite_or_none(summary.clearance_min[index]),
+        "tables_left_s": finite_or_none(summary.tables_left_time[index]),
+        "position_error_max_m": finite_or_none(error_max[index]),
+        "status": approach.status,
+    }
+
+
+def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return for each aircraft the kind of goal that sets its required distance.
+
+    After a reassignment of goals, it is the kind with the greater distance.
+    """
+    kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
+    return [
+        max((kind_by_goal[entry["goal"]], kind_by_goal[config.goal]), key=CLEARANCE_MIN_M.__getitem__)
+        for entry, config in zip(aircraft, scenario.aircraft, strict=True)
+    ]
 
 
 AIRCRAFT_QUANTITIES = {
@@ -172,9 +192,7 @@ def worst_of_fleet(
     goal must not improve the least distance. A missing value counts as a missing arrival, unless the flight met every
     requirement without the value (an aircraft that left the fleet).
 
-    Returns
-    -------
-    Shape (flights,); infinite (minus infinite if `upper` is False) for the worst outcome.
+    The result has the shape (flights,); it is infinite (minus infinite if `upper` is False) for the worst outcome.
     """
     values, is_met = np.asarray(columns[name]), np.asarray(columns["met"])
     has_arrived = is_met | ~np.isnan(np.asarray(columns["miss_m"])).any(axis=-1)

@@ -25,13 +25,9 @@ def summarize_network(
 ) -> dict[str, Any]:
     """Summarize links, clocks and guaranteed convergence of a decentralised fleet, until the first path is frozen.
 
-    Returns
-    -------
-    dict
-        `agreed_after_s`, `links_up` (mean fraction of the pairs with a link), `quality_of_service_min` and `_mean` over
-        windows of `window_s`, `promised_rate_per_s` (guaranteed rate of convergence at the least quality of service),
-        `clock_lag_max_s`, `coordination_error_max_s`, `offers` (number of paths offered), `condition_met`, `message`,
-        and `series` with `time_s`, `quality_of_service`, `coordination_error_s`.
+    `links_up` is the mean fraction of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of
+    `window_s`, `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and
+    `offers` is the number of paths offered.
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)

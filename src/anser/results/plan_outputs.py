@@ -80,50 +80,46 @@ def _aircraft_entry(dataset: xr.Dataset, k: int, name: str, margins: dict[str, n
         return finite_or_none(dataset[key].values[k])
 
     message = str(dataset["message"].values[k])
-    row_entry: dict[str, Any] = {
+    entry: dict[str, Any] = {
         "name": name,
         "goal": str(dataset["goal"].values[k]),
         "status": message or _PLANNED,
         "path": str(dataset["path"].values[k]),
         "arrival_s": number("arrival_time_s"),
         "length_m": number("length_m"),
-        "speed_mean_m_s": number("airspeed_mean_m_s"),
-        "speed_min_m_s": number("airspeed_min_m_s"),
-        "speed_max_m_s": number("airspeed_max_m_s"),
+        **{f"speed_{kind}_m_s": number(f"airspeed_{kind}_m_s") for kind in ("mean", "min", "max")},
+        **{key: number(key) for key in ("nominal_length_m", "turn_use") if key in dataset},
     }
-    row_entry |= {key: number(key) for key in ("nominal_length_m", "turn_use") if key in dataset}
     if "hold_radius_m" in dataset:
         direction = "right" if dataset["hold_turn"].values[k] > 0.0 else "left"
-        row_entry["hold"] = {
-            "direction": direction,
-            "radius_m": number("hold_radius_m"),
-            "height_m": number("hold_height_m"),
-        }
-    row_entry["limits"] = []
-    for limit in LIMITS:
-        if not np.isfinite(dataset[f"limit_{limit.name}"].values[k]):
-            continue
-        entry = {
+        sizes = {"radius_m": number("hold_radius_m"), "height_m": number("hold_height_m")}
+        entry["hold"] = {"direction": direction, **sizes}
+    entry["limits"] = [
+        {
             "name": limit.name,
             "limit": number(f"limit_{limit.name}"),
             "planned": number(limit.name),
             "margin": finite_or_none(margins[limit.name][k]),
+            **({"bound": number(f"bound_{limit.name}")} if f"bound_{limit.name}" in dataset else {}),
         }
-        if f"bound_{limit.name}" in dataset:
-            entry["bound"] = number(f"bound_{limit.name}")
-        row_entry["limits"].append(entry)
-    return row_entry
+        for limit in LIMITS
+        if np.isfinite(dataset[f"limit_{limit.name}"].values[k])
+    ]
+    return entry
 
 
 def _minimum_entry(dataset: xr.Dataset, quantity: str, names: list[str]) -> dict[str, Any]:
     """Return the entry of the closest pair of aircraft over the plan; `quantity` is "distance" or "separation"."""
     pair = dataset[f"least_{quantity}_pair"].values
+    value_m, time_s, horizontal_m, vertical_m = (
+        finite_or_none(dataset[f"least_{quantity}_{suffix}"].item()) for suffix in ("m", "at_s", "level_m", "height_m")
+    )
     return {
-        "value_m": finite_or_none(dataset[f"least_{quantity}_m"].item()),
+        "value_m": value_m,
         "pair": [names[k] for k in pair] if pair[0] >= 0 else None,
-        "time_s": finite_or_none(dataset[f"least_{quantity}_at_s"].item()),
-        "horizontal_m": finite_or_none(dataset[f"least_{quantity}_level_m"].item()),
-        "vertical_m": finite_or_none(dataset[f"least_{quantity}_height_m"].item()),
+        "time_s": time_s,
+        "horizontal_m": horizontal_m,
+        "vertical_m": vertical_m,
     }
 
 
@@ -138,17 +134,14 @@ def _separation_entry(dataset: xr.Dataset, names: list[str]) -> dict[str, Any] |
     minimum = _minimum_entry(dataset, "separation", names)
     required = attrs["separation_horizontal_m"]
     margin = None if minimum["value_m"] is None else minimum["value_m"] - required
-    entry = {
+    bounds = {"bound_ratio": "separation_bound", "hold_bound_ratio": "hold_separation_bound"}
+    return {
         "horizontal_asked_m": required,
         "vertical_asked_m": attrs["separation_vertical_m"],
         **minimum,
         "margin_m": margin,
+        **{key: finite_or_none(attrs[name]) for key, name in bounds.items() if name in attrs},
     }
-    if "separation_bound" in attrs:
-        entry["bound_ratio"] = finite_or_none(attrs["separation_bound"])
-    if "hold_separation_bound" in attrs:
-        entry["hold_bound_ratio"] = finite_or_none(attrs["hold_separation_bound"])
-    return entry
 
 
 def _keep_out_entries(dataset: xr.Dataset, names: list[str]) -> list[dict[str, Any]]:
@@ -193,13 +186,8 @@ _DIGITS = 6
 def write_trajectories(dataset: xr.Dataset, path: Path) -> None:
     """Write the paths of a plan to a new CSV file (RFC 4180): one row per aircraft and time.
 
-    Raises
-    ------
-    FileExistsError
-        If `path` exists.
+    Raises FileExistsError if `path` exists.
 
-    Notes
-    -----
     Rows are sorted by aircraft, then by time: the regular sample times up to the arrival, and the arrival. Aircraft
     with a non-finite path have no rows.
     """

@@ -148,33 +148,26 @@ def _check(samples: PlanSamples, details: PlanDetails) -> None:
 
 def _add_closest(data: dict[str, Any], name: str, closest: ClosestApproach) -> None:
     """Add the variables of the closest pair, at every time and over the plan; `name` is "distance" or "separation"."""
-    pair = np.asarray(closest.pair, dtype=np.int32)
-    data[f"{name}_pair"] = (("time", "end"), pair, unit_attributes("1", "Indices of the two aircraft; -1: none"))
-    minimum_pair = np.asarray(closest.minimum_pair, dtype=np.int32)
-    data[f"least_{name}_pair"] = (
-        "end",
-        minimum_pair,
-        unit_attributes("1", "Indices of the closest pair; -1: none"),
-    )
-    for key, value, unit, long_name in (
-        (f"least_{name}_m", closest.minimum_m, "m", f"Least {name} between two aircraft in the plan"),
-        (f"least_{name}_at_s", closest.minimum_time_s, "s", f"Time of the least {name}"),
-        (f"least_{name}_level_m", closest.horizontal_m, "m", "Horizontal distance at that time"),
-        (f"least_{name}_height_m", closest.vertical_m, "m", "Vertical distance at that time"),
+    for key, dims, value, unit, long_name in (
+        (f"{name}_pair", ("time", "end"), closest.pair, "1", "Indices of the two aircraft; -1: none"),
+        (f"least_{name}_pair", "end", closest.minimum_pair, "1", "Indices of the closest pair; -1: none"),
+        (f"least_{name}_m", (), closest.minimum_m, "m", f"Least {name} between two aircraft in the plan"),
+        (f"least_{name}_at_s", (), closest.minimum_time_s, "s", f"Time of the least {name}"),
+        (f"least_{name}_level_m", (), closest.horizontal_m, "m", "Horizontal distance at that time"),
+        (f"least_{name}_height_m", (), closest.vertical_m, "m", "Vertical distance at that time"),
     ):
-        data[key] = ((), float(value), unit_attributes(unit, long_name))
+        data[key] = (dims, np.asarray(value, np.int32 if unit == "1" else float), unit_attributes(unit, long_name))
 
 
 def _add_paths(data: dict[str, Any], samples: PlanSamples, details: PlanDetails) -> None:
     """Add the variables that describe whole paths, over (aircraft,)."""
     fleet = details.scenario.aircraft
-    arrival = _VARIABLES["arrival_time"]
+    arrival, extremes = _VARIABLES["arrival_time"], samples.extremes
     data[arrival.name] = ("aircraft", np.asarray(samples.arrival_times_s, dtype=float), catalogue_attributes(arrival))
-    extremes = samples.extremes
     length = extremes.length if details.lengths_m is None else details.lengths_m
-    data["length_m"] = ("aircraft", length, unit_attributes("m", "Length of the path through the air, in space"))
-    data["airspeed_mean_m_s"] = ("aircraft", extremes.speed_mean, unit_attributes("m s-1", "Mean true airspeed"))
     for name, values, unit, long_name in (
+        ("length_m", length, "m", "Length of the path through the air, in space"),
+        ("airspeed_mean_m_s", extremes.speed_mean, "m s-1", "Mean true airspeed"),
         ("nominal_length_m", details.nominal_lengths_m, "m", "Length of the path without its bend"),
         ("turn_use", details.turn_utilization, "1", "Turn rate over that of the greatest bank angle"),
         ("hold_radius_m", details.hold_radii_m, "m", "Radius of the hold"),
@@ -209,29 +202,22 @@ def _add_keep_outs(data: dict[str, Any], samples: PlanSamples, details: PlanDeta
     volumes = details.scenario.keep_out
     if not volumes:
         return
-    for name, unit, long_name, values in (
-        ("north_m", "m", "North position of the middle at time 0", [volume.north_m for volume in volumes]),
-        ("east_m", "m", "East position of the middle at time 0", [volume.east_m for volume in volumes]),
-        ("velocity_north_m_s", "m s-1", "North velocity", [volume.velocity_m_s()[0] for volume in volumes]),
-        ("velocity_east_m_s", "m s-1", "East velocity", [volume.velocity_m_s()[1] for volume in volumes]),
-        ("radius_m", "m", "Radius", [volume.radius_m for volume in volumes]),
-        ("bottom_m", "m", "Altitude of the bottom", [volume.bottom_m for volume in volumes]),
-        ("top_m", "m", "Altitude of the top", [volume.top_m for volume in volumes]),
+    volume_axis, pair_axes = "keep_out", ("aircraft", "keep_out")
+    velocities = np.array([volume.velocity_m_s()[:2] for volume in volumes], dtype=float)
+    for name, dims, unit, long_name, values in (
+        ("keep_out_north_m", volume_axis, "m", "North position of the middle at time 0", [v.north_m for v in volumes]),
+        ("keep_out_east_m", volume_axis, "m", "East position of the middle at time 0", [v.east_m for v in volumes]),
+        ("keep_out_velocity_north_m_s", volume_axis, "m s-1", "North velocity", velocities[:, 0]),
+        ("keep_out_velocity_east_m_s", volume_axis, "m s-1", "East velocity", velocities[:, 1]),
+        ("keep_out_radius_m", volume_axis, "m", "Radius", [v.radius_m for v in volumes]),
+        ("keep_out_bottom_m", volume_axis, "m", "Altitude of the bottom", [v.bottom_m for v in volumes]),
+        ("keep_out_top_m", volume_axis, "m", "Altitude of the top", [v.top_m for v in volumes]),
+        ("keep_out_room_m", pair_axes, "m", "Least distance outside", samples.keep_out_margin_m),
+        ("keep_out_at_s", pair_axes, "s", "Time of the least distance", samples.keep_out_margin_time_s),
+        ("bound_keep_out_room_m", pair_axes, "m", "Least distance outside, proven bound", details.keep_out_bounds_m),
     ):
-        data[f"keep_out_{name}"] = ("keep_out", np.array(values, dtype=float), unit_attributes(unit, long_name))
-    dimensions = ("aircraft", "keep_out")
-    data["keep_out_room_m"] = (dimensions, samples.keep_out_margin_m, unit_attributes("m", "Least distance outside"))
-    data["keep_out_at_s"] = (
-        dimensions,
-        samples.keep_out_margin_time_s,
-        unit_attributes("s", "Time of the least distance"),
-    )
-    if details.keep_out_bounds_m is not None:
-        data["bound_keep_out_room_m"] = (
-            dimensions,
-            details.keep_out_bounds_m,
-            unit_attributes("m", "Least distance outside, proven bound"),
-        )
+        if values is not None:
+            data[name] = (dims, np.array(values, dtype=float), unit_attributes(unit, long_name))
 
 
 def _attributes(details: PlanDetails) -> dict[str, Any]:

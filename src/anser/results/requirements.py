@@ -91,12 +91,9 @@ def evaluate_requirements(
 ) -> list[dict[str, Any]]:
     """Evaluate a flight against its requirements.
 
-    Returns
-    -------
-    list
-        An entry {name, limit, value, met} for each requirement, and for each kind of goal. `value` is the worst of the
-        fleet, for a kind of goal that with the least margin. A missing value is None and not met; a single aircraft
-        meets every separation.
+    Returns an entry {name, limit, value, met} for each requirement, and for each kind of goal. `value` is the worst of
+    the fleet, for a kind of goal that with the least margin. A missing value is None and not met; a single aircraft
+    meets every separation.
     """
     evaluations = [_evaluate_requirement(requirement, aircraft, fleet) for requirement in requirements]
     for kind in dict.fromkeys(kind for kind, _ in clearances):
@@ -113,31 +110,23 @@ def evaluate_requirements(
 
 def _evaluate_requirement(requirement: Requirement, aircraft: Sequence[_Entry], fleet: _Entry) -> dict[str, Any]:
     """Return the entry {name, limit, value, met} of one requirement; aircraft that left the fleet do not count."""
-    name, limit = requirement.name, requirement.limit
-    at_most = name in _AT_MOST
+    name, is_upper = requirement.name, requirement.name in _AT_MOST
+    staying = [k for k, entry in enumerate(aircraft) if "left_s" not in entry]
+    values = (_AT_MOST if is_upper else _AT_LEAST)[name]([aircraft[k] for k in staying], fleet)
+    limits = [requirement.limit] * len(values)
     if requirement.aircraft_limits is not None:
-        pairs = [
-            (entry[name], aircraft_limit)
-            for entry, aircraft_limit in zip(aircraft, requirement.aircraft_limits, strict=True)
-            if "left_s" not in entry
-        ]
-        if not pairs:
-            return _entry(name, limit, None, True)
-        worst = min(
-            pairs, key=lambda pair: -math.inf if pair[0] is None else (pair[1] - pair[0]) * (1 if at_most else -1)
-        )
-        value, limit = worst
-        is_met = value is not None and (value <= limit if at_most else value >= limit)
-        return _entry(name, limit, value, is_met)
-    staying = [entry for entry in aircraft if "left_s" not in entry]  # without departed aircraft
-    values = (_AT_MOST if at_most else _AT_LEAST)[name](staying, fleet)
+        limits = [requirement.aircraft_limits[k] for k in staying]
     if not values:
-        return _entry(name, limit, None, True)
-    numbers = [value for value in values if value is not None]
-    if len(numbers) < len(values):
-        return _entry(name, limit, None, False)
-    value = max(numbers) if at_most else min(numbers)
-    return _entry(name, limit, value, value <= limit if at_most else value >= limit)
+        return _entry(name, requirement.limit, None, True)
+    sign = 1.0 if is_upper else -1.0
+
+    def margin(k: int) -> tuple[float, float]:
+        value = values[k]
+        return (-math.inf, 0.0) if value is None else (sign * (limits[k] - value), -sign * value)
+
+    worst = min(range(len(values)), key=margin)
+    value, limit = values[worst], limits[worst]
+    return _entry(name, limit, value, value is not None and (value <= limit if is_upper else value >= limit))
 
 
 def _entry(name: str, limit: float, value: float | None, is_met: bool) -> dict[str, Any]:

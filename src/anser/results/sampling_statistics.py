@@ -19,14 +19,9 @@ def wilson_interval(
     Statistical Association 22(158), 1927; recommended by L. D. Brown, T. T. Cai, A. DasGupta, *Interval estimation for
     a binomial proportion*, Statistical Science 16(2), 2001.
 
-    Returns
-    -------
-    Lower and upper bound, 0..1.
+    Returns the lower and the upper bound, 0..1.
 
-    Raises
-    ------
-    ValueError
-        If there are more successes than flights.
+    Raises ValueError if there are more successes than flights.
     """
     if not 0 <= successes <= count:
         raise ValueError(f"arrived {successes} successes of {count} flights; expected 0 to {count}")
@@ -48,14 +43,9 @@ def log_interval(
 ) -> tuple[float, float, float]:
     """Return the geometric mean of independent positive estimates and its interval (Student's, of the logarithms).
 
-    Returns
-    -------
-    Geometric mean, lower and upper bound.
+    Returns the geometric mean, the lower and the upper bound.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two estimates, or an estimate is not positive.
+    Raises ValueError if there are fewer than two estimates, or an estimate is not positive.
     """
     if estimates.size < 2 or not np.all(estimates > 0.0):
         raise ValueError(f"arrived {estimates.tolist()}; expected two positive numbers at least")
@@ -76,14 +66,9 @@ def order_statistic_interval(
     The number of values below the quantile is binomial; each bound excludes the quantile with at most half of the
     allowed error probability. Source: H. A. David, H. N. Nagaraja, *Order Statistics*, 3rd ed., section 7.1.
 
-    Returns
-    -------
-    Lower and upper bound; -inf or inf with too few values.
+    Returns the lower and the upper bound; -inf or inf with too few values.
 
-    Raises
-    ------
-    ValueError
-        If a value is NaN.
+    Raises ValueError if a value is NaN.
     """
     ordered = np.sort(np.asarray(values, dtype=float))
     if np.isnan(ordered).any():
@@ -208,10 +193,8 @@ def sobol_indices(
     nonlinear models*, Reliability Engineering & System Safety 52(1), 1996. Intervals by resampling the blocks. SALib
     computes both.
 
-    Raises
-    ------
-    ValueError
-        If there are fewer than two blocks or incomplete blocks, an output is not finite, or the outputs are constant.
+    Raises ValueError if there are fewer than two blocks or incomplete blocks, an output is not finite, or the outputs
+    are constant.
     """
     from SALib.analyze import sobol
 

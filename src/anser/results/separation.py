@@ -66,10 +66,7 @@ def nearest_aircraft_distance(
 ) -> np.ndarray:
     """Compute the distance of each aircraft to the nearest other one, or the least ratio of distance to separation.
 
-    Returns
-    -------
-    np.ndarray
-        Shape (time, aircraft); NaN without another included aircraft.
+    The result has the shape (time, aircraft); NaN without another included aircraft.
     """
     is_valid = np.ones(positions_m.shape[:2], dtype=bool) if is_included is None else is_included
     nearest = np.full(positions_m.shape[:2], np.inf)

@@ -5,20 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.files import write_file
 from anser.planning.limits import NOMINAL_BEND_M
-from anser.results.arrival import Arrival, arrival_outcome, closest_approach, least_distance, summarize_arrivals
+from anser.results.arrival import closest_approach, least_distance, summarize_arrivals
 from anser.results.checksums import add_checksum, damaged_file_error, read_document
 from anser.results.documents import finite_or_none, software_versions
-from anser.results.requirements import evaluate_requirements, scenario_requirements
+from anser.results.flight_rows import build_flight_row
 from anser.results.separation import minimum_separation_ratio
 from anser.scenario.schema import Scenario
-from anser.simulation.closed_loop import HOLD, LEFT_FLEET, is_off_plan
-from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
+from anser.simulation.closed_loop import HOLD, is_off_plan
+from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S, AirspeedStatistics, FleetSummary
 from anser.variables import STANDARD_SURFACES
 
 
@@ -70,8 +70,6 @@ def summary_problem(summary: dict[str, Any]) -> tuple[str, str] | None:
 
 
 FORMAT_VERSION = 1
-CLEARANCE_MIN_M = {"surface": SURFACE_STAND_OFF_MIN_M, "airborne": AIRBORNE_STAND_OFF_MIN_M}
-"""Least distance required from a goal of each kind, m: part of the product's scope, not of a scenario."""
 
 
 def summarize(
@@ -128,49 +126,76 @@ def summarize(
         )
     if surfaces and len(surfaces) != expected[1]:
         raise ValueError(f"surfaces are those of {len(surfaces)} aircraft; there are {expected[1]}")
+    flight_row = build_flight_row(
+        _summarize_record(time, history, scenario.separation.required_m),
+        history["arrival_time"][-1],
+        scenario,
+        float(time[-1]),
+        goals,
+    )
     surface_lists = surfaces or [STANDARD_SURFACES] * len(scenario.aircraft)
-    aircraft = [
-        _aircraft_entry(time, history, scenario, *column_surfaces) for column_surfaces in enumerate(surface_lists)
-    ]
-    for entry, path in zip(aircraft, paths, strict=bool(paths)):
+    for column, (entry, surface_list) in enumerate(zip(flight_row.aircraft, surface_lists, strict=True)):
+        record = {key: np.asarray(values)[:, column] for key, values in history.items()}
+        bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
+        bend = float(bends[0]) if bends.size else None
+        entry |= {"tables_left": bool(np.any(record["outside_tables"])), "path": None, "lateral_bend_m": bend}
+        entry["nominal"] = None if bend is None else abs(bend) <= NOMINAL_BEND_M
+        if "gust_u" in record:
+            entry |= _gust_entries(time, record, scenario, surface_list)
+    for entry, path in zip(flight_row.aircraft, paths, strict=bool(paths)):
         entry["path"] = path
-    for entry, goal in zip(aircraft, goals, strict=bool(goals)):
-        entry["goal"] = goal
-    arrivals = [entry["arrival_s"] for entry in aircraft if "left_s" not in entry]
-    fleet: dict[str, float | None] = {
-        "arrival_spread_s": None if not arrivals or None in arrivals else max(arrivals) - min(arrivals),
-        "separation_min_m": _least_separation(history),
-        "wall_s": finite_or_none(wall_s),
-        "simulated_s": finite_or_none(time[-1] - time[0]),
-    }
-    if scenario.separation.required_m is not None:
-        fleet["separation_ratio_min"] = minimum_separation_ratio(history, scenario.separation.required_m)
-    goal_kinds = _clearance_kinds(scenario, aircraft)
     return {
         "format_version": FORMAT_VERSION,
         "scenario": {"name": scenario.name, "hash": scenario.hash},
         "versions": software_versions(),
         "seed": scenario.seed,
-        "aircraft": aircraft,
-        "arrival": summarize_arrivals(scenario, aircraft),
-        "fleet": fleet,
-        "requirements": evaluate_requirements(
-            scenario_requirements(scenario), aircraft, fleet, [(kind, CLEARANCE_MIN_M[kind]) for kind in goal_kinds]
-        ),
+        "aircraft": flight_row.aircraft,
+        "arrival": summarize_arrivals(scenario, flight_row.aircraft),
+        "fleet": flight_row.fleet
+        | {"wall_s": finite_or_none(wall_s), "simulated_s": finite_or_none(time[-1] - time[0])},
+        "requirements": flight_row.requirements,
         **({"events": [dict(event) for event in events]} if events else {}),
     }
 
 
-def _clearance_kinds(scenario: Scenario, aircraft: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return for each aircraft the kind of goal that sets its required distance.
+def _summarize_record(
+    time: np.ndarray, history: Mapping[str, np.ndarray], separation_m: tuple[float, float] | None
+) -> FleetSummary:
+    """Compute from a complete record the summary that `SummaryRecorder` updates at every sample of a flight."""
+    columns = range(history["north"].shape[1])
+    aircraft = [_summarize_aircraft(time, {key: values[:, k] for key, values in history.items()}) for k in columns]
+    fleet: dict[str, Any] = jax.tree.map(lambda *values: np.array(values), *aircraft)
+    fleet["separation_min"] = _least_separation(history)
+    fleet["separation_ratio_min"] = None if separation_m is None else minimum_separation_ratio(history, separation_m)
+    return FleetSummary(**fleet)
 
-    After a reassignment of goals, it is the kind with the greater distance.
-    """
-    kind_by_goal = {goal.name: goal.kind for goal in scenario.goal}
-    return [
-        max((kind_by_goal[entry["goal"]], kind_by_goal[config.goal]), key=CLEARANCE_MIN_M.__getitem__)
-        for entry, config in zip(aircraft, scenario.aircraft, strict=True)
-    ]
+
+def _summarize_aircraft(time: np.ndarray, record: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Compute the values of one aircraft in a `FleetSummary`, from its record."""
+    status, off_plan = record["status"], np.flatnonzero(is_off_plan(record["status"]))
+    end_index = int(off_plan[0]) if off_plan.size else time.size - 1
+    searched = slice(0, max(end_index, 1) + 1)  # at least two samples
+    offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
+    pass_time, pass_distance = closest_approach(
+        time[searched], offset[searched], float(record["arrival_time"][-1]), ARRIVAL_MARGIN_S
+    )
+    airspeed = record.get("airspeed_mean_wind", record["airspeed"])
+    error = np.where(record["phase"] == HOLD, -np.inf, record["position_error"])
+    failures = status[status != 0]
+    return {
+        "pass_time": pass_time,
+        "pass_distance": pass_distance,
+        "speeds_until_pass": _speed_statistics(time, airspeed, pass_time),
+        "position_error_until_pass": _finite_extreme(np.max, error[time <= pass_time]),
+        "speeds_on_plan": _speed_statistics(time, airspeed, float(time[end_index])),
+        "position_error_on_plan": _finite_extreme(np.max, error[: end_index + 1]),
+        "off_plan_time": float(time[end_index]) if off_plan.size else np.inf,
+        "clearance_min": _finite_extreme(np.min, record["clearance"]),
+        "tables_left_time": float(np.sum(np.diff(time)[record["outside_tables"][:-1]])),
+        "first_status": int(failures[0]) if failures.size else 0,
+        "last_status": int(failures[-1]) if failures.size else 0,
+        "finite": bool(np.isfinite(airspeed).all() and np.isfinite(offset).all()),
+    }
 
 
 def write_summary(summary: Mapping[str, Any], path: Path) -> None:
@@ -207,56 +232,6 @@ def read_summary(path: Path) -> dict[str, Any]:
     return summary
 
 
-def _aircraft_entry(
-    time: np.ndarray, history: Mapping[str, np.ndarray], scenario: Scenario, column: int, surfaces: Sequence[str]
-) -> dict[str, Any]:
-    """Return the entry of the aircraft in `column` of the history, without its description of the path."""
-    record = {key: np.asarray(values)[:, column] for key, values in history.items()}
-    planned = float(record["arrival_time"][-1])
-    approach = _approach(time, record, planned)
-    mean, minimum, maximum = _speed_statistics(
-        time, record.get("airspeed_mean_wind", record["airspeed"]), approach.approach_end_s
-    )
-    bends = record["lateral_bend"][np.isfinite(record["lateral_bend"])]
-    bend = float(bends[0]) if bends.size else None
-    tables_left_s = float(np.sum(np.diff(time)[record["outside_tables"][:-1]]))
-    departure_samples = np.flatnonzero(record["status"] == LEFT_FLEET)
-    has_left = departure_samples.size > 0
-    return {
-        **({"left_s": float(time[departure_samples[0]])} if has_left else {}),
-        "name": scenario.aircraft[column].name,
-        "goal": scenario.aircraft[column].goal,
-        "planned_arrival_s": None if has_left else finite_or_none(planned),
-        "arrival_s": None if has_left else finite_or_none(approach.time_s),
-        "miss_m": None if has_left else finite_or_none(approach.miss_m),
-        "speed_mean_m_s": mean,
-        "speed_min_m_s": minimum,
-        "speed_max_m_s": maximum,
-        "clearance_min_m": _finite_extreme(np.min, record["clearance"]),
-        "tables_left": bool(np.any(record["outside_tables"])),
-        "tables_left_s": tables_left_s,
-        "position_error_max_m": _finite_extreme(
-            np.max, record["position_error"][(time <= approach.approach_end_s) & (record["phase"] != HOLD)]
-        ),
-        **(_gust_entries(time, record, scenario, surfaces) if "gust_u" in record else {}),
-        "path": None,
-        "nominal": None if bend is None else abs(bend) <= NOMINAL_BEND_M,
-        "lateral_bend_m": bend,
-        "status": approach.status,
-    }
-
-
-def _approach(time: np.ndarray, record: Mapping[str, np.ndarray], planned_s: float) -> Arrival:
-    """Return the outcome of one aircraft's approach, from its record."""
-    offset = np.stack([record[f"rendezvous_{axis}"] - record[axis] for axis in ("north", "east", "altitude")], axis=-1)
-    off_plan = np.flatnonzero(is_off_plan(record["status"]))
-    end_index = int(off_plan[0]) if off_plan.size else time.size - 1
-    off_plan_s = float(time[end_index]) if off_plan.size else np.inf
-    searched = slice(0, max(end_index, 1) + 1)  # at least two samples
-    closest_pass = closest_approach(time[searched], offset[searched], planned_s, ARRIVAL_MARGIN_S)
-    return arrival_outcome(closest_pass, planned_s, off_plan_s, float(time[-1]), record["status"].tolist())
-
-
 def _gust_entries(
     time: np.ndarray, record: Mapping[str, np.ndarray], scenario: Scenario, surfaces: Sequence[str]
 ) -> dict[str, float | None]:
@@ -268,27 +243,26 @@ def _gust_entries(
         for surface in surfaces
     }
     return {
-        "gust_max_m_s": _finite_extreme(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw"))),
-        "load_factor_min": _finite_extreme(np.min, load),
-        "load_factor_max": _finite_extreme(np.max, load),
+        "gust_max_m_s": finite_or_none(
+            _finite_extreme(np.max, np.sqrt(sum(record[f"gust_{axis}"] ** 2 for axis in "uvw")))
+        ),
+        "load_factor_min": finite_or_none(_finite_extreme(np.min, load)),
+        "load_factor_max": finite_or_none(_finite_extreme(np.max, load)),
         "load_factor_exceeded_s": float(np.sum(intervals[is_exceeded[:-1]])),
         "surfaces_limited_s": float(np.sum(intervals[record["surfaces_limited"][:-1]])),
         **travel,
     }
 
 
-def _speed_statistics(
-    time: np.ndarray, airspeed: np.ndarray, end: float
-) -> tuple[float | None, float | None, float | None]:
-    """Return the time mean, minimum and maximum of the airspeed, m/s, from the start to the time `end`, s."""
+def _speed_statistics(time: np.ndarray, airspeed: np.ndarray, end: float) -> AirspeedStatistics:
+    """Return the time integral, minimum and maximum of the airspeed from the start to the time `end`, s."""
     times = np.append(time[time < end], end)
     speeds = np.append(airspeed[time < end], np.interp(end, time, airspeed))
     times, speeds = times[np.isfinite(speeds)], speeds[np.isfinite(speeds)]
-    if speeds.size == 0:
-        return None, None, None
-    duration = times[-1] - times[0]
-    mean = np.trapezoid(speeds, times) / duration if duration > 0.0 else speeds[0]
-    return float(mean), float(np.min(speeds)), float(np.max(speeds))
+    statistics: tuple[Any, ...] = (np.nan, np.nan, np.nan)
+    if speeds.size:
+        statistics = np.trapezoid(speeds, times), np.min(speeds), np.max(speeds)
+    return AirspeedStatistics(*statistics)
 
 
 def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
@@ -299,7 +273,7 @@ def _least_separation(history: Mapping[str, np.ndarray]) -> float | None:
     return _finite_extreme(np.min, np.concatenate(pairs)) if pairs else None
 
 
-def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float | None:
-    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); None without any."""
+def _finite_extreme(extreme: Callable[[np.ndarray], Any], values: np.ndarray) -> float:
+    """Return the minimum or maximum of the finite values, by `extreme` (`np.min`, `np.max`); NaN without any."""
     finite = values[np.isfinite(values)]
-    return float(extreme(finite)) if finite.size else None
+    return float(extreme(finite)) if finite.size else np.nan

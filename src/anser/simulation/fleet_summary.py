@@ -43,50 +43,32 @@ class AirspeedStatistics(eqx.Module):
 
 
 class FleetSummary(eqx.Module):
-    """Results of a flight, updated at every sample; one value per aircraft, except the separations (one per fleet).
+    """Results of a flight, updated at every sample; one value per aircraft, except the separations (one per fleet)."""
 
-    Attributes
-    ----------
-    pass_time, pass_distance
-        Time (s) and distance (m) of the closest pass of the moving rendezvous, until 10 s after the planned arrival and
-        while the plan is flown; the offset is linear between samples. `arrival_outcome` of the results decides whether
-        the pass is an arrival.
-    speeds_until_pass
-        Airspeed statistics up to the pass, without gusts; the integral over the pass time is the mean airspeed.
-    position_error_until_pass
-        Greatest position error up to the pass, while the plan is flown, m (the hold has no planned position); -inf if
-        the plan was never flown.
-    speeds_on_plan, position_error_on_plan
-        The same quantities up to `off_plan_time`, or up to the latest sample while the plan is flown.
-    off_plan_time
-        Time of the first sample with an `is_off_plan` status, s; infinite before.
-    clearance_min
-        Least distance from the goal, m.
-    tables_left_time
-        Time outside the airframe's data, s.
-    first_status, last_status
-        First non-zero status and last status; index into `STATUS_MESSAGES`.
-    separation_min, separation_ratio_min
-        Least distance of any two aircraft, m, and least ratio of distance to required separation at the samples;
-        infinite for a single aircraft or without a required separation.
-    finite
-        Whether all recorded numbers of the aircraft were finite.
-    """
-
+    #: Time (s) and `pass_distance` (m) of the closest pass of the moving rendezvous, until 10 s after the planned
+    #: arrival and while the plan is flown; the offset is linear between samples. `arrival_outcome` of the results
+    #: decides whether the pass is an arrival.
     pass_time: Float[Array, " aircraft"]
     pass_distance: Float[Array, " aircraft"]
+    #: Airspeed statistics up to the pass, without gusts; the integral over the pass time is the mean airspeed.
     speeds_until_pass: AirspeedStatistics
+    #: Greatest position error up to the pass, while the plan is flown, m (the hold has no planned position); -inf if
+    #: the plan was never flown.
     position_error_until_pass: Float[Array, " aircraft"]
+    #: Airspeed statistics up to `off_plan_time`, or up to the latest sample while the plan is flown.
     speeds_on_plan: AirspeedStatistics
+    #: Greatest position error up to the same time, m.
     position_error_on_plan: Float[Array, " aircraft"]
+    #: Time of the first sample with an `is_off_plan` status, s; infinite before.
     off_plan_time: Float[Array, " aircraft"]
-    clearance_min: Float[Array, " aircraft"]
-    tables_left_time: Float[Array, " aircraft"]
-    first_status: Int[Array, " aircraft"]
-    last_status: Int[Array, " aircraft"]
-    separation_min: Scalar
+    clearance_min: Float[Array, " aircraft"]  #: Least distance from the goal, m.
+    tables_left_time: Float[Array, " aircraft"]  #: Time outside the airframe's data, s.
+    first_status: Int[Array, " aircraft"]  #: First non-zero status; index into `STATUS_MESSAGES`.
+    last_status: Int[Array, " aircraft"]  #: Last status; index into `STATUS_MESSAGES`.
+    separation_min: Scalar  #: Least distance of any two aircraft, m; infinite for a single aircraft.
+    #: Least ratio of distance to required separation at the samples; infinite without a required separation.
     separation_ratio_min: Scalar
-    finite: Bool[Array, " aircraft"]
+    finite: Bool[Array, " aircraft"]  #: Whether all recorded numbers of the aircraft were finite.
 
 
 class _PreviousSample(NamedTuple):
@@ -101,17 +83,10 @@ class SummaryRecorder(AbstractRecorder):
     """Recorder that keeps only a summary of the flight so far and stores no time history.
 
     The recorder's state is the pair (summary, previous sample).
-
-    Attributes
-    ----------
-    separation
-        Separation required of the fleet; None: no requirement.
-    last_sample
-        Number of the last sample in the summary; None: no limit.
     """
 
-    separation: Separation | None = None
-    last_sample: Count | None = None
+    separation: Separation | None = None  #: Separation required of the fleet; None: no requirement.
+    last_sample: Count | None = None  #: Number of the last sample in the summary; None: no limit.
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> tuple[FleetSummary, _PreviousSample]:
