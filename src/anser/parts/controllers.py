@@ -3,16 +3,16 @@
 import abc
 from typing import Any
 
-import equinox as eqx
 from jaxtyping import Array
 
 from anser.aircraft.airframe import AircraftState, Controls
+from anser.parts.part import AbstractPart
 from anser.parts.perception import Belief, Instant
 from anser.parts.planners import AircraftPlan
 from anser.shapes import ScalarLike, Vector3
 
 
-class AbstractGuidance(eqx.Module):
+class AbstractGuidance(AbstractPart):
     """Interface of guidance, which commands one aircraft. Subclass this class directly, not a concrete guidance."""
 
     @abc.abstractmethod
@@ -30,7 +30,7 @@ class AbstractGuidance(eqx.Module):
         """
 
 
-class AbstractController(eqx.Module):
+class AbstractController(AbstractPart):
     """Interface of controllers, which turn commands into controls. Subclass this class directly, not a concrete one."""
 
     @abc.abstractmethod

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from anser.parts.part import AbstractPart
 from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
@@ -33,7 +34,7 @@ class PathPoint(eqx.Module):
     acceleration_n: Vector3
 
 
-class AbstractReference(eqx.Module):
+class AbstractReference(AbstractPart):
     """Interface of a reference motion: position, velocity and acceleration as functions of time, for guidance."""
 
     @abc.abstractmethod

@@ -18,6 +18,7 @@ from anser.aircraft.motion import FlightCondition
 from anser.environment.environment import Environment
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import INITIAL_SAMPLE, AbstractRandomness
+from anser.parts.part import AbstractPart
 from anser.shapes import Count, Flag, Matrix33, Scalar, Vector3
 from anser.spatial.rotations import rotate_back
 from anser.spatial.vectors import norm
@@ -231,7 +232,7 @@ class Uncertainty(eqx.Module):
 GOAL_KNOWN, GOAL_NEVER_SEEN, GOAL_DIVERGED = range(3)
 
 
-class AbstractSensors(eqx.Module):
+class AbstractSensors(AbstractPart):
     """Interface of the complete set of sensors of one aircraft. Subclass this class directly, not a concrete one.
 
     A single sensor has no interface: the sensors in `anser.sensing` are parts of `NoisySensors`, the set of sensors
@@ -247,7 +248,7 @@ class AbstractSensors(eqx.Module):
         """Return the readings of this sample, and the sensors' new state."""
 
 
-class AbstractEstimator(eqx.Module):
+class AbstractEstimator(AbstractPart):
     """Interface of the estimator of one aircraft. Subclass this class directly, not a concrete estimator."""
 
     @abc.abstractmethod

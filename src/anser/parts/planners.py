@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from anser.numerics.arrays import as_array, namespace
 from anser.numerics.randomness import AbstractRandomness
+from anser.parts.part import AbstractPart
 from anser.parts.paths import AbstractReference, polar
 from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm, safe_sqrt, unit_vector
@@ -242,7 +243,7 @@ class AircraftPlan(eqx.Module):
     network: NetworkView | None = None  #: Data of a fleet without a centre; otherwise None.
 
 
-class AbstractPlanner(eqx.Module):
+class AbstractPlanner(AbstractPart):
     """Interface of the planner of a fleet. Subclass this class directly, not a concrete planner.
 
     The planner state (`planner_state`) is a pytree of arrays. `anser.simulation.flight` calls `plans` and `observe` at

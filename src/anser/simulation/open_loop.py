@@ -16,7 +16,7 @@ from anser.parts.perception import Belief, Instant, Truth
 from anser.parts.planners import AircraftPlan
 from anser.shapes import Count, ScalarLike, Vector3
 from anser.simulation.closed_loop import FLYING
-from anser.simulation.recorders import CONTROLLER_COMMANDS, CONTROLLER_FLAGS, AbstractRecorder, AircraftSample, record
+from anser.simulation.recorders import CONTROLLER_COMMANDS, CONTROLLER_FLAGS, AircraftSample, record
 from anser.spatial.wind_axes import bank_about_velocity
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
@@ -119,22 +119,6 @@ class PrescribedCommand(AbstractGuidance):
         zero = jnp.zeros(())
         V, gamma, chi = self.values[instant.number]
         return PathCommand(V, gamma, chi, zero, zero, zero), belief.state.position_n, None
-
-
-class SampleRecorder(AbstractRecorder):
-    """Recorder of all variables of one aircraft, in SI units and radians."""
-
-    stride: int = eqx.field(static=True, default=1)
-
-    def init(self, aircraft: int) -> None:
-        """The recorder has no state."""
-
-    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """The recorder has no state."""
-
-    def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
-        """Return the recorded variables by key."""
-        return record(sample)
 
 
 def start_point(

@@ -307,7 +307,7 @@ class AbstractRecorder(eqx.Module):
 
 
 class History(AbstractRecorder):
-    """Recorder of variables of a fleet over time; one row every `stride` samples.
+    """Recorder of variables of a fleet, or of one aircraft, over time; one row every `stride` samples.
 
     Attributes
     ----------
@@ -326,7 +326,7 @@ class History(AbstractRecorder):
     def update(self, recorder_state: None, sample: Any, instant: Instant) -> None:
         """Do nothing: the history consists of the rows that `output` returns, and carries nothing between samples."""
 
-    def output(self, sample: FleetSample, instant: Instant) -> dict[str, Array]:
+    def output(self, sample: FleetSample | AircraftSample, instant: Instant) -> dict[str, Array]:
         """Variables by aircraft, SI units and radians.
 
         Raises
@@ -334,7 +334,7 @@ class History(AbstractRecorder):
         ValueError
             If a selected variable is not recorded.
         """
-        variables = sample.rows(record)
+        variables = sample.rows(record) if isinstance(sample, FleetSample) else record(sample)
         if self.keys is None:
             return variables
         unknown = [key for key in self.keys if key not in variables]

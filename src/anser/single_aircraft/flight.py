@@ -36,8 +36,8 @@ from anser.simulation.open_loop import (
     FeedbackControls,
     PrescribedCommand,
     PrescribedControls,
-    SampleRecorder,
 )
+from anser.simulation.recorders import History
 from anser.simulation.vehicle import Vehicle
 from anser.single_aircraft.air import Air, read_air
 from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
@@ -212,7 +212,7 @@ def simulate(
         point,
         as_array(step_s),
         flight_randomness(seed) if air.is_random or sensors is not None else None,
-        SampleRecorder(stride=stride),
+        History(stride=stride),
         count,
     )
     rows = (time_s.size - 1) // stride + 1
@@ -242,7 +242,7 @@ def _fly(
     start: TrimPoint,
     step: Scalar,
     randomness: AbstractRandomness | None,
-    recorder: SampleRecorder,
+    recorder: History,
     count: int,
 ) -> dict[str, Array]:
     vehicle = Vehicle(airframe, sensors, estimator, guidance, controller, gusts=gusts)

@@ -1,0 +1,227 @@
+"""Parts of the closed loop from outside the package: objects, or names MODULE:NAME, and the check before a flight."""
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.environment.environment import Environment
+from anser.numerics.randomness import flight_randomness
+from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.paths import PathCommand
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
+from anser.parts.planners import AbstractPlanner
+from anser.shapes import Vector3
+from anser.simulation.closed_loop import true_situation
+from anser.simulation.vehicle import Vehicle
+
+_INTERFACES: dict[str, type] = {
+    "controller": AbstractController,
+    "guidance": AbstractGuidance,
+    "sensors": AbstractSensors,
+    "estimator": AbstractEstimator,
+    "planner": AbstractPlanner,
+}
+_VEHICLE_PARTS = ("sensors", "estimator", "guidance", "controller")
+_BY_NAME = 'text "my_package:MyClass", with a class without arguments or an object'
+
+
+@dataclass(frozen=True)
+class OwnParts:
+    """Parts of a user that replace those of a scenario: one for all aircraft, or a mapping by the aircraft's name.
+
+    A part may be given as an object, or as text MODULE:NAME. The planner is one for the fleet.
+    """
+
+    controller: Any = None
+    guidance: Any = None
+    sensors: Any = None
+    estimator: Any = None
+    planner: Any = None
+
+    def __bool__(self) -> bool:
+        return any(getattr(self, field.name) is not None for field in fields(self))
+
+    def resolved(self, aircraft_names: Sequence[str]) -> "OwnParts":
+        """Return the parts as objects.
+
+        Raises
+        ------
+        ScenarioError
+            A name cannot be imported, an object is no such part, or an aircraft is unknown.
+        """
+        problems: list[Problem] = []
+
+        def resolve(kind: str) -> Any:
+            given = getattr(self, kind)
+            if not isinstance(given, Mapping) or kind == "planner":
+                return _resolve_part(given, kind, f"parts.{kind}", problems)
+            unknown = [name for name in given if name not in aircraft_names]
+            problems.extend(
+                Problem(f"parts.{kind}", describe_value(name), f"the name of an aircraft: {', '.join(aircraft_names)}")
+                for name in unknown
+            )
+            return {name: _resolve_part(part, kind, f"parts.{kind}.{name}", problems) for name, part in given.items()}
+
+        parts = OwnParts(*(resolve(field.name) for field in fields(self)))
+        if problems:
+            raise ScenarioError("own parts", problems)
+        return parts
+
+    def part_of(self, kind: str, aircraft: str) -> Any:
+        """Return an aircraft's own part of a kind; None if the scenario's part stays."""
+        part = getattr(self, kind)
+        return part.get(aircraft) if isinstance(part, Mapping) else part
+
+    def replace_in(self, vehicle: Vehicle, aircraft: str) -> Vehicle:
+        """Return an aircraft of the closed loop with its own parts."""
+        changes = {kind: part for kind in _VEHICLE_PARTS if (part := self.part_of(kind, aircraft)) is not None}
+        return replace(vehicle, **changes) if changes else vehicle
+
+    def describe(self) -> dict[str, Any]:
+        """Return the parts by name, for the provenance of results."""
+        described = {}
+        for field in fields(self):
+            part = getattr(self, field.name)
+            if isinstance(part, Mapping):
+                described[field.name] = {name: _name_of(item) for name, item in part.items()}
+            elif part is not None:
+                described[field.name] = _name_of(part)
+        return described
+
+
+def _name_of(part: Any) -> str:
+    return part if isinstance(part, str) else f"{type(part).__module__}:{type(part).__qualname__}"
+
+
+def _resolve_part(part: Any, kind: str, key_path: str, problems: list[Problem]) -> Any:
+    interface = _INTERFACES[kind]
+    if part is None:
+        return None
+    if isinstance(part, str):
+        module, _, name = part.partition(":")
+        try:
+            part = getattr(importlib.import_module(module), name)
+            part = part() if isinstance(part, type) else part
+        except (ImportError, AttributeError, TypeError, ValueError) as error:
+            problems.append(Problem(key_path, f"{describe_value(part)} ({error})", _BY_NAME))
+            return None
+    if not isinstance(part, interface):
+        arrived = f"the class {part.__name__}" if isinstance(part, type) else f"an object of {type(part).__name__}"
+        problems.append(Problem(key_path, arrived, f"an object of a subclass of anser.parts.{interface.__name__}"))
+    return part
+
+
+def check_own_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: OwnParts) -> None:
+    """Trace one sample of an aircraft with own parts on shapes alone, and refuse wrong returns by part and method.
+
+    Raises
+    ------
+    ScenarioError
+        A method raises, or returns another structure, shape or type than its interface says.
+    """
+    kinds = [
+        kind for kind in ("sensors", "estimator", "guidance", "controller") if own.part_of(kind, aircraft) is not None
+    ]
+    if not kinds:
+        return
+    instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(step_s), flight_randomness(0))
+
+    def trace(kind: str, method: str, function: Any, *arguments: Any) -> Any:
+        try:
+            return eqx.filter_eval_shape(function, *arguments)
+        except ScenarioError:
+            raise
+        except Exception as error:
+            if kind not in kinds:
+                raise
+            message = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+            raise _part_error(
+                vehicle, kind, method, f"{type(error).__name__}: {message}", "a traceable method"
+            ) from error
+
+    def pair(kind: str, method: str, result: Any, size: int, expected: str) -> Any:
+        if kind in kinds and (not isinstance(result, tuple) or len(result) != size):
+            raise _part_error(vehicle, kind, method, _described(result), expected)
+        return result
+
+    def same(kind: str, method: str, before: Any, after: Any) -> None:
+        if kind in kinds and _signature(before) != _signature(after):
+            expected = f"the state in the structure of init: {_signature(before)}"
+            raise _part_error(vehicle, kind, method, f"the state {_signature(after)}", expected)
+
+    state = eqx.filter_eval_shape(_start_state, vehicle.airframe)
+    attitude = jax.ShapeDtypeStruct((3,), float)
+    flow_free = eqx.tree_at(lambda v: v.gusts, vehicle, type(vehicle).__dataclass_fields__["gusts"].default_factory())
+    truth = eqx.filter_eval_shape(lambda s: true_situation(flow_free, s, instant, None, None), state)
+    sensors = trace("sensors", "init", lambda t: vehicle.sensors.init(t, instant), truth)
+    read = trace("sensors", "read", lambda s, t: vehicle.sensors.read(s, t, instant), sensors, truth)
+    reading, next_sensors = pair("sensors", "read", read, 2, "(reading, state)")
+    same("sensors", "read", sensors, next_sensors)
+    airframe = vehicle.airframe
+    estimator = trace("estimator", "init", lambda r: vehicle.estimator.init(r, airframe, instant), reading)
+    estimate = trace(
+        "estimator", "estimate", lambda s, r: vehicle.estimator.estimate(s, r, airframe, instant), estimator, reading
+    )
+    belief, next_estimator = pair("estimator", "estimate", estimate, 2, "(belief, state)")
+    same("estimator", "estimate", estimator, next_estimator)
+    if "estimator" in kinds and not isinstance(belief, Belief):
+        raise _part_error(vehicle, "estimator", "estimate", _described(belief), "an anser.parts.Belief first")
+    guidance = trace("guidance", "init", lambda b: vehicle.guidance.init(b, instant), belief)
+    del guidance  # its command needs a plan, which exists only in flight
+    controller = trace("controller", "init", vehicle.controller.init, state, attitude)
+    command = jax.tree.map(lambda _: jax.ShapeDtypeStruct((), float), PathCommand(*(jnp.zeros(()),) * 6))
+    control = trace(
+        "controller",
+        "control",
+        lambda s, b, c: vehicle.controller.control(s, b, c, instant.step),
+        controller,
+        belief,
+        command,
+    )
+    controls, _, next_controller = pair("controller", "control", control, 3, "(controls, signals, state)")
+    same("controller", "control", controller, next_controller)
+    count = len(airframe.actuators.names)
+    if "controller" in kinds and (
+        not isinstance(controls, Controls)
+        or (np.shape(controls.surfaces), np.shape(controls.throttle)) != ((count,), ())
+    ):
+        expected = f"anser.aircraft.Controls with surfaces of shape ({count},) and a throttle of shape ()"
+        raise _part_error(vehicle, "controller", "control", _described(controls), expected)
+
+
+def _start_state(airframe: AbstractAirframe) -> AircraftState:
+    zero: Vector3 = jnp.zeros(3)
+    surfaces = jnp.zeros(len(airframe.actuators.names))
+    quaternion = jnp.array([1.0, 0.0, 0.0, 0.0])
+    actuators, engine = airframe.actuators.steady_state(surfaces), airframe.engine.steady_state(jnp.zeros(()))
+    return AircraftState(zero, zero.at[0].set(100.0), quaternion, zero, actuators, engine)
+
+
+def _part_error(vehicle: Vehicle, kind: str, method: str, arrived: str, expected: str) -> ScenarioError:
+    name = type(getattr(vehicle, kind)).__qualname__
+    return ScenarioError("own parts", [Problem(f"{kind} {name}.{method}", arrived, expected)])
+
+
+def _described(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"a tuple of {len(value)}: {', '.join(type(item).__name__ for item in value)}"
+    if isinstance(value, Controls):
+        shapes = np.shape(value.surfaces), np.shape(value.throttle)
+        return f"Controls with surfaces of shape {shapes[0]} and a throttle of shape {shapes[1]}"
+    return f"{type(value).__name__} of shape {np.shape(value)}" if hasattr(value, "shape") else type(value).__name__
+
+
+def _signature(state: Any) -> str:
+    leaves, structure = jax.tree.flatten(state)
+    shapes = [
+        f"{np.dtype(leaf.dtype).name}{list(leaf.shape)}" if hasattr(leaf, "dtype") else repr(leaf) for leaf in leaves
+    ]
+    return f"{structure} with {', '.join(shapes) or 'no arrays'}".replace("PyTreeDef", "")
