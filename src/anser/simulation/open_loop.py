@@ -140,17 +140,29 @@ def start_point(
     )
 
 
-def state_variables(
+def dataset_variables(
     airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
 ) -> dict[str, Array]:
-    """Compute the recorded variables of a state, by key, in SI units and radians; there are no gusts."""
+    """Compute the variables of a state in still or steadily moving air by dataset name, in degrees, in open loop."""
     local_state = to_local_state(environment, state)
     condition = flight_condition(airframe, environment, time, local_state)
     specific_force_b = condition.wrench.force_b / airframe.mass_properties.mass
+    return _named_variables(Belief(airframe, local_state, condition, specific_force_b, sight=None, goal=None), controls)
+
+
+def believed_variables(belief: Belief) -> dict[str, Array]:
+    """Return an aircraft's own estimate of its motion by dataset name (`alpha_deg`, `course_deg`), for own parts.
+
+    The throttle is not part of an estimate, and is NaN.
+    """
+    return _named_variables(belief, Controls(belief.state.surfaces, jnp.asarray(jnp.nan)))
+
+
+def _named_variables(belief: Belief, controls: Controls) -> dict[str, Array]:
     nan = jnp.asarray(jnp.nan)
     sample = AircraftSample(
-        truth=Truth(airframe, local_state, condition, None),
-        belief=Belief(airframe, local_state, condition, specific_force_b, sight=None, goal=None),
+        truth=Truth(belief.airframe, belief.state, belief.condition, None),
+        belief=belief,
         controls=controls,
         signals=None,
         command=PathCommand(nan, nan, nan, nan, nan, nan),
@@ -158,17 +170,9 @@ def state_variables(
         approach=None,
         status=jnp.asarray(FLYING, dtype=jnp.int32),
     )
-    return record(sample)
-
-
-def dataset_variables(
-    airframe: AbstractAirframe, environment: Environment, time: ScalarLike, state: MotionState, controls: Controls
-) -> dict[str, Array]:
-    """Compute the variables of a state by dataset name, in the units of the catalogue (degrees), in open loop."""
-    variables = state_variables(airframe, environment, time, state, controls)
-    described = {variable.key: variable for variable in catalogue(airframe.actuators.names)}
+    described = {variable.key: variable for variable in catalogue(belief.airframe.actuators.names)}
     return {
         described[key].name: value * described[key].factor
-        for key, value in variables.items()
-        if key not in CONTROLLER_KEYS and key != "status"
+        for key, value in record(sample).items()
+        if key not in CONTROLLER_KEYS and key in described and key != "status"
     }
