@@ -26,6 +26,7 @@ from anser.scenario.build_aircraft import ResolvedAircraft, build_flight_limits,
 from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
+from anser.scenario.own_parts import check_own_parts, own_parts
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import Event
@@ -102,13 +103,21 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
     resolved = resolve_fleet(scenario)
     fleet = [*resolved, *resolved[-1:] * (-len(resolved) % _FLEET if pad_fleet else 0)]
     goals = _goals([scenario.goal_of(aircraft.table) for aircraft in fleet], scenario.event)
+    own = own_parts(scenario).resolved(scenario)
+    environment = build_environment(scenario)
+    vehicles = [
+        own.replace_in(_vehicle(scenario, aircraft, goal), aircraft.table.name)
+        for aircraft, goal in zip(fleet, goals, strict=True)
+    ]
+    for vehicle, aircraft in zip(vehicles, resolved, strict=False):
+        check_own_parts(vehicle, environment, timing.step_s, aircraft.table.name, own)
     return assemble(
-        build_environment(scenario),
+        environment,
         [
-            (_vehicle(scenario, aircraft, goal), _start(aircraft.table), ned(aircraft.table.start.position_m))
-            for aircraft, goal in zip(fleet, goals, strict=True)
+            (vehicle, _start(aircraft.table), ned(aircraft.table.start.position_m))
+            for vehicle, aircraft in zip(vehicles, fleet, strict=True)
         ],
-        build_planner(scenario, fleet, build_guidance(scenario, resolved)),
+        own.planner or build_planner(scenario, fleet, build_guidance(scenario, resolved)),
         timing.step_s,
         round(timing.replan_period_s / timing.step_s),
         timing.freeze_s,

@@ -1,7 +1,7 @@
 """Parts of the closed loop from outside the package: objects, or names MODULE:NAME, and the check before a flight."""
 
 import importlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -13,13 +13,15 @@ import numpy as np
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.config.errors import Problem, ScenarioError, describe_value
 from anser.environment.environment import Environment
+from anser.environment.gusts import NoGusts
 from anser.numerics.randomness import flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.paths import PathCommand
-from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant, Truth
 from anser.parts.planners import AbstractPlanner
+from anser.scenario.schema import Scenario
 from anser.shapes import Vector3
-from anser.simulation.closed_loop import true_situation
+from anser.simulation.closed_loop import air_flow, true_situation
 from anser.simulation.vehicle import Vehicle
 
 _INTERFACES: dict[str, type] = {
@@ -49,15 +51,22 @@ class OwnParts:
     def __bool__(self) -> bool:
         return any(getattr(self, field.name) is not None for field in fields(self))
 
-    def resolved(self, aircraft_names: Sequence[str]) -> "OwnParts":
+    def resolved(self, scenario: Scenario) -> "OwnParts":
         """Return the parts as objects.
 
         Raises
         ------
         ScenarioError
-            A name cannot be imported, an object is no such part, or an aircraft is unknown.
+            A name cannot be imported, an object is no such part, an aircraft is unknown, or a planner meets events.
         """
+        if not self:
+            return self
         problems: list[Problem] = []
+        aircraft_names = [aircraft.name for aircraft in scenario.aircraft]
+        if self.planner is not None and scenario.event:
+            arrived = f"an own planner with {len(scenario.event)} events"
+            expected = "no events, or no own planner: only the package's planners plan on after events"
+            problems.append(Problem("parts.planner", arrived, expected))
 
         def resolve(kind: str) -> Any:
             given = getattr(self, kind)
@@ -95,6 +104,30 @@ class OwnParts:
             elif part is not None:
                 described[field.name] = _name_of(part)
         return described
+
+
+def attach_parts(scenario: Scenario, parts: OwnParts) -> Scenario:
+    """Return a scenario that is flown with own parts, beside or in place of those that its file names.
+
+    The parts stay with the scenario through `Scenario.replace`.
+    """
+    if not parts:
+        return scenario
+    attached = scenario.model_copy()
+    attached._attached_parts = parts
+    return attached
+
+
+def own_parts(scenario: Scenario) -> OwnParts:
+    """Return the own parts of a scenario: attached objects, or else the names in its file."""
+    attached = scenario._attached_parts or OwnParts()
+    named = scenario.parts
+    return OwnParts(
+        *(
+            value if (value := getattr(attached, field.name)) is not None else getattr(named, field.name, None)
+            for field in fields(OwnParts)
+        )
+    )
 
 
 def _name_of(part: Any) -> str:
@@ -159,8 +192,13 @@ def check_own_parts(vehicle: Vehicle, environment: Environment, step_s: float, a
 
     state = eqx.filter_eval_shape(_start_state, vehicle.airframe)
     attitude = jax.ShapeDtypeStruct((3,), float)
-    flow_free = eqx.tree_at(lambda v: v.gusts, vehicle, type(vehicle).__dataclass_fields__["gusts"].default_factory())
-    truth = eqx.filter_eval_shape(lambda s: true_situation(flow_free, s, instant, None, None), state)
+    calm = replace(vehicle, gusts=NoGusts())
+
+    def situation(state: AircraftState) -> Truth:
+        flow = air_flow(state, instant)
+        return true_situation(calm, state, instant, calm.gusts.init(jnp.zeros(0), flow), flow)
+
+    truth = eqx.filter_eval_shape(situation, state)
     sensors = trace("sensors", "init", lambda t: vehicle.sensors.init(t, instant), truth)
     read = trace("sensors", "read", lambda s, t: vehicle.sensors.read(s, t, instant), sensors, truth)
     reading, next_sensors = pair("sensors", "read", read, 2, "(reading, state)")

@@ -6,7 +6,7 @@ Values are validated, have the units of the scenario file, and include the conte
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import PrivateAttr, ValidationError, model_validator
 
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
 from anser.aircraft_files.sources import entry_point_origin, read_airframe
@@ -92,6 +92,8 @@ class Scenario(ScenarioTables):
     seed, the air is turbulent, and a flight must keep its aircraft separated.
     """
 
+    _attached_parts: Any = PrivateAttr(None)  # objects of `anser.scenario.own_parts.attach_parts`
+
     @model_validator(mode="after")
     def _holds_together(self) -> Self:
         limits, ranges = self.limits, {aircraft.range for aircraft in self.aircraft}
@@ -148,9 +150,11 @@ class Scenario(ScenarioTables):
         changes = tuple(zip(arguments[::2], arguments[1::2], strict=True))
         source = f"{self.name} with {', '.join(str(key_path) for key_path in arguments[::2])} replaced"
         try:
-            return validate(replace_values(self, changes), source)
+            replaced = validate(replace_values(self, changes), source)
         except ScenarioError as error:
             raise ScenarioError(source, error.problems) from None
+        replaced._attached_parts = self._attached_parts
+        return replaced
 
 
 def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:

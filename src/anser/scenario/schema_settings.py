@@ -1,13 +1,13 @@
 """Scenario tables for the whole flight: time, fleet, limits, guidance, hold, requirements, network."""
 
 import math
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field
 
 from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S, AirframeRange
 from anser.config.errors import Problem, format_number
-from anser.config.tables import Table, number, ordering_problems
+from anser.config.tables import Table, expects, number, ordering_problems
 
 DURATION_MAX_S = 7200.0
 
@@ -233,3 +233,21 @@ def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
     slower = (slow - limits.speed_min_m_s) / (slow + wind_m_s)
     faster = (limits.speed_max_m_s - fast) / (fast + wind_m_s)
     return min(turning, slower, faster, reserve)
+
+
+_PART_NAME = r"^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_.]*$"
+
+
+def _part(description: str) -> Any:
+    expected = 'the name of a class without arguments, or of an object: "my_package:MyController"'
+    return Field(None, pattern=_PART_NAME, description=description, json_schema_extra=expects(expected))
+
+
+class Parts(Table):
+    """Own parts of the closed loop, imported by name when the flight is built: see the page on own parts."""
+
+    controller: str | None = _part("controller of every aircraft, in place of the autopilot")
+    guidance: str | None = _part("guidance of every aircraft, in place of path following")
+    sensors: str | None = _part("sensors of every aircraft")
+    estimator: str | None = _part("estimator of every aircraft")
+    planner: str | None = _part("planner of the fleet, in place of fleet.planner")

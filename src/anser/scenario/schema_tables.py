@@ -9,7 +9,7 @@ from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import Arrival, Event, KeepOut, Separation
 from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation
-from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Requirements, Timing
+from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Parts, Requirements, Timing
 
 FORMAT = 2
 """Newest format of scenario files; older formats are read too."""
@@ -66,6 +66,13 @@ class ScenarioTables(Table):
     )
     keep_out: tuple[KeepOut, ...] = tables(
         "volumes closed to all aircraft", "tables [[keep_out]], in double brackets", at_least=0, default=()
+    )
+
+    parts: Parts | None = Field(
+        None,
+        description="own parts of the closed loop, of all aircraft",
+        json_schema_extra=expects("a table [parts]"),
+        exclude_if=lambda parts: parts is None,  # scenarios without own parts keep their hash
     )
 
     @property
