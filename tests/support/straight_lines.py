@@ -29,16 +29,6 @@ class StraightLines(AbstractPlanner):
             end_n = report.goal_position_n + self.duration * report.goal_velocity_n + report.rendezvous.stand_off_n
             velocity_n = (end_n + self.error_n - report.position_n) / self.duration
             line = Line(report.position_n, velocity_n, jnp.asarray(time))
-            fine, unknown = jnp.zeros((), dtype=jnp.int32), jnp.full((), jnp.nan)
-            return AircraftPlan(line, time + self.duration, fine, unknown, unknown, fine)
+            return AircraftPlan(line, time + self.duration)
 
         return jax.vmap(one)(reports)
-
-    def replan(self, memory, time, reports):
-        return memory
-
-    def observe(self, memory, reports, number, step, randomness):
-        return memory
-
-    def plans(self, memory):
-        return memory

@@ -232,10 +232,13 @@ class AircraftPlan(eqx.Module):
 
     trajectory: AbstractReference  #: Motion up to the arrival, which the guidance follows.
     arrival_time: Scalar  #: Time of arrival at the rendezvous, s.
-    status: Count  #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
-    length: Scalar  #: Length of the path, m.
-    lateral_bend: Scalar  #: Parameter of the published paths, m; NaN for other paths.
-    replanning: Count  #: Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
+    #: Index into `anser.planning.published.coordination.PLAN_MESSAGES`; 0: success.
+    status: Count = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
+    length: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))  #: Length of the path, m.
+    #: Parameter of the published paths, m; NaN for other paths.
+    lateral_bend: Scalar = eqx.field(default_factory=lambda: jnp.asarray(jnp.nan))
+    #: Origin of the plan: index into `anser.planning.certified.replanning.REPLANNING_MESSAGES`.
+    replanning: Count = eqx.field(default_factory=lambda: jnp.zeros((), dtype=jnp.int32))
     hold: Any = None  #: Motion after the arrival; None: the hold of the aircraft's mission.
     #: Greatest distance by which the hold may be moved with a goal that deviates from its predicted motion, m; None:
     #: the hold is not moved (see `hold_reference`).
@@ -278,9 +281,12 @@ class AbstractPlanner(AbstractPart):
         """
         return as_array(False, bool)
 
-    @abc.abstractmethod
     def replan(self, planner_state: Any, time: ScalarLike, reports: AircraftReport) -> Any:
-        """Make a new plan from the stacked reports at `time` (s), if possible; return the new planner state."""
+        """Make a new plan from the stacked reports at `time` (s), if possible; return the new planner state.
+
+        By default the plan stays as it is.
+        """
+        return planner_state
 
     def observe(
         self,
@@ -297,6 +303,9 @@ class AbstractPlanner(AbstractPart):
         """
         return planner_state
 
-    @abc.abstractmethod
     def plans(self, planner_state: Any) -> AircraftPlan:
-        """Return the plan in force of every aircraft, stacked; leading axis aircraft."""
+        """Return the plan in force of every aircraft, stacked; leading axis aircraft.
+
+        By default the planner state is the stacked plan.
+        """
+        return planner_state
