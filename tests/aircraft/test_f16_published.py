@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.verification.f16_tables import F16_AERO_SHOTS, F16_ENGINE_SHOTS
-from anser.verification.textbook_checks import F16_DERIVATIVES, F16_TURN, rates_and_slopes, state_and_controls
+from anser.verification.f16_data import F16_AERO_SHOTS, F16_ENGINE_SHOTS
+from anser.verification.textbook import F16_DERIVATIVES, F16_TURN, rates_and_slopes, state_and_controls
 from support.checks import assert_passes
 from support.reference import reference
 from support.textbook import textbook_aircraft, textbook_environment, textbook_rates

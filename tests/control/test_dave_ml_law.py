@@ -8,7 +8,7 @@ from anser.control import dave_ml_law
 from anser.control.dave_ml_laws import named_signals
 from anser.dave_ml import read_dave_ml
 from anser.units import DEG_RAD, KNOT_M_S, RAD_DEG
-from anser.verification.nasa_f16 import published_model
+from anser.verification.nesc_flight import published_model
 from support.law_cases import FLAT, belief_of, lqr_by_hand
 
 TRIM = {"trimmedPilotControl_throttle": 0.139, "trimmedPilotControl_long": 0.13}

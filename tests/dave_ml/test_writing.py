@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from anser.dave_ml import read_dave_ml, write_dave_ml
-from anser.dave_ml.definition import Argument, Breakpoints, Definition, Function, GriddedTable, Note, Variable, header
+from anser.dave_ml.definition import Argument, Breakpoints, Definition, Function, GriddedTable, Note, Variable
 from anser.dave_ml.formulas import (
     ARGUMENTS_MAX,
     COMPARISONS,
@@ -148,7 +148,16 @@ def test_operations_are_those_of_mathml(operation):
 def test_a_model_made_in_python_is_written_and_read():
     definition = Definition(
         file="own",
-        header=header("Wing <of> ours", "A. Nyone", "anser", "2026-11-25", description='lift & "drag"', version="1"),
+        header=Note(
+            "fileHeader",
+            (("name", "Wing <of> ours"),),
+            children=(
+                Note("author", (("name", "A. Nyone"), ("org", "anser"))),
+                Note("creationDate", (("date", "2026-11-25"),)),
+                Note("fileVersion", text="1"),
+                Note("description", text='lift & "drag"'),
+            ),
+        ),
         variables={
             v.id: v
             for v in (

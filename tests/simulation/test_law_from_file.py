@@ -13,7 +13,7 @@ from anser.sensing import DirectEstimator, IdealSensors
 from anser.simulation import AbstractRecorder, Vehicle
 from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
 from anser.steady import solve_trim, trim_target
-from anser.verification.nasa_f16 import prompt_f16, published_model
+from anser.verification.nesc_flight import prompt_f16, published_model
 
 STEP_S = 0.0025
 

@@ -1,13 +1,11 @@
 """The built-in s119 F-16 equals NASA's DAVE-ML files."""
 
-import equinox as eqx
 import numpy as np
 import pytest
 
 from anser.aircraft_files import load_airframe
 from anser.numerics.arrays import as_array
-from anser.verification import f16_files
-from anser.verification.nasa_f16 import published_model
+from anser.verification import f16_data
 
 COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 
@@ -15,12 +13,11 @@ COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 @pytest.fixture(scope="module")
 def compared():
     """[S119] F16_aero, F16_prop at 10,000 random states: files with exact pi, built-in model, files with rounded pi."""
-    aerodynamics, thrust = (published_model(name).evaluator for name in ("F16_aero", "F16_prop"))
-    exact = eqx.tree_at(lambda e: e.constants["rtd"], aerodynamics, as_array(180.0 / np.pi))
-    airframe = load_airframe("f16", "s119", x_cg_over_c=0.35)
-    states = as_array(f16_files.random_states())
-    from_files, built_in = f16_files.compare_models(airframe, exact, thrust, states)
-    rounded, _ = f16_files.compare_models(airframe, aerodynamics, thrust, states)
+    airframe, of_files = load_airframe("f16", "s119", x_cg_over_c=0.35), f16_data.f16_of_files()
+    states = as_array(f16_data.random_states())
+    exact = f16_data.with_degrees_per_radian(of_files, 180.0 / np.pi)
+    from_files, built_in = f16_data.compare_models(airframe, exact, states)
+    rounded, _ = f16_data.compare_models(airframe, of_files, states)
     return from_files, built_in, rounded
 
 
@@ -45,21 +42,21 @@ def test_the_files_pi_is_rounded(compared):
 
 
 def test_the_random_states_exceed_the_tables_on_every_side():
-    alpha, beta = np.rad2deg(f16_files.random_states()[:, 1:3].T)
+    alpha, beta = np.rad2deg(f16_data.random_states()[:, 1:3].T)
     assert alpha.min() < -10.0
     assert alpha.max() > 45.0
     assert np.abs(beta).max() > 30.0
 
 
 def test_mass_and_inertia_equal_those_of_the_files():
-    built_in, of_files = load_airframe("f16", "s119").mass_properties, f16_files.f16_of_files()
+    built_in, of_files = load_airframe("f16", "s119").mass_properties, f16_data.f16_of_files()
     np.testing.assert_allclose(of_files.mass_properties.mass, built_in.mass, rtol=1e-14)
     np.testing.assert_allclose(of_files.mass_properties.inertia_b, built_in.inertia_b, rtol=1e-14)
-    assert float(of_files.cg_forward) == pytest.approx(0.1 * 11.32 * 0.3048, rel=1e-12)
+    assert float(of_files.centre_b[0]) == pytest.approx(0.1 * 11.32 * 0.3048, rel=1e-12)
 
 
 @pytest.mark.long
 def test_the_check_passes():
-    comparisons = f16_files.F16_FILES.measure()
+    comparisons = f16_data.F16_FILES.measure()
     assert not [(c.group, c.point, c.error, c.tolerance) for c in comparisons if not c.passes]
     assert {*COEFFICIENTS, "thrust", "altitudeMsl_ft"} <= {c.group for c in comparisons}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from anser.verification.nesc_cases import LAW_FLIGHTS
-from anser.verification.nesc_laws import LAW_STEPS, fly_laws
+from anser.verification.nesc_flight import LAW_STEPS, fly_laws
 
 CHECKPOINTS = json.loads(resources.files("anser.verification").joinpath("data/nesc_checkpoints.json").read_text())
 

@@ -11,7 +11,7 @@ from anser.aircraft.engines import EnginePower
 from anser.aircraft_files import load_airframe
 from anser.environment import StandardAtmosphere
 from anser.numerics import rk4_step
-from anser.verification.nasa_f16 import prompt_f16
+from anser.verification.nesc_flight import prompt_f16
 
 STEP_S = 0.0025
 

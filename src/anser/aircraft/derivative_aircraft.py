@@ -90,8 +90,8 @@ class DerivativeAircraft(AbstractAirframe):
         The function sigma of [BM] equation 4.10, written without overflow.
         """
         M, alpha0 = self.stall_sharpness, self.stall_alpha
-        above, below = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
-        return above + below - above * below
+        positive_stall, negative_stall = jax.nn.sigmoid(M * (alpha - alpha0)), jax.nn.sigmoid(-M * (alpha + alpha0))
+        return positive_stall + negative_stall - positive_stall * negative_stall
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute the force (N) and the moment about the centre of gravity (N m), in body axes.

@@ -1,6 +1,6 @@
 """Aircraft files: their schema, where they come from, the airframes built from them, and checks of their data.
 
-A new kind of engine needs a table in schema_aerodynamics (and its place in `Engine`), its construction in build
+A new kind of engine needs a table in schema_tables (and its place in `Engine`), its construction in build
 (`build_engine`), and its thrust factor in `anser.aircraft.dispersions`.
 """
 

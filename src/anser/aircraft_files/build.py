@@ -36,7 +36,7 @@ from anser.aircraft.dispersions import (
 from anser.aircraft.engines import AbstractEngine, JetEngine, NoEngine
 from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
-from anser.aircraft_files import schema_aerodynamics, schema_body
+from anser.aircraft_files import schema_tables
 from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, coefficient_index
 from anser.airframe_data import (
@@ -54,7 +54,7 @@ from anser.dave_ml.standard_units import ANGLE, refuse_other_units
 from anser.environment.atmosphere import StandardAtmosphere
 from anser.numerics.arrays import as_array
 from anser.numerics.tables import Tables, make_axes, make_tables
-from anser.shapes import Scalar, Vector3
+from anser.shapes import Scalar
 from anser.units import DEG_RAD, RAD_DEG
 
 _RPM_RAD_S = 2.0 * math.pi / 60.0
@@ -64,16 +64,16 @@ _ANYWHERE_M, _ANY_MACH = (-1e5, 1e5), (-1.0, 1e2)
 
 def build_range(bounds: tuple[float, float] | None, factor: float = 1.0) -> tuple[Scalar, Scalar]:
     """Convert a range to two arrays, lower and upper bound, multiplied by `factor`; infinite if unspecified."""
-    low, high = (-math.inf, math.inf) if bounds is None else bounds
-    return as_array(low * factor), as_array(high * factor)
+    lower, upper = (-math.inf, math.inf) if bounds is None else bounds
+    return as_array(lower * factor), as_array(upper * factor)
 
 
-def build_validity(valid: schema_body.Validity) -> Validity:
+def build_validity(valid: schema_tables.Validity) -> Validity:
     """Convert a table [validity] to SI units and rad."""
     return Validity(build_range(valid.airspeed_m_s), build_range(valid.altitude_m), build_range(valid.mach))
 
 
-def build_mass(mass: schema_body.Mass) -> MassProperties:
+def build_mass(mass: schema_tables.Mass) -> MassProperties:
     """Build the mass properties from a table [mass]."""
     inertia_b = np.asarray(mass.inertia)
     return MassProperties(
@@ -84,7 +84,7 @@ def build_mass(mass: schema_body.Mass) -> MassProperties:
     )
 
 
-def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractActuators:
+def build_actuators(surface: Sequence[schema_tables.ActuatedSurface]) -> AbstractActuators:
     """Build the actuators of the surfaces; all have dynamics of the same order."""
     names = tuple(s.name for s in surface)
     lower, upper = zip(*(s.stops_deg for s in surface), strict=True)
@@ -100,33 +100,26 @@ def build_actuators(surface: Sequence[schema_body.ActuatedSurface]) -> AbstractA
     )
 
 
-def build_engine(engine: schema_aerodynamics.Engine | None) -> AbstractEngine:
+def build_engine(engine: schema_tables.Engine | None) -> AbstractEngine:
     """Build the engine of a table [engine]; `NoEngine` without a table."""
     if engine is None:
         return NoEngine()
-    if engine.jet is not None:
-        return _jet(engine.jet)
-    if engine.electric_propeller is not None:
-        return _electric(engine.electric_propeller)
-    if engine.piston_propeller is not None:
-        return _piston(engine.piston_propeller)
-    raise ValueError("an engine of no kind")  # the schema refuses it
+    builders = {"jet": _jet, "electric_propeller": _electric, "piston_propeller": _piston}
+    table = getattr(engine, engine.kind)
+    return builders[engine.kind](
+        table, lag=as_array(table.lag_s), point_b=as_array(table.point_m), thrust_factor=as_array(1.0)
+    )
 
 
-def _engine_common(lag_s: float, point_m: tuple[float, float, float]) -> tuple[Scalar, Vector3, Scalar]:
-    return as_array(lag_s), as_array(point_m), as_array(1.0)
-
-
-def _jet(jet: schema_aerodynamics.Jet) -> JetEngine:
+def _jet(jet: schema_tables.Jet, **common: Array) -> JetEngine:
     altitudes, machs = (jet.altitude_m, jet.mach) if jet.mach else (_ANYWHERE_M, _ANY_MACH)
     shape = len(altitudes), len(machs)
     thrusts = [np.broadcast_to(np.asarray(thrust, dtype=float), shape) for thrust in (jet.idle_N, jet.full_N)]
     tables = make_tables(make_axes([altitudes, machs], clamp=True), [((0, 1), thrusts)])
-    lag, point_b, factor = _engine_common(jet.lag_s, jet.point_m)
-    return JetEngine(thrust_tables=tables, lag=lag, point_b=point_b, thrust_factor=factor)
+    return JetEngine(thrust_tables=tables, **common)
 
 
-def _electric(propeller: schema_aerodynamics.ElectricPropeller) -> ElectricPropeller:
+def _electric(propeller: schema_tables.ElectricPropeller, **common: Array) -> ElectricPropeller:
     return ElectricPropeller(
         diameter=as_array(propeller.diameter_m),
         thrust_polynomial=as_array(propeller.thrust_coefficients),
@@ -136,23 +129,18 @@ def _electric(propeller: schema_aerodynamics.ElectricPropeller) -> ElectricPrope
         no_load_current=as_array(propeller.no_load_current_A),
         voltage_max=as_array(propeller.voltage_V),
         direction=as_array(1.0 if propeller.direction == "right" else -1.0),
-        lag=as_array(propeller.lag_s),
-        point_b=as_array(propeller.point_m),
-        thrust_factor=as_array(1.0),
+        **common,
     )
 
 
-def _piston(piston: schema_aerodynamics.PistonPropeller) -> PistonPropeller:
+def _piston(piston: schema_tables.PistonPropeller, **common: Array) -> PistonPropeller:
     reaction = 0.0 if piston.speed_rpm is None else 1.0 / (piston.speed_rpm * _RPM_RAD_S)
-    lag, point_b, factor = _engine_common(piston.lag_s, piston.point_m)
     return PistonPropeller(
         shaft_power=as_array(piston.shaft_power_W),
         efficiency=as_array(piston.efficiency),
         static_thrust=as_array(piston.static_thrust_N),
         torque_per_power=as_array(-reaction if piston.direction == "right" else reaction),
-        lag=lag,
-        point_b=point_b,
-        thrust_factor=factor,
+        **common,
     )
 
 
@@ -181,16 +169,15 @@ def build_dave_ml(file: DaveMlFile) -> DaveMlAircraft:
     """Build the airframe of a validated file."""
     models = {part: _adapt(file, model) for part, model in file_models(file).items()}
     offset = file.dave_ml.cg_offset_m or (0.0, 0.0, 0.0)
-    low, high = file.validity.alpha_deg
-    left, right = file.validity.beta_deg
+    (alpha_min, alpha_max), (beta_min, beta_max) = file.validity.alpha_deg, file.validity.beta_deg
     return dave_ml_airframe(
         models["aerodynamics"],
         models["inertia"] if file.mass is None else (build_mass(file.mass), as_array(offset)),
         models.get("propulsion") or build_engine(file.engine),
         build_actuators(file.surface),
         [s.input_name for s in file.surface],
-        alpha_range=(low * DEG_RAD, high * DEG_RAD),
-        beta_range=(left * DEG_RAD, right * DEG_RAD),
+        alpha_range=(alpha_min * DEG_RAD, alpha_max * DEG_RAD),
+        beta_range=(beta_min * DEG_RAD, beta_max * DEG_RAD),
         engine_lag=file.dave_ml.propulsion_lag_s or 0.0,
         validity=build_validity(file.validity),
     )
@@ -203,12 +190,9 @@ def _has_variable(model: Model, name: str) -> bool:
 
 def _adapt(file: DaveMlFile, model: Model) -> Model:
     """Rename a model's variables to the standard names and set its default inputs, as the aircraft file says."""
-    names = {
-        name: variable_name for name, variable_name in file.dave_ml.names.items() if _has_variable(model, variable_name)
-    }
-    return adapt_model(
-        model, names, {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
-    )
+    names = {name: variable for name, variable in file.dave_ml.names.items() if _has_variable(model, variable)}
+    defaults = {name: value for name, value in file.dave_ml.given.items() if _has_variable(model, name)}
+    return adapt_model(model, names, defaults)
 
 
 def model_problems(file: DaveMlFile) -> list[Problem]:
@@ -219,16 +203,15 @@ def model_problems(file: DaveMlFile) -> list[Problem]:
         part = next(part for part in DAVE_ML_PARTS if (text := getattr(file.dave_ml, part)) and text.file == error.name)
         return [_problem_of(f"dave_ml.{part}", error)]
     problems = []
-    for key in ("names", "given"):
-        for name, value in getattr(file.dave_ml, key).items():
-            variable_name = value if key == "names" else name
-            if not any(_has_variable(model, variable_name) for model in raw.values()):
-                expected = "the varID or the name of a variable of one of the files"
-                problems.append(Problem(f"dave_ml.{key}.{name}", describe_value(variable_name), expected))
+    references = [("names", name, variable) for name, variable in file.dave_ml.names.items()]
+    for key, name, variable in (*references, *(("given", name, name) for name in file.dave_ml.given)):
+        if not any(_has_variable(model, variable) for model in raw.values()):
+            expected = "the varID or the name of a variable of one of the files"
+            problems.append(Problem(f"dave_ml.{key}.{name}", describe_value(variable), expected))
     if problems:
         return problems
+    models = {}
     try:
-        models = {}
         for part, model in raw.items():
             try:
                 models[part] = _adapt(file, model)
@@ -254,9 +237,8 @@ def _problem_of(key: str, error: DaveMlError) -> Problem:
 
 
 def _output_problems(file: DaveMlFile, part: str, model: Model) -> list[Problem]:
-    missing = [name for name in _REQUIRED_OUTPUTS[part] if not _has_variable(model, name)]
-    if part == "propulsion" and not _has_variable(model, ENGINE_POWER):
-        missing.append(ENGINE_POWER)
+    required = (*_REQUIRED_OUTPUTS[part], *([ENGINE_POWER] if part == "propulsion" else ()))
+    missing = [name for name in required if not _has_variable(model, name)]
     if not missing:
         return []
     expected = "variables of these standard names, or what stands for them in [dave_ml.names]"
@@ -274,15 +256,12 @@ def _input_problems(file: DaveMlFile, models: Mapping[str, Model]) -> list[Probl
         available = [] if part == "inertia" else [*STANDARD_INPUTS, *([ENGINE_POWER] if part == "propulsion" else ())]
         output_ids = {structure.find(name) for name in _REQUIRED_OUTPUTS[part] if _has_variable(model, name)}
         required = structure.required_variables(output_ids, constants.keys())
-        surface_names = {
-            name for key in surface_inputs for name in (key, *(n for n, i in input_ids.items() if i == key))
-        }
+        surface_names = {*surface_inputs, *(name for name, key in input_ids.items() if key in surface_inputs)}
         if part == "aerodynamics":
             for k, key in enumerate(surface_inputs):
                 if key not in input_ids and key not in structure.inputs:
-                    expected = (
-                        f"an input of {describe_value(file.dave_ml.aerodynamics.file)}: {', '.join(sorted(input_ids))}"
-                    )
+                    source = describe_value(file.dave_ml.aerodynamics.file)
+                    expected = f"an input of {source}: {', '.join(sorted(input_ids))}"
                     problems.append(Problem(f"surface[{k}].input", describe_value(key), expected))
                     continue
                 try:
@@ -340,7 +319,7 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
     geometry, aero, valid = file.geometry, file.aerodynamics, file.validity
     aspect = geometry.span_m**2 / geometry.wing_area_m2
     tables, table_indices = _tables(file)
-    derivatives = _derivatives(file)
+    derivatives, inputs = _derivatives(file), ("alpha", "beta", *file.surfaces)
     return DerivativeAircraft(
         mass_properties=build_mass(file.mass),
         actuators=build_actuators(file.surface),
@@ -359,7 +338,7 @@ def _build_derivative_aircraft(file: AirframeFile) -> DerivativeAircraft:
         tables=tables,
         table_factors=None if tables is None else as_array(np.ones(len(table_indices))),
         table_derivatives=table_indices,
-        table_arguments=_arguments(file),
+        table_arguments=tuple(inputs.index(name) for name, _, _ in _axes(file)),
         has_static_side_force=_has_still_side_force(derivatives, table_indices),
     )
 
@@ -381,14 +360,9 @@ def angle_factors(file: AirframeFile) -> np.ndarray:
 
 
 def _derivatives(file: AirframeFile) -> np.ndarray:
-    rows = [
-        [
-            *(getattr(file.aerodynamics, row + column) for column in DERIVATIVE_ARGUMENTS),
-            *(getattr(surface, row) for surface in file.surface),
-        ]
-        for row in COEFFICIENTS
-    ]
-    return np.asarray(rows) * angle_factors(file)
+    by_argument = [[getattr(file.aerodynamics, row + name) for name in DERIVATIVE_ARGUMENTS] for row in COEFFICIENTS]
+    by_surface = [[getattr(surface, row) for surface in file.surface] for row in COEFFICIENTS]
+    return np.hstack([by_argument, by_surface]) * angle_factors(file)
 
 
 def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
@@ -401,12 +375,6 @@ def _axes(file: AirframeFile) -> dict[tuple[str, tuple[float, ...], bool], int]:
         for name, points in zip(file_table.over, file_table.breakpoints_deg, strict=True):
             axis_numbers.setdefault((name, points, file_table.beyond == "hold"), len(axis_numbers))
     return axis_numbers
-
-
-def _arguments(file: AirframeFile) -> tuple[int, ...]:
-    """Return, for each axis, the index of its argument in (alpha, beta, surfaces...)."""
-    inputs = ("alpha", "beta", *file.surfaces)
-    return tuple(inputs.index(name) for name, _, _ in _axes(file))
 
 
 def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], ...]]:
@@ -422,14 +390,11 @@ def _tables(file: AirframeFile) -> tuple[Tables | None, tuple[tuple[int, int], .
         index = coefficient_index(file_table.replaces, file.surfaces)
         if index is None:
             raise ValueError(f"table of {file_table.replaces!r}: no such coefficient")  # the schema refuses it
-        values = np.asarray(file_table.values, dtype=float) * (
-            scale[index[1]] if file_table.replaces not in COEFFICIENTS else 1.0
-        )
-        groups.setdefault(axis_numbers, []).append((values, index))
+        factor = 1.0 if file_table.replaces in COEFFICIENTS else scale[index[1]]
+        groups.setdefault(axis_numbers, []).append((np.asarray(file_table.values, dtype=float) * factor, index))
+    breakpoints = [np.asarray(points) * DEG_RAD for _, points, _ in axes]
     tables = make_tables(
-        make_axes(
-            [np.asarray(points) * DEG_RAD for _, points, _ in axes], clamp=[is_clamped for _, _, is_clamped in axes]
-        ),
+        make_axes(breakpoints, clamp=[is_clamped for _, _, is_clamped in axes]),
         [(axis_numbers, [values for values, _ in functions]) for axis_numbers, functions in groups.items()],
     )
     return tables, tuple(index for functions in groups.values() for _, index in functions)

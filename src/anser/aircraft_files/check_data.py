@@ -22,15 +22,14 @@ from anser.aircraft.dave_ml_aircraft import (
 )
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
 from anser.aircraft_files.build import build_airframe, file_models, with_derivatives
-from anser.aircraft_files.findings import Finding, suspect_table_points
+from anser.aircraft_files.findings import Finding, level_air_data, suspect_table_points
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
-from anser.aircraft_files.schema_body import ForceCheck, TrimCheck
+from anser.aircraft_files.schema_tables import ForceCheck, TrimCheck
 from anser.config.errors import os_error_reason, problem_error
 from anser.dave_ml.definition import Variable
 from anser.dave_ml.elements import DaveMlError
 from anser.dave_ml.model import Model, read_dave_ml
 from anser.dave_ml.standard_units import parse_unit
-from anser.environment.atmosphere import StandardAtmosphere
 from anser.environment.environment import standard_environment
 from anser.files import read_file
 from anser.numerics.arrays import as_array
@@ -45,16 +44,7 @@ _Airframe = DerivativeAircraft | DaveMlAircraft
 class CheckedValue:
     """Comparison of one number of a file's check data with the computed number.
 
-    Attributes
-    ----------
-    location
-        Key, such as ``check.forces[0].force_N[2]``; for check shots, DAVE-ML file and varID.
-    name
-        Name of the check.
-    unit
-        Unit of the numbers.
-    expected, obtained, tolerance
-        Number in the file, computed number, and greatest permitted difference.
+    The location is a key, such as ``check.forces[0].force_N[2]``; for check shots, DAVE-ML file and varID.
     """
 
     location: str
@@ -85,21 +75,15 @@ def compare_check_data(file: _File) -> tuple[CheckedValue, ...]:
 
 
 def compare_shots(model: Model, source: str, prefix: str = "") -> list[CheckedValue]:
-    """Compare the check shots of a DAVE-ML file with computed outputs.
+    """Compare the check shots of a DAVE-ML file with computed outputs; locations are `prefix` and the varID.
 
-    The location of each value is `prefix` and the variable's varID.
-
-    Raises
-    ------
-    ScenarioError
-        If a shot sets a variable that is not an input, or omits an input.
+    Raises ScenarioError if a shot sets a variable that is not an input, or omits an input.
     """
     try:
         results = model.check()
     except ValueError as error:
-        raise problem_error(
-            source, str(error), "check shots that give each input of the file a value", "checkData"
-        ) from None
+        expected = "check shots that give each input of the file a value"
+        raise problem_error(source, str(error), expected, "checkData") from None
     return [CheckedValue(f"{prefix}{r.id}", r.shot, r.units, r.expected, r.computed, r.tolerance) for r in results]
 
 
@@ -108,8 +92,9 @@ def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -
     if isinstance(airframe, DerivativeAircraft) and isinstance(file, AirframeFile):
         checked_airframe = with_derivatives(airframe, file, check.instead)
     deflections = as_array([check.surfaces_rad.get(name, 0.0) for name in file.surfaces])
+    data = level_air_data(check.airspeed_m_s, check.alpha_rad, check.beta_rad, check.altitude_m, check.density_kg_m3)
     aerodynamic, propulsive = _wrenches(
-        checked_airframe, _air_data(check), as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
+        checked_airframe, data, as_array(check.rates_rad_s), deflections, as_array(100.0 * check.throttle)
     )
     gravity = np.zeros(3) if check.gravity_m_s2 is None else np.asarray(check.gravity_m_s2)
     weight = float(airframe.mass_properties.mass) * gravity
@@ -119,8 +104,10 @@ def _force_values(file: _File, airframe: _Airframe, k: int, check: ForceCheck) -
         ("force_N", "N", check.force_N, np.asarray(total.force_b) + weight),
         ("moment_Nm", "N m", check.moment_Nm, np.asarray(total.moment_b)),
     ):
-        for j, expected in enumerate(expected_vector or ()):
-            comparisons.append((f"{key}[{j}]", unit, expected, float(vector[j])))
+        pairs = zip(expected_vector or (), vector, strict=False)
+        comparisons += [
+            (f"{key}[{j}]", unit, expected, float(computed)) for j, (expected, computed) in enumerate(pairs)
+        ]
     comparisons.append(("thrust_N", "N", check.thrust_N, float(propulsive.force_b[0])))
     comparisons.append(("torque_Nm", "N m", check.torque_Nm, float(propulsive.moment_b[0])))
     return [
@@ -135,14 +122,6 @@ def _wrenches(
     airframe: _Airframe, data: AirData, rates_b: jax.Array, surfaces: jax.Array, power: jax.Array
 ) -> tuple[Wrench, Wrench]:
     return airframe.aerodynamics(data, rates_b, surfaces), airframe.engine.propulsion(power, data)
-
-
-def _air_data(check: ForceCheck) -> AirData:
-    air = StandardAtmosphere().at(check.altitude_m)
-    density = float(air.density) if check.density_kg_m3 is None else check.density_kg_m3
-    V = check.airspeed_m_s
-    mach, qbar = V / float(air.speed_of_sound), 0.5 * density * V * V
-    return AirData(*map(as_array, (V, check.alpha_rad, check.beta_rad, density, qbar, mach, check.altitude_m)))
 
 
 def _trim_values(airframe: _Airframe, k: int, check: TrimCheck) -> list[CheckedValue]:
@@ -180,17 +159,7 @@ _SLOPES = (
 
 @dataclass(frozen=True)
 class ModelCheck:
-    """Result of checking a DAVE-ML file.
-
-    Attributes
-    ----------
-    checked_values
-        Values of the check shots.
-    findings
-        Probable errors, each with its line.
-    inputs, outputs
-        Input variables, and variables marked as output.
-    """
+    """Result of checking a DAVE-ML file: values of the check shots, probable errors with their lines, and variables."""
 
     checked_values: tuple[CheckedValue, ...]
     findings: tuple[Finding, ...]
@@ -201,10 +170,7 @@ class ModelCheck:
 def check_model(path: str | os.PathLike[str]) -> ModelCheck:
     """Read a DAVE-ML file, compute its check shots and look for probable errors.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read or is not DAVE-ML; the message gives position and expected content.
+    Raises ScenarioError if the file cannot be read or is not DAVE-ML; the message gives position and expected content.
     """
     source = os.fspath(path)
     try:
@@ -313,10 +279,8 @@ def _slope_findings(model: Model) -> Iterator[Finding]:
     slopes = jax.jit(jax.jacfwd(coefficients))({name: jnp.asarray(value) for name, value in condition.items()})
     for output, name, meaning in _SLOPES:
         if name in condition and float(slopes[output][name]) > 0.0:
-            variable = model.definition.variables[structure.find(output)]
-            text = (
-                f"{output} by {name}: {float(slopes[output][name]):.4g} per rad or rad/s near level flight: {meaning}"
-            )
+            variable, slope = model.definition.variables[structure.find(output)], float(slopes[output][name])
+            text = f"{output} by {name}: {slope:.4g} per rad or rad/s near level flight: {meaning}"
             yield Finding(_line(variable), text)
 
 

@@ -23,40 +23,53 @@ from anser.aircraft.table_checks import GriddedTable, SuspectPoint, suspect_poin
 from anser.aircraft_files.build import build_airframe, file_models
 from anser.aircraft_files.library import library_data
 from anser.aircraft_files.schema import AirframeFile, DaveMlFile
-from anser.aircraft_files.schema_aerodynamics import CoefficientTable
+from anser.aircraft_files.schema_tables import CoefficientTable
 from anser.airframe_data import COEFFICIENTS
 from anser.dave_ml.definition import Definition
 from anser.dave_ml.model import Model
 from anser.environment.atmosphere import StandardAtmosphere
+from anser.numerics.arrays import as_array
 from anser.units import DEG_RAD
+
+_File = AirframeFile | DaveMlFile
+_Airframe = DerivativeAircraft | DaveMlAircraft
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Probable error in a file: a key, and a text with value, reason for the suspicion and expected value."""
+
+    location: str
+    text: str
+
+    def __str__(self) -> str:
+        return f"{self.location}: {self.text}"
+
 
 _GAP = 4.0
 """Ratio of an interval to the median interval above which it counts as a gap."""
 _AXIS_ORDER = ("alpha", "beta")
 
 
-def table_findings(file: AirframeFile) -> Iterator[tuple[str, str]]:
-    """Yield the key and the text of each finding in the coefficient tables of a file."""
+def table_findings(file: AirframeFile) -> Iterator[Finding]:
+    """Report suspect points, gaps and short axes of the coefficient tables of a file."""
     tables = {f"table[{k}]": table for k, table in enumerate(file.table)}
     for point in suspect_points({table_key: _sorted_coefficient_table(table) for table_key, table in tables.items()}):
         if point.table not in tables:
-            yield "table", f"at {_format_point(_AXIS_ORDER[:2], point.location)}: {describe_suspect(point)}"
+            text = f"at {_format_point(_AXIS_ORDER[:2], point.location)}: {describe_suspect(point)}"
+            yield Finding("table", text)
             continue
         table = tables[point.table]
         over = _sorted_axes(table)
         coordinates = dict(zip(over, point.location, strict=True))
-        index = [
-            points.index(coordinates[name]) for name, points in zip(table.over, table.breakpoints_deg, strict=True)
-        ]
-        brackets = "".join(f"[{k}]" for k in index)
-        yield (
-            f"{point.table}.values{brackets} ({table.replaces})",
-            f"{_format_point(over, point.location)}: {describe_suspect(point)}",
-        )
+        axes = zip(table.over, table.breakpoints_deg, strict=True)
+        brackets = "".join(f"[{points.index(coordinates[name])}]" for name, points in axes)
+        text = f"{_format_point(over, point.location)}: {describe_suspect(point)}"
+        yield Finding(f"{point.table}.values{brackets} ({table.replaces})", text)
     for table_key, table in tables.items():
         for axis, (name, points) in enumerate(zip(table.over, table.breakpoints_deg, strict=True)):
             axis_key = f"{table_key} ({table.replaces}), breakpoints_deg[{axis}]"
-            yield from ((axis_key, text) for text in _axis_findings(file, table, name, points))
+            yield from (Finding(axis_key, text) for text in _axis_findings(file, table, name, points))
 
 
 def describe_suspect(point: SuspectPoint) -> str:
@@ -102,31 +115,25 @@ _LEADING_AXES = ("angleOfAttack", "angleOfSideslip")
 """First axes of the table check: points are compared along these axes and with their mirror images."""
 
 
-def model_table_findings(file: DaveMlFile) -> Iterator[tuple[str, str]]:
-    """Yield the key and the text of each finding in the gridded tables of an aircraft's DAVE-ML files."""
+def model_table_findings(file: DaveMlFile) -> Iterator[Finding]:
+    """Report suspect points in the gridded tables of an aircraft's DAVE-ML files."""
     for part, model in file_models(file).items():
         for table, text in suspect_table_points(model, file.dave_ml.names):
-            yield f"dave_ml.{part} ({table})" if table in model.definition.gridded else f"dave_ml.{part}", text
+            location = f"dave_ml.{part} ({table})" if table in model.definition.gridded else f"dave_ml.{part}"
+            yield Finding(location, text)
 
 
 def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield the table's name and a text for each suspect point in the gridded tables of a DAVE-ML file.
 
-    Parameters
-    ----------
-    model
-        DAVE-ML model.
-    aliases
-        Variable names in the file, by standard name.
+    `aliases` are variable names in the file, by standard name.
     """
     definition = model.definition
     axes = {name: _axes(aliases, model, name) for name in definition.gridded}
-    tables = {
-        name: _sorted_model_table(definition, name, [k for _, k in table_axes]) for name, table_axes in axes.items()
-    }
+    tables = {name: _sorted_model_table(definition, name, order) for name, order in axes.items()}
     for point in suspect_points(tables):
         if point.table in axes:
-            over = [definition.breakpoints[definition.gridded[point.table].axes[k]] for _, k in axes[point.table]]
+            over = [definition.breakpoints[definition.gridded[point.table].axes[k]] for k in axes[point.table]]
             names = [breakpoints.name or breakpoints.id for breakpoints in over]
         else:
             names = ["first axis", "second axis"]
@@ -134,23 +141,19 @@ def suspect_table_points(model: Model, aliases: Mapping[str, str]) -> Iterator[t
         yield point.table, f"{coordinates}: {describe_suspect(point)}"
 
 
-def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[tuple[int, int]]:
-    """Return a pair (rank, index) for each axis of a table.
-
-    The rank orders angle of attack before sideslip before other arguments; the index is the axis' position in the
-    table.
-    """
+def _axes(aliases: Mapping[str, str], model: Model, table: str) -> list[int]:
+    """Return the axes of a table in the order angle of attack, sideslip, other arguments."""
     function = next((f for f in model.definition.functions if f.table == table), None)
-    count = len(model.definition.gridded[table].axes)
-    ranks = [len(_LEADING_AXES)] * count
-    if function is not None:
-        name_sets = [{name, aliases.get(name, name)} for name in _LEADING_AXES]
-        for k, argument in enumerate(function.arguments):
-            inputs = _inputs_of(model, argument.id)
-            ranks[k] = next(
-                (rank for rank, names in enumerate(name_sets) if inputs and inputs <= names), len(_LEADING_AXES)
-            )
-    return sorted(zip(ranks, range(count), strict=True))
+    axes = range(len(model.definition.gridded[table].axes))
+    if function is None:
+        return list(axes)
+    name_sets = [{name, aliases.get(name, name)} for name in _LEADING_AXES]
+
+    def rank(axis: int) -> int:
+        inputs = _inputs_of(model, function.arguments[axis].id)
+        return next((k for k, names in enumerate(name_sets) if inputs and inputs <= names), len(name_sets))
+
+    return sorted(axes, key=rank)
 
 
 def _inputs_of(model: Model, identifier: str) -> set[str]:
@@ -166,9 +169,6 @@ def _sorted_model_table(definition: Definition, name: str, axis_order: list[int]
     return GriddedTable(points, np.transpose(np.asarray(table.values, dtype=float), axis_order))
 
 
-_File = AirframeFile | DaveMlFile
-_Airframe = DerivativeAircraft | DaveMlAircraft
-
 _GRAVITY_M_S2 = 9.80665
 _SMALL_ALPHA_DEG = 2.0
 _GYRATION = {"Jxx_kg_m2": (0.04, 0.4), "Jyy_kg_m2": (0.04, 0.6), "Jzz_kg_m2": (0.06, 0.7)}
@@ -182,51 +182,27 @@ _SLOPE_RATIO_MAX = 5
 """Ratio of a slope to a wing's above which a wrong angle unit is suspected (rad and deg differ by 57)."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Probable error in a file.
-
-    Attributes
-    ----------
-    location
-        Key in the file.
-    text
-        Value, reason for the suspicion, and expected value.
-    """
-
-    location: str
-    text: str
-
-    def __str__(self) -> str:
-        return f"{self.location}: {self.text}"
-
-
 def collect_findings(file: _File) -> tuple[Finding, ...]:
     """Find probable errors in a valid file: signs, units, proportions, tables, lift and thrust."""
     airframe = build_airframe(file)
     slopes = _slopes(airframe, file)
-    if isinstance(file, DaveMlFile):
-        derivative_findings, tables = (), model_table_findings(file)
-    else:
-        derivative_findings, tables = (
-            (*_mirror_findings(file), *_slope_unit_findings(file, slopes), *_chord_findings(file)),
-            table_findings(file),
-        )
-    return (
-        *_sign_findings(file, slopes),
-        *derivative_findings,
-        *_angle_unit_findings(file),
-        *_inertia_findings(file, airframe),
-        *(Finding(key, text) for key, text in tables),
-        *_force_findings(file, airframe),
-    )
+    findings = list(_sign_findings(file, slopes))
+    if isinstance(file, AirframeFile):
+        findings += [*_mirror_findings(file), *_slope_unit_findings(file, slopes), *_chord_findings(file)]
+    findings += [*_angle_unit_findings(file), *_inertia_findings(file, airframe)]
+    findings += model_table_findings(file) if isinstance(file, DaveMlFile) else table_findings(file)
+    return (*findings, *_force_findings(file, airframe))
 
 
-def _air_data(V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0) -> AirData:
+def level_air_data(
+    V: float, alpha: float, beta: float = 0.0, altitude: float = 0.0, density: float | None = None
+) -> AirData:
+    """Return air data by airspeed (m/s), flow angles (rad) and altitude (m); density (kg/m^3) None: the standard's."""
     air = StandardAtmosphere().at(altitude)
-    density = float(air.density)
-    numbers = (V, alpha, beta, density, 0.5 * density * V * V, V / float(air.speed_of_sound), altitude)
-    return AirData(*(jnp.asarray(float(number)) for number in numbers))
+    density = float(air.density) if density is None else density
+    return AirData(
+        *map(as_array, (V, alpha, beta, density, 0.5 * density * V * V, V / float(air.speed_of_sound), altitude))
+    )
 
 
 def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
@@ -234,22 +210,23 @@ def _slopes(airframe: _Airframe, file: _File) -> dict[str, float]:
 
     Moments are about the centre of gravity; derivatives by rates are by the dimensionless rates.
     """
-    low, high = file.validity.alpha_deg
-    alpha = min(max(_SMALL_ALPHA_DEG, low), high) * DEG_RAD
-    data = _air_data(sum(file.validity.airspeed_m_s) / 2.0, alpha)
+    alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
+    alpha = min(max(_SMALL_ALPHA_DEG, alpha_min_deg), alpha_max_deg) * DEG_RAD
+    data = level_air_data(sum(file.validity.airspeed_m_s) / 2.0, alpha)
     angles, zero_rates, neutral = jnp.asarray([alpha, 0.0]), jnp.zeros(3), jnp.zeros(len(file.surface))
-    (by_angle, by_rate, by_surface), values = _derivatives(airframe, data, angles, zero_rates, neutral)
-    slopes_by_name = {}
-    for names, slopes in (
-        (("alpha", "beta"), by_angle),
-        (("p", "q", "r"), by_rate),
-        (file.surfaces, by_surface),
-    ):
-        for k, name in enumerate(names):
-            slopes_by_name |= {
-                f"{coefficient}_{name}": float(slopes[j, k]) for j, coefficient in enumerate(COEFFICIENTS)
-            }
-    return slopes_by_name | {"CD": float(values[1])}
+    slopes, values = _derivatives(airframe, data, angles, zero_rates, neutral)
+    columns = np.concatenate(slopes, axis=1).T
+    names = ("alpha", "beta", "p", "q", "r", *file.surfaces)
+    return {
+        f"{coefficient}_{name}": float(slope)
+        for name, column in zip(names, columns, strict=True)
+        for coefficient, slope in zip(COEFFICIENTS, column, strict=True)
+    } | {"CD": float(values[1])}
+
+
+def _lift_and_drag(force_b: jax.Array, alpha: jax.Array) -> tuple[jax.Array, jax.Array]:
+    sa, ca = jnp.sin(alpha), jnp.cos(alpha)
+    return force_b[0] * sa - force_b[2] * ca, -force_b[0] * ca - force_b[2] * sa
 
 
 @jax.jit
@@ -265,42 +242,36 @@ def _derivatives(
         wrench = airframe.aerodynamics(inner_data, rates, surfaces)
         moments = wrench.moment_b / (at.qbar * S * jnp.stack([b, c, b]))
         forces = wrench.force_b / (at.qbar * S)
-        sa, ca = jnp.sin(angles[0]), jnp.cos(angles[0])
-        lift, drag = forces[0] * sa - forces[2] * ca, -forces[0] * ca - forces[2] * sa
-        values = jnp.concatenate([jnp.stack([lift, drag, forces[1]]), moments])
+        values = jnp.concatenate([jnp.stack([*_lift_and_drag(forces, angles[0]), forces[1]]), moments])
         return values, values
 
     return jax.jacfwd(coefficients, argnums=(0, 1, 2), has_aux=True)(angles, reduced, surfaces)
 
 
+_EXPECTED_SIGNS = (
+    ("CL_alpha", 1, "lift that falls with the angle of attack"),
+    ("Cl_p", -1, "a roll that its own rate drives on; damping is negative"),
+    ("Cm_q", -1, "a pitch rate that drives itself on; damping is negative"),
+    ("Cn_r", -1, "a yaw rate that drives itself on; damping is negative"),
+    ("Cm_alpha", -1, "a nose that rises when the angle of attack does: unstable in pitch about the centre of gravity"),
+    ("Cn_beta", 1, "a nose that turns away from the flow: unstable in yaw"),
+    ("Cl_beta", -1, "a roll into the sideslip: dihedral the wrong way"),
+    ("CY_beta", -1, "a side force toward the side that the air comes from"),
+)
+"""Derivatives with their usual sign, and the meaning of the opposite sign."""
+
+
 def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
     """Report unstable damping, static instability and negative drag."""
-    expected_signs = (
-        ("CL_alpha", 1, "lift that falls with the angle of attack"),
-        ("Cl_p", -1, "a roll that its own rate drives on; damping is negative"),
-        ("Cm_q", -1, "a pitch rate that drives itself on; damping is negative"),
-        ("Cn_r", -1, "a yaw rate that drives itself on; damping is negative"),
-        (
-            "Cm_alpha",
-            -1,
-            "a nose that rises when the angle of attack does: unstable in pitch about the centre of gravity",
-        ),
-        ("Cn_beta", 1, "a nose that turns away from the flow: unstable in yaw"),
-        ("Cl_beta", -1, "a roll into the sideslip: dihedral the wrong way"),
-        ("CY_beta", -1, "a side force toward the side that the air comes from"),
-    )
-    for name, sign, meaning in expected_signs:
-        value = slopes[name]
+    for name, sign, meaning in _EXPECTED_SIGNS:
+        location, value = _derivative_key(file, name), slopes[name]
         if value * sign < 0.0:
-            yield Finding(_derivative_key(file, name), f"{value:.4g} per rad near zero angles: {meaning}")
+            yield Finding(location, f"{value:.4g} per rad near zero angles: {meaning}")
         elif value == 0.0:
-            yield Finding(
-                _derivative_key(file, name), "0, or left out: expected a value of its own, which every aircraft has"
-            )
+            yield Finding(location, "0, or left out: expected a value of its own, which every aircraft has")
     if slopes["CD"] <= 0.0:
-        yield Finding(
-            _derivative_key(file, "CD0"), f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"
-        )
+        text = f"a drag coefficient of {slopes['CD']:.4g}: expected a positive one"
+        yield Finding(_derivative_key(file, "CD0"), text)
     for axis, coefficient in (("roll", "Cl"), ("pitch", "Cm")):
         if all(slopes[f"{coefficient}_{name}"] == 0.0 for name in file.surfaces):
             yield Finding("surface", f"no surface that makes a moment of {axis}: the aircraft cannot be flown")
@@ -309,9 +280,10 @@ def _sign_findings(file: _File, slopes: dict[str, float]) -> Iterator[Finding]:
 def _mirror_findings(file: AirframeFile) -> Iterator[Finding]:
     """Report derivatives that contradict the aircraft's mirror symmetry."""
     for name in ("CL_beta", "CD_beta", "Cm_beta", "CY_alpha", "Cl_alpha", "Cn_alpha"):
-        if getattr(file.aerodynamics, name) != 0.0:
+        value = getattr(file.aerodynamics, name)
+        if value != 0.0:
             reason = "a part that changes sign with its angle, which the mirror image of an aircraft contradicts"
-            yield Finding(f"aerodynamics.{name}", f"{getattr(file.aerodynamics, name):.4g}: {reason}")
+            yield Finding(f"aerodynamics.{name}", f"{value:.4g}: {reason}")
 
 
 def _derivative_key(file: _File, name: str) -> str:
@@ -325,76 +297,69 @@ def _derivative_key(file: _File, name: str) -> str:
     return f"aerodynamics.{name}"
 
 
-def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> list[Finding]:
+def _slope_unit_findings(file: AirframeFile, slopes: dict[str, float]) -> Iterator[Finding]:
     """Report a lift slope that suggests the other angle unit."""
     aspect = file.geometry.span_m**2 / file.geometry.wing_area_m2
     wing = 2.0 * math.pi * aspect / (aspect + 2.0)
     value = slopes["CL_alpha"]
     unit, other_unit = ("rad", "deg") if file.aerodynamics.per == "rad" else ("deg", "rad")
     if 0.0 < value < wing / _SLOPE_RATIO_MAX or value > wing * _SLOPE_RATIO_MAX:
-        question = (
-            f"a wing of aspect ratio {aspect:.1f} has about {wing:.1f}; is it given per {other_unit}, not per {unit}?"
-        )
-        return [Finding(_derivative_key(file, "CL_alpha"), f"{value:.4g} per rad: {question}")]
-    return []
+        question = f"has about {wing:.1f}; is it given per {other_unit}, not per {unit}?"
+        text = f"{value:.4g} per rad: a wing of aspect ratio {aspect:.1f} {question}"
+        yield Finding(_derivative_key(file, "CL_alpha"), text)
 
 
 def _angle_unit_findings(file: _File) -> Iterator[Finding]:
     """Report angles that look like rad instead of deg."""
     for key in ("alpha_deg", "beta_deg"):
-        low, high = getattr(file.validity, key)
-        if max(abs(low), abs(high)) < 1.6:
-            yield Finding(f"validity.{key}", f"[{low:g}, {high:g}] deg: narrow; are these rad?")
+        bounds = getattr(file.validity, key)
+        if max(map(abs, bounds)) < 1.6:
+            yield Finding(f"validity.{key}", f"[{bounds[0]:g}, {bounds[1]:g}] deg: narrow; are these rad?")
     for k, surface in enumerate(file.surface):
-        low, high = surface.stops_deg
-        if max(abs(low), abs(high)) < 1.6:
-            yield Finding(f"surface[{k}].limit_deg", f"{high:g} deg ({surface.name}): small; is it in rad?")
+        if max(map(abs, surface.stops_deg)) < 1.6:
+            text = f"{surface.stops_deg[1]:g} deg ({surface.name}): small; is it in rad?"
+            yield Finding(f"surface[{k}].limit_deg", text)
         if surface.rate_limit_deg_s < 10.0:
-            question = f"{surface.rate_limit_deg_s:g} deg/s ({surface.name}): slow; is it in rad/s?"
-            yield Finding(f"surface[{k}].rate_limit_deg_s", question)
+            text = f"{surface.rate_limit_deg_s:g} deg/s ({surface.name}): slow; is it in rad/s?"
+            yield Finding(f"surface[{k}].rate_limit_deg_s", text)
 
 
 def _inertia_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
     """Report moments of inertia that do not fit mass and span."""
     span, mass = float(airframe.span), float(airframe.mass_properties.mass)
     values = np.diag(np.asarray(airframe.mass_properties.inertia_b))
-    for (key, (low, high)), value in zip(_GYRATION.items(), map(float, values), strict=True):
+    for (key, (lowest, highest)), value in zip(_GYRATION.items(), map(float, values), strict=True):
         key_path = f"mass.{key}" if file.mass is not None else f"dave_ml.inertia ({key.removesuffix('_kg_m2')})"
         radius = math.sqrt(value / mass) / span
-        if not low <= radius <= high:
-            question = (
-                f"a radius of gyration of {radius:.3g} of the span, expected {low:g} to {high:g}; is the unit kg m^2?"
-            )
-            yield Finding(key_path, f"{value:.4g} kg m^2: {question}")
+        if not lowest <= radius <= highest:
+            proportion = f"a radius of gyration of {radius:.3g} of the span, expected {lowest:g} to {highest:g}"
+            yield Finding(key_path, f"{value:.4g} kg m^2: {proportion}; is the unit kg m^2?")
 
 
-def _chord_findings(file: AirframeFile) -> list[Finding]:
+def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
     """Report a mean chord that does not fit area and span."""
     geometry = file.geometry
     mean = geometry.wing_area_m2 / geometry.span_m
-    if _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
-        return []
-    question = f"area over span is {mean:.3g} m; do span, area and chord belong to one wing, in m and m^2?"
-    return [Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {question}")]
+    if not _CHORD[0] <= geometry.mean_chord_m / mean <= _CHORD[1]:
+        question = f"area over span is {mean:.3g} m; do span, area and chord belong to one wing, in m and m^2?"
+        yield Finding("geometry.mean_chord_m", f"{geometry.mean_chord_m:g} m: {question}")
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
     """Report a validity range without enough lift for the weight or enough thrust for the drag."""
-    low, high = file.validity.airspeed_m_s
+    speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
-    alpha_min_deg, alpha_max_deg = file.validity.alpha_deg
-    alphas = np.linspace(alpha_min_deg, alpha_max_deg, 46) * DEG_RAD
-    speeds = np.linspace(low, high, 28)
-    forces = _lift_drag_thrust(airframe, _air_data(1.0, 0.0), jnp.asarray(speeds), jnp.asarray(alphas))
+    alphas, speeds = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD, np.linspace(speed_min, speed_max, 28)
+    forces = _lift_drag_thrust(airframe, level_air_data(1.0, 0.0), jnp.asarray(speeds), jnp.asarray(alphas))
     lift, drag, full_thrust = map(np.asarray, forces)
     carries = lift.max(axis=1) >= weight
     if not carries.any():
-        text = f"[{low:g}, {high:g}] m/s: at none of these airspeeds does the lift carry the weight of {weight:.4g} N"
-        yield Finding("validity.airspeed_m_s", text)
+        shortfall = f"at none of these airspeeds does the lift carry the weight of {weight:.4g} N"
+        yield Finding("validity.airspeed_m_s", f"[{speed_min:g}, {speed_max:g}] m/s: {shortfall}")
         return
     if not carries[0]:
         first_speed = speeds[np.argmax(carries)]
-        text = f"{low:g} m/s: the lift carries the weight only from about {first_speed:.3g} m/s on"
+        text = f"{speed_min:g} m/s: the lift carries the weight only from about {first_speed:.3g} m/s on"
         yield Finding("validity.airspeed_m_s[0]", text)
     if isinstance(airframe.engine, NoEngine):
         return
@@ -418,9 +383,7 @@ def _lift_drag_thrust(
         qbar = 0.5 * unit_speed_data.density * V * V
         data = AirData(V, alpha, 0.0 * V, unit_speed_data.density, qbar, V * unit_speed_data.mach, 0.0 * V)
         force_b = airframe.aerodynamics(data, zero_rates, neutral).force_b
-        sa, ca = jnp.sin(alpha), jnp.cos(alpha)
-        full_thrust = airframe.engine.propulsion(100.0, data).force_b[0]
-        return force_b[0] * sa - force_b[2] * ca, -force_b[0] * ca - force_b[2] * sa, full_thrust
+        return *_lift_and_drag(force_b, alpha), airframe.engine.propulsion(100.0, data).force_b[0]
 
     return jax.vmap(jax.vmap(forces, in_axes=(None, 0)), in_axes=(0, None))(speeds, alphas)
 
@@ -445,8 +408,11 @@ def _tp1538() -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
     data = library_data("tp1538")
     values = {name: np.asarray(table["values"], dtype=float) for name, table in data["tables"].items()}
     names, tables = _gridded(data["tables"], values, data["breakpoints_deg"])
-    plain = {name: [axis.rstrip("12") for axis in axes] for name, axes in names.items()}
-    return {name: tuple(_SURFACE_NAMES.get(table, table) for table in axes) for name, axes in plain.items()}, tables
+
+    def plain_name(axis: str) -> str:
+        return _SURFACE_NAMES.get(axis.rstrip("12"), axis.rstrip("12"))
+
+    return {table: tuple(map(plain_name, axes)) for table, axes in names.items()}, tables
 
 
 def _reduced(variant: str) -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
@@ -460,10 +426,7 @@ def _reduced(variant: str) -> tuple[dict[str, tuple[str, ...]], dict[str, Gridde
 def _gridded(
     tables: Mapping[str, Any], values: Mapping[str, np.ndarray], axes: Mapping[str, Sequence[float]]
 ) -> tuple[dict[str, tuple[str, ...]], dict[str, GriddedTable]]:
-    return (
-        {name: tuple(table["axes"]) for name, table in tables.items()},
-        {
-            name: GriddedTable(tuple(np.asarray(axes[axis], dtype=float) for axis in table["axes"]), values[name])
-            for name, table in tables.items()
-        },
-    )
+    names = {name: tuple(table["axes"]) for name, table in tables.items()}
+    points = {axis: np.asarray(breakpoints, dtype=float) for axis, breakpoints in axes.items()}
+    grids = {name: tuple(points[axis] for axis in table_axes) for name, table_axes in names.items()}
+    return names, {name: GriddedTable(grid, values[name]) for name, grid in grids.items()}

@@ -34,19 +34,10 @@ def library_data(name: str) -> dict[str, Any]:
 
 @functools.cache
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Load a reduced F-16 model of the library.
+    """Load a reduced F-16 model of the library: a variant of `VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
 
-    Parameters
-    ----------
-    variant
-        Element of `anser.aircraft_files.sources.VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
-    x_cg_over_c
-        Centre of gravity as a fraction of the mean chord; default: the variant's.
-
-    Raises
-    ------
-    ValueError
-        If the variant is unknown; the message lists the known variants.
+    `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError if
+    the variant is unknown; the message lists the known variants.
     """
     return f16_from_data(library_data("f16"), variant, x_cg_over_c)
 
@@ -63,7 +54,7 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     Parameters
     ----------
     name
-        Element of `anser.aircraft_files.sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
+        Element of `sources.AIRFRAMES`, name of an entry point, or path of an aircraft file.
     variant, x_cg_over_c
         For the F-16 only: see `load_f16`.
 
@@ -124,16 +115,8 @@ def span_of(airframe: AbstractAirframe) -> Any:
 
 @functools.cache
 def load_body(name: str) -> SimpleBody:
-    """Load an unpowered rigid body of the library, for free flight.
+    """Load an unpowered rigid body of the library, for free flight, by a name of `sources.BODIES`.
 
-    Parameters
-    ----------
-    name
-        Element of `anser.aircraft_files.sources.BODIES`.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown; the message lists the known names.
+    Raises ValueError if the name is unknown; the message lists the known names.
     """
     return body_from_data(library_data("bodies"), name)

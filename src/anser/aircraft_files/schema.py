@@ -9,23 +9,27 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from anser.aircraft_files.schema_aerodynamics import Aerodynamics, CoefficientTable, Engine
-from anser.aircraft_files.schema_body import (
+from anser.aircraft_files.schema_tables import (
     ActuatedSurface,
+    Aerodynamics,
     BodyVector,
+    ByName,
     Check,
+    CoefficientTable,
+    Engine,
     Geometry,
     Mass,
     Surface,
     Validity,
     body_vector,
+    by_name,
+    positive,
+    text_field,
 )
 from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, derivative_index
 from anser.config.errors import Problem, describe_value, format_number
-from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, number, tables
+from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, tables
 from anser.config.tables import table as part
-
-_TEXT = "a text in quotes"
 
 
 class AnyAirframeFile(Table):
@@ -40,11 +44,11 @@ class AnyAirframeFile(Table):
         description="name of the aircraft",
         json_schema_extra=expects(SLUG_EXPECTED),
     )
-    description: str = Field("", description="short description", json_schema_extra=expects(_TEXT))
-    source: str = Field(min_length=1, description="source of the numbers", json_schema_extra=expects(_TEXT))
-    assumed: str = Field(
-        "", description="assumed numbers that the source does not give, with reasons", json_schema_extra=expects(_TEXT)
+    description: str = text_field("short description", "")
+    source: str = Field(
+        min_length=1, description="source of the numbers", json_schema_extra=expects("a text in quotes")
     )
+    assumed: str = text_field("assumed numbers that the source does not give, with reasons", "")
     engine: Engine | None = part("engine; left out: none", "a table [engine]", None)
     validity: Validity = part("range of validity of the data", "a table [validity]")
     check: Check = part("check data", "a table [check]", Check())
@@ -72,23 +76,16 @@ def check_problems(check: Check, surfaces: Sequence[str]) -> list[Problem]:
 def surface_problems(surface: Sequence[ActuatedSurface]) -> list[Problem]:
     """Report repeated surface names, and actuators of different order (first and second)."""
     problems = []
-    names = [this_surface.name for this_surface in surface]
-    for k, this_surface in enumerate(surface):
-        if this_surface.name in names[:k]:
-            arrived = (
-                f"{describe_value(this_surface.name)}, already the name of surface[{names.index(this_surface.name)}]"
-            )
+    names = [item.name for item in surface]
+    for k, item in enumerate(surface):
+        if item.name in names[:k]:
+            arrived = f"{describe_value(item.name)}, already the name of surface[{names.index(item.name)}]"
             problems.append(Problem(f"surface[{k}].name", arrived, "a name of its own"))
-        if (this_surface.lag_s is None) != (surface[0].lag_s is None):
+        if (item.lag_s is None) != (surface[0].lag_s is None):
+            arrived = "nothing" if item.lag_s is None else format_number(item.lag_s)
             expected_keys = "frequency_rad_s and damping" if surface[0].lag_s is None else "lag_s"
             expected = f"{expected_keys}, as of the first surface: all actuators are of one order"
-            problems.append(
-                Problem(
-                    f"surface[{k}].lag_s",
-                    "nothing" if this_surface.lag_s is None else format_number(this_surface.lag_s),
-                    expected,
-                )
-            )
+            problems.append(Problem(f"surface[{k}].lag_s", arrived, expected))
     return problems
 
 
@@ -139,29 +136,21 @@ class AirframeFile(AnyAirframeFile):
 
     def _overridden_derivatives(self, k: int, table: CoefficientTable, index: tuple[int, int]) -> list[Problem]:
         """Report derivatives in the file that have no effect because table number `k` replaces them."""
-        problems = []
-        coefficient = COEFFICIENTS[index[0]]
+        coefficient, argument_count = COEFFICIENTS[index[0]], len(DERIVATIVE_ARGUMENTS)
         expected = f"nothing, or 0: table[{k}] of {table.replaces} takes its place"
-        for column in replaced_columns(table, index):
-            if column < len(DERIVATIVE_ARGUMENTS):
-                path, value = (
-                    f"aerodynamics.{coefficient}{DERIVATIVE_ARGUMENTS[column]}",
-                    getattr(self.aerodynamics, coefficient + DERIVATIVE_ARGUMENTS[column]),
-                )
+        columns = list(replaced_columns(table, index))
+        if table.replaces in COEFFICIENTS:
+            columns += [argument_count + self.surfaces.index(name) for name in table.over if name in self.surfaces]
+        problems = []
+        for column in columns:
+            if column < argument_count:
+                name = coefficient + DERIVATIVE_ARGUMENTS[column]
+                key, value = f"aerodynamics.{name}", getattr(self.aerodynamics, name)
             else:
-                n = column - len(DERIVATIVE_ARGUMENTS)
-                path, value = f"surface[{n}].{coefficient}", getattr(self.surface[n], coefficient)
+                n = column - argument_count
+                key, value = f"surface[{n}].{coefficient}", getattr(self.surface[n], coefficient)
             if value != 0.0:
-                problems.append(Problem(path, format_number(value), expected))
-        surfaces = [name for name in table.over if name in self.surfaces] if table.replaces in COEFFICIENTS else []
-        for name in surfaces:
-            n = self.surfaces.index(name)
-            if getattr(self.surface[n], coefficient) != 0.0:
-                problems.append(
-                    Problem(
-                        f"surface[{n}].{coefficient}", format_number(getattr(self.surface[n], coefficient)), expected
-                    )
-                )
+                problems.append(Problem(key, format_number(value), expected))
         return problems
 
 
@@ -195,14 +184,15 @@ DAVE_ML_PARTS = ("aerodynamics", "inertia", "propulsion")
 """Parts of an aircraft that DAVE-ML files may define."""
 _PATH = 'the path of a DAVE-ML file, seen from the aircraft file, such as "my_aero.dml"'
 _NAMES = 'a table such as { aeroBodyForceCoefficient_X = "CX" }: standard name = name or varID in the file'
+_INERTIA_WAYS = "either a file of inertia or a table [mass]"
 _GIVEN = "a table of numbers by name or varID, in the units of the file, such as { vrsPositionOfCM = 25.0 }"
 
 
 class DaveMlText(Table):
     """DAVE-ML file, stored with its text, so that results contain the aircraft without the file."""
 
-    file: str = Field(description="name of the file", json_schema_extra=expects("a text in quotes"))
-    text: str = Field(description="text of the file", json_schema_extra=expects("the text of a DAVE-ML file"))
+    file: str = text_field("name of the file")
+    text: str = text_field("text of the file", expected="the text of a DAVE-ML file")
 
 
 class DaveMl(Table):
@@ -211,29 +201,19 @@ class DaveMl(Table):
     aerodynamics: DaveMlText = part("coefficients in body axes and reference lengths", _PATH)
     inertia: DaveMlText | None = part("mass, inertia and centre of mass; left out: [mass]", _PATH, None)
     propulsion: DaveMlText | None = part("thrust by power lever; left out: [engine], or no engine", _PATH, None)
-    propulsion_lag_s: float | None = number(
-        "time constant from throttle to power, with propulsion", 0, 60, "s", None, exclusive_minimum=True
-    )
+    propulsion_lag_s: float | None = positive("time constant from throttle to power, with propulsion", 60, "s", None)
     cg_offset_m: BodyVector | None = body_vector(
         "centre of mass relative to the moment reference, with [mass]", "m", None
     )
-    names: Annotated[dict[str, str], Field(strict=False)] = Field(
-        default_factory=dict, description="names other than the standard ones", json_schema_extra=expects(_NAMES)
-    )
-    given: Annotated[dict[str, float], Field(strict=False)] = Field(
-        default_factory=dict,
-        description="constant inputs, such as the centre of gravity, a gear or a flap",
-        json_schema_extra=expects(_GIVEN),
-    )
+    names: Annotated[dict[str, str], Field(strict=False)] = by_name("names other than the standard ones", _NAMES)
+    given: ByName = by_name("constant inputs, such as the centre of gravity, a gear or a flap", _GIVEN)
 
 
 class DaveMlSurface(ActuatedSurface):
     """Control surface, and the input of the aerodynamic model that it sets."""
 
-    input: str | None = Field(
-        None,
-        description="name or varID of the input; left out: the surface's name and Deflection, as elevatorDeflection",
-        json_schema_extra=expects("a text in quotes"),
+    input: str | None = text_field(
+        "name or varID of the input; left out: the surface's name and Deflection, as elevatorDeflection", None
     )
 
     @property
@@ -264,13 +244,11 @@ class DaveMlFile(AnyAirframeFile):
     def consistency_problems(self) -> list[Problem]:
         """Report repeated or missing definitions, and contradictions between tables."""
         problems, dave_ml = [], self.dave_ml
-        if (dave_ml.inertia is None) == (self.mass is None):
-            arrived = (
-                "nothing"
-                if self.mass is None
-                else f"{describe_value(dave_ml.inertia and dave_ml.inertia.file)} beside [mass]"
-            )
-            problems.append(Problem("dave_ml.inertia", arrived, "either a file of inertia or a table [mass]"))
+        if dave_ml.inertia is None and self.mass is None:
+            problems.append(Problem("dave_ml.inertia", "nothing", _INERTIA_WAYS))
+        if dave_ml.inertia is not None and self.mass is not None:
+            arrived = f"{describe_value(dave_ml.inertia.file)} beside [mass]"
+            problems.append(Problem("dave_ml.inertia", arrived, _INERTIA_WAYS))
         if dave_ml.cg_offset_m is not None and self.mass is None:
             expected = "nothing: the file of inertia says where the centre of mass is"
             problems.append(Problem("dave_ml.cg_offset_m", str(list(dave_ml.cg_offset_m)), expected))
@@ -278,9 +256,8 @@ class DaveMlFile(AnyAirframeFile):
             arrived = f"{describe_value(dave_ml.propulsion.file)} beside [engine]"
             problems.append(Problem("dave_ml.propulsion", arrived, "either a file of propulsion or a table [engine]"))
         if (dave_ml.propulsion is None) != (dave_ml.propulsion_lag_s is None):
-            arrived = (
-                "nothing" if dave_ml.propulsion_lag_s is None else f"{dave_ml.propulsion_lag_s:g} without propulsion"
-            )
+            lag_s = dave_ml.propulsion_lag_s
+            arrived = "nothing" if lag_s is None else f"{lag_s:g} without propulsion"
             expected = "a time constant beside a file of propulsion, which has none"
             problems.append(Problem("dave_ml.propulsion_lag_s", arrived, expected))
         for k, force_check in enumerate(self.check.forces):

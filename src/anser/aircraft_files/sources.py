@@ -11,7 +11,6 @@ import importlib.metadata
 import os
 from dataclasses import dataclass
 from importlib import resources
-from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -40,12 +39,8 @@ _RATE_DERIVATIVES = {f"{coefficient}_{angle}dot" for coefficient in COEFFICIENTS
 def validate_airframe(values: dict[str, Any], source: str) -> AirframeFile | DaveMlFile:
     """Validate an aircraft given as nested dictionaries and lists, as in its TOML file.
 
-    With a table `dave_ml`, the referenced files are tables of file name and text.
-
-    Raises
-    ------
-    ScenarioError
-        If the values are invalid; the message gives file, key, value and expected value.
+    With a table `dave_ml`, the referenced files are tables of file name and text. Raises ScenarioError if the values
+    are invalid; the message gives file, key, value and expected value.
     """
     check_file_kind("aircraft", values, source)
     version = values.get("format")
@@ -72,10 +67,7 @@ def is_aircraft_file(value: object) -> TypeGuard[AirframeFile | DaveMlFile]:
 
 
 def _explain_rate_derivative(problem: Problem) -> Problem:
-    """Return the problem of an unknown key, with advice if the key is an alpha-dot or beta-dot derivative.
-
-    The advice is to add such a derivative (`Cm_alphadot`) to the derivative by q or r.
-    """
+    """Return the problem of an unknown key, with advice if the key is a derivative such as `Cm_alphadot`."""
     key = problem.path.rpartition(".")[2]
     if key not in _RATE_DERIVATIVES:
         return problem
@@ -96,10 +88,7 @@ DAVE_ML_SUFFIX = ".dml"
 def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
     """Read and validate an aircraft file.
 
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read or is not a valid aircraft; the message gives key and expected value.
+    Raises ScenarioError if the file cannot be read or is no valid aircraft; the message gives key and expected value.
     """
     source = os.fspath(path)
     values = airframe_values(path)
@@ -108,20 +97,14 @@ def read_airframe(path: str | os.PathLike[str]) -> AirframeFile | DaveMlFile:
 
 
 def airframe_values(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Read the values of an aircraft file without validation; the file format follows from the suffix.
-
-    Raises
-    ------
-    ScenarioError
-        If the file cannot be read, or its suffix is not that of an aircraft file.
-    """
-    source = os.fspath(path)
-    if Path(source).suffix == DAVE_ML_SUFFIX:
+    """Read the values of an aircraft file without validation; raises ScenarioError for other suffixes or no file."""
+    source, suffix = os.fspath(path), Path(path).suffix
+    if suffix == DAVE_ML_SUFFIX:
         expected = "an aircraft file (.toml) that names it under [dave_ml]: a DAVE-ML file has no actuators"
         raise problem_error(source, "a DAVE-ML file", expected)
-    if Path(source).suffix not in SUFFIXES:
+    if suffix not in SUFFIXES:
         expected = f"the path of an aircraft file, whose name ends with {' or '.join(SUFFIXES)}"
-        raise problem_error(source, f"a name that ends with {describe_value(Path(source).suffix)}", expected)
+        raise problem_error(source, f"a name that ends with {describe_value(suffix)}", expected)
     return _insert_dave_ml_texts(parse_toml(read_text(path, "aircraft"), source), Path(source).parent, source)
 
 
@@ -134,35 +117,29 @@ def _insert_dave_ml_texts(values: dict[str, Any], folder: Path | Traversable, so
     for part in DAVE_ML_PARTS:
         path = dave_ml.get(part)
         if isinstance(path, str):
-            with_texts[part] = {
-                "file": Path(path).name,
-                "text": _text_of(folder.joinpath(path), f"dave_ml.{part}", source),
-            }
+            text = _text_of(folder.joinpath(path), f"dave_ml.{part}", source)
+            with_texts[part] = {"file": Path(path).name, "text": text}
     return {**values, "dave_ml": with_texts}
 
 
 def _text_of(path: Path | Traversable, key: str, source: str) -> str:
     """Read the text of a DAVE-ML file in its declared encoding; raises ScenarioError if it cannot be read."""
     try:
-        content = read_file(path)
-    except (OSError, ValueError) as error:
-        arrived = f"{describe_value(str(path))}, which cannot be read ({os_error_reason(error)})"
-        raise problem_error(source, arrived, "the path of a DAVE-ML file, seen from the aircraft file", key) from None
-    try:
-        return decode_xml(content)
+        return decode_xml(read_file(path))
     except LookupError as error:
-        arrived = f"{describe_value(str(path))} in {error.args[0]}"
-        raise problem_error(source, arrived, f"one of {', '.join(XML_ENCODINGS)}", key) from None
+        fault, expected = f" in {error.args[0]}", f"one of {', '.join(XML_ENCODINGS)}"
     except UnicodeDecodeError as error:
-        arrived = f"{describe_value(str(path))}, which is not {error.encoding}"
-        raise problem_error(source, arrived, "a text in the encoding that it declares", key) from None
+        fault, expected = f", which is not {error.encoding}", "a text in the encoding that it declares"
+    except (OSError, ValueError) as error:
+        fault = f", which cannot be read ({os_error_reason(error)})"
+        expected = "the path of a DAVE-ML file, seen from the aircraft file"
+    raise problem_error(source, f"{describe_value(str(path))}{fault}", expected, key)
 
 
 @functools.cache
 def _values_of_library(name: str) -> dict[str, Any]:
-    folder = resources.files("anser").joinpath(
-        *LIBRARY_FILES[name].split("/")
-    )  # importing the folder's package would import JAX
+    # importing the folder's package would import JAX
+    folder = resources.files("anser").joinpath(*LIBRARY_FILES[name].split("/"))
     text = folder.joinpath(f"{name}.toml").read_text(encoding="utf-8")
     return _insert_dave_ml_texts(parse_toml(text, f"{name}.toml of anser"), folder, f"{name}.toml of anser")
 
@@ -212,18 +189,9 @@ _F16_ALPHA_DEG = (-10.0, 45.0)
 
 @dataclass(frozen=True)
 class AirframeRange:
-    """Ranges of airspeed, altitude and angle of attack of an airframe's data.
+    """Ranges of airspeed, altitude and angle of attack of an airframe's data; None if unknown before it is built.
 
-    A range is None if it is unknown before the airframe is built.
-
-    Parameters
-    ----------
-    name
-        Airframe name.
-    airspeed_m_s, altitude_m, alpha_deg
-        Minimum and maximum.
-    is_from_file
-        Whether the ranges come from an aircraft file; a scenario's default limits follow these ranges.
+    If the ranges come from an aircraft file (`is_from_file`), a scenario's default limits follow them.
     """
 
     name: str
@@ -252,7 +220,7 @@ AIRCRAFT_SCHEMA = "anser-aircraft.schema.json"
 
 def airframe_starter() -> str:
     """Return the text (TOML) of the starter file: a valid light aircraft with a comment on every key."""
-    return files("anser.aircraft_files").joinpath("starter.toml").read_text(encoding="utf-8")
+    return resources.files("anser.aircraft_files").joinpath("starter.toml").read_text(encoding="utf-8")
 
 
 def write_airframe_starter(path: str | os.PathLike[str]) -> Path:

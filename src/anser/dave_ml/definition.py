@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 import numpy as np
 
@@ -12,24 +12,12 @@ from anser.dave_ml.formulas import Formula
 Extrapolate = Literal["neither", "min", "max", "both"]
 Interpolate = Literal["linear", "discrete", "floor", "ceiling"]
 Role = Literal["isInput", "isControl", "isDisturbance", "isState", "isStateDeriv", "isOutput", "isStdAIAA"]
-ROLES: Final[tuple[Role, ...]] = (
-    "isInput", "isControl", "isDisturbance", "isState", "isStateDeriv", "isOutput", "isStdAIAA"
-)  # fmt: skip
+ROLES: Final[tuple[Role, ...]] = get_args(Role)
 
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """Element of a DAVE-ML file that documents only: header, provenance or uncertainty.
-
-    Attributes
-    ----------
-    tag, text
-        Name of the element, and character data without surrounding blanks.
-    attributes
-        Pairs of name and value.
-    children
-        Child elements in file order.
-    """
+    """Element of a DAVE-ML file that documents only: header, provenance or uncertainty; text without outer blanks."""
 
     tag: str
     attributes: tuple[tuple[str, str], ...] = ()
@@ -66,20 +54,12 @@ class Variable:
     ----------
     id, name, units
         varID, name (ANSI/AIAA S-119 name for standard variables), and units as written.
-    description, axis_system, sign, alias, symbol
-        Documentation from the file.
     initial
         Constant, initial value of a state, or default of an input.
     minimum, maximum
         Limits that clip every value of the variable.
-    formula
-        Calculation of the value from other variables.
-    roles
-        Roles marked in the file, a subset of `ROLES`: input, output, state and so on.
-    notes
-        Provenance and uncertainty.
-    location
-        Position in the file.
+    formula, notes
+        Calculation of the value from other variables; provenance and uncertainty.
     """
 
     id: str
@@ -120,17 +100,7 @@ class Breakpoints(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GriddedTable(_Described):
-    """Table with values on a grid of breakpoints.
-
-    Attributes
-    ----------
-    id
-        Identifier (gtID).
-    axes
-        Breakpoint identifier (bpID) of each axis.
-    values
-        Array with one dimension per entry of `axes`.
-    """
+    """Table with values on a grid: the array has a dimension for each of `axes`, identifiers (bpID) of breakpoints."""
 
     id: str
     axes: tuple[str, ...]
@@ -139,17 +109,7 @@ class GriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UngriddedTable(_Described):
-    """Table with values at scattered points.
-
-    Attributes
-    ----------
-    id
-        Identifier (utID).
-    points
-        Coordinates; shape (n, arguments).
-    values
-        Value at each point; shape (n,).
-    """
+    """Table with values (n,) at scattered points (n, arguments)."""
 
     id: str
     points: np.ndarray
@@ -158,17 +118,7 @@ class UngriddedTable(_Described):
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """Independent variable of a function.
-
-    Attributes
-    ----------
-    id
-        varID.
-    minimum, maximum
-        Limits that clip the argument before the lookup.
-    extrapolate, interpolate
-        Extrapolation beyond the table's ends, and interpolation between breakpoints.
-    """
+    """Independent variable (varID) of a function; `minimum` and `maximum` clip it before the lookup."""
 
     id: str
     minimum: float | None = None
@@ -179,16 +129,9 @@ class Argument:
 
 @dataclass(frozen=True, slots=True)
 class Function:
-    """Function of a DAVE-ML file: computes a variable by looking up a table.
+    """Function of a DAVE-ML file: computes the variable `result` by looking up a gridded or ungridded table.
 
-    Attributes
-    ----------
-    result
-        varID of the dependent variable.
-    arguments
-        Independent variables in the order of the table's axes.
-    table
-        Identifier of a gridded or ungridded table.
+    The arguments are in the order of the table's axes.
     """
 
     name: str
@@ -202,18 +145,9 @@ class Function:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """Value of a variable in a check shot, with its unit and tolerance.
+    """Input value, or expected value of an output, of the variable `id` (varID) in a check shot.
 
-    Attributes
-    ----------
-    id
-        varID of the variable.
-    value
-        Input value, or expected value of an output.
-    units
-        Units of value and tolerance; the variable's units if the file omits them.
-    tolerance
-        Greatest permitted difference from the computed value; None if the file omits it.
+    `units` are those of the variable if the file omits them; `tolerance` is None if the file omits it.
     """
 
     id: str
@@ -237,18 +171,9 @@ class Shot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Definition:
-    """Content of a DAVE-ML file.
+    """Content of a DAVE-ML file, in file order; variables, breakpoints and tables by identifier.
 
-    Attributes
-    ----------
-    file
-        Name of the file in error messages.
-    header
-        Author, dates, references and modification records.
-    variables, breakpoints, gridded, ungridded
-        Definitions by identifier, in file order.
-    functions, shots
-        In file order.
+    `file` is the name of the file in error messages.
     """
 
     file: str
@@ -259,16 +184,3 @@ class Definition:
     ungridded: Mapping[str, UngriddedTable] = field(default_factory=dict)
     functions: tuple[Function, ...] = ()
     shots: tuple[Shot, ...] = ()
-
-
-def header(name: str, author: str, organization: str, date: str, description: str = "", version: str = "") -> Note:
-    """Return the header element of a new file; `date` has the form 2026-11-25."""
-    children = [
-        Note("author", (("name", author), ("org", organization))),
-        Note("creationDate", (("date", date),)),
-    ]
-    if version:
-        children.append(Note("fileVersion", text=version))
-    if description:
-        children.append(Note("description", text=description))
-    return Note("fileHeader", (("name", name),), children=tuple(children))

@@ -19,16 +19,7 @@ _SHOWN_MAX: Final = 80
 class DaveMlError(ValueError):
     """A DAVE-ML file is invalid, or a model cannot be built from it; ``str()`` is one line.
 
-    Parameters
-    ----------
-    name
-        Name of the file.
-    arrived
-        Content at this position.
-    expected
-        Description of valid content.
-    line, column
-        Position in the file, from 1; None for the whole file.
+    Line and column are from 1; None for the whole file.
     """
 
     def __init__(self, name: str, arrived: str, expected: str, line: int | None = None, column: int | None = None):
@@ -60,20 +51,9 @@ ELEMENTS_MAX: Final = 100_000
 
 @dataclass(slots=True, eq=False)
 class Element:
-    """XML element with its position in the file.
+    """XML element with its position in the file: line and column of the start tag, from 1.
 
-    Attributes
-    ----------
-    tag
-        Name without the namespace prefix.
-    attributes
-        Values of the attributes by name, prefix included.
-    text
-        Character data directly inside the element.
-    children
-        Child elements in file order.
-    file, line, column
-        Name of the file, and position of the start tag, from 1.
+    The tag is without the namespace prefix, the attributes' names are with it; `text` is directly inside the element.
     """
 
     tag: str
@@ -89,30 +69,17 @@ class Element:
         return DaveMlError(self.file, arrived, expected, self.line, self.column)
 
     def permit(self, attributes: Iterable[str] = (), once: Iterable[str] = (), repeatable: Iterable[str] = ()) -> None:
-        """Raise DaveMlError for unknown attributes or children.
-
-        Parameters
-        ----------
-        attributes
-            Permitted attributes.
-        once
-            Tags of children permitted once.
-        repeatable
-            Tags of children permitted repeatedly.
-        """
+        """Raise DaveMlError for unknown attributes or children; by tag, children are permitted once or repeatedly."""
         attribute_names = set(attributes)
         for name in self.attributes:
             if name not in attribute_names and not name.startswith("xml") and ":" not in name:
-                raise self.fault(
-                    f"attribute {quote(name)} of <{self.tag}>", _format_choices("attributes", attribute_names)
-                )
-        single_tags, repeatable_tags = set(once), set(repeatable)
+                arrived = f"attribute {quote(name)} of <{self.tag}>"
+                raise self.fault(arrived, _format_choices("attributes", attribute_names))
+        single_tags, tags = set(once), {*once, *repeatable}
         present_tags: set[str] = set()
         for child in self.children:
-            if child.tag not in single_tags | repeatable_tags:
-                raise child.fault(
-                    f"<{child.tag}> in <{self.tag}>", _format_choices("elements", single_tags | repeatable_tags)
-                )
+            if child.tag not in tags:
+                raise child.fault(f"<{child.tag}> in <{self.tag}>", _format_choices("elements", tags))
             if child.tag in single_tags and child.tag in present_tags:
                 raise child.fault(f"a second <{child.tag}> in <{self.tag}>", "one")
             present_tags.add(child.tag)
@@ -171,9 +138,8 @@ class _Builder:
             raise self.fault("a document type with declarations of its own", "a document type by name only, or none")
 
     def entity(self, name: str, *_more: object) -> int:
-        raise self.fault(
-            f"entity {quote(str(name))}", "characters, or the entities of XML: &lt; &gt; &amp; &quot; &apos;"
-        )
+        expected = "characters, or the entities of XML: &lt; &gt; &amp; &quot; &apos;"
+        raise self.fault(f"entity {quote(str(name))}", expected)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         self.count += 1
@@ -198,19 +164,9 @@ class _Builder:
 
 
 def parse_elements(content: str | bytes, name: str) -> Element:
-    """Parse an XML document and return its root element.
+    """Parse an XML document (bytes in the declared encoding) and return its root element.
 
-    Parameters
-    ----------
-    content
-        Document; bytes in the declared encoding.
-    name
-        Name of the file in error messages.
-
-    Raises
-    ------
-    DaveMlError
-        If the document is not well-formed XML, declares or uses entities, or is too large.
+    Raises DaveMlError if the document is not well-formed XML, declares or uses entities, or is too large.
     """
     if len(content) > FILE_BYTES_MAX:
         raise DaveMlError(name, f"{len(content):,} bytes", f"at most {FILE_BYTES_MAX:,}")
@@ -220,9 +176,8 @@ def parse_elements(content: str | bytes, name: str) -> Element:
     except UnicodeEncodeError as error:
         raise DaveMlError(name, f"character {error.object[error.start]!r}", "text of Unicode") from None
     except UnicodeDecodeError as error:
-        raise DaveMlError(
-            name, f"bytes that are not {error.encoding}", "text in the encoding that it declares"
-        ) from None
+        arrived = f"bytes that are not {error.encoding}"
+        raise DaveMlError(name, arrived, "text in the encoding that it declares") from None
     except LookupError as error:
         raise DaveMlError(name, error.args[0], ", ".join(XML_ENCODINGS), 1, 1) from None
     parser = expat.ParserCreate("utf-8")
@@ -245,9 +200,9 @@ _ALLOWED: Final = frozenset("0123456789+-.eE, \t\r\n")
 def parse_number(text: str, element: Element, description: str) -> float:
     """Parse one finite number. Raises DaveMlError if the text is not a finite number."""
     stripped = text.strip()
-    if not set(stripped) <= _ALLOWED - {","}:
-        raise element.fault(f"{quote(stripped)} as {description}", "a number such as -1.5e3")
     try:
+        if not set(stripped) <= _ALLOWED - {","}:
+            raise ValueError
         value = float(stripped)
     except ValueError:
         raise element.fault(f"{quote(stripped)} as {description}", "a number such as -1.5e3") from None
@@ -266,10 +221,7 @@ def optional_number(element: Element, attribute: str) -> float | None:
 def parse_numbers(element: Element, description: str) -> np.ndarray:
     """Parse the numbers in an element, separated by commas or white space; returns an array of shape (n,).
 
-    Raises
-    ------
-    DaveMlError
-        If the element is empty, has more than `TABLE_NUMBERS_MAX` numbers, or a word is not a finite number.
+    Raises DaveMlError if there are none, more than `TABLE_NUMBERS_MAX`, or a word is not a finite number.
     """
     invalid_characters = set(element.text) - _ALLOWED
     if invalid_characters:

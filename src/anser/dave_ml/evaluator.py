@@ -1,8 +1,14 @@
-"""Evaluator: a DAVE-ML model compiled to JAX, for one time and one aircraft; use `vmap` for more."""
+"""Evaluator: a DAVE-ML model compiled to JAX, for one time and one aircraft; use `vmap` for more.
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+Also the order in which the variables of a file are computed, and the sources of each variable.
+"""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
+from typing import Any, Final
 
 import equinox as eqx
 import jax
@@ -10,11 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from anser.dave_ml.arithmetic import IN_JAX, IN_NUMPY
-from anser.dave_ml.definition import Breakpoints, Definition, Function, GriddedTable
+from anser.dave_ml.definition import Breakpoints, Definition, Function, GriddedTable, Variable
 from anser.dave_ml.elements import quote
+from anser.dave_ml.formulas import IN_JAX, IN_NUMPY, Formula, variables_in
 from anser.dave_ml.standard_units import Unit, parse_unit
-from anser.dave_ml.structure import Structure, clip_to_limits, compute_constants, make_structure
 from anser.dave_ml.tables import (
     Lookup,
     ScatteredTable,
@@ -27,21 +32,185 @@ from anser.dave_ml.tables import (
 from anser.numerics.arrays import as_array, namespace
 from anser.shapes import Scalar, ScalarLike
 
+_CYCLE_SHOWN_MAX: Final = 10
+_NAME_SHOWN_MAX: Final = 40
+_INPUT_ROLES: Final = frozenset({"isInput", "isControl", "isDisturbance"})
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Variable of a DAVE-ML file in the form that the evaluator needs.
+
+    The formula is None for inputs, constants and table results. The sources are the variables (varID) in the formula or
+    the table's arguments; the level is the number of successive table lookups between the inputs and this variable.
+    """
+
+    id: str
+    name: str
+    units: str
+    formula: Formula | None
+    sources: tuple[str, ...]
+    level: int
+    limits: tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Computation graph without the numbers of tables and constants: the static part of an evaluator.
+
+    The quantities are sorted by level; within a level, sources precede the variables computed from them. Inputs (states
+    included) and outputs are varIDs.
+    """
+
+    quantities: tuple[Quantity, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.quantities, self.inputs, self.outputs))
+
+    @cached_property
+    def by_id(self) -> dict[str, Quantity]:
+        """Quantities by varID."""
+        return {quantity.id: quantity for quantity in self.quantities}
+
+    def find(self, key: str) -> str:
+        """Return the varID for a varID or a unique name; raises ValueError if none or several variables match."""
+        if key in self.by_id:
+            return key
+        matches = [quantity.id for quantity in self.quantities if quantity.name == key]
+        if len(matches) != 1:
+            count = "no variable" if not matches else f"{len(matches)} variables ({', '.join(matches)})"
+            raise ValueError(f"{quote(key)} is varID or name of {count}; inputs are {', '.join(self.inputs)}")
+        return matches[0]
+
+    def required_variables(self, targets: Collection[str], available: Collection[str]) -> set[str]:
+        """Return the varIDs of all variables needed to compute the targets from the available variables.
+
+        The targets are included.
+        """
+        required: set[str] = set()
+        pending = list(targets)
+        while pending:
+            identifier = pending.pop()
+            if identifier not in required:
+                required.add(identifier)
+                if identifier not in available:
+                    pending += self.by_id[identifier].sources
+        return required
+
+
+def make_structure(definition: Definition) -> Structure:
+    """Sort the variables of a file so that each follows its sources; raises DaveMlError as `make_evaluator`."""
+    functions = _by_result(definition)
+    sources: dict[str, tuple[str, ...]] = {}
+    for variable in definition.variables.values():
+        sources[variable.id] = _sources(variable, functions.get(variable.id), definition)
+    try:
+        order = list(TopologicalSorter(sources).static_order())
+    except CycleError as error:
+        # reversed, so that each element is a source of the preceding element
+        cycle: list[str] = error.args[1][::-1]
+        shortened = [*cycle[:_CYCLE_SHOWN_MAX], "..."] if len(cycle) > _CYCLE_SHOWN_MAX else cycle
+        ring = " needs ".join(name[:_NAME_SHOWN_MAX] for name in shortened)
+        location = definition.variables[cycle[0]].location
+        raise location.fault(f"a cycle of calculations: {ring}", "no variable that depends on itself") from None
+    quantities: dict[str, Quantity] = {}
+    for identifier in order:
+        variable = definition.variables[identifier]
+        level = max((quantities[source].level for source in sources[identifier]), default=0)
+        quantities[identifier] = Quantity(
+            id=identifier,
+            name=variable.name,
+            units=variable.units,
+            formula=variable.formula,
+            sources=sources[identifier],
+            level=level + (identifier in functions),
+            limits=(variable.minimum, variable.maximum),
+        )
+    variables = definition.variables.values()
+    return Structure(
+        quantities=tuple(sorted(quantities.values(), key=lambda quantity: quantity.level)),
+        inputs=tuple(v.id for v in variables if _is_input(v, v.id in functions)),
+        outputs=tuple(v.id for v in variables if "isOutput" in v.roles),
+    )
+
+
+def _by_result(definition: Definition) -> dict[str, Function]:
+    functions: dict[str, Function] = {}
+    for function in definition.functions:
+        if function.result not in definition.variables:
+            raise function.location.fault(f"a function of variable {quote(function.result)}", "the varID of a variable")
+        if function.result in functions:
+            raise function.location.fault(f"a second function of variable {quote(function.result)}", "one")
+        functions[function.result] = function
+    return functions
+
+
+def _is_input(variable: Variable, has_function: bool) -> bool:
+    """Whether a variable is an input: marked as input or state, or without formula, table and initial value."""
+    if has_function or variable.formula is not None:
+        return False
+    return bool(_INPUT_ROLES & variable.roles) or "isState" in variable.roles or variable.initial is None
+
+
+def _sources(variable: Variable, function: Function | None, definition: Definition) -> tuple[str, ...]:
+    if function is None and variable.formula is None:
+        return ()
+    if _INPUT_ROLES & variable.roles:
+        source = "a calculation" if function is None else f"function {quote(function.name)}"
+        raise variable.location.fault(f"input {quote(variable.id)} with {source}", "one source: input, or calculation")
+    if function is not None and variable.formula is not None:
+        arrived = f"variable {quote(variable.id)} with a calculation and function {quote(function.name)}"
+        raise variable.location.fault(arrived, "one source")
+    location = variable.location if function is None else function.location
+    if function is not None:
+        source_ids = [argument.id for argument in function.arguments]
+    else:
+        source_ids = list(variables_in(variable.formula)) if variable.formula is not None else []
+    for name in source_ids:
+        if name not in definition.variables:
+            arrived = f"variable {quote(name)} as a source of {quote(variable.id)}"
+            raise location.fault(arrived, "the varID of a variable")
+    return tuple(dict.fromkeys(source_ids))
+
+
+def compute_constants(definition: Definition, structure: Structure) -> dict[str, float]:
+    """Compute constants, formulas of constants, and defaults of inputs, by varID.
+
+    Raises DaveMlError if a formula of constants gives NaN or infinity.
+    """
+    constants: dict[str, float] = {}
+    inputs = set(structure.inputs)
+    with np.errstate(all="ignore"):
+        for quantity in structure.quantities:
+            variable = definition.variables[quantity.id]
+            if quantity.formula is not None:
+                if not set(quantity.sources) <= constants.keys() - inputs:
+                    continue
+                value = float(IN_NUMPY.value_of(quantity.formula, constants))
+                if not math.isfinite(value):
+                    arrived = f"{value:g} as the value of {quote(variable.id)}, calculated from constants"
+                    raise variable.location.fault(arrived, "a finite number")
+            elif variable.initial is not None and not quantity.sources:
+                value = variable.initial
+            else:
+                continue
+            constants[quantity.id] = float(_clip(value, quantity.limits, np))
+    return constants
+
 
 class Evaluator(eqx.Module):
     """The computation of a DAVE-ML file as a JAX pytree.
 
     Constants and table values are leaves of the pytree, so changing them does not recompile. Numbers in formulas and
-    the limits of variables belong to the static structure.
-
-    Attributes
-    ----------
-    constants
-        By varID: constants, values calculated from constants (updated by `with_constants`) and defaults of inputs.
-    tables
-        Tables by stage; the arguments of a stage's tables come from earlier stages.
-    structure
-        Order of computation.
+    the limits of variables belong to the static structure. `constants`, by varID, hold also values calculated from
+    constants (updated by `with_constants`) and defaults of inputs. The arguments of a stage's tables come from earlier
+    stages.
     """
 
     constants: dict[str, Scalar]
@@ -49,7 +218,7 @@ class Evaluator(eqx.Module):
     structure: Structure = eqx.field(static=True)
 
     def evaluate(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, in the file's units.
+        """Compute variables at one time, in the file's units; returns the values by the names in `outputs`.
 
         Parameters
         ----------
@@ -57,12 +226,7 @@ class Evaluator(eqx.Module):
             Scalars by varID or name. An input may be omitted if the file gives a default or no requested variable
             depends on the input.
         outputs
-            Variables to compute, by varID or name; default: the variables marked as output. Unrelated variables are not
-            computed.
-
-        Returns
-        -------
-        Values by the names in `outputs`.
+            Variables to compute, by varID or name; default: the variables marked as output.
 
         Raises
         ------
@@ -91,14 +255,9 @@ class Evaluator(eqx.Module):
         return {name: values[identifier] for name, identifier in output_ids.items()}
 
     def evaluate_si(self, inputs: Mapping[str, ScalarLike], outputs: Sequence[str] | None = None) -> dict[str, Scalar]:
-        """Compute variables at one time, in SI units and radians; percent as fractions.
+        """Compute variables as `evaluate`, in SI units and radians, percent as fractions.
 
-        Parameters and result as for `evaluate`, except for the units.
-
-        Raises
-        ------
-        ValueError
-            As `evaluate`, and if a unit is unknown.
+        Raises ValueError as `evaluate`, and if a unit is unknown.
         """
         output_names = self.structure.outputs if outputs is None else tuple(outputs)
         units = {name: self.unit(name) for name in (*inputs, *output_names)}
@@ -107,13 +266,7 @@ class Evaluator(eqx.Module):
         return {name: value * units[name].factor + units[name].offset for name, value in file_outputs.items()}
 
     def unit(self, name: str) -> Unit:
-        """Return the unit of a variable, by varID or name.
-
-        Raises
-        ------
-        ValueError
-            If the variable does not exist or the unit is unknown.
-        """
+        """Return the unit of a variable by varID or name; raises ValueError if variable or unit is unknown."""
         quantity = self.structure.by_id[self.structure.find(name)]
         try:
             return parse_unit(quantity.units)
@@ -123,27 +276,23 @@ class Evaluator(eqx.Module):
     def with_constants(self, changes: Mapping[str, ScalarLike]) -> "Evaluator":
         """Return a copy with other constants, in the file's units; values calculated from the constants are updated.
 
-        A value that the file calculates from constants may be set too, and then replaces the calculation.
-
-        Raises
-        ------
-        ValueError
-            If a variable is not a constant.
+        A value that the file calculates from constants may be set too, and then replaces the calculation. Raises
+        ValueError if a variable is not a constant.
         """
         changed = {self.structure.find(name): value for name, value in changes.items()}
         for identifier in changed:
             if identifier not in self.constants:
                 raise ValueError(f"{quote(identifier)} is no constant of the file")
         values: dict[str, Any] = {**self.constants, **changed}
-        arithmetic, limit = IN_JAX, _clip
+        arithmetic, xp = IN_JAX, jnp
         if namespace(values) is np:  # nothing to compile
             values = {name: float(value) for name, value in values.items()}
-            arithmetic, limit = IN_NUMPY, clip_to_limits
+            arithmetic, xp = IN_NUMPY, np
         for quantity in self.structure.quantities:
             if quantity.id in changed:
-                values[quantity.id] = limit(values[quantity.id], quantity.limits)
+                values[quantity.id] = _clip(values[quantity.id], quantity.limits, xp)
             elif quantity.formula is not None and quantity.id in values:
-                values[quantity.id] = limit(arithmetic.value_of(quantity.formula, values), quantity.limits)
+                values[quantity.id] = _clip(arithmetic.value_of(quantity.formula, values), quantity.limits, xp)
         return eqx.tree_at(lambda e: e.constants, self, {name: as_array(value) for name, value in values.items()})
 
     def _input(self, name: str, value: ScalarLike) -> str:
@@ -177,20 +326,18 @@ def _number(value: ScalarLike) -> Array:
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
-def _clip(value: Array, limits: tuple[float | None, float | None]) -> Array:
+def _clip(value: Any, limits: tuple[float | None, float | None], xp: Any = jnp) -> Any:
+    """Clip a value to its limits with the functions of an array library."""
     minimum, maximum = limits
-    value = value if minimum is None else jnp.maximum(value, minimum)
-    return value if maximum is None else jnp.minimum(value, maximum)
+    value = value if minimum is None else xp.maximum(value, minimum)
+    return value if maximum is None else xp.minimum(value, maximum)
 
 
 def make_evaluator(definition: Definition) -> Evaluator:
     """Compile the definition of a DAVE-ML file to an evaluator.
 
-    Raises
-    ------
-    DaveMlError
-        If a source of a variable does not exist, a variable has two sources or depends on itself, a formula of
-        constants gives NaN or infinity, or a table cannot be interpolated.
+    Raises DaveMlError if a source of a variable does not exist, a variable has two sources or depends on itself, a
+    formula of constants gives NaN or infinity, or a table cannot be interpolated.
     """
     with jax.ensure_compile_time_eval():  # concrete numbers, even if a traced function reads a file
         return _compile_definition(_sorted_lines(definition))

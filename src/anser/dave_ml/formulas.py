@@ -1,14 +1,21 @@
-"""Formulas of DAVE-ML: as plain data, and converted from and to content MathML 2.
+"""Formulas of DAVE-ML: as plain data, converted from and to content MathML 2, and evaluated.
 
-DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4.
+DAVE-ML 2.0.2 reference, section 6.2.2; MathML 2.0, section 4.4. In JAX, derivatives are finite everywhere. Constants
+are evaluated in NumPy.
 """
 
+import functools
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final, TypeAlias
 from xml.sax.saxutils import escape
+
+import jax
+import jax.numpy as jnp
+import numpy as np
 
 from anser.dave_ml.elements import Element, parse_number, quote
 
@@ -37,15 +44,7 @@ class Operation:
 
 @dataclass(frozen=True, slots=True)
 class Piecewise:
-    """Formula with conditions: the value of the first piece whose condition is true.
-
-    Attributes
-    ----------
-    pieces
-        Pairs of value and condition.
-    otherwise
-        Value if no condition is true.
-    """
+    """Formula with conditions: the value of the first piece (value, condition) whose condition is true."""
 
     pieces: tuple[tuple["Formula", "Formula"], ...]
     otherwise: "Formula"
@@ -56,21 +55,10 @@ Formula: TypeAlias = Number | VariableReference | Operation | Piecewise
 ARGUMENTS_MAX: Final = 1000
 """Greatest number of arguments of operations such as the sum."""
 NUMERIC: Final = {
-    "plus": (1, ARGUMENTS_MAX),
-    "minus": (1, 2),
-    "times": (1, ARGUMENTS_MAX),
-    "divide": (2, 2),
-    "power": (2, 2),
-    "root": (1, 2),
-    "exp": (1, 1),
-    "ln": (1, 1),
-    "log": (1, 2),
-    "abs": (1, 1),
-    "floor": (1, 1),
-    "ceiling": (1, 1),
-    "min": (1, ARGUMENTS_MAX),
-    "max": (1, ARGUMENTS_MAX),
-    "atan2": (2, 2),
+    **dict.fromkeys(("plus", "times", "min", "max"), (1, ARGUMENTS_MAX)),
+    **dict.fromkeys(("minus", "root", "log"), (1, 2)),
+    **dict.fromkeys(("divide", "power", "atan2"), (2, 2)),
+    **dict.fromkeys(("exp", "ln", "abs", "floor", "ceiling"), (1, 1)),
     **dict.fromkeys(("sin", "cos", "tan", "sec", "csc", "cot"), (1, 1)),
     **dict.fromkeys(("arcsin", "arccos", "arctan", "arcsec", "arccsc", "arccot"), (1, 1)),
     **dict.fromkeys(("sinh", "cosh", "tanh", "sech", "csch", "coth"), (1, 1)),
@@ -107,10 +95,11 @@ def is_logical(formula: Formula) -> bool:
     return isinstance(formula, Operation) and formula.operation not in NUMERIC
 
 
+@dataclass(frozen=True)
 class Arithmetic:
     """Evaluation of formulas with an array library.
 
-    Parameters
+    Attributes
     ----------
     operations
         Function of each operation, by name.
@@ -120,15 +109,9 @@ class Arithmetic:
         Function of a condition and two values.
     """
 
-    def __init__(
-        self,
-        operations: Mapping[str, Callable[..., Any]],
-        power: Callable[[Any, float], Any],
-        select: Callable[[Any, Any, Any], Any],
-    ) -> None:
-        self._operations = operations
-        self._power = power
-        self._select = select
+    operations: Mapping[str, Callable[..., Any]]
+    power: Callable[[Any, float], Any]
+    select: Callable[[Any, Any, Any], Any]
 
     def value_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
         """Return the numeric value of a formula; a truth value gives 1 or 0."""
@@ -139,27 +122,27 @@ class Arithmetic:
         if isinstance(formula, Piecewise):
             chosen = self.value_of(formula.otherwise, values)
             for value, condition in reversed(formula.pieces):
-                chosen = self._select(self._truth_of(condition, values), self.value_of(value, values), chosen)
+                chosen = self.select(self._truth_of(condition, values), self.value_of(value, values), chosen)
             return chosen
         if is_logical(formula):
-            return self._select(self._truth_of(formula, values), 1.0, 0.0)
+            return self.select(self._truth_of(formula, values), 1.0, 0.0)
         arguments = [self.value_of(argument, values) for argument in formula.arguments]
         exponent = formula.arguments[-1]
         if formula.operation == "power" and isinstance(exponent, Number):
-            return self._power(arguments[0], exponent.value)
-        return self._operations[formula.operation](*arguments)
+            return self.power(arguments[0], exponent.value)
+        return self.operations[formula.operation](*arguments)
 
     def _truth_of(self, formula: Formula, values: Mapping[str, Any]) -> Any:
         """Return the truth value of a formula; a non-zero number is true."""
         if not (isinstance(formula, Operation) and is_logical(formula)):
-            return self._operations["neq"](self.value_of(formula, values), 0.0)
+            return self.operations["neq"](self.value_of(formula, values), 0.0)
         if formula.operation in LOGICAL:
             truths = [self._truth_of(argument, values) for argument in formula.arguments]
-            return self._operations[formula.operation](*truths)
+            return self.operations[formula.operation](*truths)
         numbers = [self.value_of(argument, values) for argument in formula.arguments]
-        compare = self._operations[formula.operation]
+        compare = self.operations[formula.operation]
         pairs = [compare(a, b) for a, b in pairwise(numbers)]
-        return self._operations["and"](*pairs)
+        return self.operations["and"](*pairs)
 
 
 _NAMESPACE: Final = "http://www.w3.org/1998/Math/MathML"
@@ -176,11 +159,7 @@ _ALTERNATIVES: Final = {
 def parse_formula(math_element: Element) -> Formula:
     """Read the formula of a ``<math>`` element.
 
-    Raises
-    ------
-    DaveMlError
-        If the element does not contain exactly one formula, an operation is unknown, or its number of arguments is
-        wrong.
+    Raises DaveMlError if there is not exactly one, an operation is unknown, or its number of arguments is wrong.
     """
     return _formula(_single(math_element))
 
@@ -266,9 +245,8 @@ def _operation(head: Element) -> str:
         head.permit()
         return head.tag
     operations = ", ".join(sorted(set(OPERATIONS) - {"atan2"}))
-    raise head.fault(
-        f"<{head.tag}> as an operation", _ALTERNATIVES.get(head.tag, f"one of {operations}, or atan2 as a <csymbol>")
-    )
+    expected = _ALTERNATIVES.get(head.tag, f"one of {operations}, or atan2 as a <csymbol>")
+    raise head.fault(f"<{head.tag}> as an operation", expected)
 
 
 def format_mathml(formula: Formula) -> str:
@@ -292,3 +270,137 @@ def _format_formula(formula: Formula) -> str:
         qualifier = _QUALIFIERS[formula.operation]
         arguments = [f"<{qualifier}>{arguments[1]}</{qualifier}>", arguments[0]]
     return f"<apply>{head}{''.join(arguments)}</apply>"
+
+
+def _guarded(function: Callable[..., Any], *slopes: Callable[..., Any]) -> Callable[..., Any]:
+    """Return `function` with the given partial derivatives, which are replaced by zero when not finite.
+
+    `slopes` are functions of the arguments and the value, one per argument. Without the replacement, an unselected
+    branch or a singular point (root of zero) would turn the whole gradient into NaN.
+    """
+
+    @jax.custom_jvp
+    def guarded(*arguments: Any) -> Any:
+        return function(*arguments)
+
+    @guarded.defjvp
+    def _(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        value = function(*primals)
+        parts = [slope(*primals, value) for slope in slopes]
+        parts = [jnp.where(jnp.isfinite(part), part, jnp.zeros_like(part)) for part in parts]
+        return value, functools.reduce(operator.add, (p * t for p, t in zip(parts, tangents, strict=True)))
+
+    return guarded
+
+
+def _principal_arccot(xp: Any, a: Any) -> Any:
+    """Return the arc cotangent between -pi/2 and pi/2; pi/2 at 0.
+
+    MathML 2.0, appendix C: Abramowitz and Stegun, eq. 4.4.8.
+    """
+    return xp.arctan2(xp.where(a < 0.0, -1.0, 1.0), xp.abs(a))
+
+
+_GUARDED: Final = {
+    "divide": _guarded(lambda a, b: a / b, lambda a, b, y: 1.0 / b, lambda a, b, y: -y / b),
+    "power": _guarded(jnp.power, lambda a, b, y: b * jnp.power(a, b - 1.0), lambda a, b, y: y * jnp.log(a)),
+    "sqrt": _guarded(jnp.sqrt, lambda a, y: 0.5 / y),
+    "exp": _guarded(jnp.exp, lambda a, y: y),
+    "ln": _guarded(jnp.log, lambda a, y: 1.0 / a),
+    "atan2": _guarded(jnp.arctan2, lambda a, b, y: b / (a * a + b * b), lambda a, b, y: -a / (a * a + b * b)),
+    "tan": _guarded(jnp.tan, lambda a, y: 1.0 + y * y),
+    "arcsin": _guarded(jnp.arcsin, lambda a, y: 1.0 / jnp.sqrt(1.0 - a * a)),
+    "arccos": _guarded(jnp.arccos, lambda a, y: -1.0 / jnp.sqrt(1.0 - a * a)),
+    "arccosh": _guarded(jnp.arccosh, lambda a, y: 1.0 / jnp.sqrt(a * a - 1.0)),
+    "arctanh": _guarded(jnp.arctanh, lambda a, y: 1.0 / (1.0 - a * a)),
+    "arccot": _guarded(functools.partial(_principal_arccot, jnp), lambda a, y: -1.0 / (1.0 + a * a)),
+}
+_POWER_MAX: Final = 16
+"""Greatest integer exponent computed by repeated multiplication."""
+
+
+def _power_of_number(base: Any, exponent: float) -> Any:
+    """Return `base` to the power of a constant exponent."""
+    if exponent == 0.5:
+        return _GUARDED["sqrt"](base)
+    if exponent.is_integer() and abs(exponent) <= _POWER_MAX:
+        whole = base ** int(abs(exponent))
+        return whole if exponent >= 0.0 else _GUARDED["divide"](1.0, whole)
+    return _GUARDED["power"](base, exponent)
+
+
+def _by_reciprocals(
+    divide: Callable[[Any, Any], Any], basic_functions: Mapping[str, Callable[..., Any]]
+) -> dict[str, Any]:
+    """Return secant, cosecant, cotangent and similar functions, built from the basic functions and their inverses."""
+
+    def inverse(name: str) -> Callable[[Any], Any]:
+        return lambda a: basic_functions[name](divide(1.0, a))
+
+    return {
+        "sec": lambda a: divide(1.0, basic_functions["cos"](a)),
+        "csc": lambda a: divide(1.0, basic_functions["sin"](a)),
+        "cot": lambda a: divide(basic_functions["cos"](a), basic_functions["sin"](a)),
+        "arcsec": inverse("arccos"),
+        "arccsc": inverse("arcsin"),
+        "sech": lambda a: divide(1.0, basic_functions["cosh"](a)),
+        "csch": lambda a: divide(1.0, basic_functions["sinh"](a)),
+        "coth": lambda a: divide(1.0, basic_functions["tanh"](a)),
+        "arcsech": inverse("arccosh"),
+        "arccsch": inverse("arcsinh"),
+        "arccoth": inverse("arctanh"),
+    }
+
+
+def _minus(minuend: Any, *subtrahend: Any) -> Any:
+    return minuend - subtrahend[0] if subtrahend else -minuend
+
+
+def _folded(binary_operation: Callable[[Any, Any], Any]) -> Callable[..., Any]:
+    return lambda *arguments: functools.reduce(binary_operation, arguments)
+
+
+_SHARED: Final[dict[str, Callable[..., Any]]] = {
+    "plus": _folded(operator.add),
+    "minus": _minus,
+    "times": _folded(operator.mul),
+    "lt": operator.lt,
+    "leq": operator.le,
+    "gt": operator.gt,
+    "geq": operator.ge,
+    "eq": operator.eq,
+    "neq": operator.ne,
+}
+_NAMES_IN_LIBRARIES: Final = {
+    **{name: name for name in ("divide", "power", "sqrt", "exp", "abs", "floor", "sin", "cos", "tan", "sinh", "cosh")},
+    **{name: name for name in ("tanh", "arcsin", "arccos", "arctan", "arcsinh", "arccosh", "arctanh")},
+    "ln": "log",
+    "ceiling": "ceil",
+    "atan2": "arctan2",
+    "not": "logical_not",
+}
+_FOLDED: Final = {"min": "minimum", "max": "maximum", "and": "logical_and", "or": "logical_or", "xor": "logical_xor"}
+
+
+def _arithmetic(
+    xp: Any, replacements: Mapping[str, Callable[..., Any]], constant_power: Callable[[Any, float], Any]
+) -> Arithmetic:
+    """Build the formula operations from an array library (NumPy or `jax.numpy`), with some functions replaced."""
+    functions = {name: getattr(xp, library_name) for name, library_name in _NAMES_IN_LIBRARIES.items()}
+    functions |= {"arccot": functools.partial(_principal_arccot, xp), **replacements}
+    divide, power, sqrt, ln = (functions[name] for name in ("divide", "power", "sqrt", "ln"))
+    operations = {
+        **_SHARED,
+        **functions,
+        **{name: _folded(getattr(xp, library_name)) for name, library_name in _FOLDED.items()},
+        **_by_reciprocals(divide, functions),
+        "root": lambda a, degree=2.0: sqrt(a) if degree == 2.0 else power(a, divide(1.0, degree)),
+        "log": lambda a, base=10.0: divide(ln(a), ln(base)),
+    }
+    return Arithmetic(operations, constant_power, xp.where)
+
+
+IN_JAX: Final = _arithmetic(jnp, _GUARDED, _power_of_number)
+"""Formula operations on traced values: scalars, or arrays of equal shape."""
+IN_NUMPY: Final = _arithmetic(np, {}, np.power)
+"""Formula operations on constants."""

@@ -1,6 +1,6 @@
 """DAVE-ML model: definition and evaluator together, the comparison with check shots, and changes of the inputs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal
 
@@ -24,18 +24,9 @@ INTERNAL_TOLERANCE: Final = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """Comparison of a signal of a check shot: expected and computed value.
+    """Comparison of a signal of a check shot: expected and computed value, in the variable's units.
 
-    Attributes
-    ----------
-    shot
-        Name of the shot.
-    id, name, units
-        varID, name and units of the variable.
-    kind
-        Element of the file that lists the signal: check output or internal value.
-    expected, computed, tolerance
-        Numbers in `units`.
+    `kind` is the element of the file that lists the signal: check output or internal value.
     """
 
     shot: str
@@ -61,11 +52,8 @@ class CheckResult:
 def check_shots(definition: Definition, evaluator: Evaluator) -> list[CheckResult]:
     """Compare every internal value and output of every check shot with the evaluator's value, in the file's order.
 
-    Raises
-    ------
-    ValueError
-        If a shot sets a variable that is not an input, omits an input without a default, or states a value in units
-        that do not convert to the variable's units.
+    Raises ValueError if a shot sets a variable that is not an input, omits an input without a default, or states a
+    value in units that do not convert to the variable's units.
     """
     shots_by_inputs: dict[tuple[str, ...], list[int]] = {}
     for k, shot in enumerate(definition.shots):
@@ -147,38 +135,24 @@ def make_shots(
         Whether the shots also list the values of the variables between inputs and outputs.
     """
     structure = evaluator.structure
-    input_ids = tuple(dict.fromkeys(structure.find(name) for values in inputs.values() for name in values))
-    input_values = np.array(
-        [
-            [{structure.find(k): v for k, v in shot_inputs.items()}[name] for name in input_ids]
-            for shot_inputs in inputs.values()
-        ]
-    )
+    inputs_by_id = [{structure.find(name): value for name, value in values.items()} for values in inputs.values()]
+    input_ids = tuple(dict.fromkeys(identifier for values in inputs_by_id for identifier in values))
+    input_values = np.array([[values[identifier] for identifier in input_ids] for values in inputs_by_id])
     internal_ids = [v for v in definition.variables if v not in structure.outputs and v not in structure.inputs]
     computed_ids = (*structure.outputs, *(internal_ids if internal else ()))
-    computed = {
-        name: np.asarray(column)
-        for name, column in _evaluate_rows(evaluator, as_array(input_values), input_ids, computed_ids).items()
-    }
-    units = {name: variable.units for name, variable in definition.variables.items()}
+    columns = _evaluate_rows(evaluator, as_array(input_values), input_ids, computed_ids)
+    computed = {name: np.asarray(column) for name, column in columns.items()}
 
-    def signals(names: Iterable[str], k: int, relative_tolerance: float | None) -> tuple[Signal, ...]:
-        values = {name: float(computed[name][k]) for name in names}
-        tolerances = {
-            name: None if relative_tolerance is None else relative_tolerance * max(1.0, abs(value))
-            for name, value in values.items()
-        }
-        return tuple(Signal(name, value, units[name], tolerances[name]) for name, value in values.items())
+    def signal(identifier: str, value: float, relative_tolerance: float | None = None) -> Signal:
+        limit = None if relative_tolerance is None else relative_tolerance * max(1.0, abs(value))
+        return Signal(identifier, value, definition.variables[identifier].units, limit)
 
     return tuple(
         Shot(
             name=name,
-            inputs=tuple(
-                Signal(identifier, float(input_values[k, j]), units[identifier])
-                for j, identifier in enumerate(input_ids)
-            ),
-            outputs=signals(structure.outputs, k, tolerance),
-            internal=signals(internal_ids, k, None) if internal else (),
+            inputs=tuple(signal(identifier, float(input_values[k, j])) for j, identifier in enumerate(input_ids)),
+            outputs=tuple(signal(v, float(computed[v][k]), tolerance) for v in structure.outputs),
+            internal=tuple(signal(v, float(computed[v][k])) for v in internal_ids) if internal else (),
         )
         for k, name in enumerate(inputs)
     )
@@ -186,15 +160,7 @@ def make_shots(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """DAVE-ML model: the content of a file and its computation.
-
-    Attributes
-    ----------
-    definition
-        Content of the file, as plain data.
-    evaluator
-        The model compiled to JAX: a pytree for modules, jit, vmap and differentiation.
-    """
+    """DAVE-ML model: the content of a file as plain data, and its evaluator, a JAX pytree."""
 
     definition: Definition
     evaluator: Evaluator
@@ -232,53 +198,26 @@ class Model:
 
 
 def make_model(definition: Definition) -> Model:
-    """Compile a definition to a model.
-
-    Raises
-    ------
-    DaveMlError
-        See `make_evaluator` and `refuse_wrong_units`.
-    """
+    """Compile a definition to a model; raises DaveMlError as `make_evaluator` and `refuse_wrong_units`."""
     refuse_wrong_units(definition)
     return Model(definition, make_evaluator(definition))
 
 
 def read_dave_ml(content: str | bytes, name: str) -> Model:
-    """Read a DAVE-ML 2 file.
+    """Read a DAVE-ML 2 file: its text, or its bytes in the declared encoding; `name` stands in error messages.
 
     The file's size, nesting and numbers are bounded; entities are not expanded, and external references are not
-    fetched.
-
-    Parameters
-    ----------
-    content
-        Text of the file, or its bytes in the declared encoding.
-    name
-        Name of the file in error messages.
-
-    Raises
-    ------
-    DaveMlError
-        If the file is not a valid model; the message gives line and column, the text found and the text expected.
+    fetched. Raises DaveMlError if the file is no valid model; the message gives line and column, the text found and the
+    text expected.
     """
     return make_model(parse_definition(content, name))
 
 
 def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, float]) -> Model:
-    """Return a copy of a model with other variable names and with default values for inputs.
+    """Return a copy of a model with other variable names and with default values for inputs, in the file's units.
 
-    Parameters
-    ----------
-    names
-        New name -> varID or name in the file.
-    defaults
-        Default values of inputs by varID or name in the file, in the file's units.
-
-    Raises
-    ------
-    ValueError
-        If a variable does not exist or a new name belongs to another variable. DaveMlError (a ValueError) if a new name
-        is a standard name and the variable's units do not fit.
+    `names` are new names -> varID or name in the file. Raises ValueError if a variable does not exist or a new name
+    belongs to another variable, DaveMlError (a ValueError) if the units do not fit a new name of the standard.
     """
     if not names and not defaults:
         return model
@@ -293,11 +232,8 @@ def adapt_model(model: Model, names: Mapping[str, str], defaults: Mapping[str, f
         variables[identifier] = replace(variables[identifier], initial=float(value))
     for name, variable_name in names.items():
         identifier = structure.find(variable_name)
-        namesake = next(
-            (variable.id for variable in variables.values() if variable.name == name and variable.id != identifier),
-            None,
-        )
-        if namesake is not None:
-            raise ValueError(f"{quote(name)} is the name of another variable of the file, {quote(namesake)}")
+        namesakes = [v.id for v in variables.values() if v.name == name and v.id != identifier]
+        if namesakes:
+            raise ValueError(f"{quote(name)} is the name of another variable of the file, {quote(namesakes[0])}")
         variables[identifier] = replace(variables[identifier], name=name)
     return make_model(replace(model.definition, variables=variables))

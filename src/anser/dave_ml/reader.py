@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Iterable, Mapping
-from typing import Any, Final, cast
+from typing import Any, Final, cast, get_args
 
 import numpy as np
 
@@ -38,8 +38,8 @@ NOTES: Final = ("provenance", "provenanceRef", "uncertainty", "confidenceBound")
 """Tags of the elements that document only; stored as notes of their parent."""
 AXES_MAX: Final = 8
 """Greatest number of axes of a table."""
-_EXTRAPOLATE: Final = ("neither", "min", "max", "both")
-_INTERPOLATE: Final = ("linear", "discrete", "floor", "ceiling")
+_EXTRAPOLATE: Final[tuple[Extrapolate, ...]] = get_args(Extrapolate)
+_INTERPOLATE: Final[tuple[Interpolate, ...]] = get_args(Interpolate)
 _SPLINES: Final = ("quadraticSpline", "cubicSpline")
 _TABLES: Final = (
     "griddedTableRef", "griddedTableDef", "griddedTable", "ungriddedTableRef", "ungriddedTableDef", "ungriddedTable",
@@ -74,13 +74,7 @@ def _limits(element: Element, lower: str, upper: str) -> tuple[float | None, flo
 
 
 class TableReader:
-    """Reader of breakpoints and tables; collects them by identifier.
-
-    Parameters
-    ----------
-    used_identifiers
-        varIDs, which breakpoints and tables must not repeat.
-    """
+    """Reader of breakpoints and tables; collects them by identifier. The identifiers must not repeat varIDs."""
 
     def __init__(self, used_identifiers: Iterable[str]) -> None:
         self.breakpoints: dict[str, Breakpoints] = {}
@@ -238,13 +232,7 @@ def _argument(element: Element) -> Argument:
 
 
 def parse_shots(checks: Element, variables: Mapping[str, Variable]) -> tuple[Shot, ...]:
-    """Read the check shots in a ``<checkData>`` element.
-
-    Raises
-    ------
-    DaveMlError
-        If a signal does not identify a variable of the file, or a value is not a number.
-    """
+    """Read the check shots in a ``<checkData>`` element."""
     checks.permit(once=("provenance", "provenanceRef"), repeatable=("staticShot",))
     by_name: dict[str, list[str]] = {}
     for variable in variables.values():
@@ -258,22 +246,17 @@ def _shot(element: Element, variables: Mapping[str, Variable], by_name: Mapping[
     signals: dict[str, dict[str, Signal]] = {tag: {} for tag in tags}
     for part in (child for tag in tags for child in element.all(tag)):
         part.permit(repeatable=("signal",))
-        parsed = [_signal(child, variables, by_name) for child in part.all("signal")]
-        for child, signal in zip(part.all("signal"), parsed, strict=True):
+        children = part.all("signal")
+        for child, signal in [(child, _signal(child, variables, by_name)) for child in children]:
             if signal.id in signals[part.tag]:
                 raise child.fault(f"a second <signal> of {quote(signal.id)} in <{part.tag}>", "one")
             signals[part.tag][signal.id] = signal
     element.require("checkOutputs")
     inputs, internal, outputs = (tuple(signals[tag].values()) for tag in tags)
     documentation = _documentation(element)
+    del documentation["location"]
     return Shot(
-        name=element.attribute("name"),
-        inputs=inputs,
-        outputs=outputs,
-        internal=internal,
-        reference=element.attributes.get("refID", ""),
-        description=documentation["description"],
-        notes=documentation["notes"],
+        element.attribute("name"), inputs, outputs, internal, element.attributes.get("refID", ""), **documentation
     )
 
 
@@ -289,9 +272,8 @@ def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mappin
         name = name_element.text.strip()
         matches = by_name.get(name, [])
         if len(matches) != 1:
-            raise name_element.fault(
-                f"signal {quote(name)}, a name of {len(matches)} variables", "the name of one variable"
-            )
+            arrived = f"signal {quote(name)}, a name of {len(matches)} variables"
+            raise name_element.fault(arrived, "the name of one variable")
         identifier = matches[0]
     units = element.first("signalUnits")
     tolerance = element.first("tol")
@@ -300,36 +282,17 @@ def _signal(element: Element, variables: Mapping[str, Variable], by_name: Mappin
     if tolerance is not None and limit is not None and limit < 0.0:
         raise tolerance.fault(f"a tolerance of {limit:g}", "0 or more")
     variable = variables[identifier]
-    if units is not None and not is_convertible(units.text.strip(), variable.units):
-        arrived = f"units {quote(units.text.strip())} of {quote(variable.name)} (varID {quote(identifier)})"
+    signal_units = variable.units if units is None else units.text.strip()
+    if units is not None and not is_convertible(signal_units, variable.units):
+        arrived = f"units {quote(signal_units)} of {quote(variable.name)} (varID {quote(identifier)})"
         raise units.fault(arrived, f"units that convert to those of the variable, {quote(variable.units)}")
-    return Signal(
-        id=identifier,
-        value=parse_number(value.text, value, "a value"),
-        units=variable.units if units is None else units.text.strip(),
-        tolerance=limit,
-    )
-
-
-_VARIABLE_ATTRIBUTES = (
-    "name", "varID", "units", "axisSystem", "sign", "alias", "symbol", "initialValue", "minValue", "maxValue",
-)  # fmt: skip
+    return Signal(identifier, parse_number(value.text, value, "a value"), signal_units, limit)
 
 
 def parse_definition(content: str | bytes, name: str) -> Definition:
-    """Read the definition of a DAVE-ML file.
+    """Read the definition of a DAVE-ML file, as `read_dave_ml`.
 
-    Parameters
-    ----------
-    content
-        Text of the file, or its bytes in the declared encoding.
-    name
-        Name of the file in error messages.
-
-    Raises
-    ------
-    DaveMlError
-        If the text is not DAVE-ML, contains an unknown element, or contradicts itself.
+    Raises DaveMlError if the text is not DAVE-ML, contains an unknown element, or contradicts itself.
     """
     root = parse_elements(content, name)
     if root.tag != "DAVEfunc":

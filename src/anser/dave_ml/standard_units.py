@@ -5,7 +5,6 @@ Source: ANSI/AIAA S-119-2011, annex A.
 
 import functools
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -13,8 +12,6 @@ from anser.dave_ml.definition import Breakpoints, Definition, GriddedTable, Ungr
 from anser.dave_ml.elements import quote
 from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, LBF_N, NAUTICAL_MILE_M, POUND_KG, PSF_PA, RANKINE_K, SLUG_KG
 
-_INCH_M: Final = FOOT_M / 12.0
-_M, _KG, _S, _RAD, _K, _A = range(6)
 _SYMBOLS: Final = ("m", "kg", "s", "rad", "K", "A")
 
 
@@ -41,62 +38,51 @@ class Unit:
         return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)
 
 
-def _unit(factor: float, *powers: tuple[int, int], offset: float = 0.0) -> Unit:
-    dimension = [0] * len(_SYMBOLS)
-    for base, power in powers:
-        dimension[base] = power
-    return Unit(factor, offset, tuple(dimension))
+def _unit(factor: float, si: str = "", offset: float = 0.0) -> Unit:
+    """Return a unit by the name of its SI unit, written as in `Unit.si`."""
+    powers = {symbol: int(power or 1) for symbol, _, power in (part.partition("^") for part in si.split())}
+    return Unit(factor, offset, tuple(powers.get(symbol, 0) for symbol in _SYMBOLS))
 
 
-_FORCE_DIMENSION: Final = ((_M, 1), (_KG, 1), (_S, -2))
-_PRESSURE_DIMENSION: Final = ((_M, -1), (_KG, 1), (_S, -2))
-_POWER_DIMENSION: Final = ((_M, 2), (_KG, 1), (_S, -3))
-
+_NEWTON, _PASCAL, _JOULE, _WATT = "m kg s^-2", "m^-1 kg s^-2", "m^2 kg s^-2", "m^2 kg s^-3"
 _NAMED_UNITS: Final = {
-    "m": _unit(1.0, (_M, 1)),
-    "km": _unit(1e3, (_M, 1)),
-    "cm": _unit(1e-2, (_M, 1)),
-    "mm": _unit(1e-3, (_M, 1)),
-    "ft": _unit(FOOT_M, (_M, 1)),
-    "in": _unit(_INCH_M, (_M, 1)),
-    "nmi": _unit(NAUTICAL_MILE_M, (_M, 1)),
-    "kg": _unit(1.0, (_KG, 1)),
-    "slug": _unit(SLUG_KG, (_KG, 1)),
-    "lbm": _unit(POUND_KG, (_KG, 1)),
-    "s": _unit(1.0, (_S, 1)),
-    "min": _unit(60.0, (_S, 1)),
-    "h": _unit(3600.0, (_S, 1)),
-    "hr": _unit(3600.0, (_S, 1)),
-    "rad": _unit(1.0, (_RAD, 1)),
-    "deg": _unit(DEG_RAD, (_RAD, 1)),
-    "rev": _unit(360.0 * DEG_RAD, (_RAD, 1)),
-    "K": _unit(1.0, (_K, 1)),
-    "degK": _unit(1.0, (_K, 1)),
-    "degR": _unit(RANKINE_K, (_K, 1)),
-    "degC": _unit(1.0, (_K, 1), offset=273.15),
-    "degF": _unit(RANKINE_K, (_K, 1), offset=459.67 * RANKINE_K),
-    "N": _unit(1.0, *_FORCE_DIMENSION),
-    "kN": _unit(1e3, *_FORCE_DIMENSION),
-    "lbf": _unit(LBF_N, *_FORCE_DIMENSION),
-    "Pa": _unit(1.0, *_PRESSURE_DIMENSION),
-    "hPa": _unit(1e2, *_PRESSURE_DIMENSION),
-    "kPa": _unit(1e3, *_PRESSURE_DIMENSION),
-    "psf": _unit(PSF_PA, *_PRESSURE_DIMENSION),
-    "psi": _unit(144.0 * PSF_PA, *_PRESSURE_DIMENSION),
-    "J": _unit(1.0, (_M, 2), (_KG, 1), (_S, -2)),
-    "W": _unit(1.0, *_POWER_DIMENSION),
-    "kW": _unit(1e3, *_POWER_DIMENSION),
-    "hp": _unit(550.0 * FOOT_M * LBF_N, *_POWER_DIMENSION),
-    "kt": _unit(KNOT_M_S, (_M, 1), (_S, -1)),
-    "Hz": _unit(1.0, (_S, -1)),
-    "A": _unit(1.0, (_A, 1)),
-    "V": _unit(1.0, *_POWER_DIMENSION, (_A, -1)),
-    "nd": Unit(1.0),
-    "ND": Unit(1.0),
-    "non-dimensional": Unit(1.0),
-    "nondimensional": Unit(1.0),
-    "frac": Unit(1.0),
-    "fract": Unit(1.0),
+    "m": _unit(1.0, "m"),
+    "km": _unit(1e3, "m"),
+    "cm": _unit(1e-2, "m"),
+    "mm": _unit(1e-3, "m"),
+    "ft": _unit(FOOT_M, "m"),
+    "in": _unit(FOOT_M / 12.0, "m"),
+    "nmi": _unit(NAUTICAL_MILE_M, "m"),
+    "kg": _unit(1.0, "kg"),
+    "slug": _unit(SLUG_KG, "kg"),
+    "lbm": _unit(POUND_KG, "kg"),
+    "s": _unit(1.0, "s"),
+    "min": _unit(60.0, "s"),
+    **dict.fromkeys(("h", "hr"), _unit(3600.0, "s")),
+    "rad": _unit(1.0, "rad"),
+    "deg": _unit(DEG_RAD, "rad"),
+    "rev": _unit(360.0 * DEG_RAD, "rad"),
+    **dict.fromkeys(("K", "degK"), _unit(1.0, "K")),
+    "degR": _unit(RANKINE_K, "K"),
+    "degC": _unit(1.0, "K", offset=273.15),
+    "degF": _unit(RANKINE_K, "K", offset=459.67 * RANKINE_K),
+    "N": _unit(1.0, _NEWTON),
+    "kN": _unit(1e3, _NEWTON),
+    "lbf": _unit(LBF_N, _NEWTON),
+    "Pa": _unit(1.0, _PASCAL),
+    "hPa": _unit(1e2, _PASCAL),
+    "kPa": _unit(1e3, _PASCAL),
+    "psf": _unit(PSF_PA, _PASCAL),
+    "psi": _unit(144.0 * PSF_PA, _PASCAL),
+    "J": _unit(1.0, _JOULE),
+    "W": _unit(1.0, _WATT),
+    "kW": _unit(1e3, _WATT),
+    "hp": _unit(550.0 * FOOT_M * LBF_N, _WATT),
+    "kt": _unit(KNOT_M_S, "m s^-1"),
+    "Hz": _unit(1.0, "s^-1"),
+    "A": _unit(1.0, "A"),
+    "V": _unit(1.0, f"{_WATT} A^-1"),
+    **dict.fromkeys(("nd", "ND", "non-dimensional", "nondimensional", "frac", "fract"), Unit(1.0)),
     "pct": Unit(0.01),
 }
 """Units with a name of their own; other units are products of powers of these."""
@@ -105,13 +91,7 @@ _NAME_MAX: Final = 40
 
 
 def parse_unit(name: str) -> Unit:
-    """Parse a unit's name; an empty name is dimensionless.
-
-    Raises
-    ------
-    ValueError
-        If the name is unknown.
-    """
+    """Parse a unit's name; an empty name is dimensionless. Raises ValueError if the name is unknown."""
     unit = _parse_unit(name.strip()) if len(name) <= _NAME_MAX else None
     if unit is None:
         raise ValueError(
@@ -171,16 +151,9 @@ def _product(text: str) -> tuple[tuple[Unit, int], ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """Physical quantity of a standard variable, and its permitted units.
+    """Physical quantity of a standard variable (with an article, as in messages), and its permitted units.
 
-    Attributes
-    ----------
-    name
-        Quantity with an article, as in messages.
-    units
-        Permitted units.
-    accepts_other_units
-        Whether other units of the same dimension are permitted.
+    `accepts_other_units` tells whether other units of the same dimension are permitted.
     """
 
     name: str
@@ -196,69 +169,64 @@ class Measure:
 
 
 ANGLE: Final = Measure("an angle", ("rad", "deg"))
-DIMENSIONLESS: Final = Measure(
+_DIMENSIONLESS: Final = Measure(
     "a number without a dimension", ("nd", "", "non-dimensional", "nondimensional", "ND"), accepts_other_units=False
 )
-_RATE: Final = Measure("an angular rate", ("rad_s", "deg_s"))
-_LENGTH: Final = Measure("a length", ("m", "ft"))
-_AREA: Final = Measure("an area", ("m2", "ft2"))
-_SPEED: Final = Measure("a speed", ("m_s", "ft_s", "kt"))
-_ACCELERATION: Final = Measure("an acceleration", ("m_s2", "ft_s2"))
-_MASS: Final = Measure("a mass", ("kg", "slug", "lbm"))
-_INERTIA: Final = Measure("a moment or product of inertia", ("kgm2", "slugft2"))
-_FORCE: Final = Measure("a force", ("N", "lbf"))
-_MOMENT: Final = Measure("a moment of force", ("Nm", "ftlbf"))
-_DENSITY: Final = Measure("a density", ("kg_m3", "slug_ft3"))
-_PRESSURE: Final = Measure("a pressure", ("Pa", "lbf_ft2"))
-_TEMPERATURE: Final = Measure("a temperature", ("K", "degR"))
-_PERCENT: Final = Measure("a share", ("pct", "frac", "fract"), accepts_other_units=False)
+_STANDARD_VARIABLES: Final[tuple[tuple[Measure, str], ...]] = (
+    (ANGLE, "angleOfAttack angleOfSideslip flightPathAngle geLatitude geLongitude eulerAngle_RPY"),
+    (ANGLE, "elevatorDeflection aileronDeflection rudderDeflection flapDeflection elevonDeflection spoilerDeflection"),
+    (ANGLE, "leadingEdgeFlapDeflection trailingEdgeFlapDeflection canardDeflection speedbrakeDeflection"),
+    (ANGLE, "stabilatorDeflection trueBaseCourseCommand"),
+    (
+        Measure("an angular rate", ("rad_s", "deg_s")),
+        "angleOfAttackRate angleOfSideslipRate bodyAngularRate_RPY eulerAngleRate_RPY",
+    ),
+    (
+        Measure("a speed", ("m_s", "ft_s", "kt")),
+        "trueAirspeed equivalentAirspeed calibratedAirspeed indicatedAirspeed groundSpeed speedOfSound"
+        " equivalentAirspeedCommand bodyVelocity_XYZ",
+    ),
+    (Measure("an acceleration", ("m_s2", "ft_s2")), "bodyAccel_XYZ"),
+    (
+        Measure("a length", ("m", "ft")),
+        "altitudeMSL altitudeMsl altitudeMslCommand lateralDeviationError referenceWingSpan referenceWingChord"
+        " bodyPositionOfCmWrtMrc_XYZ",
+    ),
+    (Measure("an area", ("m2", "ft2")), "referenceWingArea"),
+    (Measure("a mass", ("kg", "slug", "lbm")), "totalMass"),
+    (
+        Measure("a moment or product of inertia", ("kgm2", "slugft2")),
+        "bodyMomentOfInertia_RPY bodyProductOfInertia_XY bodyProductOfInertia_YZ bodyProductOfInertia_ZX",
+    ),
+    (Measure("a force", ("N", "lbf")), "aeroBodyForce_XYZ thrustBodyForce_XYZ"),
+    (Measure("a moment of force", ("Nm", "ftlbf")), "aeroBodyMoment_RPY thrustBodyMoment_RPY"),
+    (Measure("a density", ("kg_m3", "slug_ft3")), "airDensity"),
+    (Measure("a pressure", ("Pa", "lbf_ft2")), "dynamicPressure ambientPressure totalPressure"),
+    (Measure("a temperature", ("K", "degR")), "ambientTemperature totalTemperature"),
+    (
+        _DIMENSIONLESS,
+        "mach totalCoefficientOfLift totalCoefficientOfDrag aeroBodyForceCoefficient_XYZ aeroBodyMomentCoefficient_RPY",
+    ),
+    (Measure("a share", ("pct", "frac", "fract"), accepts_other_units=False), "powerLeverAngle"),
+)
+"""Names of standard variables; `_XYZ` and `_RPY` stand for three names each, with the endings of `_AXES`.
 
-_XYZ, _TURNS = ("X", "Y", "Z"), ("Roll", "Pitch", "Yaw")
+`powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
+_AXES: Final = {"XYZ": ("X", "Y", "Z"), "RPY": ("Roll", "Pitch", "Yaw")}
 
 
-def _each(measure: Measure, *names: str) -> dict[str, Measure]:
-    return dict.fromkeys(names, measure)
-
-
-def _along(measure: Measure, endings: Iterable[str], *names: str) -> dict[str, Measure]:
-    return {f"{name}_{ending}": measure for name in names for ending in endings}
+def _names_of(pattern: str) -> list[str]:
+    stem, _, axes = pattern.rpartition("_")
+    return [f"{stem}_{axis}" for axis in _AXES[axes]] if axes in _AXES else [pattern]
 
 
 STANDARD_MEASURES: Final[dict[str, Measure]] = {
-    **_each(ANGLE, "angleOfAttack", "angleOfSideslip", "flightPathAngle", "geLatitude", "geLongitude"),
-    **_each(ANGLE, "trueBaseCourseCommand"),
-    **_along(ANGLE, _TURNS, "eulerAngle"),
-    **_each(
-        ANGLE,
-        *(f"{name}Deflection" for name in ("elevator", "aileron", "rudder", "flap", "elevon", "spoiler", "canard")),
-        *(f"{name}Deflection" for name in ("leadingEdgeFlap", "trailingEdgeFlap", "speedbrake", "stabilator")),
-    ),
-    **_each(_RATE, "angleOfAttackRate", "angleOfSideslipRate"),
-    **_along(_RATE, _TURNS, "bodyAngularRate", "eulerAngleRate"),
-    **_each(_SPEED, "trueAirspeed", "equivalentAirspeed", "calibratedAirspeed", "indicatedAirspeed", "groundSpeed"),
-    **_each(_SPEED, "speedOfSound", "equivalentAirspeedCommand"),
-    **_along(_SPEED, _XYZ, "bodyVelocity"),
-    **_along(_ACCELERATION, _XYZ, "bodyAccel"),
-    **_each(_LENGTH, "altitudeMSL", "altitudeMsl", "altitudeMslCommand", "lateralDeviationError"),
-    **_each(_LENGTH, "referenceWingSpan", "referenceWingChord"),
-    **_along(_LENGTH, _XYZ, "bodyPositionOfCmWrtMrc"),
-    **_each(_AREA, "referenceWingArea"),
-    **_each(_MASS, "totalMass"),
-    **_along(_INERTIA, _TURNS, "bodyMomentOfInertia"),
-    **_along(_INERTIA, ("XY", "YZ", "ZX"), "bodyProductOfInertia"),
-    **_along(_FORCE, _XYZ, "aeroBodyForce", "thrustBodyForce"),
-    **_along(_MOMENT, _TURNS, "aeroBodyMoment", "thrustBodyMoment"),
-    **_each(_DENSITY, "airDensity"),
-    **_each(_PRESSURE, "dynamicPressure", "ambientPressure", "totalPressure"),
-    **_each(_TEMPERATURE, "ambientTemperature", "totalTemperature"),
-    **_each(DIMENSIONLESS, "mach", "totalCoefficientOfLift", "totalCoefficientOfDrag"),
-    **_along(DIMENSIONLESS, _XYZ, "aeroBodyForceCoefficient"),
-    **_along(DIMENSIONLESS, _TURNS, "aeroBodyMomentCoefficient"),
-    **_each(_PERCENT, "powerLeverAngle"),
+    name: measure
+    for measure, patterns in _STANDARD_VARIABLES
+    for pattern in patterns.split()
+    for name in _names_of(pattern)
 }
-"""Physical quantity of each standard variable, by name.
-
-`powerLeverAngle` is a fraction of full power: an angle would not define the thrust."""
+"""Physical quantity of each standard variable, by name."""
 
 
 def refuse_wrong_units(definition: Definition) -> None:
@@ -297,13 +265,7 @@ def _refuse_contradiction(part: Breakpoints | GriddedTable | UngriddedTable, var
     if variable is None or part.units in ("", variable.units):  # missing variables are reported elsewhere
         return
     part_unit, variable_unit = _unit_or_none(part.units), _unit_or_none(variable.units)
-    if part_unit is None or variable_unit is None:
-        return
-    if (part_unit.dimension, part_unit.factor, part_unit.offset) != (
-        variable_unit.dimension,
-        variable_unit.factor,
-        variable_unit.offset,
-    ):
+    if part_unit is not None and variable_unit is not None and part_unit != variable_unit:
         kind = "breakpoints" if isinstance(part, Breakpoints) else "table"
         arrived = f"units={quote(part.units)} of {kind} {quote(part.id)}"
         raise part.location.fault(arrived, f"those of its variable {quote(variable.id)}, {quote(variable.units)}")

@@ -28,16 +28,7 @@ PACKED_NUMBERS_MAX: Final = 4_000_000
 class Lookup(eqx.Module):
     """Gridded functions with common axes, looked up together.
 
-    Attributes
-    ----------
-    tables
-        Tables of all functions.
-    arguments
-        varID of the variable on each axis.
-    results
-        varIDs of the dependent variables, for each group of `tables`.
-    interpolation
-        Interpolation on each axis.
+    `arguments` are the variables (varID) on the axes, `results` the dependent variables of each group of `tables`.
     """
 
     tables: Tables
@@ -75,25 +66,18 @@ def _step_fraction(interpolation: Interpolate, fraction: Array) -> Array:
     DAVE-ML 2.0.2 reference, section 6.3. The next breakpoint's value applies from the middle of the interval
     (discrete), above the lower breakpoint (ceiling), or from the upper breakpoint (floor).
     """
-    if interpolation == "discrete":
-        return jnp.where(fraction >= 0.5, 1.0, 0.0)
-    if interpolation == "ceiling":
-        return jnp.where(fraction > 0.0, 1.0, 0.0)
-    if interpolation == "floor":
-        return jnp.where(fraction >= 1.0, 1.0, 0.0)
-    return fraction
+    if interpolation == "linear":
+        return fraction
+    is_next = {"discrete": fraction >= 0.5, "ceiling": fraction > 0.0, "floor": fraction >= 1.0}[interpolation]
+    return jnp.where(is_next, 1.0, 0.0)
 
 
 def _select_tables(tables: Tables, groups: Sequence[int], axes: Sequence[int]) -> Tables:
     """Select groups of tables and their axes."""
     all_axes = tables.axes
-    part = Axes(
-        breakpoints=jnp.stack([all_axes.breakpoints[axis] for axis in axes]),
-        lower=jnp.stack([all_axes.lower[axis] for axis in axes]),
-        upper=jnp.stack([all_axes.upper[axis] for axis in axes]),
-        sizes=tuple(all_axes.sizes[axis] for axis in axes),
-        even=all_axes.even,
-    )
+    arrays = (all_axes.breakpoints, all_axes.lower, all_axes.upper)
+    breakpoints, lower, upper = (jnp.stack([array[axis] for axis in axes]) for array in arrays)
+    part = Axes(breakpoints, lower, upper, sizes=tuple(all_axes.sizes[axis] for axis in axes), even=all_axes.even)
     return Tables(
         axes=part,
         cells=tuple(tables.cells[k] for k in groups),
@@ -148,13 +132,13 @@ def make_lookups(definition: Definition, functions: Sequence[Function]) -> tuple
     gridded: dict[Function, tuple[list[_Axis], np.ndarray]] = {}
     for function in functions:
         table = definition.gridded[function.table]
-        axes = []
+        points = [definition.breakpoints[identifier].points for identifier in table.axes]
+        axes = [
+            _axis_of(argument, axis_points) for argument, axis_points in zip(function.arguments, points, strict=True)
+        ]
         values = table.values
-        for k, (argument, identifier) in enumerate(zip(function.arguments, table.axes, strict=True)):
-            axis = _axis_of(argument, definition.breakpoints[identifier].points)
-            if values.shape[k] == 1:
-                values = np.repeat(values, 2, axis=k)
-            axes.append(axis)
+        for k in (k for k, size in enumerate(table.values.shape) if size == 1):
+            values = np.repeat(values, 2, axis=k)
         gridded[function] = (axes, values)
     even = {f: v for f, v in gridded.items() if all(axis.even for axis in v[0])}
     uneven = {f: v for f, v in gridded.items() if f not in even}
@@ -207,22 +191,15 @@ class ScatteredTable(eqx.Module):
 
     Attributes
     ----------
-    to_barycentric, origins
-        For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates;
-        shapes (s, d, d) and (s, d).
-    corners
-        Point indices of each simplex; shape (s, d + 1).
+    to_barycentric, origins, corners
+        For each simplex, the matrix from coordinates relative to the origin to the leading barycentric coordinates,
+        the origin, and the point indices.
     facet_origins, facet_inverses, facet_edges, facet_corners
-        Hull facets: origin, pseudo-inverse of the edges, edges, point indices; shapes (f, d), (f, d - 1, d),
-        (f, d, d - 1) and (f, d).
-    values
-        Value at each point; shape (n,).
-    lower, upper
-        Limits of the arguments; shape (d,).
+        Hull facets: origin, pseudo-inverse of the edges, edges, point indices.
+    values, lower, upper
+        Value at each point, and limits of the arguments.
     arguments, result
         varIDs of the arguments and of the dependent variable.
-    extrapolated
-        Whether values outside the hull are extrapolated.
     """
 
     to_barycentric: Float[Array, "s d d"]
@@ -274,10 +251,7 @@ class ScatteredTable(eqx.Module):
 def make_scattered(definition: Definition, function: Function, mesh: Any) -> ScatteredTable:
     """Build the function of an ungridded table with two or more arguments, on the Delaunay mesh of its points.
 
-    Raises
-    ------
-    DaveMlError
-        If the file requests an interpolation or extrapolation that scattered points do not support.
+    Raises DaveMlError if the file requests an interpolation or extrapolation that scattered points do not support.
     """
     table = definition.ungridded[function.table]
     extrapolated = _extrapolated(function)
@@ -317,10 +291,7 @@ def _extrapolated(function: Function) -> bool:
 def make_meshes(tables: Iterable[UngriddedTable]) -> dict[str, Any]:
     """Compute the Delaunay triangulations of the tables with two or more coordinates, by utID.
 
-    Raises
-    ------
-    DaveMlError
-        If a table's points span no volume or coincide, or if there are too many points.
+    Raises DaveMlError if a table's points span no volume or coincide, or if there are too many points.
     """
     meshes = {}
     effort = 0.0

@@ -6,7 +6,19 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from anser.dave_ml.definition import ROLES, Argument, Definition, Function, Note, Shot, Signal, Variable
+from anser.dave_ml.definition import (
+    ROLES,
+    Argument,
+    Breakpoints,
+    Definition,
+    Function,
+    GriddedTable,
+    Note,
+    Shot,
+    Signal,
+    UngriddedTable,
+    Variable,
+)
 from anser.dave_ml.formulas import format_mathml
 from anser.dave_ml.model import Model
 
@@ -105,38 +117,30 @@ def _variable(variable: Variable) -> list[str]:
 def _tables(definition: Definition) -> list[str]:
     lines: list[str] = []
     for breakpoints in definition.breakpoints.values():
-        inside = [*_description(breakpoints.description), *_element("bpVals", {}, _numbers(breakpoints.points))]
-        lines += _element(
-            "breakpointDef",
-            _nonempty_attributes(name=breakpoints.name, bpID=breakpoints.id, units=breakpoints.units),
-            inside,
-        )
+        values = _element("bpVals", {}, _numbers(breakpoints.points))
+        lines += _identified("breakpointDef", "bpID", breakpoints, values)
     for table in definition.gridded.values():
         axes = [line for axis in table.axes for line in _element("bpRef", {"bpID": axis})]
         inside = [
-            *_description(table.description),
             *_notes(table.notes, "provenance", "provenanceRef"),
             *_element("breakpointRefs", {}, axes),
             *_notes(table.notes, "uncertainty"),
             *_element("dataTable", {}, _numbers(table.values)),
         ]
-        lines += _element(
-            "griddedTableDef", _nonempty_attributes(name=table.name, gtID=table.id, units=table.units), inside
-        )
+        lines += _identified("griddedTableDef", "gtID", table, inside)
     for table in definition.ungridded.values():
-        point_values = np.column_stack([table.points, table.values])
-        points = [
-            line for point in point_values for line in _text("dataPoint", ", ".join(repr(float(x)) for x in point))
-        ]
-        inside = [
-            *_description(table.description),
-            *_notes(table.notes, "provenance", "provenanceRef", "uncertainty"),
-            *points,
-        ]
-        lines += _element(
-            "ungriddedTableDef", _nonempty_attributes(name=table.name, utID=table.id, units=table.units), inside
-        )
+        inside = _notes(table.notes, "provenance", "provenanceRef", "uncertainty")
+        for point in np.column_stack([table.points, table.values]):
+            inside += _text("dataPoint", ", ".join(repr(float(x)) for x in point))
+        lines += _identified("ungriddedTableDef", "utID", table, inside)
     return lines
+
+
+def _identified(
+    tag: str, identifier: str, part: Breakpoints | GriddedTable | UngriddedTable, inside: Iterable[str]
+) -> list[str]:
+    attributes = _nonempty_attributes(name=part.name, **{identifier: part.id}, units=part.units)
+    return _element(tag, attributes, [*_description(part.description), *inside])
 
 
 def _function(function: Function, definition: Definition) -> list[str]:

@@ -1,6 +1,6 @@
 """Verification of the Aerosonde: forces, moments and accelerations published by the authors of its source."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,12 +12,11 @@ from anser.aircraft.motion import angular_acceleration
 from anser.aircraft_files.build import build_airframe, with_derivatives
 from anser.aircraft_files.schema import AirframeFile
 from anser.aircraft_files.sources import library_file
-from anser.verification.checks import Check, Comparison, load_published
+from anser.verification.checks import Comparison, load_published, make_check
 
 _TOLERANCE = 1e-10
 _SPEED_OF_SOUND_M_S = 340.0
 """Placeholder for the air data: the aircraft's coefficients do not depend on the Mach number."""
-_AXES = ("x", "y", "z")
 
 
 def _rotation(quaternion: list[float]) -> np.ndarray:
@@ -36,7 +35,9 @@ def _rotation(quaternion: list[float]) -> np.ndarray:
     return R / np.linalg.det(R)
 
 
-def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: float, gravity: float) -> list[Comparison]:
+def _compare(
+    airframe: DerivativeAircraft, case: Mapping[str, Any], density: float, gravity: float
+) -> Iterator[Comparison]:
     state, controls = case["state"], case["controls"]
     V, alpha, beta = case.get("V", 25.0), case.get("alpha", 0.0), case.get("beta", 0.0)
     air_quantities = (V, alpha, beta, density, 0.5 * density * V * V, V / _SPEED_OF_SOUND_M_S, 100.0)
@@ -57,32 +58,19 @@ def _compare(airframe: DerivativeAircraft, case: Mapping[str, Any], density: flo
         "acceleration": ("m/s^2", case["derivatives_uvw_pqr"][:3], linear),
         "angular acceleration": ("rad/s^2", case["derivatives_uvw_pqr"][3:], angular),
     }
-    return [
-        Comparison(group, f"{case['name']}, {axis}", unit, expected, float(obtained), _TOLERANCE)
-        for group, (unit, published, values) in quantities.items()
-        for axis, expected, obtained in zip(_AXES, published, values, strict=False)
-    ]
+    for group, (unit, published, values) in quantities.items():
+        for axis, expected, obtained in zip("xyz", published, values, strict=False):
+            yield Comparison(group, f"{case['name']}, {axis}", unit, expected, float(obtained), _TOLERANCE)
 
 
-def _measure() -> tuple[Comparison, ...]:
+def _measure() -> Iterator[Comparison]:
     data, file = load_published("aerosonde_checks"), library_file("aerosonde")
     if not isinstance(file, AirframeFile):
         raise TypeError(f"aerosonde: {type(file).__name__}; expected a file of derivatives")
     airframe = with_derivatives(build_airframe(file), file, {"CD0": 0.0})
     density, gravity = data["rho_check_kg_m3"], data["gravity_check_m_s2"]
-    return tuple(comparison for case in data["checks"] for comparison in _compare(airframe, case, density, gravity))
+    for case in data["checks"]:
+        yield from _compare(airframe, case, density, gravity)
 
 
-AEROSONDE_FORCES = Check(
-    key="aerosonde-forces",
-    title="Aerosonde: forces, moments and accelerations",
-    source="[BM] app. E, authors' simulator",
-    tolerance_reason="rounding",
-    explanation=(
-        "Three states of the small electric aircraft, with the arithmetic of the authors' simulator: no parasite drag "
-        "(CD_p = 0), gravity turned by R(q) / det R(q) because the quaternion is of unit length to 1e-8 only, airspeed "
-        "and flow angles as listed (in case 2 those of case 1 are still in force; with wind, sideslip is "
-        "asin(v / sqrt(u^2 + w^2)), 5.9e-6 rad from asin(v / V))."
-    ),
-    measure=_measure,
-)
+AEROSONDE_FORCES = make_check("aerosonde-forces", _measure)

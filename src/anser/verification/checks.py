@@ -6,7 +6,8 @@ Also the reader of the package's published data, and the JSON document of the ou
 import functools
 import json
 import math
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -27,16 +28,10 @@ class Comparison:
         Quantity, `alpha_dot`; a table shows the worst comparison of each group.
     point
         Condition of the comparison, `V 300 ft/s`.
-    unit
-        Unit of expected, obtained and tolerance; empty for a pure number.
-    expected
-        Published value; None if only the definition is published.
-    obtained
-        Value computed here.
+    expected, obtained
+        Published value (None if only the definition is published), and value computed here.
     tolerance
         Largest accepted absolute difference; None if, and only if, `expected` is None.
-    time_s
-        Time of the point, for plots over time.
     reference
         Name of the published source among several, `sim_05`.
     tolerance_reason
@@ -77,25 +72,18 @@ class Comparison:
     @property
     def fails(self) -> bool:
         """Whether the computed value is not finite, or differs from the published value by more than the tolerance."""
-        return not self._agrees
+        if self.expected is None or self.tolerance is None:
+            return not math.isfinite(self.obtained)
+        return not (math.isfinite(self.obtained) and abs(self.obtained - self.expected) <= self.tolerance)
 
     @property
     def passes(self) -> bool:
         """Whether a published value exists and agrees."""
-        return self.judged and self._agrees
-
-    @property
-    def _agrees(self) -> bool:
-        if not math.isfinite(self.obtained):
-            return False
-        return self.expected is None or self.tolerance is None or abs(self.obtained - self.expected) <= self.tolerance
+        return self.judged and not self.fails
 
     @property
     def severity(self) -> float:
-        """Size of the error divided by the tolerance; infinite for NaN and infinity.
-
-        The comparison with the greatest value is the worst of its group.
-        """
+        """Size of the error divided by the tolerance, to find the worst comparison of a group; infinite for NaN."""
         if not math.isfinite(self.obtained):
             return math.inf
         if self.expected is None or self.tolerance is None:
@@ -112,18 +100,12 @@ class Check:
 
     Attributes
     ----------
-    key
-        Name on the command line, `f16-derivatives`.
-    title
-        Name on the page.
-    source
-        Short citation for a table cell, `[SL] tab. 3.5-2`.
-    tolerance_reason
-        Short reason of the tolerance, `half the last digit`.
+    key, title
+        Name on the command line, `f16-derivatives`, and on the page.
+    source, tolerance_reason
+        Short citation, `[SL] tab. 3.5-2`, and reason of the tolerance, `half the last digit`, for a table cell.
     explanation
         Sentences for the page: conventions, discrepancies and their cause.
-    measure
-        Function that computes the comparisons.
     long
         True for a slow check, run in parallel with the others.
     """
@@ -139,18 +121,9 @@ class Check:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of a check: its comparisons, or the reason why the computation failed.
+    """Outcome of a check: its comparisons, or the problem for which the computation failed.
 
-    Attributes
-    ----------
-    check
-        The check.
-    comparisons
-        Comparisons of the check; empty if the computation failed.
-    seconds
-        Duration, compilation included.
-    problem
-        Reason of a failed computation; otherwise None.
+    The duration in seconds includes compilation.
     """
 
     check: Check
@@ -185,8 +158,24 @@ def load_published(name: str) -> dict[str, Any]:
 
     The entry `about` names the source.
     """
-    text = resources.files("anser.verification").joinpath(f"data/{name}.json").read_text(encoding="utf-8")
-    return json.loads(text)
+    return json.loads(read_data_file(f"{name}.json"))
+
+
+@functools.cache
+def load_definitions(name: str) -> dict[str, Any]:
+    """Read a TOML file of definitions in `verification/data`, by name without suffix."""
+    return tomllib.loads(read_data_file(f"{name}.toml"))
+
+
+def read_data_file(name: str) -> str:
+    """Read a text file in `verification/data`."""
+    return resources.files("anser.verification").joinpath(f"data/{name}").read_text(encoding="utf-8")
+
+
+def make_check(key: str, measure: Callable[[], Iterable[Comparison]], *, long: bool = False) -> Check:
+    """Return the check with the texts of `data/checks.toml`."""
+    texts = {name: " ".join(text.split()) for name, text in load_definitions("checks")[key].items()}
+    return Check(key=key, **texts, measure=lambda: tuple(measure()), long=long)
 
 
 def half_of_last_digit(printed: str) -> float:
@@ -211,15 +200,10 @@ FORMAT_VERSION = 2
 
 
 def to_document(outcomes: Sequence[Outcome], seconds: float) -> dict[str, Any]:
-    """Return the comparisons, with the software versions, as plain data; numbers are finite or None.
+    """Return the comparisons of a run of `seconds`, with the software versions, as plain data.
 
-    Parameters
-    ----------
-    outcomes
-        Outcomes of the checks. `passed` is None without a published figure. A NaN or infinite figure is None, and the
-        `problem` of its comparison gives the value.
-    seconds
-        Duration of the run; checks run in parallel.
+    `passed` is None without a published figure. A NaN or infinite figure is None, and the `problem` of its comparison
+    gives the value.
     """
     return {
         "format_version": FORMAT_VERSION,

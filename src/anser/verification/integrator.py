@@ -22,7 +22,7 @@ from anser.simulation.vehicle import advance
 from anser.spatial.frames import eci_from_ecef, rotation_ecef_from_eci, velocity_eci_from_ecef
 from anser.spatial.rotations import quaternion_from_euler, rotate_back, rotation_from_quaternion, safe_norm
 from anser.units import DEG_RAD, FOOT_M
-from anser.verification.checks import Check, Comparison
+from anser.verification.checks import Check, Comparison, make_check
 
 _STEPS_S = (0.08, 0.04, 0.02, 0.01)
 _DURATION_S = 8.0
@@ -108,29 +108,6 @@ def _conserved(state: EarthFixedState, time: Scalar) -> tuple[jax.Array, jax.Arr
 
 
 INTEGRATION_CHECKS: tuple[Check, ...] = (
-    Check(
-        key="integrator-order",
-        title="Observed order of the default integrator",
-        source="classical Runge-Kutta",
-        tolerance_reason="higher orders still show",
-        explanation=(
-            "A damped, tumbling brick over the rotating Earth, 8 s: each halving of the step must divide the change by "
-            "2^4, to 0.2 in the exponent, because the next order still shows. The test suite compares the integrator "
-            "with an adaptive one of order 8 besides."
-        ),
-        measure=order,
-    ),
-    Check(
-        key="invariants",
-        title="What a body without air forces keeps",
-        source="mechanics",
-        tolerance_reason="fourth order: 3e-10",
-        explanation=(
-            "The brick of NESC case 2 thrown over the rotating ellipsoid: energy with the J2 potential, the polar "
-            "component of the orbital angular momentum, the rotational angular momentum in inertial axes (which the "
-            "attitude enters), each relative to itself. The brick turns 0.0065 rad in a step; the fourth-order method "
-            "leaves (0.0065)^5/120 of a radian in each of 3000 steps, 3e-10 in all."
-        ),
-        measure=invariants,
-    ),
+    make_check("integrator-order", order),
+    make_check("invariants", invariants),
 )

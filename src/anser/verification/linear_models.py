@@ -1,5 +1,6 @@
 """Verification of linear models: the textbook's pull-up and modes, and the poles under dynamic inversion."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import equinox as eqx
@@ -18,7 +19,14 @@ from anser.environment.environment import Environment, standard_environment
 from anser.simulation.response import LoopCase
 from anser.steady.trim import TrimPoint, TrimTarget, solve_trim, trim_target
 from anser.units import DEG_RAD, FOOT_M
-from anser.verification.checks import Check, Comparison, compare_as_printed, half_of_last_digit, load_published
+from anser.verification.checks import (
+    Check,
+    Comparison,
+    compare_as_printed,
+    half_of_last_digit,
+    load_published,
+    make_check,
+)
 from anser.verification.textbook import textbook_aircraft, textbook_environment
 
 _SPEED_M_S = 502.0 * FOOT_M
@@ -34,7 +42,6 @@ _PRINTED_MODES = (
     ("spiral", "-0.0128", "0"),
 )
 """Example 3.8-1: name, real and imaginary part as printed."""
-_CUT = "last digit cut, not rounded"
 
 
 @compiled_quickly
@@ -86,7 +93,7 @@ def printed_tolerances(printed: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "
     return 0.5 * np.where(size > 0, unit, np.where(np.isfinite(smallest), smallest, 1e-12))
 
 
-def _pull_up() -> tuple[Comparison, ...]:
+def _pull_up() -> Iterator[Comparison]:
     published: dict[str, Any] = load_published("textbook_checks")["pull_up_linearization"]
     model = _textbook_model(0.3)
     longitudinal, lateral = published["state_order"][:5], published["state_order"][5:]
@@ -95,108 +102,55 @@ def _pull_up() -> tuple[Comparison, ...]:
         ("A", lateral, lateral, "A_lat"),
         ("B", longitudinal + lateral, published["input_order"], "B"),
     )
-    comparisons = []
     for matrix, row_states, column_states, key in blocks:
         printed = np.array(published[key], dtype=float)
-        obtained, tolerance = printed_block(model, matrix, row_states, column_states), printed_tolerances(printed)
+        figures = np.stack(
+            [printed, printed_block(model, matrix, row_states, column_states), printed_tolerances(printed)], axis=-1
+        )
         for i, row_state in enumerate(row_states):
             for j, column_state in enumerate(column_states):
                 point = f"d({row_state}_dot)/d({column_state})"
-                figures = float(printed[i, j]), float(obtained[i, j]), float(tolerance[i, j])
-                comparisons.append(Comparison(key, point, "ft, rad, s, %", *figures))
-    return tuple(comparisons)
+                yield Comparison(key, point, "ft, rad, s, %", *figures[i, j].tolist())
 
 
-def _modes() -> tuple[Comparison, ...]:
+def _modes() -> Iterator[Comparison]:
     model = _textbook_model(0.0)
     order = load_published("textbook_checks")["pull_up_linearization"]["state_order"]
     mode_names = {mode.name for mode in modes_of(model)}
-    comparisons = []
     for name, real, imaginary in _PRINTED_MODES:
         states = order[:5] if name in ("short period", "phugoid") else order[5:]
         values = np.linalg.eigvals(printed_block(model, "A", states, states))
-        printed_eigenvalue = complex(float(real), float(imaginary))
-        nearest = values[np.argmin(np.abs(values - printed_eigenvalue))]
-        comparisons.append(compare_as_printed(name, "real part", "1/s", real, nearest.real))
+        printed = complex(float(real), float(imaginary))
+        nearest = values[np.argmin(np.abs(values - printed))]
+        yield compare_as_printed(name, "real part", "1/s", real, nearest.real)
         is_cut_off = name == "phugoid"
-        size = half_of_last_digit(imaginary) * (2 if is_cut_off else 1) if printed_eigenvalue.imag else 1e-12
-        obtained = float(abs(nearest.imag) if printed_eigenvalue.imag else nearest.imag)
-        tolerance_reason = _CUT if is_cut_off else ""
-        comparisons.append(
-            Comparison(
-                name,
-                "imaginary part",
-                "rad/s",
-                printed_eigenvalue.imag,
-                obtained,
-                size,
-                tolerance_reason=tolerance_reason,
-            )
+        tolerance = half_of_last_digit(imaginary) * (2 if is_cut_off else 1) if printed.imag else 1e-12
+        obtained = float(abs(nearest.imag) if printed.imag else nearest.imag)
+        reason = "last digit cut, not rounded" if is_cut_off else ""
+        figures = printed.imag, obtained, tolerance
+        yield Comparison(name, "imaginary part", "rad/s", *figures, tolerance_reason=reason)
+        yield Comparison(
+            "found by name", name, "", 1.0, float(name in mode_names), 0.0, tolerance_reason="a name or none"
         )
-        comparisons.append(
-            Comparison(
-                "found by name", name, "", 1.0, float(name in mode_names), 0.0, tolerance_reason="a name or none"
-            )
-        )
-    return tuple(comparisons)
 
 
-def _poles() -> tuple[Comparison, ...]:
+def _poles() -> Iterator[Comparison]:
     airframe, environment = load_f16(), standard_environment()
     point = compiled_quickly(solve_trim)(airframe, environment, trim_target(150.0, 2000.0))
     gains, limits = published_gains(), default_limits()
-    comparisons = []
     for loop, channels in CHANNELS.items():
         poles = inversion_poles(LoopCase(airframe, environment, gains, limits, point, 0.01), loop)
         per_channel = len(poles) // len(channels)
         for k, pole in enumerate(poles):
             channel_and_pole = f"{channels[k // per_channel]}, {pole.ideal.real:.4g} 1/s"
             limit, tolerance = pole.limit_pole, pole.tolerance
-            comparisons += [
-                Comparison(f"{loop} loop", channel_and_pole, "1/s", pole.ideal.real, limit.real, tolerance),
-                Comparison(f"{loop} loop, imaginary", channel_and_pole, "1/s", 0.0, limit.imag, tolerance),
-                Comparison(f"{loop} loop, as flown", channel_and_pole, "1/s", None, pole.sampled_pole.real, None),
-            ]
-    return tuple(comparisons)
+            yield Comparison(f"{loop} loop", channel_and_pole, "1/s", pole.ideal.real, limit.real, tolerance)
+            yield Comparison(f"{loop} loop, imaginary", channel_and_pole, "1/s", 0.0, limit.imag, tolerance)
+            yield Comparison(f"{loop} loop, as flown", channel_and_pole, "1/s", None, pole.sampled_pole.real, None)
 
 
 LINEAR_CHECKS: tuple[Check, ...] = (
-    Check(
-        key="f16-pull-up",
-        title="F-16: linear model of a pull-up of 0.3 rad/s at 502 ft/s",
-        source="[SL] sec. 3.7",
-        tolerance_reason="half the last digit",
-        explanation=(
-            "A and B by automatic differentiation about the trimmed pull-up (P = R = 0, as in the textbook), in the "
-            "printed units, with the constants of the textbook's program. Three digits are printed, one of numbers "
-            "below 0.001; a printed 0 may be as much as half the smallest unit in its row. The trim needs throttle "
-            "1.023, where the textbook's gearing goes on and ours stops: the throttle's entry is taken below."
-        ),
-        measure=_pull_up,
-    ),
-    Check(
-        key="f16-modes",
-        title="F-16: modes of level flight at 502 ft/s",
-        source="[SL] ex. 3.8-1",
-        tolerance_reason="half the last digit",
-        explanation=(
-            "Eigenvalues of the longitudinal and lateral blocks without altitude and heading, as in the textbook, "
-            "centre of mass at 0.30 c; and the names that the full model's eigenvectors earn. The printed 0.0739 of "
-            "the phugoid is 0.07397 cut off."
-        ),
-        measure=_modes,
-    ),
-    Check(
-        key="inversion-poles",
-        title="Autopilot: closed-loop poles where dynamic inversion puts them",
-        source="theory sec. 5",
-        tolerance_reason="s^2 times the lags left",
-        explanation=(
-            "Poles of the linearized, sampled loops with a sampling period of 0.5 ms and with filters, actuator and "
-            "engine inversion 10 to 67 times as fast as flown, against the roots of (1 + K_D) s^2 + K_P s + K_I: the "
-            "lags that are left, T in sum, move a pole s by about s^2 T. Listed besides: the nearest poles as flown, "
-            "at 100 Hz with the default bandwidths."
-        ),
-        measure=_poles,
-    ),
+    make_check("f16-pull-up", _pull_up),
+    make_check("f16-modes", _modes),
+    make_check("inversion-poles", _poles),
 )

@@ -1,7 +1,7 @@
 """Verification by whole missions: effects of a flat Earth and of the integration step on the results."""
 
 import functools
-from importlib import resources
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from anser.scenario.schema import Scenario
 from anser.simulation.fleet_summary import ARRIVAL_MARGIN_S
 from anser.spatial.wgs84 import radii_of_curvature
 from anser.units import DEG_RAD, RAD_DEG
-from anser.verification.checks import Check, Comparison
+from anser.verification.checks import Check, Comparison, make_check, read_data_file
 
 MISSION = "three-aircraft.toml"
 """Reference mission of three aircraft: a copy of the shipped scenario; a test keeps both equal."""
@@ -33,19 +33,13 @@ _MEAN_RADIUS_M = float(sum(map(float, radii_of_curvature(np.pi / 4)))) / 2
 
 @functools.cache
 def mission(earth: str = "flat", step_s: float = 0.01) -> FlightResult:
-    """Fly the reference mission past its arrival. Cached.
+    """Fly the reference mission past its arrival, once for each Earth and step of integration and autopilots (s).
 
-    `earth` is the scenario's Earth, "flat" or "wgs84"; `step_s` the step of integration and autopilots.
-
-    Raises
-    ------
-    RuntimeError
-        The flight ends within the interval of the arrival.
+    Raises RuntimeError if the flight ends within the interval of the arrival.
     """
     flight = run(mission_scenario(earth, step_s))
-    required_duration_s = (
-        max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"]) + ARRIVAL_MARGIN_S
-    )
+    arrival_s = max(aircraft["planned_arrival_s"] for aircraft in flight.summary["aircraft"])
+    required_duration_s = arrival_s + ARRIVAL_MARGIN_S
     if required_duration_s > _DURATION_S:
         raise RuntimeError(f"{MISSION}: flown for {_DURATION_S:g} s, its arrival needs {required_duration_s:.1f} s")
     return flight
@@ -62,11 +56,10 @@ def published_flights() -> dict[str, FlightResult]:
 
 
 def _scenario(name: str) -> Scenario:
-    text = resources.files("anser.verification").joinpath(f"data/{name}").read_text(encoding="utf-8")
-    return loads(text, name)
+    return loads(read_data_file(name), name)
 
 
-def flat_and_round() -> tuple[Comparison, ...]:
+def flat_and_round() -> Iterator[Comparison]:
     """Compare the reference mission flown over a flat and over a round Earth.
 
     Lift and bank differ as theory predicts; miss, path and arrival spread hardly differ.
@@ -79,74 +72,58 @@ def flat_and_round() -> tuple[Comparison, ...]:
     bank = (straight[1].bank_deg - straight[0].bank_deg).values
     tilt = -across / STANDARD_GRAVITY_M_S2 * RAD_DEG
     interval = f"aircraft-1, mean of {lowest:g} to {highest:g} s"
-    comparisons = [
-        # Straight flight; the remaining difference is that of the climbs of two closed loops.
-        Comparison("lift per mass", interval, "m/s^2", float(down.mean()), float(lift.mean()), 0.05 * 0.0254),
-        Comparison("bank", interval, "deg", float(tilt.mean()), float(bank.mean()), 0.05 * 0.148),
-    ]
-    for k, (flat_row, round_row) in enumerate(
-        zip(flat.summary["aircraft"], round_earth.summary["aircraft"], strict=True)
-    ):
-        name = flat_row["name"]
-        limit = flat.scenario.requirements.miss_max_m
-        comparisons.append(Comparison("miss", name, "m", flat_row["miss_m"], round_row["miss_m"], 0.01 * limit))
+    # Straight flight; the remaining difference is that of the climbs of two closed loops.
+    yield Comparison("lift per mass", interval, "m/s^2", float(down.mean()), float(lift.mean()), 0.05 * 0.0254)
+    yield Comparison("bank", interval, "deg", float(tilt.mean()), float(bank.mean()), 0.05 * 0.148)
+    requirements = flat.scenario.requirements
+    for k, (flat_aircraft, round_aircraft) in enumerate(_aircraft_of(flat, round_earth)):
+        name, misses = flat_aircraft["name"], (flat_aircraft["miss_m"], round_aircraft["miss_m"])
+        yield Comparison("miss", name, "m", *misses, 0.01 * requirements.miss_max_m)
         distance = _greatest_distance(flat, round_earth, k)
-        comparisons.append(Comparison("path, greatest difference", name, "m", 0.0, distance, _drift_m(flat, k)))
-        flat_airspeed, round_airspeed = (
-            flight.dataset.airspeed_m_s.isel(aircraft=k).values for flight in (flat, round_earth)
-        )
-        arrived = flat.dataset.time.values <= flat_row["arrival_s"]
-        comparisons.append(
-            Comparison(
-                "airspeed, greatest difference",
-                name,
-                "m/s",
-                None,
-                float(np.max(np.abs((flat_airspeed - round_airspeed)[arrived]))),
-                None,
-            )
-        )
-    spread = flat.scenario.requirements.arrival_spread_max_s
-    comparisons.append(_compare_spread("arrival spread", flat, round_earth, 0.01 * spread))
-    return tuple(comparisons)
+        yield Comparison("path, greatest difference", name, "m", 0.0, distance, _drift_m(flat, k))
+        airspeeds = [flight.dataset.airspeed_m_s.isel(aircraft=k).values for flight in (flat, round_earth)]
+        arrived = flat.dataset.time.values <= flat_aircraft["arrival_s"]
+        difference = float(np.max(np.abs((airspeeds[0] - airspeeds[1])[arrived])))
+        yield Comparison("airspeed, greatest difference", name, "m/s", None, difference, None)
+    spreads, limit = (_spread_s(flat), _spread_s(round_earth)), 0.01 * requirements.arrival_spread_max_s
+    yield Comparison("arrival spread", "fleet", "s", *spreads, limit)
 
 
-def steps() -> tuple[Comparison, ...]:
+def steps() -> Iterator[Comparison]:
     """Compare the reference mission's arrival at each integration step with the arrival at the finest step.
 
     Only the default step is judged: it must agree with half the step to a hundredth of the requirements.
     """
-    finest, comparisons = mission(step_s=STEPS_S[-1]), []
-    miss_limit = 0.01 * finest.scenario.requirements.miss_max_m
-    spread_limit = 0.01 * finest.scenario.requirements.arrival_spread_max_s
-    halved = mission(step_s=STEPS_S[2])
-    default = mission(step_s=STEPS_S[1])
-    for halved_row, default_row in zip(halved.summary["aircraft"], default.summary["aircraft"], strict=True):
-        point = f"{halved_row['name']}, 100 Hz against 200 Hz"
-        comparisons.append(Comparison("miss", point, "m", halved_row["miss_m"], default_row["miss_m"], miss_limit))
-    comparisons.append(_compare_spread("arrival spread", halved, default, spread_limit, "100 Hz against 200 Hz"))
+    finest, halved, default = (mission(step_s=STEPS_S[k]) for k in (-1, 2, 1))
+    requirements, rates = finest.scenario.requirements, "100 Hz against 200 Hz"
+    for halved_aircraft, default_aircraft in _aircraft_of(halved, default):
+        point, misses = f"{halved_aircraft['name']}, {rates}", (halved_aircraft["miss_m"], default_aircraft["miss_m"])
+        yield Comparison("miss", point, "m", *misses, 0.01 * requirements.miss_max_m)
+    spreads, limit = (_spread_s(halved), _spread_s(default)), 0.01 * requirements.arrival_spread_max_s
+    yield Comparison("arrival spread", rates, "s", *spreads, limit)
     for step_s in STEPS_S[:-1]:
-        flight, rate = mission(step_s=step_s), f"{1 / step_s:.0f} Hz against {1 / STEPS_S[-1]:.0f} Hz"
-        misses = [
-            abs(a["miss_m"] - b["miss_m"])
-            for a, b in zip(flight.summary["aircraft"], finest.summary["aircraft"], strict=True)
-        ]
-        comparisons.append(Comparison("miss, greatest change", rate, "m", None, max(misses), None))
-        change = abs(_spread_s(flight) - _spread_s(finest))
-        comparisons.append(Comparison("arrival spread, change", rate, "s", None, change, None))
-        path = max(_greatest_distance(flight, finest, k) for k in range(len(misses)))
-        comparisons.append(Comparison("path, greatest difference", rate, "m", None, path, None))
-    return tuple(comparisons)
+        flight, rates = mission(step_s=step_s), f"{1 / step_s:.0f} Hz against {1 / STEPS_S[-1]:.0f} Hz"
+        miss_changes = [abs(a["miss_m"] - b["miss_m"]) for a, b in _aircraft_of(flight, finest)]
+        yield Comparison("miss, greatest change", rates, "m", None, max(miss_changes), None)
+        spread_change = abs(_spread_s(flight) - _spread_s(finest))
+        yield Comparison("arrival spread, change", rates, "s", None, spread_change, None)
+        path = max(_greatest_distance(flight, finest, k) for k in range(len(miss_changes)))
+        yield Comparison("path, greatest difference", rates, "m", None, path, None)
 
 
-def climb_and_turn_error() -> tuple[Comparison, ...]:
+def _aircraft_of(*flights: FlightResult) -> Iterator[tuple[dict, ...]]:
+    """Pair the summaries of the aircraft of flights of the same fleet."""
+    return zip(*(flight.summary["aircraft"] for flight in flights), strict=True)
+
+
+def climb_and_turn_error() -> Iterator[Comparison]:
     """Return the greatest position error of the climb-and-turn, flown on velocity commands alone.
 
     The variant is that of the founding work.
     """
     flight = fly_climb_and_turn("founding")
     error = float(flight.summary["aircraft"][0]["position_error_max_m"])
-    return (Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M),)
+    yield Comparison("position error, greatest", "whole flight", "m", 0.0, error, _TRACKING_BOUND_M)
 
 
 def _apparent_accelerations(dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -188,52 +165,8 @@ def _spread_s(flight: FlightResult) -> float:
     return float(flight.summary["fleet"]["arrival_spread_s"])
 
 
-def _compare_spread(
-    group: str, reference: FlightResult, flight: FlightResult, tolerance: float, point: str = "fleet"
-) -> Comparison:
-    return Comparison(group, point, "s", _spread_s(reference), _spread_s(flight), tolerance)
-
-
 MISSION_CHECKS: tuple[Check, ...] = (
-    Check(
-        key="climb-and-turn",
-        title="Climb and turn on velocity commands alone",
-        source="[TH] section 4.5.5",
-        tolerance_reason="printed bound",
-        explanation=(
-            "A climb of 1000 m with a turn of 60 deg at 150 m/s, flown on velocity commands without correction of the "
-            "position, with the variant founding. Printed: the position error stays below 1.5 m."
-        ),
-        measure=climb_and_turn_error,
-        long=True,
-    ),
-    Check(
-        key="flat-round",
-        title="Flat and round Earth over the three-aircraft mission",
-        source="[SL] eq. 1.7-18",
-        tolerance_reason="linear theory; 1 % of the limits",
-        explanation=(
-            "The same mission over the flat Earth (expected) and over the rotating WGS-84 ellipsoid (obtained). In "
-            "straight flight the round Earth takes 2 w V cos(lat) sin(course) + V^2/R off the lift per mass and asks "
-            "for a bank against (2 w sin(lat) + V sin(course) tan(lat)/R) V/g: both within 5 % of the largest that "
-            "either can be (0.0254 m/s^2, 0.148 deg), because the two closed loops fly slightly different climbs. The "
-            "autopilot does not know these accelerations: a velocity error of a/K_P through the approach bounds how "
-            "far the paths part. The arrival must not change by more than 1 % of what is required."
-        ),
-        measure=flat_and_round,
-        long=True,
-    ),
-    Check(
-        key="step-size",
-        title="Step size over the three-aircraft mission",
-        source="own, halved steps",
-        tolerance_reason="1 % of the requirement",
-        explanation=(
-            "Arrival figures with the default step of 0.01 s against those with half of it, each within 1 % of its "
-            "requirement (3 m, 0.05 s). The step is the sampling period of the autopilots too: what changes is the "
-            "controlled flight, not the integration alone. Listed besides: 50, 100 and 200 Hz against 400 Hz."
-        ),
-        measure=steps,
-        long=True,
-    ),
+    make_check("climb-and-turn", climb_and_turn_error, long=True),
+    make_check("flat-round", flat_and_round, long=True),
+    make_check("step-size", steps, long=True),
 )

@@ -1,7 +1,13 @@
-"""Flights of the NESC check-cases, logged in the columns and units of the published participants."""
+"""Flights of the NESC check-cases, logged in the columns and units of the published participants.
+
+Bodies and the trimmed F-16 fly with fixed controls, the F-16 under the published control laws in anser's closed loop.
+"""
 
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -9,7 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.aircraft.actuators import FirstOrderActuators
+from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.engines import AbstractEngine, AbstractLaggedEngine
+from anser.aircraft.f16 import F16
 from anser.aircraft.motion import (
     EarthFixedState,
     earth_fixed_derivative,
@@ -20,13 +30,20 @@ from anser.aircraft.motion import (
 )
 from anser.aircraft_files.library import load_body, load_f16
 from anser.compiling.options import compiled_quickly
+from anser.control.dave_ml_laws import DaveMlLaw, NamedCommands, dave_ml_law, named_signals
+from anser.dave_ml.model import Model, read_dave_ml
 from anser.environment.atmosphere import StandardAtmosphere
 from anser.environment.earth import spherical_earth, wgs84_earth
 from anser.environment.environment import Environment, LayeredWind
-from anser.numerics.arrays import stack_rows
-from anser.numerics.least_squares import levenberg_marquardt
-from anser.shapes import Scalar, ScalarLike, Vector3
-from anser.simulation.vehicle import advance
+from anser.numerics.arrays import as_array, stack_rows
+from anser.numerics.least_squares import Solution, levenberg_marquardt
+from anser.parts.perception import Belief, Instant
+from anser.sensing.estimators import DirectEstimator
+from anser.sensing.ideal_sensors import IdealSensors
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
+from anser.simulation.closed_loop import fly_alone, trimmed_vehicle
+from anser.simulation.recorders import AbstractRecorder, AircraftSample
+from anser.simulation.vehicle import Vehicle, advance
 from anser.spatial.frames import eci_from_ecef, velocity_eci_from_ecef
 from anser.spatial.rotations import (
     euler_from_quaternion,
@@ -36,6 +53,7 @@ from anser.spatial.rotations import (
     rotation_from_quaternion,
     safe_norm,
 )
+from anser.steady.trim import TrimPoint
 from anser.units import (
     DEG_RAD,
     FOOT_M,
@@ -55,6 +73,7 @@ from anser.verification.nesc_cases import (
     FreeFlight,
     LawFlight,
     TrimmedFlight,
+    TrimmedStart,
 )
 
 LOG_PERIOD_S = 0.1
@@ -66,65 +85,63 @@ Log = dict[str, np.ndarray]
 """Log of a flight: by published column name, the values at each logged time."""
 
 
-def fly_free(cases: Sequence[FreeFlight]) -> dict[int, Log]:
+def fly_free(cases: Sequence[FreeFlight]) -> dict[int | str, Log]:
     """Fly the check-cases without controls in one batch; return logs by case number, every 0.1 s from time 0."""
     airframes = [load_body(case.body) for case in cases]
     environments = [_environment(case.earth, case.wind_east_ft_s) for case in cases]
-    starts = [_start_free(*start_arguments) for start_arguments in zip(airframes, environments, cases, strict=True)]
+    starts = list(map(_start_free, airframes, environments, cases))
     controls = [Controls(surfaces=jnp.zeros(3), throttle=jnp.zeros(()))] * len(cases)
-    return _logs(
-        cases, stack_rows(airframes), stack_rows(environments), stack_rows(starts), stack_rows(controls), _FALL_STEPS
-    )
+    stacked = Starts(stack_rows(environments), stack_rows(starts), stack_rows(controls))
+    return _logs(cases, stack_rows(airframes), stacked, _FALL_STEPS)
 
 
-def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int, Log]:
+def fly_trimmed(cases: Sequence[TrimmedFlight], airframe: AbstractAirframe | None = None) -> dict[int | str, Log]:
     """Trim and fly check-cases of the F-16 in one batch; return logs by case number, every 0.1 s from time 0.
 
     The published vehicle has neither lags nor engine momentum: controls and power are constant. `airframe` None: the
     library's s119 variant.
     """
     airframe = load_f16("s119") if airframe is None else airframe
-    environments, starts, controls = trimmed_starts(airframe, cases)
-    return _logs(cases, stack_rows([airframe] * len(cases)), environments, starts, controls, _CRUISE_STEPS)
+    return _logs(cases, stack_rows([airframe] * len(cases)), trimmed_starts(airframe, cases), _CRUISE_STEPS)
 
 
 @functools.cache
-def trimmed_logs() -> dict[int, Log]:
+def trimmed_logs() -> dict[int | str, Log]:
     """Return the logs of cases 11 and 12, flown with the library's s119 variant once per process."""
     return fly_trimmed(TRIMMED_FLIGHTS)
 
 
-def trimmed_starts(
-    airframe: AbstractAirframe, cases: Sequence[TrimmedFlight | LawFlight]
-) -> tuple[Environment, EarthFixedState, Controls]:
-    """Return the environments, initial states and controls of check-cases that start in trim, stacked over the cases.
+class Starts(NamedTuple):
+    """Environments, initial states and controls of check-cases, stacked over the cases."""
 
-    Raises
-    ------
-    RuntimeError
-        A case has no trim.
-    """
-    environments = [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
+    environments: Environment
+    states: EarthFixedState
+    controls: Controls
+
+
+def trimmed_starts(airframe: AbstractAirframe, cases: Sequence[TrimmedStart]) -> Starts:
+    """Return the starts of check-cases that start in trim; raises RuntimeError if a case has no trim."""
+    environment = stack_rows(
+        [_environment("wgs84", (0.0, 0.0), case.latitude_deg, case.longitude_deg) for case in cases]
+    )
     positions_n = jnp.array([[0.0, 0.0, -case.altitude_ft * FOOT_M] for case in cases])
     velocities_n = jnp.array([case.velocity_ft_s for case in cases]) * FOOT_M
-    environment = stack_rows(environments)
     starts, controls, residual = _trim_all(airframe, environment, positions_n, velocities_n)
     if not np.all(np.asarray(residual) < 1e-8):
         raise RuntimeError(f"the check-case's trim was not found: accelerations of {np.asarray(residual)} g remain")
-    return environment, starts, controls
+    return Starts(environment, starts, controls)
 
 
 def _logs(
-    cases: Sequence[FreeFlight | TrimmedFlight],
-    airframes: AbstractAirframe,
-    environments: Environment,
-    starts: EarthFixedState,
-    controls: Controls,
-    steps: int,
-) -> dict[int, Log]:
+    cases: Sequence[FreeFlight | TrimmedFlight], airframes: AbstractAirframe, starts: Starts, steps: int
+) -> dict[int | str, Log]:
     """Fly stacked cases, each for the longest duration, and return the logs by case number."""
     periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
-    logs = _fly_all(airframes, environments, starts, controls, periods, steps)
+    return split_logs(cases, _fly_fixed(airframes, *starts, periods, steps))
+
+
+def split_logs(cases: Sequence[FreeFlight | TrimmedStart], logs: Mapping[str, Array]) -> dict[int | str, Log]:
+    """Return the logs by case number."""
     return {case.number: {key: np.asarray(values[k]) for key, values in logs.items()} for k, case in enumerate(cases)}
 
 
@@ -147,11 +164,8 @@ def _start_free(airframe: AbstractAirframe, environment: Environment, case: Free
     quaternion = quaternion_from_euler(jnp.zeros(()), jnp.zeros(()), jnp.asarray(case.yaw_deg * DEG_RAD))
     position_n = jnp.array([0.0, 0.0, -case.altitude_ft * FOOT_M])
     velocity_b = rotate(rotation_from_quaternion(quaternion), jnp.asarray(case.velocity_ft_s) * FOOT_M)
-    neutral_actuators, idle_engine = (
-        airframe.actuators.steady_state(jnp.zeros(3)),
-        airframe.engine.steady_state(jnp.zeros(())),
-    )
-    local_start = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), neutral_actuators, idle_engine)
+    neutral, idle = airframe.actuators.steady_state(jnp.zeros(3)), airframe.engine.steady_state(jnp.zeros(()))
+    local_start = AircraftState(position_n, velocity_b, quaternion, jnp.zeros(3), neutral, idle)
     start = earth_fixed_state(require_round_earth(environment), local_start)
     return eqx.tree_at(lambda state: state.rates_b, start, jnp.asarray(case.rates_deg_s) * DEG_RAD)
 
@@ -200,7 +214,7 @@ def _trim_level(
 
 
 @compiled_quickly
-def _fly_all(
+def _fly_fixed(
     airframes: AbstractAirframe,
     environments: Environment,
     starts: EarthFixedState,
@@ -276,3 +290,202 @@ def log_row(
 
 def _axes(name: str, vector: Vector3, axes: Sequence[str] = "XYZ") -> dict[str, Scalar]:
     return {f"{name}_{axis}": vector[k] for k, axis in enumerate(axes)}
+
+
+LAW_STEPS = 80
+"""Steps of 0.00125 s in a log period: the laws close loops of about 50 rad/s, and the files define no sampling."""
+_LAW_TRIMS = ("trimmedPilotControl_long", "trimmedPilotControl_throttle")
+"""Inputs of the control laws for the feed-forward of stick and throttle."""
+_FULL_STICK_DEG = 25.0
+"""Elevator of a full longitudinal stick, up for aft. Source: F16_control.dml, elevatorDeflection."""
+_COMMAND_UNITS = {
+    "altitudeMslCommand": FOOT_M,
+    "equivalentAirspeedCommand": KNOT_M_S,
+    "trueBaseCourseCommand": DEG_RAD,
+    "lateralDeviationError": FOOT_M,
+}
+
+_LAGS_IN_STEP = 1.6
+"""Ratio of integration step to lag: here a classical Runge-Kutta step leaves the least part of a difference, 27 %."""
+
+
+@functools.cache
+def published_model(name: str) -> Model:
+    """Read a file of NASA's F-16 by name, without suffix: `F16_aero`. Sources: see the README beside the files."""
+    content = resources.files("anser.dave_ml").joinpath(f"nasa/{name}.dml").read_bytes()
+    return read_dave_ml(content, f"{name}.dml")
+
+
+class PromptEngine(AbstractLaggedEngine):
+    """Engine with the thrust tables of `base`, whose power follows 100 times the throttle with a very short lag (s)."""
+
+    base: AbstractEngine
+    lag: Scalar
+
+    def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:
+        """Return force and moment of the base engine."""
+        return self.base.propulsion(power, air_data)
+
+    def power_for_thrust(self, thrust: ScalarLike, air_data: AirData) -> Scalar:
+        """Return the base engine's power (percent) for a thrust (N)."""
+        return self.base.power_for_thrust(thrust, air_data)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the flight condition is outside the base engine's data."""
+        return self.base.outside_tables(air_data)
+
+
+def prompt_f16(step_s: float) -> F16:
+    """Build the s119 F-16 with the shortest lags that a step (s) can integrate, and without rate limits."""
+    published = load_f16("s119")
+    lag = as_array(step_s / _LAGS_IN_STEP)
+    actuators = published.actuators
+    prompt = FirstOrderActuators(
+        time_constant=jnp.full_like(actuators.lower, lag),
+        lower=actuators.lower,
+        upper=actuators.upper,
+        rate_limit=jnp.full_like(actuators.lower, jnp.inf),
+    )
+    engine = PromptEngine(base=published.engine, lag=lag)
+    return eqx.tree_at(lambda f16: (f16.actuators, f16.engine), published, (prompt, engine))
+
+
+def fly_laws(cases: Sequence[LawFlight], steps: int = LAW_STEPS) -> dict[int | str, Log]:
+    """Trim and fly check-cases under one control law in one batch; return logs by case number, every 0.1 s from time 0.
+
+    `steps` are the steps and samples of the law in a log period.
+    """
+    airframe = prompt_f16(LOG_PERIOD_S / steps)
+    starts = trimmed_starts(airframe, cases)
+    law = dave_ml_law(published_model(cases[0].law))
+    keas = _equivalent_airspeeds(airframe, starts.environments, starts.states)
+    trims = [jax.tree.map(lambda leaf, k=k: np.asarray(leaf)[k], starts.controls) for k in range(len(cases))]
+    commands = stack_rows([_commands(case, float(keas[k]), trims[k]) for k, case in enumerate(cases)])
+    if cases[0].law == "F16_control":
+        commands = _with_trim_feed_forward(airframe, law, starts, commands)
+    periods = round(max(case.times_s[-1] for case in cases) / LOG_PERIOD_S)
+    return split_logs(cases, _fly_law(airframe, law, starts, commands, periods, steps))
+
+
+def _commands(case: LawFlight, keas: float, trim: Controls) -> NamedCommands:
+    """Return the inputs of the law: autopilot on, stick centred, trim as feed-forward, and the change at its time."""
+    north, east, _ = case.velocity_ft_s
+    initial_commands: dict[str, float] = {
+        **dict.fromkeys((f"pilotControl_{axis}" for axis in ("throttle", "long", "lat", "yaw")), 0.0),
+        "stabilityAugmentationOn_disc": 1.0,
+        "autopilotOn_disc": 1.0,
+        "equivalentAirspeedCommand": keas,
+        "altitudeMslCommand": case.altitude_ft * FOOT_M,
+        "trimmedPilotControl_throttle": float(trim.throttle),
+        "trimmedPilotControl_long": -float(trim.surfaces[0]) * RAD_DEG / _FULL_STICK_DEG,
+    }
+    if case.law == "F16_gnc":
+        initial_commands["selectCircumnavigator_disc"] = float(case.circles_pole)
+    else:
+        initial_commands |= {"trueBaseCourseCommand": math.atan2(east, north), "lateralDeviationError": 0.0}
+    change = {name: 0.0 for name in _COMMAND_UNITS if name in initial_commands}
+    name, amount = case.change
+    change[name] = amount * _COMMAND_UNITS[name]
+    return NamedCommands(
+        initial_commands={key: as_array(value) for key, value in initial_commands.items()},
+        change={key: as_array(value) for key, value in change.items()},
+        change_time=as_array(case.change_time_s),
+        follows_line=as_array(float(case.follows_line)),
+        with_position=case.law == "F16_gnc",
+    )
+
+
+class _LogRecorder(AbstractRecorder):
+    """Recorder of the columns that the published participants log."""
+
+    stride: int = eqx.field(static=True)
+
+    def init(self, aircraft: int) -> None:
+        """Return None: the recorder has no state."""
+
+    def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
+        """Return None: there is no state to update."""
+
+    def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
+        """Return a row by the published column names."""
+        truth, environment = sample.truth, instant.environment
+        state = earth_fixed_state(require_round_earth(environment), truth.state)
+        return log_row(truth.airframe, environment, instant.time, state)
+
+
+def _exact_belief(airframe: F16, environment: Environment, start: EarthFixedState) -> Belief:
+    local_start = local_state(require_round_earth(environment), start)
+    return Belief(
+        airframe, local_start, flight_condition(airframe, environment, 0.0, local_start), jnp.zeros(3), None, None
+    )
+
+
+@compiled_quickly
+def _equivalent_airspeeds(airframe: F16, environments: Environment, starts: EarthFixedState) -> Array:
+    """Return the equivalent airspeed (m/s) at each start."""
+
+    def airspeed(environment: Environment, start: EarthFixedState) -> Scalar:
+        return named_signals(_exact_belief(airframe, environment, start))["equivalentAirspeed"]
+
+    return jax.vmap(airspeed)(environments, starts)
+
+
+def _with_trim_feed_forward(airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands) -> NamedCommands:
+    """Replace the feed-forward of stick and throttle by values with which the law holds each start.
+
+    With the bare trim, the law does not hold the start: it feeds back pitch and angle of attack relative to its design
+    values, 0.015 deg from the start's, and settles 0.31 ft too high. Raises RuntimeError if no feed-forward makes the
+    law output the controls of the trim.
+    """
+    trims, residual = _solve_law_trims(airframe, law, starts, commands)
+    if not np.all(np.asarray(residual) < 1e-10):
+        raise RuntimeError(f"the law's trim was not found: {np.asarray(residual)} rad or of full power remain")
+    initial_commands = {**commands.initial_commands, **{name: trims[:, k] for k, name in enumerate(_LAW_TRIMS)}}
+    return eqx.tree_at(lambda guidance: guidance.initial_commands, commands, initial_commands)
+
+
+@compiled_quickly
+def _solve_law_trims(
+    airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands
+) -> tuple[Float[Array, "case 2"], Float[Array, " case"]]:
+    """Solve for the `_LAW_TRIMS` with which the law outputs the trim controls; residual in rad or full power."""
+
+    def solve(environment: Environment, start: EarthFixedState, trim: Controls, guidance: NamedCommands) -> Solution:
+        belief = _exact_belief(airframe, environment, start)
+
+        def excess(trims: Vector, _: None) -> Vector:
+            command = {**guidance.initial_commands, **{name: trims[k] for k, name in enumerate(_LAW_TRIMS)}}
+            outputs, _, _ = law.control(None, belief, command, 0.0)
+            return jnp.stack([outputs.surfaces[0] - trim.surfaces[0], outputs.throttle - trim.throttle])
+
+        return levenberg_marquardt(excess, None, jnp.stack([guidance.initial_commands[name] for name in _LAW_TRIMS]))
+
+    solution = jax.vmap(solve)(*starts, commands)
+    return solution.x, solution.residual
+
+
+@compiled_quickly
+def _fly_law(
+    airframe: F16, law: DaveMlLaw, starts: Starts, commands: NamedCommands, periods: int, steps: int
+) -> dict[str, Array]:
+    """Return the log of each case, shape (case, time), every `LOG_PERIOD_S` from time 0."""
+    step = jnp.asarray(LOG_PERIOD_S / steps)
+
+    def fly(environment: Environment, start: EarthFixedState, trim_controls: Controls, guidance: NamedCommands) -> dict:
+        vehicle = Vehicle(airframe, IdealSensors(), DirectEstimator(), guidance, law)
+        local_start = local_state(require_round_earth(environment), start)
+        instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step)
+        trimmed = trimmed_vehicle(vehicle, instant, _trim_point(airframe, environment, local_start, trim_controls))
+        return fly_alone(vehicle, environment, trimmed, step, (periods + 1) * steps, _LogRecorder(stride=steps))[2]
+
+    return jax.vmap(fly)(*starts, commands)
+
+
+def _trim_point(
+    airframe: F16, environment: Environment, local_start: AircraftState, trim_controls: Controls
+) -> TrimPoint:
+    data = flight_condition(airframe, environment, 0.0, local_start).air_data
+    zero = jnp.zeros(())
+    return TrimPoint(
+        local_start, trim_controls, zero, data.alpha, data.beta, local_start.power, jnp.asarray(True), zero, zero
+    )

@@ -4,6 +4,7 @@ The families are bent sideways by b_4 and vertically by c_4.
 """
 
 import math
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -18,30 +19,20 @@ from anser.shapes import Scalar, ScalarLike, Vector3
 from anser.spatial.rotations import safe_norm
 from anser.units import DEG_RAD
 from anser.variables import CATALOGUE, SHAPE_VARIABLES
-from anser.verification.checks import Check, Comparison, compare_as_printed, load_published
+from anser.verification.checks import Comparison, compare_as_printed, load_published, make_check
 
 _SPEED_M_S = 150.0
 DURATION_S = 36.0
 """Duration of each path of the published families."""
 _SAMPLES = 3601
 _ERROR_BOUND_PERCENT = 1.3
-_BOUND = "printed bound"
 
 
 def published_path(final_path_angle_deg: ScalarLike, b_4: ScalarLike = 0.0, c_4: ScalarLike = 0.0) -> Trajectory:
-    """Return a path of the published tables of lengths (theory section 6).
+    """Return a path of the published tables of lengths, with shape parameters in m/s^4 (theory section 6).
 
-    Parameters
-    ----------
-    final_path_angle_deg
-        Climb angle at the end, deg.
-    b_4, c_4
-        Lateral and vertical shape parameters, m/s^4.
-
-    Returns
-    -------
-    Trajectory over t in [0, 36] s, from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0; 150 m/s and due North
-    at both ends, level at the start.
+    The path lasts 36 s, from N 0, E 0, altitude 2000 m to N 5000 m, E 0, altitude 0; 150 m/s and due North at both
+    ends, level at the start.
     """
     final = jnp.asarray(final_path_angle_deg) * DEG_RAD
     return fit_trajectory(
@@ -71,41 +62,21 @@ def _lengths(final_path_angle_deg: Scalar, b_4: Scalar, c_4: Scalar) -> tuple[Sc
     return arc_length_estimate(path), summed, summed - step * (speeds[0] + speeds[-1]) / 2
 
 
-def _measure() -> tuple[Comparison, ...]:
+def _measure() -> Iterator[Comparison]:
     published_rows = load_published("arc_lengths")["rows"]
-    estimates, sums, lengths = (
-        np.asarray(x) for x in _lengths(*jnp.array([published_row[:3] for published_row in published_rows]).T)
-    )
-    comparisons = []
+    parameters = jnp.array([published_row[:3] for published_row in published_rows]).T
+    estimates, sums, lengths = map(np.asarray, _lengths(*parameters))
     for (angle, b_4, c_4, estimate, length), *computed in zip(published_rows, estimates, sums, strict=True):
         family = "lateral" if math.isclose(angle, -30.0) else "vertical"
         point = f"gamma_f {angle:g} deg, b_4 {b_4:g}, c_4 {c_4:g}"
-        comparisons.append(compare_as_printed(f"{family}, six-point estimate", point, "m", estimate, computed[0]))
-        comparisons.append(compare_as_printed(f"{family}, sum of 3,601 speeds", point, "m", length, computed[1]))
-    errors = 100.0 * np.abs(estimates / lengths - 1.0)
-    worst = float(errors.max())
-    point = "greatest of the ten"
-    comparisons.append(
-        Comparison("error of the estimate", point, "%", 0.0, worst, _ERROR_BOUND_PERCENT, tolerance_reason=_BOUND)
-    )
-    return tuple(comparisons)
+        yield compare_as_printed(f"{family}, six-point estimate", point, "m", estimate, computed[0])
+        yield compare_as_printed(f"{family}, sum of 3,601 speeds", point, "m", length, computed[1])
+    worst, reason = float(np.max(100.0 * np.abs(estimates / lengths - 1.0))), "printed bound"
+    figures = 0.0, worst, _ERROR_BOUND_PERCENT
+    yield Comparison("error of the estimate", "greatest of the ten", "%", *figures, tolerance_reason=reason)
 
 
-ARC_LENGTHS = Check(
-    key="arc-lengths",
-    title="Arc lengths of the polynomial trajectories",
-    source="[TH] tables 5-2, 5-3, section 5.6.2",
-    tolerance_reason="half the last digit",
-    explanation=(
-        "Five paths bent sideways by b_4 and five bent vertically by c_4, of 36 s each: the published six-point "
-        "estimate, and the published length, which is a sum of 3,601 speeds times 0.01 s, one sample (1.5 m) more than "
-        "the exact length. Printed besides: the estimate is wrong by less than 1.3 percent. anser plans with a "
-        "Gauss-Legendre rule instead. Corrected misprints: the rule's factor (t_f - t_0), the term 4 c_4 t^3 of the "
-        "vertical speed, and the final path angle of the lateral lengths, which is -30 deg and not the -21.8 deg of "
-        "the table of boundary conditions."
-    ),
-    measure=_measure,
-)
+ARC_LENGTHS = make_check("arc-lengths", _measure)
 
 
 _TIMES = 181
@@ -126,11 +97,10 @@ def shape_families() -> dict[str, xr.Dataset]:
     """
     published_rows = load_published("arc_lengths")["rows"]
     # The lateral family ends at another path angle.
-    lateral = {published_row[0] for published_row in published_rows if published_row[1]}
-    families = {
-        "b4": [published_row for published_row in published_rows if published_row[0] in lateral],
-        "c4": [published_row for published_row in published_rows if published_row[0] not in lateral],
-    }
+    lateral_angles = {angle for angle, b_4, *_ in published_rows if b_4}
+    families = {"b4": [], "c4": []}
+    for published_row in published_rows:
+        families["b4" if published_row[0] in lateral_angles else "c4"].append(published_row)
     return {
         name: _dataset(sorted(family, key=lambda published_row: published_row[1:3]))
         for name, family in families.items()
@@ -164,18 +134,11 @@ def _dataset(published_rows: list[list]) -> xr.Dataset:
         for key, values in history.items()
     }
     parameters = {key: np.linspace(history[key][0], history[key][-1], _MEMBERS) for key in _SHAPES}
-    _, _, length, estimate = _paths(
-        jnp.full(_MEMBERS, angle[0]),
-        jnp.asarray(parameters["lateral_shape"]),
-        jnp.asarray(parameters["vertical_shape"]),
-        jnp.asarray(time[:1]),
-    )
+    lateral, vertical = (jnp.asarray(parameters[key]) for key in _SHAPES)
+    _, _, length, estimate = _paths(jnp.full(_MEMBERS, angle[0]), lateral, vertical, jnp.asarray(time[:1]))
     for key, values in (*parameters.items(), ("length", length), ("length_estimate", estimate)):
-        data[f"member_{_VARIABLES[key].name}"] = (
-            ("member",),
-            np.asarray(values),
-            catalogue_attributes(_VARIABLES[key]),
-        )
+        variable = _VARIABLES[key]
+        data[f"member_{variable.name}"] = (("member",), np.asarray(values), catalogue_attributes(variable))
     return xr.Dataset(data, {"time": ("time", time, {"units": "s", "long_name": "Time", "symbol": "t"})})
 
 

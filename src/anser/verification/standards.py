@@ -3,6 +3,7 @@
 WGS-84: the ellipsoid, geodetic positions and normal gravity.
 """
 
+import functools
 import math
 from collections.abc import Iterator
 
@@ -10,82 +11,51 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from anser.environment.atmosphere import Air, StandardAtmosphere, geometric_from_geopotential
+from anser.environment.atmosphere import StandardAtmosphere, geometric_from_geopotential
 from anser.environment.earth import somigliana
 from anser.shapes import Vector3
 from anser.spatial.wgs84 import WGS84, ecef_from_geodetic, geodetic_from_ecef, radii_of_curvature
 from anser.units import DEG_RAD, FOOT_M, RAD_DEG
 from anser.verification.checks import (
-    Check,
     Comparison,
     compare_as_printed,
     half_of_last_digit,
     half_of_significant,
     load_published,
+    make_check,
 )
 
 _AIR_UNITS = {"temperature": "K", "pressure": "Pa", "density": "kg/m^3", "speed_of_sound": "m/s"}
 _air_at = jax.jit(jax.vmap(StandardAtmosphere().at))
 
 
-def _measure_atmosphere() -> tuple[Comparison, ...]:
+def _measure_atmosphere() -> Iterator[Comparison]:
     figures = load_published("ussa76")
     published_rows, bases = figures["geometric"], figures["bases"]
     heights = jnp.array([float(published_row[0]) for published_row in published_rows])
     base_heights = jnp.array([float(base) for base, _ in bases])
     air = _air_at(jnp.concatenate([heights, jax.vmap(geometric_from_geopotential)(base_heights)]))
-    return (
-        *_table(published_rows, figures["last_digit_one_low"]["pressure_Pa"], air),
-        *_bases(bases, air.pressure[len(published_rows) :]),
-    )
-
-
-def _table(published_rows: list, pressure_low_m: list[int], air: Air) -> Iterator[Comparison]:
+    cut_heights_m = figures["last_digit_one_low"]["pressure_Pa"]
     for column, (name, unit) in enumerate(_AIR_UNITS.items(), start=1):
-        values = getattr(air, name)
-        for k, published_row in enumerate(published_rows):
-            if published_row[column] is None:
+        for published_row, computed in zip(published_rows, getattr(air, name), strict=False):
+            printed = published_row[column]
+            if printed is None:
                 continue
-            half_digit = half_of_last_digit(published_row[column])
-            is_cut = name == "pressure" and published_row[0] in pressure_low_m
-            yield Comparison(
-                group=name,
-                point=f"{published_row[0] / 1000:g} km",
-                unit=unit,
-                expected=float(published_row[column]),
-                obtained=float(values[k]),
-                tolerance=2.0 * half_digit if is_cut else half_digit,
-                tolerance_reason="last digit cut, not rounded" if is_cut else "",
-            )
+            is_cut = name == "pressure" and published_row[0] in cut_heights_m
+            tolerance = half_of_last_digit(printed) * (2.0 if is_cut else 1.0)
+            point, reason = f"{published_row[0] / 1000:g} km", "last digit cut, not rounded" if is_cut else ""
+            yield Comparison(name, point, unit, float(printed), float(computed), tolerance, tolerance_reason=reason)
+    for (base, printed), computed in zip(bases, air.pressure[len(published_rows) :], strict=True):
+        yield compare_as_printed("base_pressure", f"{base / 1000:g} km geopotential", "Pa", printed, computed)
 
 
-def _bases(bases: list, pressures: jax.Array) -> Iterator[Comparison]:
-    for (base, printed), obtained in zip(bases, pressures, strict=True):
-        yield compare_as_printed("base_pressure", f"{base / 1000:g} km geopotential", "Pa", printed, obtained)
-
-
-USSA76 = Check(
-    key="ussa76",
-    title="U.S. Standard Atmosphere 1976, sea level to 80 km",
-    source="[USSA76] tab. I, III, 4",
-    tolerance_reason="half the last digit",
-    explanation=(
-        "Temperature, pressure, density and speed of sound at geometric altitudes, and the pressures at the bases of "
-        "the layers. The layers' pressures are chained here from sea level with the standard's own gas constant, "
-        "8.31432 J/(mol K); with the newer 8.31447 none of the printed base pressures would come out. Table I cuts "
-        "the last digit of the pressures at 10, 11, 15, 60 and 80 km instead of rounding it (its equations give "
-        "26499.9, 22700.0, 12111.8, 21.9587 and 1.05247 Pa where it prints 26499, 22699, 12111, 21.958 and 1.0524): "
-        "there the tolerance is one unit of the last digit."
-    ),
-    measure=_measure_atmosphere,
-)
+USSA76 = make_check("ussa76", _measure_atmosphere)
 
 
 _ROUNDING_M = 1e-8
 """Rounding error, about ten units in the last place of 6.4e6 m."""
 _GRAVITY_M_S2 = 1e-9
 """Tolerance: half a unit of the ninth printed decimal of gravity at 45 deg, plus 1e-10 for the formulas' difference."""
-_NESC_TOLERANCE_REASON = "half the last digit of each"
 _DIGITS = 10
 """Significant digits of the check-case data."""
 
@@ -96,10 +66,6 @@ def _convert_both_ways(
 ) -> tuple[Float[Array, "place 3"], Float[Array, "place 3"]]:
     """Return the Earth-fixed points of geodetic positions, and the geodetic positions of Earth-fixed points."""
     return jax.vmap(ecef_from_geodetic)(*positions.T), jnp.stack(jax.vmap(geodetic_from_ecef)(points_e), axis=1)
-
-
-def _measure_earth() -> tuple[Comparison, ...]:
-    return (*_ellipsoid(), *_positions(), *_gravity())
 
 
 def _ellipsoid() -> Iterator[Comparison]:
@@ -160,58 +126,24 @@ def _nesc_position(
 
     The tolerance of one set of coordinates follows from the printed digits of the other.
     """
-    point = "NESC case 11, start"
+    compare = functools.partial(Comparison, point="NESC case 11, start", tolerance_reason="half the last digit of each")
     angles_ft = sum(half_of_significant(angle, _DIGITS) for angle in degrees) * DEG_RAD * float(WGS84.a) / FOOT_M
-    for axis, expected in zip("xyz", feet, strict=True):
-        obtained = float(forward["xyz".index(axis)]) / FOOT_M
-        tolerance = half_of_significant(expected, _DIGITS) + angles_ft
-        yield Comparison(
-            f"NESC ECEF {axis}", point, "ft", expected, obtained, tolerance, tolerance_reason=_NESC_TOLERANCE_REASON
-        )
+    for axis, expected, coordinate in zip("xyz", feet, forward, strict=True):
+        tolerance, obtained = half_of_significant(expected, _DIGITS) + angles_ft, float(coordinate) / FOOT_M
+        yield compare(f"NESC ECEF {axis}", unit="ft", expected=expected, obtained=obtained, tolerance=tolerance)
     point_m = sum(half_of_significant(x, _DIGITS) for x in feet) * FOOT_M
-    radius = float(WGS84.b) * math.cos(degrees[0] * DEG_RAD)
+    angle_deg = point_m / (float(WGS84.b) * math.cos(degrees[0] * DEG_RAD)) * RAD_DEG
     for name, expected, angle in zip(("latitude", "longitude"), degrees, back[:2], strict=True):
-        tolerance = half_of_significant(expected, _DIGITS) + point_m / radius * RAD_DEG
-        yield Comparison(
-            f"NESC {name}",
-            point,
-            "deg",
-            expected,
-            float(angle) * RAD_DEG,
-            tolerance,
-            tolerance_reason=_NESC_TOLERANCE_REASON,
-        )
-    yield Comparison(
-        "NESC height",
-        point,
-        "ft",
-        height_ft,
-        float(back[2]) / FOOT_M,
-        point_m / FOOT_M,
-        tolerance_reason=_NESC_TOLERANCE_REASON,
-    )
+        tolerance, obtained = half_of_significant(expected, _DIGITS) + angle_deg, float(angle) * RAD_DEG
+        yield compare(f"NESC {name}", unit="deg", expected=expected, obtained=obtained, tolerance=tolerance)
+    obtained = float(back[2]) / FOOT_M
+    yield compare("NESC height", unit="ft", expected=height_ft, obtained=obtained, tolerance=point_m / FOOT_M)
 
 
 def _gravity() -> Iterator[Comparison]:
     for latitude_deg, printed in load_published("wgs84")["gravity"]:
-        obtained = float(somigliana(latitude_deg * DEG_RAD))
-        point, tolerance_reason = f"{latitude_deg} deg", "half the 9th decimal, GRS 80"
-        yield Comparison(
-            "gravity", point, "m/s^2", float(printed), obtained, _GRAVITY_M_S2, tolerance_reason=tolerance_reason
-        )
+        figures, reason = (float(printed), float(somigliana(latitude_deg * DEG_RAD))), "half the 9th decimal, GRS 80"
+        yield Comparison("gravity", f"{latitude_deg} deg", "m/s^2", *figures, _GRAVITY_M_S2, tolerance_reason=reason)
 
 
-WGS84_FIGURE = Check(
-    key="wgs84",
-    title="WGS-84: ellipsoid, geodetic and Earth-fixed coordinates, gravity",
-    source="[WGS84] tab. 3.3; Moritz 2000",
-    tolerance_reason="half the last digit",
-    explanation=(
-        "The derived constants as printed in TR8350.2. Equator and poles in closed form, both ways, to 1e-8 m, some "
-        "ten units in the last place of the Earth's radius; the start of NESC case 11 as participant 05 logs it, to "
-        "the digits of its angles and feet. Normal gravity by Somigliana's formula with the coefficients of the first "
-        "WGS 84; the figures are those of GRS 80, from which it was taken: 1e-10 m/s^2 apart at the equator, and "
-        "printed to nine decimals at 45 deg, hence 1e-9 m/s^2. The later WGS 84 has 1.4e-6 m/s^2 less everywhere."
-    ),
-    measure=_measure_earth,
-)
+WGS84_FIGURE = make_check("wgs84", lambda: (*_ellipsoid(), *_positions(), *_gravity()))

@@ -5,18 +5,18 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future
 
 from anser.verification.aerosonde import AEROSONDE_FORCES
 from anser.verification.checks import Check, Outcome
-from anser.verification.f16_files import F16_FILES
-from anser.verification.f16_tables import F16_AERO_SHOTS, F16_ENGINE_SHOTS, THESIS_TABLES
+from anser.verification.f16_data import F16_AERO_SHOTS, F16_ENGINE_SHOTS, F16_FILES, THESIS_TABLES
 from anser.verification.integrator import INTEGRATION_CHECKS
 from anser.verification.linear_models import LINEAR_CHECKS
 from anser.verification.missions import MISSION_CHECKS
 from anser.verification.nesc import NESC_CHECKS
 from anser.verification.polynomial_paths import ARC_LENGTHS
 from anser.verification.standards import USSA76, WGS84_FIGURE
-from anser.verification.textbook_checks import F16_DERIVATIVES, F16_TRIM, F16_TURN
+from anser.verification.textbook import F16_DERIVATIVES, F16_TRIM, F16_TURN
 
 CHECKS: tuple[Check, ...] = (
     USSA76,
@@ -45,17 +45,13 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
     """Select checks by key, without repetition, in the order of `checks`; None selects every check.
 
     A check-case of the NESC may be requested by number, `9`, `13.1` or `nesc-9`; `13` selects the parts of case 13.
-
-    Raises
-    ------
-    ValueError
-        A key is unknown; the message names the closest known key and lists the known keys.
+    Raises ValueError if a key is unknown; the message names the closest known key and lists the known keys.
     """
     checks = CHECKS if checks is None else checks
     if keys is None:
         return tuple(checks)
     known_keys = [check.key for check in checks]
-    requested_keys = [known_key for key in keys for known_key in _expand_key(_normalized_key(key), known_keys)]
+    requested_keys = [known_key for key in keys for known_key in _expand_key(key, known_keys)]
     for key in requested_keys:
         if key not in known_keys:
             close = difflib.get_close_matches(key, known_keys, n=1, cutoff=0.0)
@@ -65,24 +61,20 @@ def select_checks(keys: Iterable[str] | None = None, checks: Sequence[Check] | N
 
 
 def _expand_key(key: str, known_keys: Sequence[str]) -> list[str]:
-    """Return the key, or the keys of the parts of a check-case in several parts."""
-    parts = [
-        candidate
-        for candidate in known_keys
-        if key.startswith("nesc-") and candidate.startswith((f"{key}.", f"{key}-"))
-    ]
-    return [key] if key in known_keys or not parts else parts
-
-
-def _normalized_key(key: str) -> str:
+    """Return the key as in the catalogue, or the keys of the parts of a check-case in several parts."""
     number = re.fullmatch(r"(?:nesc-)?0*(\d{1,2})(\.\d.*)?", key)
-    return f"nesc-{int(number[1]):02d}{number[2] or ''}" if number else key
+    if number:
+        key = f"nesc-{int(number[1]):02d}{number[2] or ''}"
+    parts = [known for known in known_keys if key.startswith("nesc-") and known.startswith((f"{key}.", f"{key}-"))]
+    return [key] if key in known_keys or not parts else parts
 
 
 def verify(
     keys: Iterable[str] | None = None, progress: Progress | None = None, checks: Sequence[Check] | None = None
 ) -> tuple[Outcome, ...]:
-    """Run checks and return their outcomes.
+    """Run checks and return their outcomes, in the order of the checks.
+
+    A check that raises has an outcome that fails; its `problem` is the error. Raises ValueError if a key is unknown.
 
     Parameters
     ----------
@@ -92,15 +84,6 @@ def verify(
         Called before each check, and at the end; from two threads if there are long checks.
     checks
         Available checks; None: `CHECKS`.
-
-    Returns
-    -------
-    Outcomes in the order of the checks. A check that raises has an outcome that fails; its `problem` is the error.
-
-    Raises
-    ------
-    ValueError
-        A key is unknown.
     """
     selected = select_checks(keys, checks)
     finished: list[Check] = []
@@ -114,36 +97,21 @@ def verify(
             finished.append(check)
         return outcomes
 
-    # Most of the time is compilation outside the interpreter's lock: the long checks run in a second thread.
-    background = _BackgroundRun(lambda: run_in_order([check for check in selected if check.long]))
+    # Most of the time is compilation outside the interpreter's lock: the long checks run in a second thread. It is a
+    # daemon, so that an interrupt of the program does not wait for it.
+    background: Future[dict[str, Outcome]] = Future()
+
+    def run_in_background() -> None:
+        try:
+            background.set_result(run_in_order([check for check in selected if check.long]))
+        except BaseException as raised:  # noqa: BLE001 - raised again in the waiting thread
+            background.set_exception(raised)
+
+    threading.Thread(target=run_in_background, daemon=True).start()
     outcomes = run_in_order([check for check in selected if not check.long]) | background.result()
     if progress is not None:
         progress("done", 1.0)
     return tuple(outcomes[check.key] for check in selected)
-
-
-class _BackgroundRun(threading.Thread):
-    """Run of checks in a background thread; an interrupt of the program does not wait for the thread."""
-
-    def __init__(self, work: Callable[[], dict[str, Outcome]]) -> None:
-        super().__init__(daemon=True)
-        self._work = work
-        self._result: dict[str, Outcome] = {}
-        self._raised: BaseException | None = None
-        self.start()
-
-    def run(self) -> None:
-        try:
-            self._result = self._work()
-        except BaseException as raised:  # noqa: BLE001 - raised again in the waiting thread
-            self._raised = raised
-
-    def result(self) -> dict[str, Outcome]:
-        """Wait for the thread and return the outcomes by key; raise the error of the run, if any."""
-        self.join()
-        if self._raised is not None:
-            raise self._raised
-        return self._result
 
 
 def _run(check: Check) -> Outcome:

@@ -1,11 +1,16 @@
-"""F-16 with the constants of Stevens & Lewis' program, with which the textbook's numbers were computed.
+"""Verification of the F-16 by Stevens & Lewis: state derivatives, the steady turn, and trims.
 
-Source: second note of the aircraft's data file. Each constant changes the last digits of a printed number.
+The aircraft has the constants of the textbook's program, with which its numbers were computed. Source: second note of
+the aircraft's data file. Each constant changes the last digits of a printed number.
 """
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import AbstractActuators, Deflections
@@ -15,13 +20,16 @@ from anser.aircraft.engines import AbstractEngine, EnginePower
 from anser.aircraft.f16 import F16
 from anser.aircraft.motion import moment_for_acceleration, state_derivative
 from anser.aircraft_files.library import load_f16
+from anser.compiling.options import compiled_quickly
 from anser.environment.atmosphere import AbstractAtmosphere, Air
 from anser.environment.earth import FlatEarth
 from anser.environment.environment import Environment, SteadyWind
 from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
 from anser.spatial.wind_axes import flow_angles
+from anser.steady.trim import TrimPoint, solve_trim, trim_target
 from anser.units import DEG_RAD, FOOT_M, FT_LBF_N_M, PSF_PA, RAD_DEG, RANKINE_K, SLUG_FT3_KG_M3, SLUG_KG
+from anser.verification.checks import Comparison, half_of_significant, load_published, make_check
 
 TextbookState = Float[Array, "13"]
 """State vector of the textbook: VT (ft/s), alpha, beta, phi, theta, psi (rad), P, Q, R (rad/s).
@@ -157,3 +165,209 @@ def textbook_rates(
     _, euler_rates = jax.jvp(euler_from_quaternion, (state.quaternion,), (rate.quaternion,))
     north, east, down = rate.position_n / FOOT_M
     return jnp.stack([V_dot / FOOT_M, alpha_dot, beta_dot, *euler_rates, *rate.rates_b, north, east, -down, rate.power])
+
+
+SINGLE_PRECISION = 4e-7
+"""Relative error of the textbook's program: about three units in the last place of single precision."""
+_DIGITS = 7
+"""Significant digits of the numbers in the turn example."""
+_CONDITION_STATES = ("VT", "pN", "pE", "h")
+"""States that define the example's condition and are not results of its trim."""
+_STEADY_STATES = ("VT", "alpha", "beta", "phi", "theta", "psi", "P", "Q", "R", "h", "pow")
+"""States whose rates a steady level turn fixes: every state but the horizontal position."""
+_TURN_RATE_RAD_S = 0.3
+
+
+def state_and_controls(figures: dict[str, Any]) -> Float[np.ndarray, "17"]:
+    """Return state and controls of a textbook example as one vector (17,), in the textbook's units."""
+    controls = figures["controls"]
+    surfaces = [controls[f"{name}_deg"] for name in ("elevator", "aileron", "rudder")]
+    return np.array([*figures["state"], controls["throttle"], *surfaces])
+
+
+@compiled_quickly
+def rates_and_slopes(
+    airframe: AbstractAirframe, environment: Environment, x_and_u: Float[Array, "17"]
+) -> tuple[Float[Array, "13"], Float[Array, "13 17"]]:
+    """Return the rates of the textbook's state vector and the derivatives with respect to states and controls."""
+
+    def rates(z: Float[Array, "17"]) -> Float[Array, "13"]:
+        return textbook_rates(airframe, environment, z[:13], z[13:])
+
+    value, directional_derivative = jax.linearize(rates, x_and_u)
+    return value, jax.vmap(directional_derivative, out_axes=1)(jnp.eye(17))
+
+
+def _rates_of(figures: dict[str, Any]) -> tuple[Float[np.ndarray, "13"], Float[np.ndarray, "13 17"]]:
+    airframe, x_and_u = textbook_aircraft(figures["xcg"]), jnp.asarray(state_and_controls(figures))
+    value, slopes = rates_and_slopes(airframe, textbook_environment(), x_and_u)
+    return np.asarray(value), np.asarray(slopes)
+
+
+def _units() -> list[str]:
+    """Return the units of the rates of the textbook's state vector."""
+    units = load_published("textbook_checks")["derivative_table_3_5_2"]["rates_units"]
+    return [unit.replace("/s/s", "/s^2") for unit in units]
+
+
+def _measure_derivatives() -> Iterator[Comparison]:
+    table = load_published("textbook_checks")["derivative_table_3_5_2"]
+    rates, _ = _rates_of(table)
+    for (name, printed), unit, rate in zip(table["rates"].items(), _units(), rates, strict=True):
+        yield Comparison(name, "table 3.5-2", unit, printed, float(rate), SINGLE_PRECISION * abs(printed))
+
+
+def _measure_turn() -> Iterator[Comparison]:
+    example = load_published("textbook_checks")["turn_example_3_6_2"]
+    names = [*example["state_names"], *example["controls"]]
+    states_and_controls = state_and_controls(example)
+    rates, slopes = _rates_of(example)
+    printed = [
+        0.0 if name in _CONDITION_STATES or value == 0.0 else half_of_significant(value, _DIGITS)
+        for name, value in zip(names, states_and_controls, strict=True)
+    ]
+    tolerances = np.abs(slopes) @ (np.array(printed) + SINGLE_PRECISION * np.abs(states_and_controls))
+    for name, unit, rate, tolerance in zip(example["state_names"], _units(), rates, tolerances, strict=True):
+        if name in _STEADY_STATES:
+            expected = _TURN_RATE_RAD_S if name == "psi" else 0.0
+            yield Comparison(f"{name}_dot", "example 3.6-2", unit, expected, float(rate), float(tolerance))
+
+
+F16_DERIVATIVES = make_check("f16-derivatives", _measure_derivatives)
+
+F16_TURN = make_check("f16-turn", _measure_turn)
+
+
+_LEVEL_X_CG = 0.35
+_NOISE = 1e-6
+"""Printed angles of this size (rad, deg) are zeros, up to the noise of the textbook's minimizer."""
+_AILERON_DEG = 2e-5
+"""Half the last digit, 0.5e-5, plus 1.5e-5 for single precision.
+
+The textbook's program resolves the sideslip rate to 5.8e-8 rad/s, 4e-7 of its terms. The corresponding sideslip is
+balanced by 1.5e-5 deg of aileron in the steady turn and 1.3e-5 deg in the pull-up."""
+_PULL_UP_RUDDER_DEG = 3e-5
+"""Half the last digit, 0.5e-5, plus the 2.5e-5 deg of rudder that balance the corresponding sideslip in the pull-up."""
+
+_SINGLE_PRECISION_REASON = "last digit, single precision"
+_NAMES = {
+    "nominal": "x_cg 0.35 c",
+    "xcg030": "x_cg 0.30 c",
+    "coordinated_turn": "turn of 0.3 rad/s",
+    "pull_up": "pull-up of 0.3 rad/s",
+}
+
+
+class TextbookFlight(NamedTuple):
+    """Steady flight of the textbook at sea level.
+
+    Centre of gravity x_cg/c, airspeed (ft/s), turn rate (rad/s), and pitch rate of a pull-up (rad/s).
+    """
+
+    x_cg: float
+    V_ft_s: float
+    turn_rate: float
+    pitch_rate: float = 0.0
+
+
+def trim_published(flights: list[TextbookFlight]) -> tuple[TrimPoint, Float[np.ndarray, "flight 3"]]:
+    """Trim steady flights with the textbook's constants; return stacked trim points, and Euler angles (rad).
+
+    Raises RuntimeError if a flight has no trim; the message names the flight.
+    """
+    points, euler = _trim_all(textbook_aircraft(_LEVEL_X_CG), textbook_environment(), jnp.array(flights))
+    for flight, converged, residual in zip(flights, points.converged, points.residual, strict=True):
+        if not converged:
+            raise RuntimeError(f"no trim found for {flight}: a residual of {float(residual):.1e} remains")
+    return points, np.asarray(euler)
+
+
+@compiled_quickly
+def _trim_all(
+    airframe: TextbookF16, environment: Environment, flights: Float[Array, "flight 4"]
+) -> tuple[TrimPoint, Float[Array, "flight 3"]]:
+    def trim_flight(
+        x_cg: Scalar, V_ft_s: Scalar, turn_rate: Scalar, pitch_rate: Scalar
+    ) -> tuple[TrimPoint, Float[Array, "3"]]:
+        loaded = eqx.tree_at(lambda a: a.f16.x_cg, airframe, x_cg)
+        target = trim_target(V_ft_s * FOOT_M, 0.0, turn_rate=turn_rate, pitch_rate=pitch_rate)
+        point = solve_trim(loaded, environment, target)
+        return point, jnp.stack(euler_from_quaternion(point.state.quaternion))
+
+    return jax.vmap(trim_flight)(*flights.T)
+
+
+def _measure_trims() -> Iterator[Comparison]:
+    checks = load_published("textbook_checks")
+    published_rows, cases = checks["trim_table_3_6_2"]["rows"], checks["trim_table_3_6_3"]["cases"]
+    flights = [TextbookFlight(_LEVEL_X_CG, float(published_row["V_ft_s"]), 0.0) for published_row in published_rows]
+    flights += [
+        TextbookFlight(case["xcg"], case["VT_ft_s"], float(case["turn_rate_rad_s"]), float(case["pitch_rate_rad_s"]))
+        for case in cases
+    ]
+    points, euler = trim_published(flights)
+    figures = [_figures(jax.tree.map(lambda leaf, k=k: leaf[k], points), euler[k]) for k in range(len(flights))]
+    split = len(published_rows)
+    yield from _compare_level(published_rows, figures[:split])
+    yield from _compare_cases(cases, figures[split:])
+
+
+def _figures(point: TrimPoint, euler: Float[np.ndarray, "3"]) -> dict[str, float]:
+    """Return the results of a trim by their published names, in the published units."""
+    elevator, aileron, rudder = (float(angle) * RAD_DEG for angle in point.state.surfaces)
+    power = float(point.power)
+    return {
+        "alpha_deg": float(point.alpha) * RAD_DEG,
+        "alpha_rad": float(point.alpha),
+        "beta_rad": float(point.beta),
+        "phi_rad": float(euler[0]),
+        "theta_rad": float(euler[1]),
+        **dict(zip("PQR", map(float, point.state.rates_b), strict=True)),
+        # beyond full power, the throttle of the textbook's gearing ([SL] TGEAR), which has no stop
+        "throttle": (power + 117.38) / 217.38 if power > 100.0 else float(point.controls.throttle),
+        "elevator_deg": elevator,
+        "aileron_deg": aileron,
+        "rudder_deg": rudder,
+    }
+
+
+def _compare_level(
+    published_rows: list[dict[str, float]], trim_figures: list[dict[str, float]]
+) -> Iterator[Comparison]:
+    """Compare trims in level flight with the printed table.
+
+    Tolerances: three decimals of the throttle, three significant digits of the angles (final zeros are not printed).
+    """
+    for published_row, figures in zip(published_rows, trim_figures, strict=True):
+        for name in ("throttle", "alpha_deg", "elevator_deg"):
+            tolerance = 0.5e-3 if name == "throttle" else half_of_significant(published_row[name], 3)
+            point = f"table 3.6-2, V {published_row['V_ft_s']} ft/s"
+            yield Comparison(name, point, _unit(name), published_row[name], figures[name], tolerance)
+
+
+def _compare_cases(cases: list[dict[str, Any]], trim_figures: list[dict[str, float]]) -> Iterator[Comparison]:
+    """Compare trims with the printed cases, to four significant digits.
+
+    The sideslip has two, printed as 4.8E-4 and 4.1E-5.
+    """
+    for case, figures in zip(cases, trim_figures, strict=True):
+        for name, printed in case["published"].items():
+            if abs(printed) < 10 * _NOISE:
+                tolerance, tolerance_reason = _NOISE, "noise of their minimizer"
+            elif name == "aileron_deg":
+                tolerance, tolerance_reason = _AILERON_DEG, _SINGLE_PRECISION_REASON
+            elif name == "rudder_deg" and case["name"] == "pull_up":
+                tolerance, tolerance_reason = _PULL_UP_RUDDER_DEG, _SINGLE_PRECISION_REASON
+            else:
+                tolerance, tolerance_reason = half_of_significant(printed, 2 if name == "beta_rad" else 4), ""
+            point, pair = f"table 3.6-3, {_NAMES[case['name']]}", (float(printed), figures[name])
+            yield Comparison(name, point, _unit(name), *pair, tolerance, tolerance_reason=tolerance_reason)
+
+
+def _unit(name: str) -> str:
+    if name == "throttle":
+        return ""
+    return name.rpartition("_")[2] if "_" in name else "rad/s"
+
+
+F16_TRIM = make_check("f16-trim", _measure_trims)
