@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.analysis.survey_outcomes import OUTCOMES, REASONS, classify_flights
+from anser.analysis.surveys import OUTCOMES, REASONS, classify_flights
 from anser.simulation.survey_flight import AUTOPILOT_LIMITS, TABLE_AXES, SurveySummary
 
 TOLERANCE = np.array([0.5, 0.005, 0.005])

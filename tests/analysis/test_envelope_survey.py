@@ -9,7 +9,7 @@ import pytest
 
 import anser.report
 from anser.analysis import survey_envelope
-from anser.analysis.survey_outcomes import OUTCOMES, REASONS
+from anser.analysis.surveys import OUTCOMES, REASONS
 from anser.cli import main
 from anser.report import draw_envelope
 from anser.results import read_netcdf

@@ -10,7 +10,7 @@ import pytest
 import anser
 from anser.analysis import robustness_study
 from anser.analysis.robustness import CONDITIONS, FACTORS, FlightPoint, dispersed_cases, single_factor_cases
-from anser.analysis.survey_outcomes import OUTCOMES
+from anser.analysis.surveys import OUTCOMES
 from anser.analysis.trim_points import ConditionError
 from anser.cli import main
 from anser.results.robustness_statistics import success

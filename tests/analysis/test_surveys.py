@@ -21,7 +21,7 @@ class _SquareProgram:
 
 def test_batches_are_padded_and_trimmed():
     reports, program = [], _SquareProgram()
-    survey = Survey(lambda description, part: reports.append((description, part)))
+    survey = Survey(progress=lambda description, part: reports.append((description, part)))
     result = survey.evaluate(
         "squaring", program, 2, np.arange(5), 1, batch_size=3, span=(0.5, 0.9), select=lambda tree: tree["square"]
     )

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from anser.aircraft_files import load_airframe
-from anser.analysis.margins import survey_margins
-from anser.analysis.trim_maps import (
+from anser.analysis.envelope import (
     ALTITUDES_M,
     COMMANDS,
     MACHS,
@@ -16,6 +15,7 @@ from anser.analysis.trim_maps import (
     speed_scale,
     survey_limits,
 )
+from anser.analysis.margins import survey_margins
 from anser.environment import standard_environment
 
 F16, AEROSONDE = load_airframe("f16"), load_airframe("aerosonde")

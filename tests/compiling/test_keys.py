@@ -4,6 +4,8 @@ import pytest
 
 import anser.compiling.keys as keys
 from anser.analysis.linear_models import _open_model
+from anser.analysis.loop_margins import analyse_rows
+from anser.analysis.trim_points import map_points
 from anser.missions.plans import _start_flight
 from anser.missions.segments import fly_segment
 from anser.results import to_dataset
@@ -12,7 +14,8 @@ from anser.steady import solve_trim
 
 @pytest.fixture
 def package(tmp_path, monkeypatch):
-    for path in ("shapes.py", "simulation/loop.py", "simulation/numbers.json", "report/page.py", "report/page.css"):
+    kernels = ("shapes.py", "simulation/loop.py", "simulation/numbers.json", "analysis/linearization.py")
+    for path in (*kernels, "analysis/margins.py", "report/page.py", "report/page.css"):
         (tmp_path / path).parent.mkdir(exist_ok=True)
         (tmp_path / path).write_text("1")
     monkeypatch.setattr(keys, "_PACKAGE", tmp_path)
@@ -25,6 +28,8 @@ def package(tmp_path, monkeypatch):
         ("shapes.py", True, True),
         ("simulation/loop.py", True, True),
         ("simulation/numbers.json", True, True),
+        ("analysis/linearization.py", True, True),
+        ("analysis/margins.py", False, True),
         ("report/page.py", False, True),
         ("report/page.css", False, False),
     ],
@@ -43,7 +48,7 @@ def test_a_renamed_file_changes_the_hash(package):
 
 
 def test_programs_of_kernels_depend_on_kernels_only():
-    for program in (fly_segment, _start_flight):
+    for program in (fly_segment, _start_flight, _open_model, analyse_rows):
         assert keys._source_hash(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
-    for function in (to_dataset, (solve_trim, to_dataset), _open_model._function):
+    for function in (to_dataset, (solve_trim, to_dataset), map_points._function):
         assert keys._source_hash(keys.describe_value(function)) == keys._ALL_SOURCES

@@ -153,3 +153,6 @@ def test_filters_support_gradients_and_batches_and_refuse_complex_poles():
         np.testing.assert_allclose(root, DRYDEN_TRANSVERSE.transition(span)[1], rtol=1e-12)
     with pytest.raises(ValueError, match="expected real ones"):
         modal_filter(1.0, (1.0,), (1.0, 0.1, 1.0))
+    for repeated in ((1.0, 2.0, 1.0), (1.0, 3.0, 3.0, 1.0)):
+        with pytest.raises(ValueError, match="a pole is repeated"):
+            modal_filter(1.0, (1.0,), repeated)

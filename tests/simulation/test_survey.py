@@ -49,7 +49,7 @@ def points():
     """The points in one compiled call, by name."""
     h, V, gamma, turn = (jnp.asarray(column) for column in np.array(list(POINTS.values())).T)
     zero = jnp.zeros_like(h)
-    targets = TrimTarget(V, h, gamma, zero, turn, zero)
+    targets = TrimTarget(V, h, gamma, zero, turn, zero, zero)
     map_points = eqx.filter_jit(jax.vmap(lambda target: trim_map_point(AIRFRAME, ENVIRONMENT, target)))(targets)
     return {name: jax.tree.map(lambda leaf, k=k: leaf[k], (map_points, targets)) for k, name in enumerate(POINTS)}
 

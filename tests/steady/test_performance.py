@@ -24,7 +24,7 @@ solved = compiled_quickly(solve_trim)
 
 def performance_of(airframe, speed, altitude):
     zero = jnp.zeros(())
-    point = solve_trim(airframe, STILL, TrimTarget(speed, altitude, zero, zero, zero, zero))
+    point = solve_trim(airframe, STILL, TrimTarget(speed, altitude, zero, zero, zero, zero, zero))
     return performance_at(airframe, STILL, flight_condition(airframe, STILL, 0.0, point.state), point.state.surfaces)
 
 

@@ -126,7 +126,7 @@ def test_a_pitch_rate_in_a_turn_is_refused_and_marked_where_it_is_traced():
 
 def test_a_target_of_six_fields_has_no_pitch_rate():
     zero = jnp.zeros(3)
-    target = TrimTarget(zero + 150.0, zero + 1000.0, zero, zero, zero, zero)
+    target = TrimTarget(zero + 150.0, zero + 1000.0, zero, zero, zero, zero, zero)
     np.testing.assert_array_equal(target.pitch_rate, zero)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from anser.analysis.survey_outcomes import OUTCOMES, REASONS
+from anser.analysis.surveys import OUTCOMES, REASONS
 
 REACHED, FAILED, NOT_FLOWN = (OUTCOMES.index(name) for name in ("reached", "failed", "not_flown"))
 

@@ -30,8 +30,9 @@ from anser.compiling.options import compiled, enable_compilation_cache
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.results.documents import version_attributes
-from anser.results.variable_labels import unit_attributes
+from anser.results.variable_labels import scatter_rows, unit_attributes
 from anser.shapes import Scalar
+from anser.spatial.wind_axes import air_direction_b
 from anser.steady.trim import trim_target
 from anser.units import DEG_RAD, RAD_DEG
 
@@ -57,6 +58,8 @@ def survey_airframe(
 ) -> "xr.Dataset":
     """Compute the coefficients, the thrust and the level flights of an airframe over a range of airspeeds.
 
+    Raises as `resolve_airframe`.
+
     Parameters
     ----------
     aircraft, variant
@@ -71,13 +74,6 @@ def survey_airframe(
     xr.Dataset
         Coefficients over `alpha` and over `beta`, thrust over `airspeed` and `power`, and level flights over
         `airspeed`: angle of attack, power, deflections, and a flag for flights within the limits.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name.
-    ScenarioError
-        The aircraft file is not valid.
     """
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant)
@@ -90,48 +86,34 @@ def survey_airframe(
     zeros = np.zeros(_ANGLES)
     over_alpha = _coefficients(airframe, environment, mean_speed, as_array(alphas), as_array(zeros))
     over_beta = _coefficients(airframe, environment, mean_speed, as_array(zeros + _ALPHA), as_array(betas))
-    targets = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(trim_target(V, altitude_m) for V in speeds))
-    points = map_points(airframe, environment, targets)
+    targets = jax.vmap(trim_target, in_axes=(0, None))(as_array(speeds), altitude_m)
+    points = map_points((airframe, environment), (targets, None))
     thrust = _thrusts(airframe, environment, as_array(speeds), as_array(POWERS), as_array(altitude_m))
     converged = np.asarray(points.trim.converged)
-
-    def level_flight(values: Array, unit: str, long_name: str, *dimensions: str) -> tuple[Any, ...]:
-        array = np.asarray(values)
-        mask = converged.reshape(-1, *(1,) * (array.ndim - 1))
-        return (("airspeed", *dimensions), np.where(mask, array, np.nan), unit_attributes(unit, long_name))
-
+    trim_alpha, trim_power, trim_surfaces = (
+        scatter_rows(np.asarray(values)[converged], converged)
+        for values in (points.trim.alpha * RAD_DEG, points.trim.power, points.trim.state.surfaces * RAD_DEG)
+    )
+    variables = (
+        ("over_alpha", ("alpha", "coefficient"), over_alpha, "1", "Coefficient, no sideslip"),
+        ("over_beta", ("beta", "coefficient"), over_beta, "1", "Coefficient over sideslip"),
+        ("thrust", ("airspeed", "power"), thrust, "N", "Thrust"),
+        ("trimmable", ("airspeed",), points.trimmable, "1", "Whether level flight is within all limits"),
+        ("trim_alpha_deg", ("airspeed",), trim_alpha, "degree", "Angle of attack in level flight"),
+        ("trim_power", ("airspeed",), trim_power, "percent", "Power in level flight"),
+        ("trim_surface_deg", ("airspeed", "surface"), trim_surfaces, "degree", "Deflection in level flight"),
+        ("alpha", ("alpha",), alphas * RAD_DEG, "degree", "Angle of attack"),
+        ("beta", ("beta",), betas * RAD_DEG, "degree", "Sideslip"),
+        ("airspeed", ("airspeed",), speeds, "m s-1", "True airspeed"),
+        ("power", ("power",), POWERS, "percent", "Engine power"),
+        ("coefficient", ("coefficient",), COEFFICIENTS, "", "Coefficient"),
+        ("surface", ("surface",), airframe.actuators.names, "", "Control surface"),
+    )
     data = {
-        "over_alpha": (
-            ("alpha", "coefficient"),
-            np.asarray(over_alpha),
-            unit_attributes("1", "Coefficient, no sideslip"),
-        ),
-        "over_beta": (
-            ("beta", "coefficient"),
-            np.asarray(over_beta),
-            unit_attributes("1", "Coefficient over sideslip"),
-        ),
-        "thrust": (("airspeed", "power"), np.asarray(thrust), unit_attributes("N", "Thrust")),
-        "trimmable": (
-            "airspeed",
-            np.asarray(points.trimmable),
-            unit_attributes("1", "Whether level flight is within all limits"),
-        ),
-        "trim_alpha_deg": level_flight(points.trim.alpha * RAD_DEG, "degree", "Angle of attack in level flight"),
-        "trim_power": level_flight(points.trim.power, "percent", "Power in level flight"),
-        "trim_surface_deg": level_flight(
-            points.trim.state.surfaces * RAD_DEG, "degree", "Deflection in level flight", "surface"
-        ),
+        name: (dimensions, np.asarray(values), unit_attributes(unit, long_name))
+        for name, dimensions, values, unit, long_name in variables
     }
-    coordinates = {
-        "alpha": ("alpha", alphas * RAD_DEG, unit_attributes("degree", "Angle of attack")),
-        "beta": ("beta", betas * RAD_DEG, unit_attributes("degree", "Sideslip")),
-        "airspeed": ("airspeed", speeds, unit_attributes("m s-1", "True airspeed")),
-        "power": ("power", np.asarray(POWERS), unit_attributes("percent", "Engine power")),
-        "coefficient": ("coefficient", np.array(COEFFICIENTS), unit_attributes("", "Coefficient")),
-        "coefficient_meaning": ("coefficient", np.array(_COEFFICIENT_MEANINGS)),
-        "surface": ("surface", np.array(airframe.actuators.names), unit_attributes("", "Control surface")),
-    }
+    coordinates = {"coefficient_meaning": ("coefficient", np.array(_COEFFICIENT_MEANINGS))}
     attributes |= {"altitude_m": altitude_m, "dimensionless": int(_sizes(airframe) is not None)}
     import xarray as xr
 
@@ -157,18 +139,14 @@ def _sizes(airframe: AbstractAirframe) -> tuple[Scalar, Scalar, Scalar] | None:
 def _coefficients(
     airframe: AbstractAirframe, environment: Environment, V: Scalar, alphas: Array, betas: Array
 ) -> Float[Array, "angle 6"]:
-    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of angle of attack and sideslip (rad) and airspeed V (m/s).
-
-    Forces and moments are divided by the dynamic pressure and, if the airframe has these sizes, by wing area, span and
-    chord.
-    """
+    """Compute CL, CD, CY, Cl, Cm, Cn at pairs of alpha and beta (rad); without sizes over dynamic pressure alone."""
     sizes = _sizes(airframe)
     S, b, c = (jnp.ones(()),) * 3 if sizes is None else sizes
     air = environment.atmosphere.at(0.0)
 
     def coefficients_at(alpha: Scalar, beta: Scalar) -> Float[Array, "6"]:
-        ca, sa, cb, sb = jnp.cos(alpha), jnp.sin(alpha), jnp.cos(beta), jnp.sin(beta)
-        data = air_data(V * jnp.stack([ca * cb, sb, sa * cb]), 0.0, air)
+        ca, sa = jnp.cos(alpha), jnp.sin(alpha)
+        data = air_data(V * air_direction_b(alpha, beta), 0.0, air)
         neutral = airframe.actuators.scheduled_position(jnp.zeros(len(airframe.actuators.names)), data)
         wrench = airframe.aerodynamics(data, jnp.zeros(3), neutral)
         X, Y, Z = wrench.force_b / (data.qbar * S)
@@ -193,10 +171,7 @@ def _thrusts(
 
 @dataclass(frozen=True)
 class AirframeEntry:
-    """Entry in the list of airframes.
-
-    An airframe whose entry point could not be loaded has no numbers; `problem` gives the reason.
-    """
+    """Entry in the list of airframes; without numbers, and with a `problem`, if an entry point could not be loaded."""
 
     name: str
     origin: str
@@ -222,14 +197,8 @@ def list_airframes() -> list[AirframeEntry]:
 def _library_entry(name: str, origin: str) -> AirframeEntry:
     airframe = load_airframe(name)
     span = getattr(airframe, "span", None)
-    return AirframeEntry(
-        name,
-        origin,
-        float(airframe.mass_properties.mass),
-        None if span is None else float(span),
-        valid_airspeed_range(airframe),
-        airframe.actuators.names,
-    )
+    mass_kg, span_m = float(airframe.mass_properties.mass), None if span is None else float(span)
+    return AirframeEntry(name, origin, mass_kg, span_m, valid_airspeed_range(airframe), airframe.actuators.names)
 
 
 def find_aircraft_file(name: str) -> AirframeFile | DaveMlFile | None:
@@ -261,13 +230,9 @@ def describe_airframe(airframe: AbstractAirframe) -> list[tuple[str, str, str]]:
         for name, index in (("xy", (0, 1)), ("xz", (0, 2)), ("yz", (1, 2)))
         if J[index] != 0.0
     ]
-    for description, name, unit in (
-        ("span", "span", "m"),
-        ("wing area", "wing_area", "m^2"),
-        ("mean chord", "mean_chord", "m"),
-    ):
-        value = getattr(airframe, name, None)
-        quantities += [] if value is None else [(description, f"{float(value):.6g}", unit)]
+    for name, unit in (("span", "m"), ("wing_area", "m^2"), ("mean_chord", "m")):
+        size = getattr(airframe, name, None)
+        quantities += [] if size is None else [(name.replace("_", " "), f"{float(size):.6g}", unit)]
     lower, upper = (np.asarray(end) * RAD_DEG for end in (actuators.lower, actuators.upper))
     for k, name in enumerate(actuators.names):
         speed, lag = float(actuators.rate_limit[k]) * RAD_DEG, float(actuators.time_constant[k])
@@ -291,10 +256,7 @@ def trim_speed_range(dataset: Any) -> tuple[float, float] | None:
 def check_dave_ml(path: str) -> ModelCheck:
     """Compare a DAVE-ML file with its check data, find suspicious data, and list inputs and outputs.
 
-    Raises
-    ------
-    ScenarioError
-        The file is not a DAVE-ML file.
+    Raises ScenarioError if the file is not a DAVE-ML file.
     """
     enable_compilation_cache()
     return check_model(path)
@@ -303,14 +265,8 @@ def check_dave_ml(path: str) -> ModelCheck:
 def check_airframe(aircraft: str, variant: str = "textbook") -> tuple[tuple[CheckedValue, ...], tuple[Finding, ...]]:
     """Compare an aircraft with the check data of its file, and find suspicious data.
 
-    For the F-16, which has no check data, suspicious points of the tables are found.
-
-    Raises
-    ------
-    ValueError
-        The airframe comes from an entry point: no file and no tables can be checked.
-    ScenarioError
-        The aircraft file is not valid.
+    For the F-16, which has no check data, suspicious points of the tables are found. Raises ValueError if the airframe
+    comes from an entry point (no file and no tables can be checked), ScenarioError if the aircraft file is not valid.
     """
     enable_compilation_cache()
     file = find_aircraft_file(aircraft)

@@ -4,7 +4,7 @@ Also the steady descents at these trims, the dataset and the JSON document.
 """
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -20,28 +20,19 @@ from anser.compiling.options import compiled, enable_compilation_cache
 from anser.environment.atmosphere import AbstractAtmosphere
 from anser.environment.environment import standard_environment
 from anser.results.documents import version_attributes
+from anser.results.variable_labels import unit_attributes
 from anser.shapes import Scalar, ScalarLike, Vector
 from anser.units import DEG_RAD, RAD_DEG
 
 _NEWTON_STEPS = 12
 _CM_TOLERANCE = 1e-10
 _SPEED_STEPS = 60
-AnyF16 = TypeVar("AnyF16", bound=AbstractF16)
 
 
 class PitchBranch(eqx.Module):
-    """Curve of pitch trims over angle of attack and centre of gravity, as a sequence of points.
+    """Points of a curve of pitch trims: angle of attack (rad), centre of gravity, and dCm/dalpha (negative: stable).
 
-    Attributes
-    ----------
-    alpha
-        Angle of attack, rad, shape (points,).
-    x_cg
-        Centre of gravity, fraction of the chord.
-    slope
-        dCm/dalpha at the trim, 1/rad; negative: stable.
-    balanced
-        True if the pitching moment vanishes at the point; False from the first point at which no trim was found.
+    `balanced` is True if the pitching moment vanishes at the point, and False from the first point without a trim.
     """
 
     alpha: Vector
@@ -51,15 +42,7 @@ class PitchBranch(eqx.Module):
 
 
 class SteadyDescent(eqx.Module):
-    """Steady straight descent at an angle of attack: wings level, engine idling.
-
-    Attributes
-    ----------
-    speed
-        True airspeed, m/s.
-    path_angle, pitch
-        Flight-path angle and pitch angle, rad.
-    """
+    """Steady straight descent, wings level, engine idling: true airspeed (m/s), path angle and pitch angle (rad)."""
 
     speed: Scalar
     path_angle: Scalar
@@ -71,18 +54,8 @@ def pitching_moment(
 ) -> Scalar:
     """Compute the pitching-moment coefficient Cm without sideslip and rates.
 
-    The elevator is fixed, aileron and rudder are at 0, the flap is at its schedule.
-
-    Parameters
-    ----------
-    airframe
-        F-16 whose centre of gravity is replaced by `x_cg`.
-    mach
-        Mach number for the flap's schedule.
-    elevator, alpha
-        Deflection and angle of attack, rad.
-    x_cg
-        Centre of gravity, fraction of the chord.
+    Elevator and angle of attack are in rad, `x_cg` replaces the airframe's centre of gravity (fraction of the chord).
+    Aileron and rudder are at 0, the flap is at its schedule for the Mach number.
     """
     shifted = eqx.tree_at(lambda a: a.x_cg, airframe, jnp.asarray(x_cg))
     data = _flow(mach, alpha)
@@ -229,10 +202,10 @@ def deep_stall(
     Sideslip and rates are 0, the flap is at its schedule. The curve of trims starts at the rearmost centre of gravity
     and is followed forward through the fold, at which the stable and the unstable trim merge.
 
+    Raises ValueError if the deflection is beyond the stops, or the data do not contain `alpha_from_deg`.
+
     Parameters
     ----------
-    variant
-        Variant of the F-16.
     x_cg_over_c
         Centres of gravity, fractions of the chord.
     elevator_deg
@@ -250,11 +223,6 @@ def deep_stall(
         `pitching_moment` over (x_cg, alpha); the followed curve `branch_alpha`, `branch_x_cg`, `branch_slope` over
         (point); the trims at the requested centres of gravity `trim_alpha`, `trim_x_cg`, `trim_stable`, `trim_speed`,
         `trim_path_angle`, `trim_pitch` over (trim).
-
-    Raises
-    ------
-    ValueError
-        The deflection is beyond the stops, or the data do not contain `alpha_from_deg`.
     """
     enable_compilation_cache()
     airframe, environment = load_airframe("f16", variant), standard_environment()
@@ -273,38 +241,30 @@ def deep_stall(
     moments = np.asarray(_curves(*case, jnp.asarray(alphas * DEG_RAD), jnp.asarray(centres)))
     trims = [(x, *trim) for x, curve in zip(centres, moments, strict=True) for trim in _roots(alphas, curve)]
     branch = _branch(case, [trim for trim in trims if trim[0] == centres[-1]], (alpha_from_deg, high), centres[-1])
-    trim_alphas = np.array([alpha for _, alpha, _ in trims])
-    descents = (
-        _descents(
-            airframe, environment, jnp.asarray(altitude_m, dtype=float), case[2], jnp.asarray(trim_alphas * DEG_RAD)
-        )
-        if trims
-        else None
+    trim_x_cg, trim_alphas, trim_stable = np.array(trims).reshape(-1, 3).T
+    descents = SteadyDescent(*jnp.zeros((3, 0)))
+    if trims:
+        descent_alphas = jnp.asarray(trim_alphas * DEG_RAD)
+        altitude = jnp.asarray(altitude_m, dtype=float)
+        descents = jax.tree.map(np.asarray, _descents(airframe, environment, altitude, case[2], descent_alphas))
+    variables = (
+        ("pitching_moment", ("x_cg", "alpha"), moments, "1", "pitching moment coefficient"),
+        ("branch_alpha", "point", branch.alpha * RAD_DEG, "deg", "angle of attack"),
+        ("branch_x_cg", "point", branch.x_cg, "1", "centre of gravity"),
+        ("branch_slope", "point", branch.slope, "rad-1", "slope of Cm against alpha"),
+        ("trim_alpha", "trim", trim_alphas, "deg", "angle of attack"),
+        ("trim_x_cg", "trim", trim_x_cg, "1", "centre of gravity"),
+        ("trim_stable", "trim", trim_stable.astype(int), "", "stable in pitch"),
+        ("trim_speed", "trim", descents.speed, "m s-1", "true airspeed of the steady descent"),
+        ("trim_path_angle", "trim", descents.path_angle * RAD_DEG, "deg", "path angle"),
+        ("trim_pitch", "trim", descents.pitch * RAD_DEG, "deg", "pitch angle"),
+        ("x_cg", "x_cg", centres, "1", "centre of gravity"),
+        ("alpha", "alpha", alphas, "deg", "angle of attack"),
     )
-
-    def angle(name: str) -> np.ndarray:
-        return np.zeros(0) if descents is None else np.asarray(getattr(descents, name)) * RAD_DEG
-
     return xr.Dataset(
         {
-            "pitching_moment": (("x_cg", "alpha"), moments, {"long_name": "pitching moment coefficient", "units": "1"}),
-            "branch_alpha": ("point", branch.alpha * RAD_DEG, {"long_name": "angle of attack", "units": "deg"}),
-            "branch_x_cg": ("point", branch.x_cg, {"long_name": "centre of gravity", "units": "1"}),
-            "branch_slope": ("point", branch.slope, {"long_name": "slope of Cm against alpha", "units": "rad-1"}),
-            "trim_alpha": ("trim", trim_alphas, {"long_name": "angle of attack", "units": "deg"}),
-            "trim_x_cg": ("trim", np.array([x for x, _, _ in trims]), {"long_name": "centre of gravity", "units": "1"}),
-            "trim_stable": ("trim", np.array([int(s) for _, _, s in trims]), {"long_name": "stable in pitch"}),
-            "trim_speed": (
-                "trim",
-                np.zeros(0) if descents is None else np.asarray(descents.speed),
-                {"long_name": "true airspeed of the steady descent", "units": "m s-1"},
-            ),
-            "trim_path_angle": ("trim", angle("path_angle"), {"long_name": "path angle", "units": "deg"}),
-            "trim_pitch": ("trim", angle("pitch"), {"long_name": "pitch angle", "units": "deg"}),
-        },
-        coords={
-            "x_cg": ("x_cg", centres, {"long_name": "centre of gravity", "units": "1"}),
-            "alpha": ("alpha", alphas, {"long_name": "angle of attack", "units": "deg"}),
+            name: (dimensions, values, unit_attributes(unit, long_name))
+            for name, dimensions, values, unit, long_name in variables
         },
         attrs={
             "aircraft": "f16",
@@ -315,6 +275,17 @@ def deep_stall(
             **version_attributes(),
         },
     )
+
+
+_TRIM_KEYS = {
+    "x_cg_over_c": "trim_x_cg",
+    "alpha_deg": "trim_alpha",
+    "stable": "trim_stable",
+    "speed_m_s": "trim_speed",
+    "path_angle_deg": "trim_path_angle",
+    "pitch_deg": "trim_pitch",
+}
+"""Variable of the dataset for each key of a trim in the JSON document."""
 
 
 def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
@@ -332,24 +303,18 @@ def deep_stall_document(dataset: xr.Dataset) -> dict[str, Any]:
             for x, curve in zip(dataset["x_cg"].values, dataset["pitching_moment"].values, strict=True)
         ],
         "trims": [
-            {
-                "x_cg_over_c": float(trim["trim_x_cg"]),
-                "alpha_deg": float(trim["trim_alpha"]),
-                "stable": bool(trim["trim_stable"]),
-                "speed_m_s": float(trim["trim_speed"]),
-                "path_angle_deg": float(trim["trim_path_angle"]),
-                "pitch_deg": float(trim["trim_pitch"]),
-            }
-            for trim in (dataset.isel(trim=k) for k in range(dataset.sizes["trim"]))
+            {key: dataset[name].values[k].item() for key, name in _TRIM_KEYS.items()}
+            | {"stable": bool(dataset["trim_stable"][k])}
+            for k in range(dataset.sizes["trim"])
         ],
         "appears": None if onset is None else {"x_cg_over_c": onset[0], "alpha_deg": onset[1]},
     }
 
 
 def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
-    """Return the foremost centre of gravity with a deep stall, and the angle of attack there (deg).
+    """Return the foremost centre of gravity with a deep stall (fraction of the chord), and the alpha there, deg.
 
-    The centre of gravity is a fraction of the chord. None if the followed curve of trims is empty.
+    None if the followed curve of trims is empty.
     """
     x_cg = dataset["branch_x_cg"].values
     if not np.isfinite(x_cg).any():
@@ -359,10 +324,7 @@ def deep_stall_onset(dataset: xr.Dataset) -> tuple[float, float] | None:
 
 
 def _roots(alphas: np.ndarray, moments: np.ndarray) -> list[tuple[float, bool]]:
-    """Return the angles of attack (deg) at which a moment curve crosses 0, each with a flag: True for a stable trim.
-
-    A trim is stable if the curve falls.
-    """
+    """Return the angles of attack (deg) at which a moment curve crosses 0, and whether each is stable (it falls)."""
     intervals = np.flatnonzero(moments[:-1] * moments[1:] < 0.0)
     return [
         (
@@ -379,10 +341,7 @@ def _branch(
     alpha_range_deg: tuple[float, float],
     x_cg_max: float,
 ) -> PitchBranch:
-    """Follow the curve of trims in both directions from the last stable trim.
-
-    Without a stable trim, the curve is a single NaN point.
-    """
+    """Follow the curve of trims in both directions from the last stable trim; without one, return a NaN point."""
     stable = [trim for trim in trims if trim[2]]
     if not stable:
         missing = jnp.full(1, jnp.nan)

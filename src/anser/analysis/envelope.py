@@ -1,88 +1,266 @@
-"""Envelope survey: steady flight at every point of the trim map, and step commands flown from there."""
+"""Envelope of an aircraft: trim map over altitude and Mach number, and step commands flown from its points.
+
+Also the commands, accepted errors and autopilot limits that the other surveys share.
+"""
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from anser.aircraft.airframe import AbstractAirframe
-from anser.analysis.survey_outcomes import OUTCOMES, REASONS, flight_coordinates, flight_variables
+from anser.aircraft.f16 import AbstractF16
+from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.surveys import (
+    OUTCOMES,
+    REASONS,
+    FlightRows,
     Survey,
     SurveyResult,
     flight_attributes,
-    is_beyond_limits,
+    flight_coordinates,
     sample_count,
     select_rows,
+    trim_stop,
 )
-from anser.analysis.trim_maps import (
-    COMMANDS,
-    GRID_DIMENSIONS,
-    TrimMap,
-    accepted_errors,
-    command_meanings,
-    speed_scale,
-    survey_limits,
-    trim_map,
-)
-from anser.analysis.trim_points import Inversion, resolve_airframe, survey_gains
-from anser.compiling.options import compiled
-from anser.control.gains import AutopilotGains
+from anser.analysis.trim_points import Inversion, map_points, survey_gains
 from anser.control.limits import FlightLimits
-from anser.environment.environment import Environment, standard_environment
+from anser.environment.environment import Environment
 from anser.missions.batches import Progress
-from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
-from anser.simulation.survey_flight import SurveySummary, survey_flight
-from anser.steady.trim import TRIM_OBSTACLES, TrimPoint, TrimTarget
-from anser.units import RAD_DEG
+from anser.results.variable_labels import scatter_rows, unit_attributes
+from anser.steady.trim import TrimMapPoint, TrimTarget, trim_target
+from anser.units import DEG_RAD, RAD_DEG
+
+RESERVE_MIN = 0.1
+"""Least reserve of a point "with reserve": fraction of the power, up and down, and of each surface's travel."""
+
+GRID_DIMENSIONS = ("condition", "altitude", "mach")
+"""Dimensions of the grid."""
 
 
-def _map_variables(trims: TrimMap) -> dict[str, Any]:
-    points = trims.points
-    trimmable, solved = np.asarray(points.trimmable), np.asarray(points.trim.converged)
-    stop = np.where(trimmable, 0, 1 + np.asarray(points.obstacles).argmax(axis=1)).astype(np.int32)
+class TrimMap(NamedTuple):
+    """Steady flights over a grid of condition (one of `CONDITIONS`), altitude and Mach number.
 
-    def solved_variable(values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
+    Attributes
+    ----------
+    altitudes, machs
+        Axes of the grid: altitude in m, and Mach number.
+    airspeeds
+        True airspeed, m/s, shape (altitude, mach).
+    targets, points
+        Trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest.
+    """
+
+    altitudes: np.ndarray
+    machs: np.ndarray
+    airspeeds: np.ndarray
+    targets: TrimTarget
+    points: TrimMapPoint
+
+    def gridded(self, values: Any) -> np.ndarray:
+        """Reshape values of the trim points, shape (points, ...), to shape (condition, altitude, mach, ...)."""
         array = np.asarray(values)
-        solved_values = np.where(solved.reshape(-1, *(1,) * (array.ndim - 1)), array, np.nan)
-        return trims.variable(
-            solved_values * RAD_DEG if unit == "degree" else solved_values, unit, long_name, *dimensions
-        )
+        return array.reshape(len(CONDITIONS), *self.airspeeds.shape, *array.shape[1:])
 
-    stop_labels = flag_attributes("What stops the steady flight, the first of several", ("none", *TRIM_OBSTACLES))
-    return {
-        "trimmable": trims.variable(trimmable, "1", "Whether the steady flight can be flown"),
-        "trim_stop": (GRID_DIMENSIONS, trims.gridded(stop), stop_labels),
-        "with_reserve": trims.with_reserve(),
-        "alpha_deg": solved_variable(points.trim.alpha, "degree", "Angle of attack"),
-        "bank_deg": solved_variable(points.trim.mu, "degree", "Bank about the velocity vector"),
-        "power_percent": solved_variable(points.trim.power, "percent", "Engine power"),
-        "load_factor": solved_variable(points.load_factor, "1", "Normal load factor"),
-        "surface_deg": solved_variable(points.trim.state.surfaces, "degree", "Deflection", "surface"),
-        "power_left": solved_variable(points.power_margin, "1", "Power left up to the full, part of it"),
-        "power_spare": solved_variable(points.power_above_idle, "1", "Power that can be taken back, part of the full"),
-        "surface_left": solved_variable(
-            points.surface_margin, "1", "Way left to the stop, part of that from the middle", "surface"
-        ),
-    }
+    def variable(self, values: Any, unit: str, long_name: str, *dimensions: str) -> Any:
+        """Return the dataset variable of values of the trim points; `dimensions` names the further axes."""
+        return (*GRID_DIMENSIONS, *dimensions), self.gridded(values), unit_attributes(unit, long_name)
+
+    def with_reserve(self) -> Any:
+        """Return the dataset variable that is true at points with at least `RESERVE_MIN` in reserve."""
+        points = self.points
+        power_reserve = np.minimum(np.asarray(points.power_margin), np.asarray(points.power_above_idle))
+        reserve = np.minimum(power_reserve, np.asarray(points.surface_margin).min(axis=1))
+        long_name = "Whether a tenth of power and surfaces is left"
+        return self.variable(np.asarray(points.trimmable) & (reserve >= RESERVE_MIN), "1", long_name)
+
+    def coordinates(self, condition: str) -> dict[str, Any]:
+        """Return the dataset coordinates of the grid; `condition` is the long name of the axis of steady flights."""
+        return {
+            "condition": ("condition", np.array([c.name for c in CONDITIONS]), unit_attributes("", condition)),
+            "condition_meaning": ("condition", np.array([c.meaning for c in CONDITIONS])),
+            "altitude": ("altitude", self.altitudes, unit_attributes("m", "Geometric altitude")),
+            "mach": ("mach", self.machs, unit_attributes("1", "Mach number")),
+            "airspeed_m_s": (("altitude", "mach"), self.airspeeds, unit_attributes("m s-1", "True airspeed")),
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class SteadyFlight:
+    """Kind of steady flight: climb angle (deg), and load factor of a coordinated level turn to the right."""
+
+    name: str
+    meaning: str
+    path_angle_deg: float = 0.0
+    turn_load_factor: float = 1.0
+
+
+@dataclasses.dataclass(frozen=True)
+class StepCommand:
+    """Step of the commanded path: airspeed (m/s), path angle (deg) and course (deg)."""
+
+    name: str
+    meaning: str
+    speed_m_s: float = 0.0
+    path_angle_deg: float = 0.0
+    course_deg: float = 0.0
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Step of airspeed (m/s), path angle and course (rad)."""
+        return self.speed_m_s, self.path_angle_deg * DEG_RAD, self.course_deg * DEG_RAD
+
+
+CONDITIONS = (
+    SteadyFlight("level", "level"),
+    SteadyFlight("climb", "climb at 5 deg", path_angle_deg=5.0),
+    SteadyFlight("descent", "descent at 5 deg", path_angle_deg=-5.0),
+    SteadyFlight("turn_2g", "level turn, 2 g", turn_load_factor=2.0),
+    SteadyFlight("turn_4g", "level turn, 4 g", turn_load_factor=4.0),
+)
+COMMANDS = (
+    StepCommand("faster", "speed +10 m/s", speed_m_s=10.0),
+    StepCommand("slower", "speed -10 m/s", speed_m_s=-10.0),
+    StepCommand("up", "path angle +3 deg", path_angle_deg=3.0),
+    StepCommand("down", "path angle -3 deg", path_angle_deg=-3.0),
+    StepCommand("right", "course +20 deg", course_deg=20.0),
+    StepCommand("all", "+10 m/s, +3 deg, +20 deg", speed_m_s=10.0, path_angle_deg=3.0, course_deg=20.0),
+)
+ALTITUDES_M = np.array([250.0, *np.arange(1000.0, 15001.0, 1000.0)])
+"""Default altitudes. The lowest is above 0, the bound of the data: from 0 any command would leave the data."""
+MACHS = np.linspace(0.15, 0.95, 18)
+_COARSE_MACHS = [0, 4, 8, 13, 17]
+_F16_SPEED_M_S = 150.0
+"""Airspeed of the F-16's step tests, for which the speed steps are chosen."""
+TOLERANCE_SHARE, TOLERANCE = 0.05, (0.5, 0.3 * DEG_RAD, 0.3 * DEG_RAD)
+"""Accepted error: the greater of a part of the step and an absolute error, m/s and rad."""
+
+
+def trim_map(
+    survey: Survey, altitudes_m: Sequence[float] | None, machs: Sequence[float] | None, *, coarse: bool
+) -> TrimMap:
+    """Trim `CONDITIONS` over a grid with the given axes, or with the default axes, thinned if `coarse`.
+
+    Raises ValueError if an axis is not of increasing numbers, or the grid has no trimmable point.
+    """
+    survey.report("trimming", 0.0)
+    airframe, environment = survey.airframe, survey.environment
+    default_altitudes, default_machs = default_axes(airframe, environment, coarse=coarse)
+    altitudes = _grid_axis("altitudes_m", altitudes_m, default_altitudes)
+    mach = _grid_axis("machs", machs, default_machs)
+    speed_of_sound = np.asarray(jax.vmap(lambda h: environment.atmosphere.at(h).speed_of_sound)(jnp.asarray(altitudes)))
+    airspeeds = speed_of_sound[:, None] * mach[None, :]
+    targets = _steady_targets(altitudes, airspeeds, float(environment.gravity))
+    points = survey.call(map_points, (airframe, environment), (targets, None))
+    if not np.any(points.trimmable):
+        raise ValueError("no point of the grid can be flown steadily: there is nothing to survey")
+    return TrimMap(altitudes, mach, airspeeds, targets, points)
+
+
+def default_axes(
+    airframe: AbstractAirframe, environment: Environment, *, coarse: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the default altitudes (m) and Mach numbers of an aircraft's grid.
+
+    The altitudes are those of `ALTITUDES_M` within the aircraft's data. The Mach numbers are those of `MACHS` for an
+    F-16; otherwise they follow from the airspeeds of the aircraft's data, at the lowest altitude.
+    """
+    if isinstance(airframe, AbstractF16):
+        return ALTITUDES_M[5::5] if coarse else ALTITUDES_M, MACHS[_COARSE_MACHS] if coarse else MACHS
+    low, high = getattr(getattr(airframe, "validity", None), "altitude", (-np.inf, np.inf))
+    altitudes = ALTITUDES_M[(float(low) <= ALTITUDES_M) & (float(high) >= ALTITUDES_M)]
+    if not altitudes.size:
+        raise ValueError(f"altitudes_m: arrived None; expected altitudes within the data, {low:g} to {high:g} m")
+    slowest, fastest = valid_airspeed_range(airframe)
+    speed_of_sound = float(environment.atmosphere.at(float(altitudes[0])).speed_of_sound)
+    # within the data in spite of rounding
+    machs = np.linspace(slowest * (1 + 1e-9), fastest * (1 - 1e-9), len(MACHS)) / speed_of_sound
+    return altitudes[::5] if coarse else altitudes, machs[_COARSE_MACHS] if coarse else machs
+
+
+def speed_scale(airframe: AbstractAirframe, airspeeds: np.ndarray) -> np.ndarray:
+    """Return the factors on speed steps and on accepted speed errors at the given airspeeds (m/s); 1 for an F-16."""
+    return np.ones_like(airspeeds) if isinstance(airframe, AbstractF16) else airspeeds / _F16_SPEED_M_S
+
+
+def command_meanings(airframe: AbstractAirframe) -> list[str]:
+    """Return the descriptions of `COMMANDS` for an aircraft, with its speed steps (`speed_scale`)."""
+    if isinstance(airframe, AbstractF16):
+        return [command.meaning for command in COMMANDS]
+    return [command.meaning.replace("10 m/s", "1/15 of the airspeed") for command in COMMANDS]
+
+
+def accepted_errors(size: np.ndarray, scale: np.ndarray | float = 1.0) -> np.ndarray:
+    """Return the accepted errors of airspeed (m/s), path angle and course (rad) for steps of a given size, (..., 3).
+
+    `scale` is the factor of the speed steps, see `speed_scale`.
+    """
+    tolerance = np.broadcast_to(TOLERANCE, np.shape(size)).copy()
+    tolerance[..., 0] *= scale
+    return np.maximum(TOLERANCE_SHARE * np.abs(size), tolerance)
+
+
+def survey_limits(airframe: AbstractAirframe | None = None, airspeeds: ArrayLike = (0.0,)) -> FlightLimits:
+    """Return the autopilot limits of a survey, wider than the aircraft's.
+
+    For the F-16: 40 to 340 m/s, 78 deg of bank, alpha -5 to 25 deg, -2 to 7 g. A level turn at 4 g has a bank of
+    75.5 deg; beyond 78.5 deg the autopilot commands too little lift for the path. For another airframe: half the least
+    to twice the greatest of the surveyed airspeeds (m/s), and the range of alpha of the airframe's data.
+    """
+    limits = FlightLimits(
+        speed_min=jnp.asarray(40.0),
+        speed_max=jnp.asarray(340.0),
+        bank_max=jnp.asarray(78 * DEG_RAD),
+        alpha_min=jnp.asarray(-5 * DEG_RAD),
+        alpha_max=jnp.asarray(25 * DEG_RAD),
+        load_factor_min=jnp.asarray(-2.0),
+        load_factor_max=jnp.asarray(7.0),
+        rates_max=jnp.asarray([120.0, 60.0, 60.0]) * DEG_RAD,
+    )
+    if airframe is None or isinstance(airframe, AbstractF16):
+        return limits
+    speeds = np.asarray(airspeeds, dtype=float)
+    slowest, fastest = jnp.asarray(0.5 * speeds.min()), jnp.asarray(2.0 * speeds.max())
+    return eqx.tree_at(
+        lambda bounds: (bounds.speed_min, bounds.speed_max, bounds.alpha_min, bounds.alpha_max),
+        limits,
+        (slowest, fastest, *airframe.alpha_range),
+    )
+
+
+def _steady_targets(altitudes: np.ndarray, airspeeds: np.ndarray, gravity: float) -> TrimTarget:
+    """Return the trim targets of `CONDITIONS`, flattened over (condition, altitude, mach); SI units."""
+    climbs = np.array([condition.path_angle_deg * DEG_RAD for condition in CONDITIONS])[:, None, None]
+    bank_tangents = np.sqrt([condition.turn_load_factor**2 - 1 for condition in CONDITIONS])[:, None, None]
+    turn_rates = gravity * bank_tangents / airspeeds
+    numbers = np.broadcast_arrays(airspeeds, altitudes[:, None], climbs, 0.0, turn_rates)
+    return jax.vmap(trim_target)(*(jnp.asarray(values.ravel(), dtype=float) for values in numbers))
+
+
+def _grid_axis(name: str, requested: Sequence[float] | None, default: np.ndarray) -> np.ndarray:
+    """Return the requested values of a grid axis, or the default values. Raises ValueError unless they increase."""
+    axis = default if requested is None else np.asarray(requested, dtype=float)
+    minimum = 0.0 if name == "machs" else -np.inf
+    increases = axis.ndim == 1 and axis.size and np.isfinite(axis).all() and (np.diff(axis) > 0).all()
+    if not increases or axis[0] < minimum:
+        raise ValueError(f"{name}: arrived {requested}; expected finite numbers in increasing order")
+    return axis
 
 
 @dataclasses.dataclass(frozen=True)
 class EnvelopeSurvey(SurveyResult):
-    """Result of an envelope survey.
+    """Result of an envelope survey: trim map over (condition, altitude, mach), flights also over (command).
 
-    Its dataset has the trim map over (condition, altitude, mach) and the flights over (condition, altitude, mach,
-    command); NaN without a flight.
+    NaN without a flight.
     """
 
     def counts(self, *, with_reserve: bool = False) -> dict[str, dict[str, int]]:
-        """Return the number of flights by "outcome: reason" for each condition.
-
-        `with_reserve` selects the flights from points with a reserve of power and surface travel.
-        """
+        """Return the number of flights, or of those from points with reserve, by "outcome: reason" and condition."""
         outcome, reason = self.dataset["outcome"].values, self.dataset["reason"].values
         if with_reserve:
             outcome = np.where(self.dataset["with_reserve"].values[..., None], outcome, 0)
@@ -128,10 +306,13 @@ def survey_envelope(
     point, under the velocity loop with `survey_limits` and the gains of `survey_gains`. Speed steps of another aircraft
     than an F-16 are in proportion to the airspeed.
 
+    Raises ValueError if no airframe has this name, an axis is not of increasing numbers, or a flight has fewer than 100
+    samples.
+
     Parameters
     ----------
-    aircraft, variant
-        Aircraft: see `resolve_airframe`.
+    aircraft, variant, progress
+        See `Survey`.
     inversion
         Inversion of the autopilot: of the onboard model, or incremental.
     coarse
@@ -142,68 +323,54 @@ def survey_envelope(
         Limits of the autopilot; None: `survey_limits`.
     duration_s, step_s
         Duration of a flight; sampling period of the autopilot.
-    progress
-        Called with a description of the current work and the completed part, 0..1.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, an axis is not of increasing numbers, or a flight has fewer than 100 samples.
     """
     count = sample_count(duration_s, step_s)
-    survey = Survey(progress)
-    airframe, attributes = resolve_airframe(aircraft, variant)
-    environment = standard_environment()
-    trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
+    survey = Survey(aircraft, variant, progress)
+    airframe = survey.airframe
+    trims = trim_map(survey, altitudes_m, machs, coarse=coarse)
     limits = survey_limits(airframe, trims.airspeeds) if limits is None else limits
-    flown = np.repeat(np.asarray(trims.points.trimmable)[:, None], len(COMMANDS), axis=1)
-    point_index, command_index = np.nonzero(flown)
+    is_flown = np.repeat(np.asarray(trims.points.trimmable)[:, None], len(COMMANDS), axis=1)
+    point_index, command_index = np.nonzero(is_flown)
     trim, target = select_rows((trims.points.trim, trims.targets), point_index)
-    common_gains, row_gains = survey_gains(airframe, environment, trim, step_s, inversion)
+    gains, row_gains = survey_gains(airframe, survey.environment, trim, step_s, inversion)
     scale = speed_scale(airframe, np.asarray(target.speed))
     sizes = np.array([command.size for command in COMMANDS])[command_index]
     sizes[:, 0] *= scale
-    tolerances = accepted_errors(sizes, scale)
-    flights, outcomes = survey.fly(
-        f"flying {len(point_index)} flights",
-        _fly,
-        (airframe, environment, common_gains, limits),
-        (trim, target, sizes, tolerances, row_gains),
-        jnp.asarray(step_s),
-        count,
-        tolerances=tolerances,
-        start_beyond=is_beyond_limits(trim, target.speed, limits),
-    )
+    flights = FlightRows(trim, target, jnp.asarray(sizes), jnp.asarray(accepted_errors(sizes, scale)), row_gains)
+    variables = survey.fly(f"flying {len(point_index)} flights", flights, gains, limits, step_s, count)
     data = _map_variables(trims)
-    for name, (values, labels, dimensions) in flight_variables(flights, outcomes).items():
-        data[name] = ((*GRID_DIMENSIONS, "command", *dimensions), trims.gridded(scatter_rows(values, flown)), labels)
+    for name, (values, labels, dimensions) in variables.items():
+        data[name] = ((*GRID_DIMENSIONS, "command", *dimensions), trims.gridded(scatter_rows(values, is_flown)), labels)
     coordinates = {
         **trims.coordinates("Steady flight that is left"),
         "command": ("command", np.array([c.name for c in COMMANDS]), unit_attributes("", "Step of the path command")),
         "command_meaning": ("command", np.array(command_meanings(airframe))),
-        **flight_coordinates(trims.surfaces),
+        **flight_coordinates(airframe.actuators.names),
     }
-    attributes |= {"inversion": inversion, **flight_attributes(count, step_s, limits)}
+    attributes = {"inversion": inversion, **flight_attributes(count, step_s, limits)}
     return survey.result(EnvelopeSurvey, data, coordinates, attributes)
 
 
-@compiled
-def _fly(
-    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits],
-    rows: tuple[TrimPoint, TrimTarget, jax.Array, jax.Array, AutopilotGains | None],
-    step: jax.Array,
-    count: int,
-) -> SurveySummary:
-    airframe, environment, common_gains, limits = fixed
-
-    def fly_step(
-        trim: TrimPoint,
-        target: TrimTarget,
-        size: jax.Array,
-        tolerance: jax.Array,
-        row_gains: AutopilotGains | None,
-    ) -> SurveySummary:
-        gains = common_gains if row_gains is None else row_gains
-        return survey_flight(airframe, environment, gains, limits, trim, target, size, tolerance, step, count)
-
-    return jax.vmap(fly_step)(*rows)
+def _map_variables(trims: TrimMap) -> dict[str, Any]:
+    points, trim = trims.points, trims.points.trim
+    solved = np.asarray(trim.converged)
+    stops, stop_labels = trim_stop(points, "What stops the steady flight, the first of several")
+    data = {
+        "trimmable": trims.variable(points.trimmable, "1", "Whether the steady flight can be flown"),
+        "trim_stop": (GRID_DIMENSIONS, trims.gridded(stops), stop_labels),
+        "with_reserve": trims.with_reserve(),
+    }
+    for name, values, unit, long_name, *dimensions in (
+        ("alpha_deg", trim.alpha, "degree", "Angle of attack"),
+        ("bank_deg", trim.mu, "degree", "Bank about the velocity vector"),
+        ("power_percent", trim.power, "percent", "Engine power"),
+        ("load_factor", points.load_factor, "1", "Normal load factor"),
+        ("surface_deg", trim.state.surfaces, "degree", "Deflection", "surface"),
+        ("power_left", points.power_margin, "1", "Power left up to the full, part of it"),
+        ("power_spare", points.power_above_idle, "1", "Power that can be taken back, part of the full"),
+        ("surface_left", points.surface_margin, "1", "Way left to the stop, part of that from the middle", "surface"),
+    ):
+        solved_values = scatter_rows(np.asarray(values)[solved], solved)
+        factor = RAD_DEG if unit == "degree" else 1.0
+        data[name] = trims.variable(solved_values * factor, unit, long_name, *dimensions)
+    return data

@@ -31,6 +31,7 @@ from anser.results.documents import (
     write_json,
 )
 from anser.results.netcdf import write_netcdf
+from anser.results.variable_labels import unit_attributes
 from anser.simulation.response import LoopCase
 from anser.steady.trim import TrimPoint, trim_target
 from anser.units import DEG_RAD, RAD_DEG
@@ -72,19 +73,9 @@ _SUFFIX = {"s-1": "_1_s", "rad s-1": "_rad_s", "1": "", "s": "_s"}
 
 
 def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
-    """Return the unit of a state, an input or an output, in the notation of CF.
+    """Return the unit of a state, an input or an output of a `LinearModel`, in the notation of CF.
 
-    Parameters
-    ----------
-    name
-        Name in a `LinearModel`.
-    surfaces
-        Names of the airframe's control surfaces.
-
-    Raises
-    ------
-    ValueError
-        The name has no known unit.
+    Raises ValueError if the name has no known unit.
     """
     surface_rates = {f"{surface}_velocity": "rad s-1" for surface in surfaces}
     units = {**_UNITS, **dict.fromkeys(surfaces, "rad"), **surface_rates}
@@ -98,22 +89,12 @@ def unit_of(name: str, surfaces: Sequence[str] = STANDARD_SURFACES) -> str:
 def linear_dataset(
     model: LinearModel, modes: Sequence[Mode], attributes: Mapping[str, str | int | float]
 ) -> xr.Dataset:
-    """Convert a linear model and its modes to a labelled dataset.
+    """Convert a linear model and its modes (`modes_of`) to a labelled dataset; `attributes`: aircraft and condition.
 
-    Parameters
-    ----------
-    model, modes
-        The model and the result of `modes_of`.
-    attributes
-        Aircraft and condition, for the dataset's attributes.
-
-    Returns
-    -------
-    xr.Dataset
-        A (state_rate, state), B (state_rate, input), C (output, state), D (output, input); the reference condition;
-        mode figures over (mode) and participation factors over (mode, wind_state), see `wind_axis_states`. The unit of
-        an element of A is the row's unit, per second in continuous time, divided by the column's unit: see the
-        coordinates `state_unit` and so on. Infinite times are inf.
+    The dataset has A (state_rate, state), B (state_rate, input), C (output, state), D (output, input), the reference
+    condition, mode figures over (mode) and participation factors over (mode, wind_state), see `wind_axis_states`. The
+    unit of an element of A is the row's unit, per second in continuous time, divided by the column's unit: see the
+    coordinates `state_unit` and so on. Infinite times are inf.
     """
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
@@ -130,31 +111,38 @@ def linear_dataset(
     coordinates["mode_name"] = ("mode", np.array([mode.name for mode in modes]))
     coordinates["mode_order"] = ("mode", np.array([mode.order for mode in modes], dtype=np.int32))
     next_or_rates = "next states" if sampled else "rates of the states"
-    data: dict[str, Any] = {
-        "A": (("state_rate", "state"), np.asarray(model.A), {"long_name": f"From states to {next_or_rates}"}),
-        "B": (("state_rate", "input"), np.asarray(model.B), {"long_name": f"From inputs to {next_or_rates}"}),
-        "C": (("output", "state"), np.asarray(model.C), {"long_name": "From states to outputs"}),
-        "D": (("output", "input"), np.asarray(model.D), {"long_name": "From inputs to outputs"}),
-        "state_at_condition": ("state", np.asarray(model.x), {"long_name": "State departed from"}),
-        "rate_at_condition": ("state", np.asarray(model.x_dot), {"long_name": "Its rate"}),
-        "input_at_condition": ("input", np.asarray(model.u), {"long_name": "Input departed from"}),
-        "output_at_condition": ("output", np.asarray(model.y), {"long_name": "Output departed from"}),
-    }
-    for name, (row_dimension, column_dimension) in {
-        "A": ("state", "state"),
-        "B": ("state", "input"),
-        "C": ("output", "state"),
-    }.items():
-        per_second = " s-1" if name != "C" and not sampled else ""
-        data[name][2]["units"] = f"{row_dimension}_unit{per_second} / {column_dimension}_unit"
-    data["D"][2]["units"] = "output_unit / input_unit"
-    for name, per_time in (("state", ""), ("rate", " s-1"), ("input", ""), ("output", "")):
-        data[f"{name}_at_condition"][2]["units"] = f"{'state' if name == 'rate' else name}_unit{per_time}"
-    for name, (unit, long_name) in _MODE_FIGURES.items():
-        values = np.array([_figure(mode, name) for mode in modes])
-        data[name + _SUFFIX[unit]] = ("mode", values, {"units": unit, "long_name": long_name})
+    state_rate_unit = "state_unit" if sampled else "state_unit s-1"
     shares = np.array([[dict(mode.shares)[state] for state in wind_states] for mode in modes])
-    data["share"] = (("mode", "wind_state"), shares, {"units": "1", "long_name": "Part of a state in a mode"})
+    data = {
+        name: (dimensions, np.asarray(values), unit_attributes(unit, long_name))
+        for name, dimensions, values, unit, long_name in (
+            (
+                "A",
+                ("state_rate", "state"),
+                model.A,
+                f"{state_rate_unit} / state_unit",
+                f"From states to {next_or_rates}",
+            ),
+            (
+                "B",
+                ("state_rate", "input"),
+                model.B,
+                f"{state_rate_unit} / input_unit",
+                f"From inputs to {next_or_rates}",
+            ),
+            ("C", ("output", "state"), model.C, "output_unit / state_unit", "From states to outputs"),
+            ("D", ("output", "input"), model.D, "output_unit / input_unit", "From inputs to outputs"),
+            ("state_at_condition", "state", model.x, "state_unit", "State departed from"),
+            ("rate_at_condition", "state", model.x_dot, "state_unit s-1", "Its rate"),
+            ("input_at_condition", "input", model.u, "input_unit", "Input departed from"),
+            ("output_at_condition", "output", model.y, "output_unit", "Output departed from"),
+            *(
+                (name + _SUFFIX[unit], "mode", [_figure(mode, name) for mode in modes], unit, long_name)
+                for name, (unit, long_name) in _MODE_FIGURES.items()
+            ),
+            ("share", ("mode", "wind_state"), shares, "1", "Part of a state in a mode"),
+        )
+    }
     return xr.Dataset(data, coordinates, {**attributes, "step_s": float(model.step), **version_attributes()})
 
 
@@ -176,10 +164,7 @@ def linear_document(
             {
                 "name": mode.name,
                 "order": mode.order,
-                **{
-                    name + _SUFFIX[unit]: finite_or_none(_figure(mode, name))
-                    for name, (unit, _) in _MODE_FIGURES.items()
-                },
+                **{n + _SUFFIX[unit]: finite_or_none(_figure(mode, n)) for n, (unit, _) in _MODE_FIGURES.items()},
                 "shares": {state: share for state, share in mode.shares if share >= 0.005},
             }
             for mode in modes
@@ -217,16 +202,7 @@ _open_model = compiled(linear_model)
 class LinearizationResult:
     """Result of a linearization: linear model, modes and trim point; printed as a table of the modes.
 
-    Attributes
-    ----------
-    model
-        Matrices, names, and the condition.
-    modes
-        Modes, fastest first.
-    trim
-        Trim point of the linearization.
-    condition
-        Arguments of the linearization, with units in the names.
+    The modes are sorted, fastest first; `condition` has the arguments of the linearization, with units in the names.
     """
 
     model: LinearModel
@@ -235,16 +211,13 @@ class LinearizationResult:
     condition: dict[str, str | float | int]
 
     def __repr__(self) -> str:
-        table = [{key: key for key in _MODE_COLUMNS}, *self._modes()]
-        widths = [max(len(cells[key]) for cells in table) for key in _MODE_COLUMNS]
-        lines = (
-            "  ".join(
-                f"{cell:<{w}}" if k == 0 else f"{cell:>{w}}"
-                for k, (cell, w) in enumerate(zip(cells.values(), widths, strict=True))
-            )
-            for cells in table
-        )
-        return "\n".join([self._title(), *(f"  {text}" for text in lines)])
+        table = [_MODE_COLUMNS, *(tuple(cells.values()) for cells in self._modes())]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines = [self._title()]
+        for name, *numbers in table:
+            aligned = (f"{number:>{width}}" for number, width in zip(numbers, widths[1:], strict=True))
+            lines.append("  ".join([f"  {name:<{widths[0]}}", *aligned]))
+        return "\n".join(lines)
 
     def _repr_html_(self) -> str:
         return notebook_table(self._title(), self._modes())
@@ -256,11 +229,12 @@ class LinearizationResult:
         return f"{flight}, {condition['loop']} loop: {sizes}"
 
     def _modes(self) -> list[dict[str, str]]:
-        numbers = ((mode.natural_frequency, mode.damping_ratio, mode.time_constant) for mode in self.modes)
-        table = (
-            (mode.name, *(f"{value:.4g}" for value in three)) for mode, three in zip(self.modes, numbers, strict=True)
-        )
-        return [dict(zip(_MODE_COLUMNS, texts, strict=True)) for texts in table]
+        rows = []
+        for mode in self.modes:
+            numbers = (mode.natural_frequency, mode.damping_ratio, mode.time_constant)
+            cells = (mode.name, *(f"{number:.4g}" for number in numbers))
+            rows.append(dict(zip(_MODE_COLUMNS, cells, strict=True)))
+        return rows
 
     @property
     def dataset(self) -> xr.Dataset:
@@ -272,14 +246,9 @@ class LinearizationResult:
         return linear_document(self.model, self.modes, self.condition)
 
     def state_space(self) -> "control.StateSpace":
-        """Return the model as a state-space system of the python-control library, with the names of its signals.
+        """Return the model, sampled or not, as a system of the python-control library, with the names of its signals.
 
-        The system is sampled if the model is.
-
-        Raises
-        ------
-        ImportError
-            The library is not installed.
+        Raises ImportError if the library is not installed.
         """
         try:
             import control
@@ -296,14 +265,9 @@ class LinearizationResult:
         )
 
     def write(self, path: Path) -> None:
-        """Write the model and its modes to a new file: NetCDF or JSON, by the suffix.
+        """Write the model and its modes to a new file: NetCDF or JSON, by the suffix .nc or .json.
 
-        Raises
-        ------
-        FileExistsError
-            `path` exists; files are never overwritten.
-        ValueError
-            The suffix is neither .nc nor .json.
+        Raises FileExistsError if `path` exists, and ValueError for another suffix.
         """
         if path.suffix == ".nc":
             write_netcdf(self.dataset, path)
@@ -334,17 +298,10 @@ def linearize(
 
     Parameters
     ----------
-    aircraft
-        Name of an airframe of the library, or an airframe.
-    variant, x_cg_over_c
-        Variant and centre of gravity of the library's airframe: see `load_airframe`.
-    speed_m_s, altitude_m
-        True airspeed and geometric altitude.
-    path_angle_deg, turn_rate_deg_s, path_rate_deg_s
-        Climb angle; rate of the course, right positive; rate of the climb angle, up positive.
-    pitch_rate_deg_s
-        Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); excludes the two
-        rates above.
+    aircraft, variant, x_cg_over_c, speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s
+        See `trim`; a pitch rate excludes the other two rates.
+    path_rate_deg_s
+        Rate of the climb angle, up positive.
     loop
         "open": the airframe alone, in continuous time. Otherwise the commanded loop of the autopilot, as a sampled
         model.
@@ -368,8 +325,7 @@ def linearize(
         The steady flight does not exist, the loop does not hold the flight, or the nose or the path is within 1 deg of
         the vertical; the message gives the reason.
     ValueError
-        No airframe has this name, a centre of gravity was given for an airframe outside the library, or a pitch rate
-        was combined with another rate.
+        See `trim`.
     """
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant, x_cg_over_c)
@@ -390,8 +346,7 @@ def linearize(
             "Nose or path stands within 1 deg of the vertical, where roll and yaw, or the course, mean nothing: "
             "no linear model in these states."
         )
-    condition = {
-        **attributes,
+    condition = attributes | {
         "speed_m_s": speed_m_s,
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,

@@ -41,7 +41,7 @@ from anser.spatial.rotations import (
     rotation_from_euler,
     rotation_from_quaternion,
 )
-from anser.spatial.wind_axes import bank_about_velocity, flow_angles, path_angles
+from anser.spatial.wind_axes import air_direction_b, bank_about_velocity, flow_angles, path_angles
 from anser.units import DEG_RAD
 from anser.variables import STANDARD_SURFACES
 
@@ -80,7 +80,7 @@ def state_at(environment: Environment, coordinates: Coordinates, template: Aircr
     """Return the state at given coordinates: the inverse of `coordinates_of`; north and east as in `template`."""
     V, alpha, beta, phi, theta, psi = coordinates[:6]
     position_n = jnp.stack([template.position_n[0], template.position_n[1], -coordinates[9]])
-    velocity_air_b = V * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+    velocity_air_b = V * air_direction_b(alpha, beta)
     wind_b = rotate(rotation_from_euler(phi, theta, psi), environment.wind.at(position_n, 0.0))
     _, unflatten = ravel_pytree((template.engine, template.actuators))
     engine, actuators = unflatten(coordinates[len(_FLIGHT_STATES) :])
@@ -108,9 +108,8 @@ def air_outputs(airframe: AbstractAirframe, environment: Environment, state: Air
 def is_regular(environment: Environment, state: AircraftState) -> Flag:
     """Whether the coordinates are regular at a state.
 
-    Coordinates, not the flight, are singular if the nose points straight up or down (roll and yaw coincide), if the
-    path is vertical (no course), or if the sideslip is 90 deg (no angle of attack). False within 1 deg of these, and at
-    rest.
+    Coordinates, not the flight, are singular if the nose (roll and yaw coincide) or the path (no course) is vertical,
+    or if the sideslip is 90 deg (no angle of attack). False within 1 deg of these, and at rest.
     """
     velocity_air_b, velocity_air_n = _through_air(environment, state)
     V, _, beta = flow_angles(velocity_air_b)
@@ -181,20 +180,15 @@ def linearize(
     The derivatives are exact. At a kink of a table or of the engine's lag, the derivative is that of the side used by
     the look-up (the cell above a breakpoint); at a stop of the throttle or of an actuator, the mean of both sides.
 
+    Raises TypeError if the Earth is not flat: the classical states are defined over a flat Earth.
+
     Parameters
     ----------
-    airframe, environment
-        Airframe; environment with a flat Earth.
     state, controls
         Reference condition, for instance of a `TrimPoint`.
     actuators
         False: the inputs (elevator, aileron, rudder, or the airframe's surfaces) are the deflections in `controls`.
         True: the inputs are commands to the actuators, and the actuators' states in `state` are added to the states.
-
-    Raises
-    ------
-    TypeError
-        The Earth is not flat: the classical states are defined over a flat Earth.
     """
     require_flat_earth(environment)
     names = all_states(airframe) if actuators else body_states(airframe)
@@ -265,25 +259,12 @@ def _with_suffix(channels: tuple[str, ...], suffix: str) -> tuple[str, ...]:
     return tuple(f"{channel}_{suffix}" for channel in channels)
 
 
-_LOOP_STATE_FIELDS: dict[Loop, list[tuple[str, tuple[str, ...]]]] = {
-    "rates": [
-        ("rates_integral", _with_suffix(CHANNELS["rates"], "integral")),
-        ("surfaces_filter", ()),
-    ],
-    "attitude": [
-        ("attitude_integral", _with_suffix(CHANNELS["attitude"], "integral")),
-        ("rates_filter", _with_suffix(CHANNELS["rates"], "filter")),
-        ("surfaces_slow", ()),
-    ],
-    "velocity": [
-        ("velocity_integral", _with_suffix(CHANNELS["velocity"], "integral")),
-        ("attitude_filter", _with_suffix(CHANNELS["attitude"], "filter")),
-    ],
+_LOOP_STATE_FIELDS: dict[Loop, tuple[str, ...]] = {
+    "rates": ("rates_integral", "surfaces_filter"),
+    "attitude": ("attitude_integral", "rates_filter", "surfaces_slow"),
+    "velocity": ("velocity_integral", "attitude_filter"),
 }
-"""For each loop, the fields of the autopilot's state that this loop adds to those of the inner loops.
-
-Each field has the names of its elements; without names the elements are the surfaces."""
-_SURFACE_FIELD_SUFFIXES = {"surfaces_filter": "filter", "surfaces_slow": "slow"}
+"""For each loop, the fields of the autopilot's state that this loop adds to those of the inner loops."""
 SENSOR_STATE_FIELDS = (
     "residual",
     (
@@ -305,19 +286,8 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
     of `step_response`: control law, then `advance`. If a command, a surface or the throttle is at a limit, the loop is
     open there, and so is the model.
 
-    Parameters
-    ----------
-    case
-        Airframe, environment, gains, limits, trim point and sampling period. The gains' sensor bandwidth must be a
-        concrete number, not traced: above 0 (incremental inversion) the state of the sensors belongs to the model's
-        state.
-    loop
-        Commanded loop; the inner loops are closed.
-
-    Raises
-    ------
-    TypeError
-        The Earth is not flat.
+    The gains' sensor bandwidth must be a concrete number, not traced: above 0 (incremental inversion) the state of the
+    sensors belongs to the model's state. Raises TypeError if the Earth is not flat.
     """
     require_flat_earth(case.environment)
     # Compiled in two parts: the motion, by far the larger part, is common to the loops.
@@ -356,10 +326,7 @@ def linearize_loop(case: LoopCase, loop: Loop) -> LinearModel:
 
 @compiled_quickly
 def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Vector3, Linearization]:
-    """Return states and commands at the condition, and the linearized control law.
-
-    The law maps states and commands to the controls and the autopilot's next state.
-    """
+    """Return states and commands at the condition, and the linearized law from these to controls and next state."""
     airframe, environment, trim = case.airframe, case.environment, case.trim
     autopilot = InversionAutopilot(case.gains, case.limits, loop=loop)
     start, belief = trimmed_autopilot_state(trim), exact_belief(airframe, environment, trim.state)
@@ -385,10 +352,7 @@ def _law(case: LoopCase, loop: Loop, fields: tuple[str, ...]) -> tuple[Array, Ve
 
 @compiled_quickly
 def sampled_motion(case: LoopCase, controls: Float[Array, " command"]) -> Linearization:
-    """Linearize one sampling step of the motion.
-
-    The step maps the state and the controls to the next state and to the outputs before the step.
-    """
+    """Linearize a sampling step: from the state and the controls to the next state and the outputs before the step."""
     airframe, environment, start = case.airframe, case.environment, case.trim.state
     aircraft_size = len(all_states(airframe))
 
@@ -409,12 +373,11 @@ def split_like(flat: Float[Array, " element"], templates: Sequence[Array]) -> li
 
 def state_fields_of(loop: Loop, airframe: AbstractAirframe) -> list[tuple[str, tuple[str, ...]]]:
     """Return the fields of the autopilot's state that take part in a loop, each with the names of its elements."""
-    surfaces, fields = airframe.actuators.names, []
+    elements, fields = {**CHANNELS, "surfaces": airframe.actuators.names}, []
     for inner in CHANNELS:
-        fields += [
-            (field, names or _with_suffix(surfaces, _SURFACE_FIELD_SUFFIXES[field]))
-            for field, names in _LOOP_STATE_FIELDS[inner]
-        ]
+        for field in _LOOP_STATE_FIELDS[inner]:
+            group, suffix = field.split("_")
+            fields.append((field, _with_suffix(elements[group], suffix)))
         if inner == loop:
             break
     return fields

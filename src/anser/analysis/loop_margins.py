@@ -26,13 +26,17 @@ from anser.analysis.linearization import (
     state_at,
     state_fields_of,
 )
-from anser.control.autopilot import AutopilotSignals, Excitation, velocity_control
+from anser.compiling.options import compiled
+from anser.control.autopilot import Excitation, velocity_control
 from anser.control.autopilot_state import AutopilotState
 from anser.control.gains import AutopilotGains
+from anser.control.limits import FlightLimits
 from anser.control.onboard_model import onboard_model
+from anser.environment.environment import Environment
 from anser.parts.paths import PathCommand
 from anser.shapes import Scalar, ScalarLike
 from anser.simulation.response import LoopCase, believed_motion, exact_belief, trimmed_autopilot_state
+from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
 
 INNER_BREAKPOINTS = ("throttle", "P", "Q", "R", "mu", "alpha")
@@ -71,9 +75,7 @@ def breakpoints(airframe: AbstractAirframe) -> tuple[str, ...]:
 
 
 def loop_state_fields(gains: AutopilotGains, airframe: AbstractAirframe) -> StateFields:
-    """Return the fields of the autopilot's state that take part in the closed loop, with the names of their elements.
-
-    The gains must be concrete, not traced.
+    """Return the fields of the autopilot's state that take part in the closed loop; the gains must not be traced.
 
     The sensors' state is omitted for model-based inversion. The attitude integrals are omitted if their gain is 0: they
     would be integrators without an effect.
@@ -90,17 +92,8 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     The command is the steady flight. In a steady turn the commanded course turns with the aircraft; the deviations obey
     the same equations at every sample.
 
-    Parameters
-    ----------
-    case
-        Airframe, environment with a flat Earth, gains, limits, trim point and sampling period.
-    fields
-        Result of `loop_state_fields`; a static argument of compiled functions.
-
-    Raises
-    ------
-    TypeError
-        The Earth is not flat.
+    `fields` is the result of `loop_state_fields`, a static argument of compiled functions. Raises TypeError if the
+    Earth is not flat.
     """
     airframe, environment, trim = case.airframe, case.environment, case.trim
     require_flat_earth(environment)
@@ -120,7 +113,10 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
         model = onboard_model(belief, case.limits, case.gains, autopilot_state, case.step)
         controls, signals, next_state = velocity_control(model, case.gains, autopilot_state, command, excitation)
         passed = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
-        return jnp.concatenate([*passed, *elements(next_state), _limited(signals).astype(float)])
+        thrust, attitude = signals.thrust.saturated, signals.attitude
+        outer_limits = [thrust, attitude.alpha_saturated, attitude.bank_saturated]
+        is_limited = jnp.stack([*outer_limits, signals.rates_limited, signals.surfaces_limited])
+        return jnp.concatenate([*passed, *elements(next_state), is_limited.astype(float)])
 
     x = jnp.concatenate([coordinates_of(environment, trim.state), *elements(start), jnp.zeros(5)])
     law = linearize_function(sampled, x)
@@ -142,19 +138,6 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
         C=C,
         D=jnp.concatenate([jnp.zeros((count, controls_size)), D], axis=1),
         limited=(law.value[-len(SATURABLE_COMMANDS) :] > 0.5).at[-1].max(jnp.any(commanded & is_stuck)),
-    )
-
-
-def _limited(signals: AutopilotSignals) -> Bool[Array, "5"]:
-    thrust, attitude = signals.thrust, signals.attitude
-    return jnp.stack(
-        [
-            thrust.saturated,
-            attitude.alpha_saturated,
-            attitude.bank_saturated,
-            signals.rates_limited,
-            signals.surfaces_limited,
-        ]
     )
 
 
@@ -210,14 +193,10 @@ class Margins(eqx.Module):
 
 
 class LoopAnalysis(eqx.Module):
-    """Closed loop and margins at a trim point.
+    """Closed loop (see `ExcitedLoop`) and margins at a trim point.
 
     Attributes
     ----------
-    A
-        State matrix of the sampled closed loop.
-    limited
-        True for each of `SATURABLE_COMMANDS` at a limit.
     margins
         Margins at each of `breakpoints`, leaves of shape (breakpoint,).
     actuators_disk
@@ -259,23 +238,29 @@ def analyse_loops(case: LoopCase, fields: StateFields) -> tuple[LoopAnalysis, Lo
     return LoopAnalysis(loop.A, loop.limited, margins, actuators_disk), response
 
 
+@compiled
+def analyse_rows(
+    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, Scalar],
+    rows: tuple[TrimPoint, AutopilotGains | None],
+    fields: StateFields,
+) -> tuple[LoopAnalysis, LoopResponse]:
+    """Analyse the loops at each of several trim points; gains of a row, if any, replace the common gains."""
+    airframe, environment, common_gains, limits, step = fixed
+
+    def analyse_row(trim: TrimPoint, row_gains: AutopilotGains | None) -> tuple[LoopAnalysis, LoopResponse]:
+        gains = common_gains if row_gains is None else row_gains
+        return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), fields)
+
+    return jax.vmap(analyse_row)(*rows)
+
+
 def frequencies(step: ScalarLike, count: int = FREQUENCY_COUNT) -> Float[Array, " frequency"]:
     """Return `count` frequencies (rad/s) in equal logarithmic steps from `FREQUENCY_MIN` to the Nyquist frequency."""
     return jnp.exp(jnp.linspace(jnp.log(FREQUENCY_MIN), jnp.log(jnp.pi / step), count))
 
 
 def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " frequency"]) -> LoopResponse:
-    """Compute the frequency response of a sampled loop at its breakpoints.
-
-    Parameters
-    ----------
-    loop
-        Result of `excited_loop`.
-    step
-        Sampling period, s.
-    omega
-        Frequencies, rad/s, up to pi / step.
-    """
+    """Compute the frequency response of a sampled loop at its breakpoints, for frequencies up to pi / step."""
     unit, B = jnp.eye(loop.A.shape[0]), loop.B.astype(complex)
 
     def closed(w: Scalar) -> Complex[Array, "breakpoint breakpoint"]:
@@ -284,9 +269,7 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
     T_zw = jax.vmap(closed)(omega)
     diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
     actuators = _actuators(diagonal.shape[1])
-    actuators_difference = jax.vmap(lambda T: _structured_gain(jnp.eye(actuators.stop) + 2 * T))(
-        T_zw[:, actuators, actuators]
-    )
+    actuators_difference = jax.vmap(_structured_gain)(jnp.eye(actuators.stop) + 2 * T_zw[:, actuators, actuators])
     return LoopResponse(omega, -diagonal / (1 + diagonal), 1 + 2 * diagonal, actuators_difference)
 
 
@@ -295,13 +278,7 @@ def loop_margins(response: LoopResponse) -> tuple[Margins, Scalar]:
 
     Margins are meaningful only if the closed loop is stable: see `largest_pole`.
     """
-
-    def margins_at_breakpoint(
-        open_loop: Complex[Array, " frequency"], difference: Complex[Array, " frequency"]
-    ) -> Margins:
-        return margins_of(response.omega, open_loop, difference)
-
-    margins = jax.vmap(margins_at_breakpoint, in_axes=1)(response.open, response.difference)
+    margins = jax.vmap(margins_of, in_axes=(None, 1, 1))(response.omega, response.open, response.difference)
     actuators_disk = 2 / _peak(jnp.log(response.actuators_difference))
     return margins, jnp.minimum(actuators_disk, jnp.min(margins.disk[_actuators(margins.disk.size)]))
 
@@ -316,12 +293,8 @@ def margins_of(
     frequency are boundaries of stability only if the response is on the negative real axis there: the Nyquist
     frequency, where the response is real, and the lowest frequency if the response has reached its static value.
 
-    Parameters
-    ----------
-    omega
-        Frequencies in equal logarithmic steps, rad/s; the last is the Nyquist frequency or beyond the loop's dynamics.
-    open_loop, difference
-        Loop transfer function L of negative feedback, and S - T.
+    The frequencies (rad/s) have equal logarithmic steps; the last is the Nyquist frequency or beyond the loop's
+    dynamics. `open_loop` is the loop transfer function L of negative feedback, `difference` is S - T.
     """
     size = jnp.log(jnp.abs(open_loop))
     angle = jnp.unwrap(jnp.angle(-open_loop))  # 0: on the negative real axis
@@ -347,9 +320,8 @@ def margins_of(
     real = jnp.abs(jnp.sin(jnp.angle(open_loop[0]))) < jnp.sin(_REAL_AXIS_TOLERANCE)
     static = (jnp.abs(slope) < _STATIC_SLOPE) & real
     endpoints = jnp.array([0, -1])
-    on_axis = (jnp.abs(jnp.angle(-open_loop[endpoints])) < _REAL_AXIS_TOLERANCE) & jnp.stack(
-        [static, jnp.asarray(True)]
-    )
+    on_axis = jnp.abs(jnp.angle(-open_loop[endpoints])) < _REAL_AXIS_TOLERANCE
+    on_axis &= jnp.stack([static, jnp.asarray(True)])
     searched = jnp.exp(-size[0])
     gains = jnp.concatenate([_cubic(sizes, crossing), size[endpoints]])
     frequency = jnp.concatenate([jnp.exp(_cubic(logs, crossing)), omega[endpoints]])
@@ -381,7 +353,7 @@ def largest_pole(A: np.ndarray) -> np.ndarray:
 
 
 def _actuators(breakpoints: int) -> slice:
-    """Return the slice of the actuators in arrays over all breakpoints; `breakpoints` is the number of breakpoints."""
+    """Return the slice of the actuators in arrays over a number of breakpoints."""
     return slice(0, breakpoints - len(INNER_BREAKPOINTS))
 
 
@@ -406,10 +378,7 @@ def _cubic(values: Float[Array, "interval 4"], position: Float[Array, " interval
 
 
 def _crossings(values: Float[Array, "interval 4"], interval_start: Array) -> tuple[Array, Float[Array, " interval"]]:
-    """Whether each cubic through `values` at positions 0 to 3 crosses 0 after `interval_start`, and the crossing.
-
-    The crossing is given in grid intervals, not in rad/s.
-    """
+    """Whether each cubic through `values` at positions 0 to 3 crosses 0 after `interval_start`, and the position."""
     low = interval_start.astype(values.dtype)
     sign = jnp.where(_cubic(values, low) > 0, 1.0, -1.0)
     crosses = sign * _cubic(values, low + 1) <= 0

@@ -5,7 +5,7 @@ Datasets and tables of the margins.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -14,29 +14,25 @@ import numpy as np
 import xarray as xr
 
 from anser.aircraft.airframe import AbstractAirframe
+from anser.analysis.envelope import GRID_DIMENSIONS, survey_limits, trim_map
 from anser.analysis.loop_margins import (
     FREQUENCY_MIN,
     NEUTRAL_POLE_TOLERANCE,
     SATURABLE_COMMANDS,
     LoopAnalysis,
     LoopResponse,
-    StateFields,
-    analyse_loops,
+    analyse_rows,
     breakpoints,
     largest_pole,
     loop_state_fields,
 )
-from anser.analysis.surveys import Survey, SurveyResult, limit_attributes, select_rows
-from anser.analysis.trim_maps import GRID_DIMENSIONS, TrimMap, survey_limits, trim_map
-from anser.analysis.trim_points import ConditionError, Inversion, map_points, resolve_airframe, survey_gains
-from anser.compiling.options import compiled
+from anser.analysis.surveys import Survey, SurveyResult, SurveyVariables, limit_attributes, select_rows
+from anser.analysis.trim_points import ConditionError, Inversion, map_points, survey_gains
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
-from anser.environment.environment import Environment, standard_environment
 from anser.missions.batches import Progress
 from anser.results.documents import finite_or_none, plain_attributes
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
-from anser.simulation.response import LoopCase
 from anser.steady.trim import TrimPoint, trim_target
 from anser.steady.trim_diagnosis import nearest_trims
 from anser.units import RAD_DEG
@@ -47,59 +43,27 @@ CLOSED_LOOP_STATES = ("no_trim", "held_back", "unstable", "stable")
 """State of the closed loop at a point: no steady flight exists; a command of the autopilot is at a limit, where the
 loop is open; the closed loop is unstable; the closed loop is stable. Only stable points have margins."""
 
-_Variable = tuple[str, tuple[str, ...], np.ndarray, dict[str, Any]]
-"""Variable of a dataset: name, dimensions after that of the points, values, attributes."""
 
-
-def _point_variables(analysis: LoopAnalysis, response: LoopResponse, step_s: float) -> dict[str, Any]:
-    """Return the dataset variables of a single trim point, with the response of each loop.
-
-    The arrays of `analysis` and `response` have one row.
-    """
-    data: dict[str, Any] = {
-        name: (dimensions, values[0], labels)
-        for name, dimensions, values, labels in _variables(analysis, step_s, np.array([True]))
-    }
+def _response_variables(response: LoopResponse) -> dict[str, Any]:
+    """Return the dataset variables of the response of each loop at a single trim point."""
     loops = np.asarray(response.open)[0].T
-    response_dimensions = ("breakpoint", "frequency")
+    dimensions = ("breakpoint", "frequency")
     phase = np.unwrap(np.angle(loops), axis=1) * RAD_DEG
     # first phase between -360 and 0 deg: the same branch at all breakpoints
     phase -= 360 * np.ceil(phase[:, :1] / 360)
     with np.errstate(divide="ignore"):
         gain = 20 * np.log10(np.abs(loops))
-    data["loop_gain_db"] = (response_dimensions, gain, unit_attributes("dB", "Gain of the loop"))
-    data["loop_phase_deg"] = (response_dimensions, phase, unit_attributes("degree", "Phase of the loop"))
-    return data
-
-
-def _map_variables(trims: TrimMap, analysis: LoopAnalysis, step_s: float) -> dict[str, Any]:
-    """Return the dataset variables over a trim map; `analysis` has a row per trimmable point, in the map's order."""
-    points, trimmable = trims.points, np.asarray(trims.points.trimmable)
-    data: dict[str, Any] = {
-        name: ((*GRID_DIMENSIONS, *dimensions), trims.gridded(values), labels)
-        for name, dimensions, values, labels in _variables(analysis, step_s, trimmable)
+    return {
+        "loop_gain_db": (dimensions, gain, unit_attributes("dB", "Gain of the loop")),
+        "loop_phase_deg": (dimensions, phase, unit_attributes("degree", "Phase of the loop")),
     }
-    alpha, load_factor = (
-        np.where(trimmable, point_values, np.nan) for point_values in (points.trim.alpha, points.load_factor)
-    )
-    data["with_reserve"] = trims.with_reserve()
-    data["alpha_deg"] = trims.variable(alpha * RAD_DEG, "degree", "Angle of attack")
-    data["load_factor"] = trims.variable(load_factor, "1", "Normal load factor")
-    return data
 
 
 def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict[str, Any]]:
-    """Summarize the margins over a trim map: a row per breakpoint.
+    """Summarize the dataset of `survey_margins`: a row per breakpoint, of all points or of those with reserve.
 
     A row has the least value, the 5th percentile and the median of each margin over the stable points, and the number
     of points below `GAIN_MIN_DB` or `PHASE_MIN_DEG`. Infinite figures are None.
-
-    Parameters
-    ----------
-    dataset
-        Dataset of `survey_margins`.
-    with_reserve
-        Select only points with a tenth of power and surface travel in reserve.
     """
     is_selected = dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("stable")
     if with_reserve:
@@ -118,8 +82,8 @@ def margin_table(dataset: xr.Dataset, *, with_reserve: bool = True) -> list[dict
     return table
 
 
-def _variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> list[_Variable]:
-    """Return the dataset variables of the trimmable points, as arrays over all points of the grid (NaN elsewhere)."""
+def _margin_variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> SurveyVariables:
+    """Return the variables of the trimmable points, as arrays over all points of the grid (NaN elsewhere)."""
     pole = largest_pole(np.asarray(analysis.A)) if trimmable.any() else np.zeros(0, dtype=complex)
     rate = np.log(pole) / step_s
     stable = np.abs(pole) <= 1 + NEUTRAL_POLE_TOLERANCE
@@ -127,11 +91,8 @@ def _variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> 
     state = np.where(limited.any(axis=1), 1, np.where(stable, 3, 2)).astype(np.int32)
     margins = {name: np.asarray(values) for name, values in vars(analysis.margins).items()}
     with np.errstate(divide="ignore"):
-        up, down = 20 * np.log10(margins["gain_up"]), -20 * np.log10(margins["gain_down"])
-        up_searched, down_searched = (
-            20 * np.log10(margins["gain_up_searched"]),
-            -20 * np.log10(margins["gain_down_searched"]),
-        )
+        up, up_searched = (20 * np.log10(margins[name]) for name in ("gain_up", "gain_up_searched"))
+        down, down_searched = (-20 * np.log10(margins[name]) for name in ("gain_down", "gain_down_searched"))
     gain, phase = np.minimum(up, down), margins["phase"] * RAD_DEG
     numbers = {
         "gain_up_db": (up, "dB", "Factor by which the gain can rise"),
@@ -150,13 +111,14 @@ def _variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> 
     stable_points = trimmable.copy()
     stable_points[trimmable] = state == 3
 
+    variables: SurveyVariables = {}
+
     def add(name: str, values: Any, attributes: dict[str, Any], *dimensions: str) -> None:
-        variables.append((name, dimensions, scatter_rows(values, trimmable), attributes))
+        variables[name] = (scatter_rows(values, trimmable), attributes, dimensions)
 
     def add_stable(name: str, values: np.ndarray, attributes: dict[str, Any], *dimensions: str) -> None:
-        variables.append((name, dimensions, scatter_rows(values[state == 3], stable_points), attributes))
+        variables[name] = (scatter_rows(values[state == 3], stable_points), attributes, dimensions)
 
-    variables: list[_Variable] = []
     add("closed_loop", state, flag_attributes("What the closed loop is", CLOSED_LOOP_STATES))
     add("limited", limited, unit_attributes("1", "Whether the command stands at a limit"), "command")
     add("pole_real_1_s", rate.real, unit_attributes("s-1", "Real part of the rightmost pole"))
@@ -169,20 +131,16 @@ def _variables(analysis: LoopAnalysis, step_s: float, trimmable: np.ndarray) -> 
     return variables
 
 
-def _names(breakpoints: Sequence[str]) -> dict[str, Any]:
+def _names(airframe: AbstractAirframe) -> dict[str, Any]:
+    command = unit_attributes("", "Command of the autopilot that can stand at a limit")
     return {
-        "breakpoint": ("breakpoint", np.array(breakpoints), {"long_name": "Where the loop is broken"}),
-        "command": (
-            "command",
-            np.array(SATURABLE_COMMANDS),
-            unit_attributes("", "Command of the autopilot that can stand at a limit"),
-        ),
+        "breakpoint": ("breakpoint", np.array(breakpoints(airframe)), unit_attributes("", "Where the loop is broken")),
+        "command": ("command", np.array(SATURABLE_COMMANDS), command),
     }
 
 
-def _attributes(attributes: Mapping[str, str | int | float], step_s: float) -> dict[str, str | int | float]:
+def _attributes(step_s: float) -> dict[str, float]:
     return {
-        **attributes,
         "step_s": step_s,
         "frequency_min_rad_s": FREQUENCY_MIN,
         "frequency_max_rad_s": math.pi / step_s,
@@ -198,10 +156,7 @@ _BATCH = 32
 
 @dataclasses.dataclass(frozen=True)
 class MarginSurvey(SurveyResult):
-    """Result of a margin survey.
-
-    Its dataset has variables over (condition, altitude, mach) and margins over (condition, altitude, mach, breakpoint).
-    """
+    """Result of a margin survey, over (condition, altitude, mach), its margins also over (breakpoint)."""
 
     def counts(self) -> dict[str, int]:
         """Return the number of points in each state of the closed loop (`CLOSED_LOOP_STATES`)."""
@@ -210,24 +165,18 @@ class MarginSurvey(SurveyResult):
 
     def shortfalls(self) -> list[str]:
         """List the unstable points and the breakpoints with a margin below the minimum, one line each."""
-        names = self.dataset["breakpoint"].values.tolist()
         lines = []
-        states = self.dataset["closed_loop"].values
-        for c, a, m in np.argwhere(
-            (states == CLOSED_LOOP_STATES.index("unstable")) | self.dataset["short"].values.any(axis=-1)
-        ):
+        is_unstable = self.dataset["closed_loop"].values == CLOSED_LOOP_STATES.index("unstable")
+        for c, a, m in np.argwhere(is_unstable | self.dataset["short"].values.any(axis=-1)):
             point = self.dataset.isel(condition=c, altitude=a, mach=m)
             label = f"{point.condition_meaning.item()}, {point.altitude.item():.0f} m, Mach {point.mach.item():.3f}"
-            if states[c, a, m] == CLOSED_LOOP_STATES.index("unstable"):
+            if is_unstable[c, a, m]:
                 lines.append(f"{label}: unstable, pole {_pole(point)}")
                 continue
-            for name in names:
-                loop = point.sel(breakpoint=name)
-                if loop["short"].item():
-                    lines.append(
-                        f"{label}, {name}: {loop['gain_margin_db'].item():.1f} dB, "
-                        f"{loop['phase_margin_deg'].item():.1f} deg"
-                    )
+            for k in np.flatnonzero(point["short"]):
+                loop = point.isel(breakpoint=k)
+                gain, phase = loop["gain_margin_db"].item(), loop["phase_margin_deg"].item()
+                lines.append(f"{label}, {loop['breakpoint'].item()}: {gain:.1f} dB, {phase:.1f} deg")
         return lines
 
     def document(self) -> dict[str, Any]:
@@ -259,6 +208,9 @@ def margins_at(
 
     One loop at a time is broken; the other loops stay closed.
 
+    Raises ConditionError, with the reason, if no margin exists: the steady flight does not exist, a command of the
+    autopilot is at a limit, or the closed loop is unstable. Otherwise raises as `resolve_airframe`.
+
     Parameters
     ----------
     aircraft, variant
@@ -275,41 +227,27 @@ def margins_at(
     Returns
     -------
     xr.Dataset
-        Margins over (breakpoint): infinite without a boundary of stability, nan unless the closed loop is stable. Gain
-        and phase of the loop transfer function over (breakpoint, frequency).
-
-    Raises
-    ------
-    ConditionError
-        No margin exists: the steady flight does not exist, a command of the autopilot is at a limit, or the closed loop
-        is unstable. The message gives the reason.
-    ValueError
-        No airframe has this name.
+        Margins over (breakpoint): infinite without a boundary of stability. Gain and phase of the loop transfer
+        function over (breakpoint, frequency).
     """
-    survey = Survey()
-    airframe, attributes = resolve_airframe(aircraft, variant)
-    environment, limits = standard_environment(), survey_limits(airframe, speed_m_s)
+    survey = Survey(aircraft, variant)
+    airframe, environment = survey.airframe, survey.environment
     target = trim_target(speed_m_s, altitude_m)
-    points = map_points(airframe, environment, jax.tree.map(lambda leaf: leaf[None], target))
+    points = map_points((airframe, environment), (jax.tree.map(lambda leaf: leaf[None], target), None))
     if not bool(points.trimmable[0]):
         raise ConditionError(nearest_trims(airframe, environment, target).message())
     # a batch of the survey's size: one compiled program for both
-    analysis, response = _analyse_rows(
-        survey, "breaking the loops", airframe, environment, limits, points.trim, step_s, inversion, gains
-    )
-    attributes |= {"speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
+    limits = survey_limits(airframe, speed_m_s)
+    analysis, response = _analyse_rows(survey, "breaking the loops", limits, points.trim, step_s, inversion, gains)
+    variables = _margin_variables(analysis, step_s, np.array([True]))
+    data = {name: (dimensions, values[0], labels) for name, (values, labels, dimensions) in variables.items()}
     omega = ("frequency", response.omega[0], unit_attributes("rad s-1", "Frequency"))
-    dataset = survey.result(
-        SurveyResult,
-        _point_variables(analysis, response, step_s),
-        _names(breakpoints(airframe)) | {"frequency": omega},
-        _attributes(attributes, step_s),
-    ).dataset
+    attributes = {"speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion, **_attributes(step_s)}
+    coordinates = _names(airframe) | {"frequency": omega}
+    dataset = survey.result(SurveyResult, data | _response_variables(response), coordinates, attributes).dataset
     state = CLOSED_LOOP_STATES[dataset["closed_loop"].item()]
     if state == "held_back":
-        limits_reached = ", ".join(
-            name for name, is_limited in zip(SATURABLE_COMMANDS, dataset["limited"].values, strict=True) if is_limited
-        )
+        limits_reached = ", ".join(np.array(SATURABLE_COMMANDS)[dataset["limited"].values.astype(bool)])
         raise ConditionError(
             f"The autopilot does not hold this flight: its command stands at a limit ({limits_reached}), "
             "where the loop is open."
@@ -335,30 +273,29 @@ def survey_margins(
 
     Steady flights and limits are those of the envelope survey: `CONDITIONS` and `survey_limits`.
 
-    Parameters
-    ----------
-    aircraft, variant, inversion, step_s, gains
-        See `margins_at`.
-    coarse, altitudes_m, machs, progress
-        See `survey_envelope`.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, an axis is not of increasing numbers, or the grid has no trimmable point.
+    Parameters: see `margins_at` and `survey_envelope`. Raises ValueError as `survey_envelope`, and if the grid has no
+    trimmable point.
     """
-    survey = Survey(progress)
-    airframe, attributes = resolve_airframe(aircraft, variant)
-    environment = standard_environment()
-    trims = trim_map(survey, airframe, environment, altitudes_m, machs, coarse=coarse)
-    limits = survey_limits(airframe, trims.airspeeds)
-    rows = select_rows(trims.points.trim, np.asarray(trims.points.trimmable))
+    survey = Survey(aircraft, variant, progress)
+    trims = trim_map(survey, altitudes_m, machs, coarse=coarse)
+    points, trimmable = trims.points, np.asarray(trims.points.trimmable)
+    limits, rows = survey_limits(survey.airframe, trims.airspeeds), select_rows(points.trim, trimmable)
     description = f"breaking the loops at {len(rows.alpha)} points"
-    analysis, _ = _analyse_rows(survey, description, airframe, environment, limits, rows, step_s, inversion, gains)
-    attributes |= {"inversion": inversion, **limit_attributes(limits)}
-    coordinates = _names(breakpoints(airframe)) | trims.coordinates("Steady flight")
-    data = _map_variables(trims, analysis, step_s)
-    return survey.result(MarginSurvey, data, coordinates, _attributes(attributes, step_s))
+    analysis, _ = _analyse_rows(survey, description, limits, rows, step_s, inversion, gains)
+    alpha, load_factor = (np.where(trimmable, values, np.nan) for values in (points.trim.alpha, points.load_factor))
+    variables = _margin_variables(analysis, step_s, trimmable)
+    data = {
+        **{
+            name: ((*GRID_DIMENSIONS, *dimensions), trims.gridded(values), labels)
+            for name, (values, labels, dimensions) in variables.items()
+        },
+        "with_reserve": trims.with_reserve(),
+        "alpha_deg": trims.variable(alpha * RAD_DEG, "degree", "Angle of attack"),
+        "load_factor": trims.variable(load_factor, "1", "Normal load factor"),
+    }
+    attributes = {"inversion": inversion, **limit_attributes(limits), **_attributes(step_s)}
+    coordinates = _names(survey.airframe) | trims.coordinates("Steady flight")
+    return survey.result(MarginSurvey, data, coordinates, attributes)
 
 
 def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
@@ -366,15 +303,9 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
     table = []
     for name in dataset["breakpoint"].values.tolist():
         loop = dataset.sel(breakpoint=name)
-        figures = {
-            key: loop[key].item() for key, variable in dataset.data_vars.items() if variable.dims == ("breakpoint",)
-        }
-        table.append(
-            {
-                "breakpoint": name,
-                **{key: value if key == "short" else finite_or_none(value) for key, value in figures.items()},
-            }
-        )
+        keys = [key for key, variable in dataset.data_vars.items() if variable.dims == ("breakpoint",)]
+        figures = {key: loop[key].item() if key == "short" else finite_or_none(loop[key].item()) for key in keys}
+        table.append({"breakpoint": name, **figures})
     return {
         "format_version": _FORMAT_VERSION,
         "condition": plain_attributes(dataset.attrs),
@@ -386,33 +317,17 @@ def margin_document(dataset: xr.Dataset) -> dict[str, Any]:
 def _analyse_rows(
     survey: Survey,
     description: str,
-    airframe: AbstractAirframe,
-    environment: Environment,
     limits: FlightLimits,
     trims: TrimPoint,
     step_s: float,
     inversion: Inversion,
     gains: AutopilotGains | None,
 ) -> tuple[LoopAnalysis, LoopResponse]:
+    airframe, environment = survey.airframe, survey.environment
     common_gains, row_gains = survey_gains(airframe, environment, trims, step_s, inversion, gains)
     fields = loop_state_fields(common_gains if row_gains is None else row_gains, airframe)
     fixed = (airframe, environment, common_gains, limits, jnp.asarray(step_s))
-    return survey.evaluate(description, _analyse, fixed, (trims, row_gains), fields, batch_size=_BATCH)
-
-
-@compiled
-def _analyse(
-    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, jax.Array],
-    rows: tuple[TrimPoint, AutopilotGains | None],
-    fields: StateFields,
-) -> tuple[LoopAnalysis, LoopResponse]:
-    airframe, environment, common_gains, limits, step = fixed
-
-    def analyse_point(trim: TrimPoint, row_gains: AutopilotGains | None) -> tuple[LoopAnalysis, LoopResponse]:
-        gains = common_gains if row_gains is None else row_gains
-        return analyse_loops(LoopCase(airframe, environment, gains, limits, trim, step), fields)
-
-    return jax.vmap(analyse_point)(*rows)
+    return survey.evaluate(description, analyse_rows, fixed, (trims, row_gains), fields, batch_size=_BATCH)
 
 
 def _pole(point: xr.Dataset) -> str:

@@ -8,7 +8,6 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
@@ -44,10 +43,7 @@ spiral 0.57 (at 17 deg of angle of attack) or more; mergers have 0.99."""
 
 
 class ModeCandidate(NamedTuple):
-    """Mode before it is named.
-
-    Whether it is oscillatory, the participation of each state (`shares`), and whether the participation is reliable.
-    """
+    """Mode before it is named, with the participation of each state (`shares`) and whether this is reliable."""
 
     is_oscillatory: bool
     shares: dict[str, float]
@@ -216,13 +212,8 @@ def wind_axis_states(model: LinearModel) -> tuple[tuple[str, ...], np.ndarray]:
 def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     """Compute the modes of a linear model, continuous or sampled, fastest first.
 
-    A model of the airframe without autopilot gets the classical names (see `classical_names`); under an autopilot, each
-    mode is named after the dominant states.
-
-    Raises
-    ------
-    ValueError
-        The coordinates are not regular at the model's condition.
+    The modes of an airframe without autopilot have the `classical_names`, under an autopilot the `state_names`. Raises
+    ValueError if the coordinates are not regular at the model's condition.
     """
     if not bool(model.regular):
         raise ValueError(
@@ -231,43 +222,35 @@ def modes_of(model: LinearModel) -> tuple[Mode, ...]:
     names, to_wind = wind_axis_states(model)
     step = float(model.step)
     in_wind_axes = to_wind @ np.asarray(model.A) @ np.linalg.inv(to_wind)
-    eigenvalues, right = (
-        np.asarray(value_candidates, dtype=complex) for value_candidates in np.linalg.eig(in_wind_axes)
-    )
+    eigenvalues, right = (np.asarray(array, dtype=complex) for array in np.linalg.eig(in_wind_axes))
     factors = np.linalg.pinv(right).T * right
     total = np.abs(factors).sum(axis=0)
     # Defective matrices: the factors do not sum to 1. Nearly defective matrices: large factors cancel.
     is_reliable = (np.abs(factors.sum(axis=0) - 1) < 1e-3) & (total < _ILL_CONDITIONED)
     largest = float(np.abs(eigenvalues).max())
     imaginary = np.where(np.abs(np.imag(eigenvalues)) > _ROUNDING * largest, np.imag(eigenvalues), 0.0)
-    value_candidates = []
-    for k in np.flatnonzero(imaginary >= 0):
-        value = _continuous(complex(eigenvalues[k].real, imaginary[k]), step, largest)
-        shares = dict(zip(names, (np.abs(factors[:, k]) / total[k]).tolist(), strict=True))
-        value_candidates.append((value, ModeCandidate(bool(imaginary[k] > 0), shares, bool(is_reliable[k]))))
-    fastest = max(abs(value) for value, _ in value_candidates if math.isfinite(value.real))
-    value_candidates = [
-        (value if abs(value) > _ROUNDING * fastest else 0j, candidate) for value, candidate in value_candidates
+    values = {
+        k: _continuous(complex(eigenvalues[k].real, imaginary[k]), step, largest)
+        for k in np.flatnonzero(imaginary >= 0)
+    }
+    fastest = max(abs(value) for value in values.values() if math.isfinite(value.real))
+    values = {k: value if abs(value) > _ROUNDING * fastest else 0j for k, value in values.items()}
+    order = sorted(values, key=lambda k: -abs(values[k]))
+    shares = (np.abs(factors) / total).T.tolist()
+    candidates = [
+        ModeCandidate(bool(imaginary[k] > 0), dict(zip(names, shares[k], strict=True)), bool(is_reliable[k]))
+        for k in order
     ]
-    value_candidates.sort(key=lambda mode: -abs(mode[0]))
-    candidates = [candidate for _, candidate in value_candidates]
     mode_names = state_names(candidates) if step else classical_names(candidates)
-    return tuple(
-        Mode(
-            name,
-            value,
-            2 if candidate.is_oscillatory else 1,
-            tuple(sorted(candidate.shares.items(), key=lambda share: -share[1])),
-        )
-        for name, (value, candidate) in zip(mode_names, value_candidates, strict=True)
-    )
+    modes = []
+    for name, k, candidate in zip(mode_names, order, candidates, strict=True):
+        ranked_shares = sorted(candidate.shares.items(), key=lambda share: -share[1])
+        modes.append(Mode(name, values[k], 2 if candidate.is_oscillatory else 1, tuple(ranked_shares)))
+    return tuple(modes)
 
 
 def _continuous(value: complex, step: float, largest: float) -> complex:
-    """Return the continuous-time eigenvalue (1/s) of a model with sampling period `step` (s).
-
-    Minus infinity for a sampled eigenvalue of 0, whose mode vanishes within a step.
-    """
+    """Return the eigenvalue in continuous time, 1/s; minus infinity if the sampled mode vanishes within a step."""
     if not step:
         return value
     if abs(value) < _ROUNDING * largest:
@@ -327,8 +310,8 @@ def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
     def poles(loop_case: LoopCase) -> list[complex]:
         model = linearize_loop(loop_case, loop)
         # The low-pass filters on the deflections, 2 1/s as published, happen to lie among the attitude loop's poles.
-        matches = [mode for mode in modes_of(model) if not mode.shares[0][0].endswith("_slow")]
-        return [value for mode in matches for value in mode.eigenvalues]
+        modes = [mode for mode in modes_of(model) if not mode.shares[0][0].endswith("_slow")]
+        return [value for mode in modes for value in mode.eigenvalues]
 
     gains = case.gains
     limit = dataclasses.replace(case, gains=_limit(gains, loop), step=LIMIT_STEP_S)
@@ -344,22 +327,14 @@ def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:
 
 def _ideal(gains: AutopilotGains, loop: Loop, channel: int) -> list[complex]:
     loop_gains = getattr(gains, loop)
-    inertia, damping, stiffness = (
-        1.0 + float(loop_gains.derivative[channel]),
-        float(loop_gains.proportional[channel]),
-        float(loop_gains.integral[channel]),
-    )
-    coefficients = [inertia, damping, stiffness] if stiffness else [inertia, damping]
-    return [complex(root) for root in np.roots(coefficients)]
+    K_D, K_P, K_I = (float(getattr(loop_gains, term)[channel]) for term in ("derivative", "proportional", "integral"))
+    return [complex(root) for root in np.roots([1.0 + K_D, K_P, K_I] if K_I else [1.0 + K_D, K_P])]
 
 
 def _limit(gains: AutopilotGains, loop: Loop) -> AutopilotGains:
-    names, values = zip(*_LIMIT_BANDWIDTHS.items(), strict=True)
-    fast = eqx.tree_at(
-        lambda g: [getattr(g, name) for name in names], gains, [jnp.asarray(v, dtype=float) for v in values]
-    )
+    bandwidths = dict(_LIMIT_BANDWIDTHS)
     if loop == "attitude":
         # Fast enough to lie beyond the matched poles. In the velocity loop this bandwidth would be unstable, see
         # `OnboardModel`.
-        fast = eqx.tree_at(lambda g: g.surface_bandwidth, fast, jnp.asarray(50.0, dtype=float))
-    return fast
+        bandwidths["surface_bandwidth"] = 50.0
+    return dataclasses.replace(gains, **{name: jnp.asarray(v, dtype=float) for name, v in bandwidths.items()})

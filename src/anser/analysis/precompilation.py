@@ -20,13 +20,8 @@ from anser.scenario.schema import Scenario
 def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) -> None:
     """Compile, or load, the programs of `plan`, `run`, `trim`, `linearize` and `step`.
 
-    Parameters
-    ----------
-    scenarios
-        Scenarios to plan and to fly for a segment. Programs depend on planner, Earth, aircraft and their number,
-        keep-outs and wind layers, not on numerical values.
-    progress
-        Called with a description of the current work and the completed part, 0..1.
+    The scenarios are planned and flown for a segment. Programs depend on planner, Earth, aircraft and their number,
+    keep-outs and wind layers, not on numerical values.
     """
     report_progress = progress or no_progress
 

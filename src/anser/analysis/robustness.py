@@ -11,31 +11,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
-from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
-from anser.aircraft_files.library import load_airframe
-from anser.analysis.survey_outcomes import FlightOutcomes, flight_coordinates, flight_variables
+from anser.aircraft.dispersions import F16Dispersion
+from anser.aircraft.f16 import F16_COEFFICIENTS
+from anser.analysis.envelope import COMMANDS, accepted_errors
 from anser.analysis.surveys import (
+    FlightRows,
     Survey,
     SurveyResult,
     flight_attributes,
-    is_beyond_limits,
+    flight_coordinates,
     sample_count,
     select_rows,
+    trim_stop,
 )
-from anser.analysis.trim_maps import COMMANDS, accepted_errors
-from anser.analysis.trim_points import ConditionError, Inversion, gains_for
-from anser.compiling.options import compiled
-from anser.control.gains import AutopilotGains
+from anser.analysis.trim_points import ConditionError, Inversion, gains_for, map_points
 from anser.control.limits import FlightLimits, default_limits
-from anser.environment.environment import Environment, standard_environment
 from anser.missions.batches import Progress
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
 from anser.scenario.schema_aircraft import Gains
-from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import DelayedSensors
-from anser.simulation.survey_flight import SurveySummary, survey_flight
-from anser.steady.trim import TRIM_OBSTACLES, TrimMapPoint, TrimPoint, TrimTarget, trim_map_point, trim_target
+from anser.steady.trim import TrimMapPoint, trim_target
 from anser.units import DEG_RAD
 
 DELAY_MAX_S = 0.2
@@ -128,10 +123,8 @@ class Cases:
 
     Attributes
     ----------
-    part
-        Index into `PARTS`, shape (n,).
-    condition
-        Index of the flight point, shape (n,).
+    part, condition
+        Indices into `PARTS` and of the flight point, shape (n,).
     spread
         Greatest change, shape (n,); in the part "alone" the flown change.
     alone
@@ -157,21 +150,23 @@ class Cases:
         return Cases(*(np.concatenate([getattr(self, name), getattr(addend, name)]) for name in fields))
 
 
-def dispersed_cases(flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS)) -> Cases:
+def dispersed_cases(
+    flights: int, spread: float, seed: int, conditions: int = len(CONDITIONS), *, part: int = 0
+) -> Cases:
     """Return flights with all numbers changed at random, uniformly and independently, up to `spread`.
 
-    The flights are distributed evenly over the conditions.
+    The flights are distributed evenly over the conditions. Each part has random numbers of its own.
     """
-    return _at_random(0, flights, spread, seed, conditions)
+    draws = np.random.default_rng((seed, part)).uniform(-1.0, 1.0, (flights, len(FACTORS)))
+    draws = np.where([factor.one_way for factor in FACTORS], np.abs(draws), draws)
+    condition, alone = np.arange(flights) % conditions, np.full(flights, -1)
+    return Cases(np.full(flights, part), condition, np.full(flights, spread), alone, spread * draws)
 
 
 def spread_cases(flights: int, seed: int, conditions: int = len(CONDITIONS), spreads: tuple = SPREADS) -> Cases:
-    """Return `flights` flights at each of several spreads, with the same random numbers scaled by the spread.
-
-    The random numbers are independent of those of `dispersed_cases` with the same seed.
-    """
-    all_spreads = [_at_random(1, flights, spread, seed, conditions) for spread in spreads]
-    return sum(all_spreads[1:], all_spreads[0])
+    """Return `flights` flights at each of several spreads, with the same random numbers scaled by the spread."""
+    first, *others = (dispersed_cases(flights, spread, seed, conditions, part=1) for spread in spreads)
+    return sum(others, first)
 
 
 def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, ...] | None = None) -> Cases:
@@ -191,33 +186,13 @@ def single_factor_cases(conditions: int = len(CONDITIONS), factors: tuple[str, .
 
 def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
     """Convert rows of values of `FACTORS` to airframe dispersions and sensor delays (s)."""
-    values_by_factor = jnp.asarray(values, dtype=float)
-
-    def factor_values(name: str) -> jnp.ndarray:
-        return values_by_factor[:, _INDEX[name]]
-
+    by_name = dict(zip(_INDEX, jnp.asarray(values, dtype=float).T, strict=True))
     dispersion = F16Dispersion(
-        coefficients=jnp.stack([factor_values(name) for name in F16_COEFFICIENTS], axis=1),
-        thrust=factor_values("thrust"),
-        mass=factor_values("mass"),
-        second_moments=jnp.stack([factor_values(f"second_moment_{axis}") for axis in "xyz"], axis=1),
-        actuator_bandwidth=factor_values("actuator_bandwidth"),
-        cg_shift=factor_values("cg_shift"),
+        coefficients=jnp.stack([by_name[name] for name in F16_COEFFICIENTS], axis=1),
+        second_moments=jnp.stack([by_name[f"second_moment_{axis}"] for axis in "xyz"], axis=1),
+        **{name: by_name[name] for name in ("thrust", "mass", "actuator_bandwidth", "cg_shift")},
     )
-    return dispersion, factor_values("sensor_delay")
-
-
-def _at_random(part: int, flights: int, spread: float, seed: int, conditions: int) -> Cases:
-    draws = np.random.default_rng((seed, part)).uniform(-1.0, 1.0, (flights, len(FACTORS)))
-    one_way = np.array([factor.one_way for factor in FACTORS])
-    draws = np.where(one_way, np.abs(draws), draws)
-    return Cases(
-        part=np.full(flights, part),
-        condition=np.arange(flights) % conditions,
-        spread=np.full(flights, spread),
-        alone=np.full(flights, -1),
-        changes=spread * draws,
-    )
+    return dispersion, by_name["sensor_delay"]
 
 
 _INVERSIONS: tuple[Inversion, ...] = ("model", "incremental")
@@ -227,10 +202,9 @@ _FLIGHTS_OF_SWEEP = 200
 
 @dataclasses.dataclass(frozen=True)
 class RobustnessStudy(SurveyResult):
-    """Result of a robustness study.
+    """Result of a robustness study: dispersions over (flight,), and results over (inversion, flight).
 
-    Its dataset has the dispersions over (flight,) and the results over (inversion, flight); NaN and outcome 0 if the
-    dispersed aircraft has no steady flight.
+    NaN and outcome 0 if the dispersed aircraft has no steady flight.
     """
 
 
@@ -255,8 +229,6 @@ def robustness_study(
 
     Parameters
     ----------
-    variant
-        Variant of the F-16's data.
     flights, spread, seed
         Part "dispersed": flights of each inversion, greatest change (0..0.9), and seed of the random numbers.
     sweep
@@ -267,8 +239,8 @@ def robustness_study(
         Duration of a flight; sampling period of the autopilot.
     cases
         Cases to fly; None: cases from `flights`, `spread` and `sweep`.
-    progress
-        Called with a description of the current work and the completed part, 0..1.
+    variant, progress
+        See `Survey`.
 
     Raises
     ------
@@ -280,50 +252,44 @@ def robustness_study(
     if flights < 1 or not 0.0 <= spread <= 0.9:
         raise ValueError(f"arrived flights {flights}, spread {spread:g}; expected 1 or more, 0 to 0.9")
     count = sample_count(duration_s, step_s)
-    survey = Survey(progress)
+    survey = Survey("f16", variant, progress)
     if cases is None:
         cases = dispersed_cases(flights, spread, seed, len(conditions))
         if sweep:
             cases += spread_cases(_FLIGHTS_OF_SWEEP, seed, len(conditions)) + single_factor_cases(len(conditions))
-    nominal = load_airframe("f16", variant)
-    if not isinstance(nominal, AbstractF16):
-        raise TypeError(f"expected an F16, not a {type(nominal).__name__}")
-    environment, limits = standard_environment(), default_limits()
+    limits = default_limits()
     points = jax.vmap(trim_target)(
         jnp.asarray([point.speed_m_s for point in conditions]), jnp.asarray([point.altitude_m for point in conditions])
     )
 
     def trim_cases(selected_cases: Cases, end: float) -> TrimMapPoint:
-        rows = dispersion_of(selected_cases.values)[0], select_rows(points, selected_cases.condition)
+        rows = select_rows(points, selected_cases.condition), dispersion_of(selected_cases.values)[0]
         description = f"trimming {len(selected_cases.condition)} aircraft"
-        return survey.evaluate(description, _trim, (nominal, environment), rows, span=(0.0, end))
+        return survey.evaluate(description, map_points, (survey.airframe, survey.environment), rows, span=(0.0, end))
 
     undispersed = dispersed_cases(len(conditions), 0.0, seed, len(conditions))
     _check_flyable(trim_cases(undispersed, 0.0), limits, conditions)
     trims = trim_cases(cases, 0.1)
-    rows = select_rows(
-        (*dispersion_of(cases.values), trims.trim, select_rows(points, cases.condition)), np.asarray(trims.trimmable)
-    )
-    trim, target = rows[2:]
+    rows = (trims.trim, select_rows(points, cases.condition), *dispersion_of(cases.values))
+    trim, target, dispersion, delay = select_rows(rows, np.asarray(trims.trimmable))
     size = np.array(_COMMAND.size)
     tolerance = accepted_errors(size)
-    study_flights = [
+    sizes, tolerances = (jnp.broadcast_to(channels, (len(delay), 3)) for channels in (size, tolerance))
+    sensors = DelayedSensors(delay, DELAY_MAX_S, step_s)
+    study_flights = FlightRows(trim, target, sizes, tolerances, None, dispersion, sensors)
+    variables = [
         survey.fly(
-            f"flying {len(trim.alpha)} flights, {inversion} inversion",
-            _fly,
-            (nominal, environment, gains_for(inversion), limits, jnp.asarray(size), jnp.asarray(tolerance)),
-            rows,
+            f"flying {len(delay)} flights, {inversion} inversion",
+            study_flights,
+            gains_for(inversion),
+            limits,
             step_s,
             count,
-            tolerances=np.broadcast_to(tolerance, (len(trim.alpha), 3)),
-            start_beyond=is_beyond_limits(trim, target.speed, limits),
             span=(0.1 + 0.45 * k, 0.1 + 0.45 * (k + 1)),
         )
         for k, inversion in enumerate(_INVERSIONS)
     ]
     attributes = {
-        "aircraft": "f16",
-        "variant": variant,
         "command": _COMMAND.meaning,
         "seed": seed,
         "spread_percent": 100 * spread,
@@ -333,53 +299,51 @@ def robustness_study(
         "tolerance_course_deg": float(tolerance[2] / DEG_RAD),
         **flight_attributes(count, step_s, limits),
     }
-    variables = _study_variables(cases, conditions, trims, study_flights, nominal.actuators.names)
-    return survey.result(RobustnessStudy, *variables, attributes)
-
-
-def _study_variables(
-    cases: Cases,
-    conditions: Sequence[FlightPoint],
-    trims: TrimMapPoint,
-    flights: Sequence[tuple[SurveySummary, FlightOutcomes]],
-    surfaces: Sequence[str],
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the variables and the coordinates of a study's dataset.
-
-    `flights` has a pair (summaries, outcomes) for each inversion, with the trimmable aircraft only.
-    """
-    trimmable = np.asarray(trims.trimmable)
-    trim_stop = np.where(trimmable, 0, 1 + np.asarray(trims.obstacles).argmax(axis=1)).astype(np.int32)
     names = [f"{point.speed_m_s:g} m/s, {point.altitude_m:g} m" for point in conditions]
-    labels = flag_attributes("Steady flight that is left", names)
+    coordinates: dict[str, Any] = {
+        "inversion": ("inversion", np.array(_INVERSIONS), unit_attributes("", "What the autopilot inverts")),
+        **_factor_coordinates(),
+        "condition_meaning": ("place", np.array(names)),
+        **flight_coordinates(survey.airframe.actuators.names),
+    }
+    data = _case_variables(cases, names)
+    data["trim_stop"] = ("flight", *trim_stop(trims, "What stops the steady flight"))
+    for name, (_, labels, dimensions) in variables[0].items():
+        values = np.stack([scatter_rows(columns[name][0], np.asarray(trims.trimmable)) for columns in variables])
+        data[name] = (("inversion", "flight", *dimensions), values, labels)
+    return survey.result(RobustnessStudy, data, coordinates, attributes)
+
+
+def _case_variables(cases: Cases, conditions: Sequence[str]) -> dict[str, Any]:
+    labels = flag_attributes("Steady flight that is left", conditions)
     spread = unit_attributes("percent", "Greatest change, or the only one")
     alone = unit_attributes("1", "Index of the only factor that is changed; -1: all are")
     values = unit_attributes("1", "Value of what is dispersed (factor_unit)")
-    data: dict[str, Any] = {
+    return {
         "part": ("flight", cases.part.astype(np.int32), flag_attributes("Part of the study", PARTS)),
         "condition": ("flight", cases.condition.astype(np.int32), labels),
         "spread_percent": ("flight", 100.0 * cases.spread, spread),
         "alone": ("flight", cases.alone.astype(np.int32), alone),
         "factor_value": (("flight", "factor"), cases.values, values),
-        "trim_stop": ("flight", trim_stop, flag_attributes("What stops the steady flight", ("none", *TRIM_OBSTACLES))),
     }
-    columns = [flight_variables(*inversion_flights) for inversion_flights in flights]
-    for name, (_, attributes, dimensions) in columns[0].items():
-        stacked = np.stack([scatter_rows(column[name][0], trimmable) for column in columns])
-        data[name] = (("inversion", "flight", *dimensions), stacked, attributes)
-    nominal = unit_attributes("1", "Value without a change (factor_unit)")
-    scale = unit_attributes("1", "What a change of 100 % adds (factor_unit)")
-    coordinates: dict[str, Any] = {
-        "inversion": ("inversion", np.array(_INVERSIONS), unit_attributes("", "What the autopilot inverts")),
-        "factor": ("factor", np.array([f.name for f in FACTORS]), unit_attributes("", "What is dispersed")),
-        "factor_meaning": ("factor", np.array([f.meaning for f in FACTORS])),
-        "factor_unit": ("factor", np.array([f.unit for f in FACTORS])),
-        "factor_nominal": ("factor", np.array([f.nominal for f in FACTORS]), nominal),
-        "factor_scale": ("factor", np.array([f.scale for f in FACTORS]), scale),
-        "condition_meaning": ("place", np.array(names)),
-        **flight_coordinates(surfaces),
+
+
+def _factor_coordinates() -> dict[str, Any]:
+    labels = {
+        "name": unit_attributes("", "What is dispersed"),
+        "meaning": {},
+        "unit": {},
+        "nominal": unit_attributes("1", "Value without a change (factor_unit)"),
+        "scale": unit_attributes("1", "What a change of 100 % adds (factor_unit)"),
     }
-    return data, coordinates
+    return {
+        "factor" if field == "name" else f"factor_{field}": (
+            "factor",
+            np.array([getattr(factor, field) for factor in FACTORS]),
+            attributes,
+        )
+        for field, attributes in labels.items()
+    }
 
 
 def _check_flyable(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequence[FlightPoint]) -> None:
@@ -395,32 +359,3 @@ def _check_flyable(nominal: TrimMapPoint, limits: FlightLimits, conditions: Sequ
                 f"The autopilot flies {low:g} to {high:g} m/s; {point.speed_m_s:g} m/s and the commanded "
                 f"{_COMMAND.speed_m_s:+g} m/s are not within."
             )
-
-
-@compiled
-def _trim(fixed: tuple[AbstractF16, Environment], rows: tuple[F16Dispersion, TrimTarget]) -> TrimMapPoint:
-    nominal, environment = fixed
-
-    def trim_dispersed(dispersion: F16Dispersion, target: TrimTarget) -> TrimMapPoint:
-        return trim_map_point(dispersed_f16(nominal, dispersion), environment, target)
-
-    return jax.vmap(trim_dispersed)(*rows)
-
-
-@compiled
-def _fly(
-    fixed: tuple[AbstractF16, Environment, AutopilotGains, FlightLimits, jax.Array, jax.Array],
-    rows: tuple[F16Dispersion, jax.Array, TrimPoint, TrimTarget],
-    step: float,
-    count: int,
-) -> SurveySummary:
-    nominal, environment, gains, limits, size, tolerance = fixed
-
-    def fly_dispersed(
-        dispersion: F16Dispersion, delay: jax.Array, trim: TrimPoint, target: TrimTarget
-    ) -> SurveySummary:
-        airframe, sensors = dispersed_f16(nominal, dispersion), DelayedSensors(delay, DELAY_MAX_S, step)
-        setup = (airframe, environment, gains, limits, trim, target, size, tolerance, step, count)
-        return survey_flight(*setup, sensors, DirectEstimator(nominal))
-
-    return jax.vmap(fly_dispersed)(*rows)

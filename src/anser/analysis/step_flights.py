@@ -30,8 +30,9 @@ from anser.analysis.step_tests import (
     StepTestResult,
     scaled_step_tests,
 )
+from anser.analysis.surveys import Survey, select_rows
 from anser.analysis.trim_points import ConditionError, Inversion, gains_for, resolve_airframe, steady_trim
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled
 from anser.control.allocation import deflection_for_moment, surface_moments
 from anser.control.gains import AutopilotGains, automatic_gains
 from anser.control.inversion_autopilot import Loop
@@ -65,8 +66,6 @@ class StepCase:
 
     Attributes
     ----------
-    airframe, trim
-        Airframe and its trim point.
     gains, limits
         Autopilot: published values for the F-16, derived values for another aircraft.
     time_scale
@@ -91,24 +90,20 @@ def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
     """
     if isinstance(airframe, AbstractF16):
         return _F16_SPEED_M_S, _ALTITUDE_M
-    altitude_bounds = getattr(getattr(airframe, "validity", None), "altitude", (-math.inf, math.inf))
-    altitude = min(max(_ALTITUDE_M, float(altitude_bounds[0])), float(altitude_bounds[1]))
+    low, high = getattr(getattr(airframe, "validity", None), "altitude", (-math.inf, math.inf))
+    altitude = min(max(_ALTITUDE_M, float(low)), float(high))
     speed_range = valid_airspeed_range(airframe)
-    capability = compute_defaults(
-        airframe, altitude, math.sqrt(speed_range[0] * speed_range[1]), speed_range, STEP_S
-    ).capability
+    middle_speed = math.sqrt(speed_range[0] * speed_range[1])
+    capability = compute_defaults(airframe, altitude, middle_speed, speed_range, STEP_S).capability
     if math.isnan(capability.speed_min):
-        return round(math.sqrt(speed_range[0] * speed_range[1])), altitude
+        return round(middle_speed), altitude
     return float(round(math.sqrt(capability.speed_min * capability.speed_max))), altitude
 
 
 def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, inversion: Inversion) -> StepCase:
     """Trim an aircraft in level flight, and derive gains and limits of the autopilot at this point.
 
-    Raises
-    ------
-    ConditionError
-        The aircraft has no level flight at this point; the message gives the reason.
+    Raises ConditionError, with the reason, if the aircraft has no level flight at this point.
     """
     environment, limits = standard_environment(), default_limits()
     trim = steady_trim(airframe, environment, trim_target(speed_m_s, altitude_m))
@@ -117,38 +112,26 @@ def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, i
     derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), STEP_S)
     capability, bandwidths = derived_defaults
     slowest, fastest = min(capability.speed_min, speed_m_s), max(capability.speed_max, speed_m_s)
-    limits = eqx.tree_at(
-        lambda flight_limits: (
-            flight_limits.speed_min,
-            flight_limits.speed_max,
-            flight_limits.bank_max,
-            flight_limits.alpha_min,
-            flight_limits.alpha_max,
-        ),
+    limits = dataclasses.replace(
         limits,
-        (
-            as_array(slowest),
-            as_array(fastest),
-            as_array(min(float(limits.bank_max), capability.bank_max)),
-            *airframe.alpha_range,
-        ),
+        speed_min=as_array(slowest),
+        speed_max=as_array(fastest),
+        bank_max=as_array(min(float(limits.bank_max), capability.bank_max)),
+        alpha_min=airframe.alpha_range[0],
+        alpha_max=airframe.alpha_range[1],
     )
     time_scale = LoopTimeScale(
-        *(
-            float(slow / np.min(fast[:2]))
-            for slow, fast in zip(_PUBLISHED_BANDWIDTHS, _loop_bandwidths(derived_defaults), strict=True)
-        )
+        **{
+            loop: float(published / np.min(getattr(bandwidths, loop)[:2]))
+            for loop, published in _PUBLISHED_BANDWIDTHS.items()
+        }
     )
     gains = gains_for(inversion, automatic_gains(bandwidths))
     return StepCase(airframe, trim, gains, limits, time_scale, derived_defaults)
 
 
-_PUBLISHED_BANDWIDTHS = (5.0, 2.0, 1.0)
-"""Bandwidths of the published loops, 1/s: rates, attitude, velocity."""
-
-
-def _loop_bandwidths(derived_defaults: DerivedDefaults) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return derived_defaults.bandwidths.rates, derived_defaults.bandwidths.attitude, derived_defaults.bandwidths.velocity  # pyright: ignore[reportReturnType]
+_PUBLISHED_BANDWIDTHS = {"rates": 5.0, "attitude": 2.0, "velocity": 1.0}
+"""Bandwidths of the published loops, 1/s."""
 
 
 def select_step_tests(case: StepCase) -> tuple[StepTest, ...]:
@@ -192,9 +175,8 @@ def _load_per_alpha(airframe: AbstractAirframe, environment: Environment, trim: 
     surfaces, zero_rates = trim.state.surfaces, jnp.zeros(3)
 
     def lift(alpha: Scalar) -> Scalar:
-        force_b = airframe.aerodynamics(
-            eqx.tree_at(lambda d: d.alpha, condition.air_data, alpha), zero_rates, surfaces
-        ).force_b
+        data = eqx.tree_at(lambda d: d.alpha, condition.air_data, alpha)
+        force_b = airframe.aerodynamics(data, zero_rates, surfaces).force_b
         return force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
 
     weight = airframe.mass_properties.mass * environment.gravity
@@ -206,12 +188,7 @@ def gallery_steps(
 ) -> tuple[tuple[StepTest, ...], tuple[float, float]]:
     """Return an aircraft's tests, and the airspeed (m/s) and altitude (m) of the trim: `flight_point` or the default.
 
-    Raises
-    ------
-    ConditionError
-        The aircraft has no level flight at this point.
-    ValueError
-        No airframe has this name.
+    Raises as `fly_steps`.
     """
     airframe = resolve_airframe(aircraft, variant)[0]
     speed_m_s, altitude_m = default_flight_point(airframe) if flight_point is None else flight_point
@@ -221,7 +198,7 @@ def gallery_steps(
 def step_time_scale(
     aircraft: str | AbstractAirframe, variant: str, speed_m_s: float, altitude_m: float
 ) -> LoopTimeScale:
-    """Return the time scales of an aircraft's loops relative to the published loops; raises as `gallery_steps`."""
+    """Return the time scales of an aircraft's loops relative to the published loops; raises as `fly_steps`."""
     return step_case(resolve_airframe(aircraft, variant)[0], speed_m_s, altitude_m, "model").time_scale
 
 
@@ -263,10 +240,11 @@ def fly_steps(
     The F-16 has the published gains; another aircraft has derived gains and limits. Tests of the same loop and duration
     are one batch, compiled once.
 
+    Raises ConditionError, with the reason, if level trim does not exist or the step leads beyond the autopilot's speed
+    limits. Otherwise raises as `resolve_airframe`.
+
     Parameters
     ----------
-    tests
-        Step tests.
     aircraft, variant
         Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
@@ -275,34 +253,22 @@ def fly_steps(
         Inversion of the autopilot: of the onboard model, or incremental from the measured accelerations.
     progress
         Called with the name of the next loop.
-
-    Raises
-    ------
-    ConditionError
-        Level trim does not exist, or the step leads beyond the autopilot's speed limits; the message gives the reason.
-    ValueError
-        No airframe has this name.
     """
-    enable_compilation_cache()
-    airframe, airframe_attributes = resolve_airframe(aircraft, variant)
-    environment, case = standard_environment(), step_case(airframe, speed_m_s, altitude_m, inversion)
+    survey = Survey(aircraft, variant, lambda loop, _: progress(loop))
+    case = step_case(survey.airframe, speed_m_s, altitude_m, inversion)
     for test in tests:
         _check_speed(test, speed_m_s, case.limits)
-    attributes = {**airframe_attributes, "speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
+    fixed = (survey.airframe, survey.environment, case.gains, case.limits, case.trim)
+    attributes = survey.attributes | {"speed_m_s": speed_m_s, "altitude_m": altitude_m, "inversion": inversion}
     results: dict[StepTest, StepTestResult] = {}
     batches: dict[tuple[Loop, float], list[StepTest]] = {}
     for test in tests:
         batches.setdefault((test.loop, test.duration_s), []).append(test)
     for (loop, duration), batch in batches.items():
-        progress(loop)
-        sizes = jnp.asarray([_sizes_si(test) for test in batch])
-        record = _fly(
-            airframe, environment, case.gains, case.limits, case.trim, sizes, round(duration / STEP_S) + 1, loop
-        )
-        batch_record = {key: np.asarray(values) for key, values in record.items()}
+        sizes, count = np.array([_sizes_si(test) for test in batch]), round(duration / STEP_S) + 1
+        records = survey.evaluate(loop, _fly, fixed, sizes, count, loop, batch_size=len(batch))
         for k, test in enumerate(batch):
-            test_record = {key: values[k] for key, values in batch_record.items()}
-            results[test] = _flight(test, test_record, airframe, attributes)
+            results[test] = _flight(test, select_rows(records, k), survey.airframe, attributes)
     return tuple(results[test] for test in tests)
 
 
@@ -326,10 +292,10 @@ class _StepRecorder(AbstractRecorder):
     stride: int = eqx.field(static=True, default=1)
 
     def init(self, aircraft: int) -> None:
-        """Return None: the recorder has no state."""
+        """The recorder has no state."""
 
     def update(self, recorder_state: None, sample: AircraftSample, instant: Instant) -> None:
-        """Return None: there is no state to update."""
+        """The recorder has no state."""
 
     def output(self, sample: AircraftSample, instant: Instant) -> dict[str, Array]:
         """Return the recorded values by the keys of the catalogue."""
@@ -339,35 +305,28 @@ class _StepRecorder(AbstractRecorder):
 
 @compiled
 def _fly(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    gains: AutopilotGains,
-    limits: FlightLimits,
-    trim: TrimPoint,
+    fixed: tuple[AbstractAirframe, Environment, AutopilotGains, FlightLimits, TrimPoint],
     sizes: Float[Array, "tests 3"],
     count: int,
     loop: Loop,
 ) -> dict[str, Float[Array, "tests steps"]]:
     """Fly a batch of steps; return the history by the keys of the catalogue, shape (tests, steps), SI units and rad."""
-    trim_outputs = _outputs(airframe, environment, trim.state)
-    case = LoopCase(airframe, environment, gains, limits, trim, STEP_S)
+    case = LoopCase(*fixed, STEP_S)
+    trim_outputs = _outputs(case.airframe, case.environment, case.trim.state)
     trim_values = jnp.stack([trim_outputs[key] for key in CHANNEL_KEYS[loop].values()])
 
     def fly_step(size: Float[Array, "3"]) -> dict[str, Array]:
         commanded_values = trim_values + size
         record = loop_flight(case, commanded_values, count, loop, _StepRecorder())
-        commanded = dict(zip(CHANNEL_KEYS[loop].values(), commanded_values, strict=True))
-        commands = {f"{key}_command": jnp.full(count, commanded_values) for key, commanded_values in commanded.items()}
+        commanded = zip(CHANNEL_KEYS[loop].values(), commanded_values, strict=True)
+        commands = {f"{key}_command": jnp.full(count, value) for key, value in commanded}
         return {**record, **{key: jnp.unwrap(record[key]) for key in _ANGLES_THAT_WRAP}, **commands}
 
     return jax.vmap(fly_step)(sizes)
 
 
 def _outputs(airframe: AbstractAirframe, environment: Environment, state: AircraftState) -> dict[str, Array]:
-    """Return the outputs of the three loops and the controls at one time, by the keys of the catalogue.
-
-    `environment` has a steady wind.
-    """
+    """Return outputs of the three loops and controls by the keys of the catalogue; `environment` has a steady wind."""
     R_bn = rotation_from_quaternion(state.quaternion)
     wind_n = environment.wind.at(state.position_n, 0.0)
     velocity_air_b = state.velocity_b - rotate(R_bn, wind_n)

@@ -5,7 +5,6 @@ Commands, durations and published tests; and the result of a flown test, with it
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
@@ -20,16 +19,14 @@ from anser.variables import CATALOGUE
 STEP_S = 0.01
 """Sampling period of the autopilot, s."""
 
-CHANNEL_KEYS: Mapping[Loop, Mapping[str, str]] = MappingProxyType(
-    {
-        "rates": MappingProxyType({"p": "roll_rate", "q": "pitch_rate", "r": "yaw_rate"}),
-        "attitude": MappingProxyType({"mu": "bank", "alpha": "alpha", "beta": "beta"}),
-        "velocity": MappingProxyType({"v": "airspeed", "gamma": "path_angle", "chi": "course"}),
-    }
-)
+CHANNEL_KEYS: Mapping[Loop, Mapping[str, str]] = {
+    "rates": {"p": "roll_rate", "q": "pitch_rate", "r": "yaw_rate"},
+    "attitude": {"mu": "bank", "alpha": "alpha", "beta": "beta"},
+    "velocity": {"v": "airspeed", "gamma": "path_angle", "chi": "course"},
+}
 """For each loop (innermost first) its three channels, each with its key in `anser.variables.CATALOGUE`."""
 
-_DURATION_S: Mapping[Loop, float] = MappingProxyType({"rates": 3.0, "attitude": 6.0, "velocity": 60.0})
+_DURATION_S: Mapping[Loop, float] = {"rates": 3.0, "attitude": 6.0, "velocity": 60.0}
 """Durations of the tests of each loop. The velocity loop's integrator decays with a time constant of 40 s."""
 
 _READ_YAW_AT_S = 1.05
@@ -38,7 +35,7 @@ _READ_YAW_AT_S = 1.05
 A constant yaw rate builds up sideslip until the rudder reaches its stop at 1.27 s; the interval ends before."""
 
 _DURATION_MIN_S, _DURATION_MAX_S = 0.2, 600.0
-_SIZE_MAX = MappingProxyType({"deg/s": 120.0, "deg": 170.0, "m/s": 150.0})
+_SIZE_MAX = {"deg/s": 120.0, "deg": 170.0, "m/s": 150.0}
 
 
 class LoopTimeScale(NamedTuple):
@@ -82,8 +79,7 @@ class StepTest:
         return {c: size for c, size in zip(CHANNEL_KEYS[self.loop], self.size, strict=True) if size != 0.0}
 
 
-def unit_of_channel(channel: str) -> str:
-    """Return the unit in which a channel's step is given: deg/s, deg or m/s."""
+def _unit_of_channel(channel: str) -> str:
     return "m/s" if channel == "v" else "deg/s" if channel in CHANNEL_KEYS["rates"] else "deg"
 
 
@@ -104,8 +100,6 @@ def step_test(
     duration_s
         Duration, and end of the interval of the figures; None: the published duration (for a yaw rate 1.05 s) times
         `time_scale`.
-    time_scale
-        Time scales of the aircraft's loops.
 
     Raises
     ------
@@ -121,16 +115,15 @@ def step_test(
     for channel, size in sizes.items():
         if channel not in channels:
             raise ValueError(f"channel: arrived {channel!r}; expected one of {', '.join(channels)} for --loop {loop}")
-        largest = _SIZE_MAX[unit_of_channel(channel)]
+        unit = _unit_of_channel(channel)
+        largest = _SIZE_MAX[unit]
         if not 0.0 < abs(size) <= largest:
-            unit = unit_of_channel(channel)
             raise ValueError(
                 f"size: arrived {size:g} for {channel}; expected {-largest:g} to {largest:g} {unit}, and not 0"
             )
     if duration_s is None:
-        duration_s = _scaled_duration(
-            _READ_YAW_AT_S if "r" in sizes else _DURATION_S[known_loop], known_loop, time_scale
-        )
+        published_duration_s = _READ_YAW_AT_S if "r" in sizes else _DURATION_S[known_loop]
+        duration_s = _scaled_duration(published_duration_s, known_loop, time_scale)
     if not _DURATION_MIN_S <= duration_s <= _DURATION_MAX_S:
         raise ValueError(
             f"duration-s: arrived {duration_s:g}; expected a number from {_DURATION_MIN_S:g} to {_DURATION_MAX_S:g}"
@@ -145,9 +138,7 @@ def _scaled_duration(duration_s: float, loop: Loop, time_scale: LoopTimeScale) -
     return round(duration_s * getattr(time_scale, loop) / STEP_S) * STEP_S
 
 
-def _each_and_all(
-    loop: Loop, sizes: tuple[float, float, float], time_scale: LoopTimeScale = PUBLISHED_TIME_SCALE
-) -> tuple[StepTest, ...]:
+def _each_and_all(loop: Loop, sizes: tuple[float, float, float], time_scale: LoopTimeScale) -> tuple[StepTest, ...]:
     """Return the tests of a loop: each channel stepped alone, then all together; channels of size 0 are omitted."""
     duration = _scaled_duration(_DURATION_S[loop], loop, time_scale)
     tests = []
@@ -175,11 +166,7 @@ def scaled_step_tests(
     )
 
 
-PUBLISHED_STEPS: tuple[StepTest, ...] = (
-    *_each_and_all("rates", (10.0, 10.0, 10.0)),
-    *_each_and_all("attitude", (30.0, 5.0, 5.0)),
-    *_each_and_all("velocity", (10.0, 3.0, 20.0)),
-)
+PUBLISHED_STEPS = scaled_step_tests(PUBLISHED_TIME_SCALE, attitude=(30.0, 5.0, 5.0), velocity=(10.0, 3.0, 20.0))
 """Published step tests of the three loops (theory section 5), each channel alone and all together."""
 
 
@@ -200,8 +187,6 @@ class StepTestResult:
 
     Attributes
     ----------
-    test
-        Step test.
     dataset
         Outputs of the three loops, commands of the stepped loop, surfaces, throttle and power over time, named and
         labelled as in `anser.variables.catalogue`; aircraft and condition are attributes.
@@ -231,9 +216,8 @@ class StepTestResult:
             overshoot, error = float(metrics.overshoot[k]), float(metrics.final_error[k])
             # "not <=": a response that ends in NaN violates the requirement too.
             if not overshoot <= _OVERSHOOT_MAX:
-                shortfalls.append(
-                    f"{channel} overshoots by {100 * overshoot:.1f} %, more than {100 * _OVERSHOOT_MAX:g} %"
-                )
+                excess = f"{100 * overshoot:.1f} %, more than {100 * _OVERSHOOT_MAX:g} %"
+                shortfalls.append(f"{channel} overshoots by {excess}")
             if not abs(error) <= _FINAL_ERROR_MAX:
                 shortfalls.append(f"{channel} ends {100 * error:.2f} % off, more than {100 * _FINAL_ERROR_MAX:g} %")
         if self.test.loop == "velocity" and not self.sideslip_max_deg <= _SIDESLIP_MAX_DEG:
@@ -250,7 +234,7 @@ class StepTestResult:
         metrics, channels = self.metrics, list(CHANNEL_KEYS[self.test.loop])
         stepped = {
             channel: {
-                "unit": unit_of_channel(channel),
+                "unit": _unit_of_channel(channel),
                 "size": self.test.size[k],
                 "rise_time_s": finite_or_none(metrics.rise_time[k]),
                 "settling_time_s": finite_or_none(metrics.settling_time[k]),
@@ -262,10 +246,11 @@ class StepTestResult:
         }
         factors = [_FACTORS[key] for key in CHANNEL_KEYS[self.test.loop].values()]
         coupling = {
-            channel: {"unit": unit_of_channel(channel), "greatest": finite_or_none(factors[k] * metrics.coupling[k])}
+            channel: {"unit": _unit_of_channel(channel), "greatest": finite_or_none(factors[k] * metrics.coupling[k])}
             for k, channel in enumerate(channels)
             if channel not in stepped
         }
+        surface_use = [finite_or_none(100 * use) for use in metrics.surface_utilization]
         return {
             "key": self.test.key,
             "loop": self.test.loop,
@@ -274,10 +259,7 @@ class StepTestResult:
             "channels": stepped,
             "coupling": coupling,
             "sideslip_max_deg": finite_or_none(self.sideslip_max_deg),
-            "surface_use_percent": {
-                name: finite_or_none(100 * metrics.surface_utilization[k])
-                for k, name in enumerate(surface_names(self.dataset))
-            },
+            "surface_use_percent": dict(zip(surface_names(self.dataset), surface_use, strict=True)),
             "shortfalls": list(self.shortfalls),
         }
 

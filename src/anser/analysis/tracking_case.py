@@ -31,21 +31,15 @@ def climb_and_turn(
     Other aircraft than the F-16 fly at their airspeed. Lengths and the allowed error scale with the distance flown in a
     time constant of the velocity loop, and the climb is within the aircraft's capability.
 
+    Raises ScenarioError if aircraft, variant or inversion is unknown, and ConditionError if the aircraft has no level
+    flight at the start.
+
     Parameters
     ----------
-    variant, inversion
-        Variant of the F-16; inversion of the autopilot.
     aircraft
         Name of an airframe, or the path of an aircraft file.
     start_point
         Airspeed (m/s) and altitude (m) of the start for another aircraft than the F-16; None: `default_flight_point`.
-
-    Raises
-    ------
-    ScenarioError
-        Aircraft, variant or inversion is unknown.
-    ConditionError
-        The aircraft has no level flight at the start.
     """
     text = resources.files("anser.analysis").joinpath(f"data/{CLIMB_AND_TURN}").read_text(encoding="utf-8")
     values = tomllib.loads(text)

@@ -14,6 +14,7 @@ import numpy as np
 
 from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, refuse_impossible_body
+from anser.aircraft.dispersions import F16Dispersion, dispersed_f16
 from anser.aircraft.f16 import AbstractF16
 from anser.aircraft.motion import flight_condition
 from anser.aircraft_files.library import load_airframe
@@ -25,6 +26,7 @@ from anser.numerics.arrays import as_array
 from anser.scenario.schema_aircraft import Gains
 from anser.shapes import Scalar
 from anser.spatial.rotations import euler_from_quaternion
+from anser.spatial.wind_axes import air_direction_b
 from anser.steady.trim import TrimMapPoint, TrimPoint, TrimTarget, solve_trim, trim_map_point, trim_target
 from anser.steady.trim_diagnosis import nearest_trims, trim_violations
 from anser.units import DEG_RAD, RAD_DEG
@@ -44,26 +46,19 @@ def resolve_airframe(
 ) -> tuple[AbstractAirframe, dict[str, str | int | float]]:
     """Return an airframe given by name, file or object, and its description for the attributes of datasets.
 
+    Raises ValueError if no airframe has this name, a centre of gravity was given for another airframe than the
+    library's F-16, or the mass properties are impossible; ScenarioError if the aircraft file is not valid.
+
     Parameters
     ----------
     aircraft
         Name of an airframe of the library or of an entry point, path of an aircraft file, or an airframe.
     variant, x_cg_over_c
         Variant and centre of gravity of the library's F-16: see `load_f16`.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, a centre of gravity was given for another airframe than the library's F-16, or the
-        airframe's mass properties are impossible.
-    ScenarioError
-        The aircraft file is not valid.
     """
     if isinstance(aircraft, str):
-        attributes: dict[str, str | int | float] = {"aircraft": aircraft}
-        return load_airframe(aircraft, variant, x_cg_over_c), attributes | (
-            {"variant": variant} if aircraft in VARIANTS else {}
-        )
+        description = {"aircraft": aircraft, "variant": variant} if aircraft in VARIANTS else {"aircraft": aircraft}
+        return load_airframe(aircraft, variant, x_cg_over_c), {**description}
     if x_cg_over_c is not None:
         raise ValueError(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
@@ -75,9 +70,7 @@ def resolve_airframe(
 
 def airframe_label(attributes: Mapping[str, Any]) -> str:
     """Return the name of the aircraft with its variant, if any, from the attributes of `resolve_airframe`."""
-    return " ".join(
-        [str(attributes["aircraft"]), *(f"({attributes[key]})" for key in ("variant",) if key in attributes)]
-    )
+    return f"{attributes['aircraft']} ({attributes['variant']})" if "variant" in attributes else attributes["aircraft"]
 
 
 def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:
@@ -97,8 +90,8 @@ def survey_gains(
 ) -> tuple[AutopilotGains, AutopilotGains | None]:
     """Return the autopilot gains for stacked trim points: (common gains, gains per trim or None).
 
-    The given gains, or the published gains of an F-16, are common to all trims, with None for the second value. Another
-    aircraft has gains derived at each trim, a row per trim, which replace the common gains.
+    The given gains, or the published gains of an F-16, are common to all trims. Another aircraft has gains derived at
+    each trim, which replace the common gains.
     """
     common = gains_for(inversion, gains)
     if gains is not None or isinstance(airframe, AbstractF16):
@@ -126,10 +119,26 @@ def steady_trim(airframe: AbstractAirframe, environment: Environment, target: Tr
     return trim
 
 
+def dispersed_airframe(airframe: AbstractAirframe, dispersion: F16Dispersion | None) -> AbstractAirframe:
+    """Return the airframe itself, or the F-16 that differs from it by a dispersion."""
+    if dispersion is None:
+        return airframe
+    if not isinstance(airframe, AbstractF16):
+        raise TypeError(f"expected an F16, not a {type(airframe).__name__}")
+    return dispersed_f16(airframe, dispersion)
+
+
 @compiled
-def map_points(airframe: AbstractAirframe, environment: Environment, targets: TrimTarget) -> TrimMapPoint:
-    """Trim steady flights; `targets` has a leading axis over the flights."""
-    return jax.vmap(lambda target: trim_map_point(airframe, environment, target))(targets)
+def map_points(
+    fixed: tuple[AbstractAirframe, Environment], rows: tuple[TrimTarget, F16Dispersion | None]
+) -> TrimMapPoint:
+    """Trim steady flights, a row each, of an airframe or of F-16s that differ from it by dispersions."""
+    airframe, environment = fixed
+
+    def map_point(target: TrimTarget, dispersion: F16Dispersion | None) -> TrimMapPoint:
+        return trim_map_point(dispersed_airframe(airframe, dispersion), environment, target)
+
+    return jax.vmap(map_point)(*rows)
 
 
 _HEAVY_KG = 1000.0
@@ -140,18 +149,10 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True, repr=False)
 class TrimResult:
-    """Trim point; printed as a list of quantities, or as the diagnosis.
+    """Trim point; printed as a list of quantities (name, value, unit), or as the diagnosis.
 
-    Attributes
-    ----------
-    point
-        Solution of the trim.
-    quantities
-        Name, value and unit of each quantity.
-    diagnosis
-        None for a steady flight; otherwise the violated limit and the nearest trim points.
-    condition
-        Arguments of the trim: airspeed, altitude, path angle and rates.
+    The diagnosis has the violated limit and the nearest trim points; None for a steady flight. `condition` has the
+    arguments of the trim: airspeed, altitude, path angle and rates.
     """
 
     point: TrimPoint
@@ -188,24 +189,18 @@ def trim(
 ) -> TrimResult:
     """Trim an airframe in the standard atmosphere, in still air and standard gravity.
 
+    Raises ValueError as `resolve_airframe`, and if a pitch rate was given in a turn.
+
     Parameters
     ----------
-    aircraft
-        Name of an airframe of the library, or an airframe.
+    aircraft, variant, x_cg_over_c
+        Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
     path_angle_deg, turn_rate_deg_s
         Climb angle and rate of the course, right positive.
     pitch_rate_deg_s
         Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
-    variant, x_cg_over_c
-        Variant and centre of gravity of the library's airframe: see `load_airframe`.
-
-    Raises
-    ------
-    ValueError
-        No airframe has this name, a centre of gravity was given for an airframe outside the library, or a pitch rate
-        was given in a turn.
     """
     enable_compilation_cache()
     environment = standard_environment()
@@ -232,8 +227,7 @@ def _derived_quantities(
     """Return roll and pitch (rad), thrust (N) and Mach number of a trim in standard air."""
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
     air = standard_environment().atmosphere.at(altitude)
-    ca, sa, cb, sb = (f(x) for x in (point.alpha, point.beta) for f in (jnp.cos, jnp.sin))
-    data = air_data(speed * jnp.stack([ca * cb, sb, sa * cb]), altitude, air)
+    data = air_data(speed * air_direction_b(point.alpha, point.beta), altitude, air)
     return roll, pitch, airframe.engine.propulsion(point.power, data).force_b[0], data.mach
 
 

@@ -5,6 +5,7 @@ import enum
 import functools
 import hashlib
 import inspect
+import itertools
 import os
 import platform
 import re
@@ -35,6 +36,8 @@ _KERNELS = {
     "spatial",
     "steady",
 }
+_KERNEL_MODULES = {"analysis.linearization", "analysis.loop_margins"}
+"""Modules of other rooms that import only kernels."""
 _SETTINGS = (
     "jax_default_device",
     "jax_default_matmul_precision",
@@ -87,6 +90,10 @@ def _name(code: Any) -> str:
     return f"{module}.{name}"
 
 
+def _is_kernel(room: str, module: str) -> bool:
+    return room in _KERNELS or f"{room}.{module}" in _KERNEL_MODULES
+
+
 def _hash_sources() -> tuple[str, str]:
     """Return a hash of the kernels with their imports, and a hash of the whole package."""
     kernels, everything = hashlib.sha256(), hashlib.sha256()
@@ -95,7 +102,8 @@ def _hash_sources() -> tuple[str, str]:
             relative_path = path.relative_to(_PACKAGE)
             content = str(relative_path).encode() + b"\0" + path.read_bytes()
             everything.update(content)
-            if len(relative_path.parts) == 1 or relative_path.parts[0] in _KERNELS:
+            room, *modules = relative_path.with_suffix("").parts
+            if not modules or _is_kernel(room, modules[0]):
                 kernels.update(content)
     return kernels.hexdigest(), everything.hexdigest()
 
@@ -109,16 +117,18 @@ def _source_hash(description: str) -> str:
 
     The hash of the kernels suffices for a program that uses only kernels, which import only kernels.
     """
-    rooms = set(re.findall(r"\banser\.(\w+)\.", description))
-    return _KERNEL_SOURCES if rooms <= _KERNELS else _ALL_SOURCES
+    modules = re.findall(r"\banser\.(\w+)\.(\w+)", description)
+    return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
-def _hash_loaded_code() -> str:
+def _hash_loaded_code(description: str) -> str:
     """Hash the names and numbers in the loaded kernel modules, to detect functions or constants replaced at run time.
 
-    Raises NotCacheableError if a replacement comes from outside the trusted packages.
+    The `_KERNEL_MODULES`, which few processes load, count only for a program that uses one. Raises NotCacheableError if
+    a replacement comes from outside the trusted packages.
     """
     entries = []
+    uses_modules = any(f"anser.{name}." in description for name in _KERNEL_MODULES)
 
     def add(qualified_name: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
@@ -129,7 +139,8 @@ def _hash_loaded_code() -> str:
             entries.append(f"{qualified_name}={value!r}")
 
     for name, module in sorted(sys.modules.items()):
-        if name.startswith("anser.") and name.split(".")[1] in _KERNELS:
+        room, module_name = f"{name}..".split(".")[1:3]
+        if name.startswith("anser.") and (room in _KERNELS or (uses_modules and _is_kernel(room, module_name))):
             for key, value in vars(module).items():
                 if not key.startswith("__"):
                     add(f"{name}.{key}", value)
@@ -175,7 +186,13 @@ def program_key(value: Any) -> str:
     Raises NotCacheableError if the value contains code that another process could not identify reliably.
     """
     description = describe_value(value)
-    parts = [_describe_platform(), _source_hash(description), jax_settings(), _hash_loaded_code(), description]
+    parts = [
+        _describe_platform(),
+        _source_hash(description),
+        jax_settings(),
+        _hash_loaded_code(description),
+        description,
+    ]
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 

@@ -157,13 +157,20 @@ def _root(matrix: Float[Array, "n n"], count: int) -> Float[Array, "n n"]:
     return jnp.stack([jnp.stack([*lower_row, *[zero] * (count - len(lower_row))]) for lower_row in lower])
 
 
+_REPEATED = 1e-3
+"""Relative distance of poles that count as repeated: rounding separates a fourfold pole by 2e-4."""
+
+
 def modal_filter(gain: float, numerator: tuple[float, ...], denominator: tuple[float, ...]) -> ModalFilter:
     """Build the filter whose transfer function is `gain` times numerator over denominator, from s^0 upwards.
 
-    The poles must be distinct, which is not checked. Raises ValueError if a pole is complex or not stable.
+    Raises ValueError if a pole is complex, not stable or repeated.
     """
     bottom = np.polynomial.Polynomial(denominator)
     roots = bottom.roots()
+    distances = np.abs(np.subtract.outer(roots, roots)) + np.diag(np.full(len(roots), np.inf))
+    if np.any(distances < _REPEATED * np.abs(roots)):
+        raise ValueError(f"poles {roots}: a pole is repeated; expected distinct ones, each the pole of one mode")
     if np.any(np.abs(roots.imag) > 0.0) or np.any(roots.real >= 0.0):
         raise ValueError(f"poles {roots}: expected real ones, all negative")
     roots = np.sort(roots.real)[::-1]

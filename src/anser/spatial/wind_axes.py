@@ -31,6 +31,11 @@ def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
 
 
+def air_direction_b(alpha: Scalar, beta: Scalar) -> Vector3:
+    """Return the direction of the velocity relative to the air (3,), body axes: the inverse of `flow_angles`."""
+    return jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+
+
 def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
     """Return flight-path angle and course of a velocity (3,), NED, m/s.
 

@@ -17,6 +17,7 @@ from anser.aircraft.motion import FlightCondition
 from anser.environment.environment import Environment
 from anser.parts.planners import IdleDeceleration, Performance
 from anser.shapes import Scalar, ScalarLike, Vector
+from anser.spatial.wind_axes import air_direction_b
 from anser.steady.trim import TrimMapPoint, trim_map_point, trim_target
 
 _SPEED_RATIOS = np.array([0.55, 0.65, 0.75, 0.85, 1.0, 1.25])  # relative to the airspeed at the start
@@ -53,10 +54,8 @@ def path_acceleration(airframe: AbstractAirframe, condition: FlightCondition, po
     """Compute (thrust - drag) / mass in the trimmed condition at a power (percent), m/s^2."""
     data = condition.air_data
     propulsive = airframe.engine.propulsion(power, data)
-    direction_b = jnp.stack(
-        [jnp.cos(data.alpha) * jnp.cos(data.beta), jnp.sin(data.beta), jnp.sin(data.alpha) * jnp.cos(data.beta)]
-    )
-    return jnp.sum(direction_b * (condition.aerodynamic.force_b + propulsive.force_b)) / airframe.mass_properties.mass
+    force_b = condition.aerodynamic.force_b + propulsive.force_b
+    return jnp.sum(air_direction_b(data.alpha, data.beta) * force_b) / airframe.mass_properties.mass
 
 
 def _idle_decelerations(
@@ -74,11 +73,10 @@ def _idle_decelerations(
     def at_speed(speed: Scalar) -> Scalar:
         def forces(alpha: Scalar) -> tuple[Scalar, Scalar]:
             """Return the force normal to the path (upwards) and along the path (backwards), both per mass, m/s^2."""
-            data = air_data(
-                speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)]), trimmed_flow.altitude, air
-            )
+            velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
+            data = air_data(velocity_b, trimmed_flow.altitude, air)
             force_b = airframe.aerodynamics(data, jnp.zeros(3), surfaces).force_b
-            force_b = (force_b + airframe.engine.propulsion(0.0, data).force_b) / (airframe.mass_properties.mass)
+            force_b = (force_b + airframe.engine.propulsion(0.0, data).force_b) / airframe.mass_properties.mass
             across = force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 
@@ -102,16 +100,10 @@ ALPHA_RESERVE = np.radians(2.0)
 
 
 class Capability(NamedTuple):
-    """Limits of steady flight at one altitude in still air: speeds, bank, load factor, climb and sink.
+    """Limits of steady flight at one altitude in still air.
 
-    Attributes
-    ----------
-    speed_min, speed_max
-        Airspeed range of level flight, m/s; NaN if level flight is impossible.
-    bank_max, load_factor_max
-        Greatest bank (rad) and load factor of a level turn at the chosen airspeed.
-    climb_rate_max, sink_rate_max
-        Greatest climb and sink rates at the chosen airspeed, m/s.
+    The airspeeds (m/s) of level flight are NaN if level flight is impossible. Bank (rad) and load factor are the
+    greatest of a level turn, climb and sink rates (m/s) the greatest at the chosen airspeed.
     """
 
     speed_min: float
@@ -133,12 +125,8 @@ def capability_points(
 
     The points are level flight at several airspeeds, then level turns, then climbs and descents.
 
-    Parameters
-    ----------
-    altitude, speed
-        Altitude, m, and airspeed of the turns and climbs, m/s.
-    speeds
-        Lower and upper end of the airspeed grid for level flight, m/s; 64 points in equal logarithmic steps.
+    Turns and climbs have the airspeed `speed`, the level flights 64 airspeeds in equal logarithmic steps over the range
+    `speeds` (m/s).
     """
     turn_rates = environment.gravity * jnp.tan(jnp.asarray(_BANKS)) / speed
     constant_speeds = jnp.full(_BANKS.size + _SLOPES.size, speed)
@@ -158,9 +146,8 @@ def capability_from_points(
 ) -> Capability:
     """Find the performance limits among the points of `capability_points`.
 
-    At a limit, the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack) remain.
-
-    If level flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
+    At a limit, the reserves `RESERVE` (power, surfaces) and `ALPHA_RESERVE` (angle of attack) remain. If level
+    flight is possible in several airspeed ranges, the range around `speed` counts, or else the longest.
     """
     usable = np.asarray(points.trimmable) & _has_reserve(airframe, points)
     level, banked, sloped = np.split(usable, np.cumsum([_SPEEDS, _BANKS.size]))
@@ -192,10 +179,7 @@ def _has_reserve(airframe: AbstractAirframe, points: TrimMapPoint) -> np.ndarray
 
 
 def _true_run(flags: np.ndarray, preferred: int) -> tuple[int, int] | None:
-    """Return first and last index of a run of true flags: the run around index `preferred`, or else the longest.
-
-    None if no flag is true.
-    """
+    """Return first and last index of the run of true flags around index `preferred`, or else of the longest, if any."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     runs = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     matching_runs = [run for run in runs if run[0] <= preferred <= run[1]]

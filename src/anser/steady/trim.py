@@ -24,7 +24,7 @@ from anser.numerics.least_squares import Solution, levenberg_marquardt, with_imp
 from anser.numerics.linear import cross
 from anser.shapes import Flag, Matrix33, Scalar, ScalarLike, Vector, Vector3
 from anser.spatial.rotations import quaternion_from_rotation, rotate, rotate_back
-from anser.spatial.wind_axes import attitude_from_path
+from anser.spatial.wind_axes import air_direction_b, attitude_from_path
 from anser.units import DEG_RAD
 
 Unknowns = Float[Array, " unknown"]
@@ -33,13 +33,8 @@ Unknowns = Float[Array, " unknown"]
 For an aircraft with more than three commanded surfaces, the surfaces are replaced by a common factor for roll, pitch
 and yaw."""
 
-_ALPHA_STARTS_DEG = (
-    2.0,
-    8.0,
-    18.0,
-    30.0,
-    42.0,
-)  # the lift and moment tables have kinks, so a single start is not enough
+_ALPHA_STARTS_DEG = (2.0, 8.0, 18.0, 30.0, 42.0)
+"""Several starts, because the lift and moment tables have kinks."""
 LIMIT_TOLERANCE = 1e-9
 """Tolerance of the limits, rad and fraction of power: a thousand times the solver's noise."""
 _CONVERGED = 1e-8  # residual in g and rad/s^2; solver noise is 1e-12, a missed root 1e-2
@@ -63,7 +58,7 @@ class TrimTarget(eqx.Module):
         right of the course, also in a turn. If not 0, the condition is instantaneous.
     pitch_rate
         Body rate Q of a pull-up as in [SL] section 3.6, rad/s: P = R = 0, and without side force the wings are level.
-        If not 0, turn and path rates must be 0, and the condition is instantaneous. Default 0.
+        If not 0, turn and path rates must be 0, and the condition is instantaneous.
 
     Notes
     -----
@@ -79,21 +74,6 @@ class TrimTarget(eqx.Module):
     turn_rate: Scalar
     path_rate: Scalar
     pitch_rate: Scalar
-
-    def __init__(
-        self,
-        speed: Array,
-        altitude: Array,
-        path_angle: Array,
-        course: Array,
-        turn_rate: Array,
-        path_rate: Array,
-        pitch_rate: Array | None = None,
-    ) -> None:
-        self.speed, self.altitude = speed, altitude
-        self.path_angle, self.course = path_angle, course
-        self.turn_rate, self.path_rate = turn_rate, path_rate
-        self.pitch_rate = jnp.zeros_like(path_rate) if pitch_rate is None else pitch_rate
 
 
 class TrimPoint(eqx.Module):
@@ -140,10 +120,8 @@ def trim_target(
 ) -> TrimTarget:
     """Build a target from numbers: m/s, m, rad, rad, rad/s, rad/s, rad/s.
 
-    Raises
-    ------
-    ValueError
-        If a pitch rate is combined with a turn or path rate. (For traced rates the trim reports it: see `TrimPoint`.)
+    Raises ValueError if a pitch rate is combined with a turn or path rate. (For traced rates the trim reports it: see
+    `TrimPoint`.)
     """
     if _is_known_nonzero(pitch_rate) and (_is_known_nonzero(turn_rate) or _is_known_nonzero(path_rate)):
         raise ValueError(
@@ -175,19 +153,14 @@ def _attitude(x: Unknowns, target: TrimTarget) -> Matrix33:
 
 
 def _rates_b(R_bn: Matrix33, target: TrimTarget) -> Vector3:
-    """Return the body rates (P, Q, R), rad/s, that the target requires.
-
-    They are the rotation about the vertical by the turn rate and about the horizontal line to the right of the course
-    by the path rate; or Q alone for a pitch rate.
-    """
+    """Return the body rates (P, Q, R), rad/s, that the target's turn, path and pitch rates require."""
     right_b = R_bn[:, 1] * jnp.cos(target.course) - R_bn[:, 0] * jnp.sin(target.course)
     turning_b = target.turn_rate * R_bn[:, 2] + target.path_rate * right_b
     return turning_b.at[1].add(target.pitch_rate)
 
 
 def _velocity_air_b(x: Unknowns, target: TrimTarget) -> Vector3:
-    alpha, beta = x[0], x[1]
-    return target.speed * jnp.stack([jnp.cos(alpha) * jnp.cos(beta), jnp.sin(beta), jnp.sin(alpha) * jnp.cos(beta)])
+    return target.speed * air_direction_b(x[0], x[1])
 
 
 def _residual(x: Unknowns, case: _TrimCase) -> Unknowns:
@@ -215,10 +188,9 @@ def _surfaces(x: Unknowns, case: _TrimCase, data: AirData) -> Vector:
 
 
 def _surface_shares(airframe: AbstractAirframe, data: AirData) -> Float[Array, "surface unknown"]:
-    """Return the deflection of each surface per unknown, shape (surface, unknown).
+    """Return the deflection of each surface per unknown (see `Unknowns`); 0 for surfaces without command.
 
-    Up to three commanded surfaces are unknowns themselves. Beyond three, the unknowns are roll, pitch and yaw commands,
-    each with the smallest deflections that produce the moment. The rows of surfaces without command are 0.
+    A common factor for roll, pitch or yaw has the smallest deflections that produce the moment.
     """
     actuators = airframe.actuators
     commanded = np.flatnonzero(actuators.is_commanded)
@@ -247,8 +219,6 @@ def solve_trim(
     ----------
     airframe, environment
         Any airframe; over a flat Earth the wind sets the ground velocity of the result only.
-    target
-        The required steady flight condition.
     position_n
         Position in the Earth's chart (3,), m; the altitude is taken from the target. None: the chart's origin.
     """

@@ -61,14 +61,8 @@ class NearestTrim:
 class TrimDiagnosis:
     """Result of `nearest_trims`: the trim solution, the violated limits, and the nearest conditions with a trim.
 
-    Attributes
-    ----------
-    target, point
-        The required flight condition, and its solution, inside the limits or not.
-    violations
-        Violated limits, one text each (see `trim_violations`); empty if the target has a trim.
-    nearest
-        Nearest conditions with a trim, nearest first, at most one per quantity; empty if the target has a trim.
+    If the target has no trim, `violations` are the texts of `trim_violations`, and `nearest` has at most one condition
+    per quantity, nearest first.
     """
 
     target: TrimTarget
@@ -99,15 +93,7 @@ class TrimDiagnosis:
 
 
 def trim_violations(airframe: AbstractAirframe, environment: Environment, point: TrimPoint) -> tuple[str, ...]:
-    """Describe each limit that a trim point violates, with numbers in deg and percent; empty if it can be flown.
-
-    Parameters
-    ----------
-    airframe, environment
-        Arguments of `solve_trim`.
-    point
-        Result of `solve_trim` for one aircraft.
-    """
+    """Describe each limit that a result of `solve_trim` violates, in deg and percent; empty if it can be flown."""
     if math.isinf(float(point.residual)):
         return ("a pitch rate (P = R = 0) together with a turn rate or a rate of the path angle defines no flight",)
     if not bool(point.converged):
@@ -166,12 +152,7 @@ def nearest_trims(airframe: AbstractAirframe, environment: Environment, target: 
     quantity, then a finer grid next to the nearest trimmable value; all points of a grid are solved in one compiled
     call. The resolution is 0.03 percent of the speed, 0.01 deg and 0.004 deg/s.
 
-    Parameters
-    ----------
-    airframe, environment
-        Arguments of `solve_trim`.
-    target
-        The required steady flight condition of one aircraft.
+    Arguments are those of `solve_trim` for one aircraft.
     """
     rate = _changed_rate(target)
     target_values = {name: float(getattr(target, name)) for name in ("speed", "path_angle", rate)}
