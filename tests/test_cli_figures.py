@@ -48,7 +48,7 @@ def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
 
     tests = [SimpleNamespace(test=SimpleNamespace(key=key), dataset=None) for key in ("rates-p", "velocity-v")]
     monkeypatch.setattr("anser.analysis.step_flights.fly_steps", lambda *tests_, **settings: tests)
-    monkeypatch.setattr("anser.analysis.tracking_case.fly_climb_and_turn", lambda variant: flight)
+    monkeypatch.setattr("anser.analysis.step_flights.fly_climb_and_turn", lambda variant: flight)
     monkeypatch.setattr("anser.report.response_figures.draw_step", note("step", 1))
     monkeypatch.setattr("anser.report.response_figures.draw_overview", note("overview", 1))
     monkeypatch.setattr("anser.report.response_figures.draw_tracking", note("tracking", 2))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from anser.analysis import climb_and_turn
-from anser.analysis.tracking_case import CLIMB_AND_TURN
+from anser.analysis.step_flights import CLIMB_AND_TURN
 from anser.config import ScenarioError
 from anser.missions import run
 from anser.scenario import load

@@ -6,9 +6,8 @@ from .linearization import linearize_loop
 from .margins import margins_at, survey_margins
 from .modes import modes_of
 from .robustness import robustness_study
-from .step_flights import fly_steps
+from .step_flights import climb_and_turn, fly_steps
 from .step_tests import StepTest, step_test
-from .tracking_case import climb_and_turn
 from .trim_points import trim
 
 __all__ = [

@@ -50,24 +50,17 @@ POWERS = (0.0, 25.0, 50.0, 75.0, 100.0)
 
 
 def survey_airframe(
+    # name, file or object of an airframe, and variant of the F-16: see `resolve_airframe`
     aircraft: str | AbstractAirframe,
     variant: str = "textbook",
     *,
-    altitude_m: float = 0.0,
+    altitude_m: float = 0.0,  # altitude of the thrust curves and of the level flights
+    # least and greatest airspeed; None: the range of the airframe's data, 60 to 320 m/s for data without a range
     airspeeds_m_s: tuple[float, float] | None = None,
 ) -> "xr.Dataset":
     """Compute the coefficients, the thrust and the level flights of an airframe over a range of airspeeds.
 
     Raises as `resolve_airframe`.
-
-    Parameters
-    ----------
-    aircraft, variant
-        Name, file or object of an airframe, and variant of the F-16: see `resolve_airframe`.
-    altitude_m
-        Altitude of the thrust curves and of the level flights.
-    airspeeds_m_s
-        Least and greatest airspeed; None: the range of the airframe's data, 60 to 320 m/s for data without a range.
 
     Returns
     -------

@@ -73,13 +73,15 @@ def _deflections(airframe: AbstractF16, data: AirData, elevator: ScalarLike) -> 
 
 
 def follow_pitch_trim(
+    # see `pitching_moment`
     airframe: AbstractF16,
     mach: ScalarLike,
     elevator: ScalarLike,
+    # point near the first trim; the correction keeps `x_cg`
     alpha: ScalarLike,
     x_cg: ScalarLike,
-    step: ScalarLike,
-    count: int,
+    step: ScalarLike,  # length of a step, rad; positive: alpha grows at first
+    count: int,  # number of points
 ) -> PitchBranch:
     """Follow a pitch trim as the centre of gravity moves, around folds.
 
@@ -87,17 +89,6 @@ def follow_pitch_trim(
     steps on Cm and on the distance along the tangent (H. B. Keller, "Numerical solution of bifurcation and nonlinear
     eigenvalue problems", 1977). Slopes of tables jump at the breakpoints; the next Newton step uses the slope of the
     neighbouring interval.
-
-    Parameters
-    ----------
-    airframe, mach, elevator
-        See `pitching_moment`.
-    alpha, x_cg
-        Point near the first trim; the correction keeps `x_cg`.
-    step
-        Length of a step, rad; positive: alpha grows at first.
-    count
-        Number of points.
     """
 
     def Cm(point: Float[Array, "2"]) -> Scalar:

@@ -44,21 +44,13 @@ GRID_DIMENSIONS = ("condition", "altitude", "mach")
 
 
 class TrimMap(NamedTuple):
-    """Steady flights over a grid of condition (one of `CONDITIONS`), altitude and Mach number.
+    """Steady flights over a grid of condition (one of `CONDITIONS`), altitude and Mach number."""
 
-    Attributes
-    ----------
-    altitudes, machs
-        Axes of the grid: altitude in m, and Mach number.
-    airspeeds
-        True airspeed, m/s, shape (altitude, mach).
-    targets, points
-        Trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest.
-    """
-
+    # axes of the grid: altitude in m, and Mach number
     altitudes: np.ndarray
     machs: np.ndarray
-    airspeeds: np.ndarray
+    airspeeds: np.ndarray  # true airspeed, m/s, shape (altitude, mach)
+    # trim targets and trim points; leaves of shape (conditions x altitudes x machs, ...), Mach number fastest
     targets: TrimTarget
     points: TrimMapPoint
 

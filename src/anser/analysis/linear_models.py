@@ -296,6 +296,9 @@ def linearize(
 ) -> LinearizationResult:
     """Trim an aircraft and linearize the airframe alone or under its autopilot.
 
+    Raises ConditionError, with the reason, if the steady flight does not exist, the loop does not hold the flight, or
+    the nose or the path is within 1 deg of the vertical; ValueError as `trim`.
+
     Parameters
     ----------
     aircraft, variant, x_cg_over_c, speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s
@@ -313,19 +316,6 @@ def linearize(
         Air, wind and gravity; None: standard atmosphere and gravity, no wind.
     gains
         Gains of the autopilot; None: the published gains.
-
-    Returns
-    -------
-    LinearizationResult
-        Has `dataset`, `modes`, `state_space()`, `document()` and `write(path)`. SI units and radians.
-
-    Raises
-    ------
-    ConditionError
-        The steady flight does not exist, the loop does not hold the flight, or the nose or the path is within 1 deg of
-        the vertical; the message gives the reason.
-    ValueError
-        See `trim`.
     """
     enable_compilation_cache()
     airframe, attributes = resolve_airframe(aircraft, variant, x_cg_over_c)

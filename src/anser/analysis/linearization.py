@@ -131,39 +131,27 @@ class LinearModel(eqx.Module):
 
     Continuous time: dx_dot = A dx + B du, dy = C dx + D du. If `step` is not 0, the model is sampled:
     dx(k+1) = A dx(k) + B du(k).
-
-    Attributes
-    ----------
-    A, B, C, D
-        Matrices; rows and columns in the order of the names.
-    x, u, y
-        States, inputs and outputs of the reference condition.
-    x_dot
-        Rates of the states at the reference condition. Only heading, altitude and the pitch angle of a pull-up may have
-        nonzero rates in steady flight. Sampled models: mean rates over a step.
-    step
-        Sampling period, s; 0 for continuous time.
-    regular
-        True if the coordinates are regular at the condition: see `is_regular`.
-    states, inputs, outputs
-        Names of the states, inputs and outputs.
-    surfaces
-        Names of the airframe's control surfaces; part of the names of states and inputs.
     """
 
+    # matrices; rows and columns in the order of the names
     A: Float[Array, "state state"]
     B: Float[Array, "state input"]
     C: Float[Array, "output state"]
     D: Float[Array, "output input"]
+    # states, inputs and outputs of the reference condition
     x: Float[Array, " state"]
     u: Float[Array, " input"]
     y: Float[Array, " output"]
+    # rates of the states at the reference condition. Only heading, altitude and the pitch angle of a pull-up may have
+    # nonzero rates in steady flight. Sampled models: mean rates over a step
     x_dot: Float[Array, " state"]
-    step: Scalar
-    regular: Flag
+    step: Scalar  # sampling period, s; 0 for continuous time
+    regular: Flag  # True if the coordinates are regular at the condition: see `is_regular`
+    # names of the states, inputs and outputs
     states: tuple[str, ...] = eqx.field(static=True)
     inputs: tuple[str, ...] = eqx.field(static=True)
     outputs: tuple[str, ...] = eqx.field(static=True)
+    # names of the airframe's control surfaces; part of the names of states and inputs
     surfaces: tuple[str, ...] = eqx.field(static=True, default=STANDARD_SURFACES)
 
 

@@ -52,20 +52,15 @@ class ExcitedLoop(eqx.Module):
     """Closed loop about a trim point with test inputs w: dx(k+1) = A dx(k) + B dw(k), dz(k) = C dx(k) + D dw(k).
 
     At each breakpoint u = z + w: the autopilot computes the command z, w is the test input, u is passed on.
-
-    Attributes
-    ----------
-    A, B, C, D
-        Matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
-        diagonal of D is 0.
-    limited
-        True for each of `SATURABLE_COMMANDS` at a limit in the trim point: the autopilot does not hold the trim.
     """
 
+    # matrices; w and z in the order of `breakpoints`. A command never depends on its test input within a sample: the
+    # diagonal of D is 0
     A: Float[Array, "state state"]
     B: Float[Array, "state breakpoint"]
     C: Float[Array, "breakpoint state"]
     D: Float[Array, "breakpoint breakpoint"]
+    # True for each of `SATURABLE_COMMANDS` at a limit in the trim point: the autopilot does not hold the trim
     limited: Bool[Array, "5"]
 
 
@@ -158,75 +153,45 @@ _BALANCING_STEPS = 6
 
 
 class Margins(eqx.Module):
-    """Margins of a single loop.
+    """Margins of a single loop."""
 
-    Attributes
-    ----------
-    gain_up, gain_down
-        Factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if
-        no boundary was found.
-    gain_up_searched, gain_down_searched
-        Bounds of the searched factors: a boundary beyond would lie below the lowest frequency. inf and 0 if the
-        response at the lowest frequency excludes a boundary below.
-    phase
-        Least phase margin over the gain crossovers, in either direction, rad; inf without a crossover.
-    delay
-        Least destabilizing delay, s: remaining phase lag over frequency, least over the gain crossovers. Exact for
-        whole sampling periods.
-    disk
-        Radius alpha of the symmetric disk margin, 0 to 2: simultaneous gain factor from (2 - alpha)/(2 + alpha) to the
-        reciprocal and phase up to 2 atan(alpha/2).
-    gain_up_at, gain_down_at, crossover
-        Frequencies of the gain margins and of the phase margin, rad/s; nan without a margin.
-    """
-
+    # factors of gain increase and decrease up to the boundary of stability, a pole on the unit circle; inf and 0 if no
+    # boundary was found
     gain_up: Scalar
     gain_down: Scalar
+    # bounds of the searched factors: a boundary beyond would lie below the lowest frequency. inf and 0 if the response
+    # at the lowest frequency excludes a boundary below
     gain_up_searched: Scalar
     gain_down_searched: Scalar
-    phase: Scalar
+    phase: Scalar  # least phase margin over the gain crossovers, in either direction, rad; inf without a crossover
+    # least destabilizing delay, s: remaining phase lag over frequency, least over the gain crossovers. Exact for whole
+    # sampling periods
     delay: Scalar
+    # radius alpha of the symmetric disk margin, 0 to 2: simultaneous gain factor from (2 - alpha)/(2 + alpha) to the
+    # reciprocal and phase up to 2 atan(alpha/2)
     disk: Scalar
+    # frequencies of the gain margins and of the phase margin, rad/s; nan without a margin
     gain_up_at: Scalar
     gain_down_at: Scalar
     crossover: Scalar
 
 
 class LoopAnalysis(eqx.Module):
-    """Closed loop (see `ExcitedLoop`) and margins at a trim point.
-
-    Attributes
-    ----------
-    margins
-        Margins at each of `breakpoints`, leaves of shape (breakpoint,).
-    actuators_disk
-        Disk margin for simultaneous, independent factors at the actuators.
-    """
+    """Closed loop (see `ExcitedLoop`) and margins at a trim point."""
 
     A: Float[Array, "state state"]
     limited: Bool[Array, "5"]
-    margins: Margins
-    actuators_disk: Scalar
+    margins: Margins  # margins at each of `breakpoints`, leaves of shape (breakpoint,)
+    actuators_disk: Scalar  # disk margin for simultaneous, independent factors at the actuators
 
 
 class LoopResponse(eqx.Module):
-    """Frequency response at each breakpoint, with the loop broken there and closed elsewhere.
+    """Frequency response at each breakpoint, with the loop broken there and closed elsewhere."""
 
-    Attributes
-    ----------
-    omega
-        Frequency, rad/s.
-    open
-        Loop transfer function L, negative feedback.
-    difference
-        Sensitivity less complementary sensitivity, S - T.
-    actuators_difference
-        Structured gain (upper bound of the structured singular value) of S - T, all actuators broken at once.
-    """
-
-    omega: Float[Array, " frequency"]
-    open: Complex[Array, "frequency breakpoint"]
-    difference: Complex[Array, "frequency breakpoint"]
+    omega: Float[Array, " frequency"]  # frequency, rad/s
+    open: Complex[Array, "frequency breakpoint"]  # loop transfer function L, negative feedback
+    difference: Complex[Array, "frequency breakpoint"]  # sensitivity less complementary sensitivity, S - T
+    # structured gain (upper bound of the structured singular value) of S - T, all actuators broken at once
     actuators_difference: Float[Array, " frequency"]
 
 

@@ -135,25 +135,16 @@ eigenvalues."""
 
 @dataclasses.dataclass(frozen=True)
 class Mode:
-    """Mode of a linear model: a real eigenvalue or a pair of conjugate eigenvalues.
+    """Mode of a linear model: a real eigenvalue or a pair of conjugate eigenvalues."""
 
-    Attributes
-    ----------
-    name
-        Airframe without autopilot: classical name, or "unnamed" if the mode fits no family of states. Under an
-        autopilot: the dominant states.
-    eigenvalue
-        In continuous time, 1/s, imaginary part not negative; log(eigenvalue)/step for a sampled model.
-    order
-        1: real eigenvalue, 2: conjugate pair.
-    shares
-        Participation of each wind-axis state (see `wind_axis_states`), largest first: magnitude of the participation
-        factor (left times right eigenvector) divided by the sum of the magnitudes.
-    """
-
+    # airframe without autopilot: classical name, or "unnamed" if the mode fits no family of states. Under an autopilot:
+    # the dominant states
     name: str
+    # in continuous time, 1/s, imaginary part not negative; log(eigenvalue)/step for a sampled model
     eigenvalue: complex
-    order: int
+    order: int  # 1: real eigenvalue, 2: conjugate pair
+    # participation of each wind-axis state (see `wind_axis_states`), largest first: magnitude of the participation
+    # factor (left times right eigenvector) divided by the sum of the magnitudes
     shares: tuple[tuple[str, float], ...]
 
     @property
@@ -276,27 +267,18 @@ _LAGS: dict[Loop, tuple[str, ...]] = {
 
 @dataclasses.dataclass(frozen=True)
 class InversionPole:
-    """Pole of a loop under dynamic inversion, 1/s.
+    """Pole of a loop under dynamic inversion, 1/s."""
 
-    Attributes
-    ----------
-    ideal
-        Root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0,
-        root of (1 + K_D) s + K_P.
-    limit_pole
-        Pole of the loop with a sampling period of 0.5 ms and with command filters, actuator and engine inversion 10 to
-        70 times as fast as the published values.
-    tolerance
-        Tolerance of `limit_pole`: the remaining lags, T in sum (sampling period and 1/bandwidths), move a pole s by
-        about s^2 T.
-    sampled_pole
-        Pole of the loop with the flown sampling period and bandwidths.
-    """
-
+    # root of (1 + K_D) s^2 + K_P s + K_I: the error dynamics of perfect inversion (theory section 5); if K_I is 0, root
+    # of (1 + K_D) s + K_P
     ideal: complex
+    # pole of the loop with a sampling period of 0.5 ms and with command filters, actuator and engine inversion 10 to 70
+    # times as fast as the published values
     limit_pole: complex
+    # tolerance of `limit_pole`: the remaining lags, T in sum (sampling period and 1/bandwidths), move a pole s by about
+    # s^2 T
     tolerance: float
-    sampled_pole: complex
+    sampled_pole: complex  # pole of the loop with the flown sampling period and bandwidths
 
 
 def inversion_poles(case: LoopCase, loop: Loop) -> tuple[InversionPole, ...]:

@@ -44,26 +44,17 @@ class Factor:
     """A number of the aircraft or its sensors that a study disperses: `nominal` + `scale` * change.
 
     At a spread of 20 % the change is uniform in -0.2 to 0.2, or in 0 to 0.2 if `one_way`.
-
-    Attributes
-    ----------
-    name, meaning, unit
-        Name, description and unit of the number.
-    nominal, scale
-        Value without a change; effect of a change of 1.
-    one_way
-        True if only positive changes are meaningful.
-    alone
-        Changes flown with the other numbers nominal.
     """
 
+    # name, description and unit of the number
     name: str
     meaning: str
     unit: str = "1"
+    # value without a change; effect of a change of 1
     nominal: float = 1.0
     scale: float = 1.0
-    one_way: bool = False
-    alone: tuple[float, ...] = _BOTH_WAYS
+    one_way: bool = False  # True if only positive changes are meaningful
+    alone: tuple[float, ...] = _BOTH_WAYS  # changes flown with the other numbers nominal
 
 
 FACTORS = (
@@ -119,25 +110,14 @@ Each has a tenth of thrust and surfaces left: from equivalent airspeeds of 114 m
 
 @dataclasses.dataclass(frozen=True)
 class Cases:
-    """Flights of a study, one row per flight.
+    """Flights of a study, one row per flight."""
 
-    Attributes
-    ----------
-    part, condition
-        Indices into `PARTS` and of the flight point, shape (n,).
-    spread
-        Greatest change, shape (n,); in the part "alone" the flown change.
-    alone
-        Index into `FACTORS` of a single changed number, or -1 if all numbers are changed, shape (n,).
-    changes
-        Change of each of `FACTORS`, shape (n, factors).
-    """
-
+    # indices into `PARTS` and of the flight point, shape (n,)
     part: np.ndarray
     condition: np.ndarray
-    spread: np.ndarray
-    alone: np.ndarray
-    changes: np.ndarray
+    spread: np.ndarray  # greatest change, shape (n,); in the part "alone" the flown change
+    alone: np.ndarray  # index into `FACTORS` of a single changed number, or -1 if all numbers are changed, shape (n,)
+    changes: np.ndarray  # change of each of `FACTORS`, shape (n, factors)
 
     @property
     def values(self) -> np.ndarray:
@@ -227,6 +207,9 @@ def robustness_study(
     with the published gains and the default limits of a scenario. The autopilot is engaged at the command and has no
     information on the dispersion. Both inversions fly the same aircraft.
 
+    Raises ConditionError if the nominal aircraft has no steady flight at a condition or the command exceeds the
+    autopilot's speed limits, and ValueError if the variant is unknown or a number is out of range.
+
     Parameters
     ----------
     flights, spread, seed
@@ -241,13 +224,6 @@ def robustness_study(
         Cases to fly; None: cases from `flights`, `spread` and `sweep`.
     variant, progress
         See `Survey`.
-
-    Raises
-    ------
-    ConditionError
-        The nominal aircraft has no steady flight at a condition, or the command exceeds the autopilot's speed limits.
-    ValueError
-        The variant is unknown, or a number is out of range.
     """
     if flights < 1 or not 0.0 <= spread <= 0.9:
         raise ValueError(f"arrived flights {flights}, spread {spread:g}; expected 1 or more, 0 to 0.9")

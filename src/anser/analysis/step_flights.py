@@ -1,11 +1,13 @@
-"""Flights of step tests from level trim.
+"""Flights of step tests from level trim, and the climb-and-turn, the published test of path tracking.
 
 Flight point, gains, limits and step sizes for an aircraft, and one compiled batch for each loop.
 """
 
 import dataclasses
 import math
+import tomllib
 from collections.abc import Callable, Sequence
+from importlib import resources
 from typing import Any
 
 import equinox as eqx
@@ -19,6 +21,8 @@ from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
 from anser.aircraft.f16 import AbstractF16
 from anser.aircraft.motion import flight_condition
+from anser.aircraft_files.library import is_aircraft_path
+from anser.aircraft_files.sources import VARIANTS
 from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.step_tests import (
     CHANNEL_KEYS,
@@ -38,9 +42,11 @@ from anser.control.gains import AutopilotGains, automatic_gains
 from anser.control.inversion_autopilot import Loop
 from anser.control.limits import FlightLimits, default_limits
 from anser.environment.environment import Environment, standard_environment
+from anser.missions.runs import FlightResult, run
 from anser.numerics.arrays import as_array
 from anser.parts.perception import Instant
 from anser.scenario.build_aircraft import DerivedDefaults, compute_defaults
+from anser.scenario.schema import Scenario, validate
 from anser.shapes import Scalar
 from anser.simulation.recorders import AbstractRecorder, AircraftSample
 from anser.simulation.response import LoopCase, loop_flight, step_metrics
@@ -62,24 +68,15 @@ _SIDESLIP_SEEN = _ALPHA_SEEN = 1.0 * DEG_RAD
 
 @dataclasses.dataclass(frozen=True)
 class StepCase:
-    """Steady level flight from which step tests start, with the autopilot.
-
-    Attributes
-    ----------
-    gains, limits
-        Autopilot: published values for the F-16, derived values for another aircraft.
-    time_scale
-        Time scales of the loops relative to the published loops.
-    derived_defaults
-        Capability and bandwidths; None for the F-16.
-    """
+    """Steady level flight from which step tests start, with the autopilot."""
 
     airframe: AbstractAirframe
     trim: TrimPoint
+    # autopilot: published values for the F-16, derived values for another aircraft
     gains: AutopilotGains
     limits: FlightLimits
-    time_scale: LoopTimeScale
-    derived_defaults: DerivedDefaults | None
+    time_scale: LoopTimeScale  # time scales of the loops relative to the published loops
+    derived_defaults: DerivedDefaults | None  # capability and bandwidths; None for the F-16
 
 
 def default_flight_point(airframe: AbstractAirframe) -> tuple[float, float]:
@@ -383,3 +380,70 @@ def _flight(
         },
     )
     return StepTestResult(test, dataset, metrics)
+
+
+CLIMB_AND_TURN = "climb-and-turn.toml"
+"""Copy of the shipped scenario; a test keeps both equal."""
+_CLIMB_SHARE = 0.4
+"""Mean climb rate of the climb-and-turn, as a fraction of the aircraft's greatest.
+
+The peak climb rate is 1.9 times the mean."""
+
+
+def climb_and_turn(
+    variant: str = "textbook",
+    inversion: Inversion = "model",
+    aircraft: str = "f16",
+    start_point: tuple[float, float] | None = None,
+) -> Scenario:
+    """Return the scenario of the climb-and-turn (theory section 5).
+
+    Other aircraft than the F-16 fly at their airspeed. Lengths and the allowed error scale with the distance flown in a
+    time constant of the velocity loop, and the climb is within the aircraft's capability.
+
+    Raises ScenarioError if aircraft, variant or inversion is unknown, and ConditionError if the aircraft has no level
+    flight at the start.
+
+    Parameters
+    ----------
+    aircraft
+        Name of an airframe, or the path of an aircraft file.
+    start_point
+        Airspeed (m/s) and altitude (m) of the start for another aircraft than the F-16; None: `default_flight_point`.
+    """
+    text = resources.files("anser.analysis").joinpath(f"data/{CLIMB_AND_TURN}").read_text(encoding="utf-8")
+    values = tomllib.loads(text)
+    aircraft_table = values["aircraft"][0]
+    aircraft_table["gains"] = {"inversion": inversion}
+    if aircraft in VARIANTS:
+        aircraft_table["variant"] = variant
+    else:
+        aircraft_table["airframe" if is_aircraft_path(aircraft) else "type"] = aircraft
+        airframe = resolve_airframe(aircraft, variant)[0]
+        speed_m_s, altitude_m = default_flight_point(airframe) if start_point is None else start_point
+        _scale_case(values, step_case(airframe, speed_m_s, altitude_m, inversion), speed_m_s, altitude_m)
+    return validate(values, CLIMB_AND_TURN)
+
+
+def _scale_case(values: dict[str, Any], case: StepCase, speed_m_s: float, altitude_m: float) -> None:
+    """Scale the lengths of the case to an aircraft's capability."""
+    if case.derived_defaults is None:
+        raise TypeError("an F-16 flies the case as published")
+    aircraft_table, goal = values["aircraft"][0], values["goal"][0]
+    time_scale = case.time_scale.velocity
+    scale = speed_m_s / values["fleet"]["speed_m_s"] * time_scale
+    stand_off_up = aircraft_table["rendezvous"]["stand_off_up_m"]
+    climb = scale * (goal["altitude_m"] + stand_off_up - aircraft_table["start"]["altitude_m"])
+    approach_time_s = scale * (goal["north_m"] ** 2 + goal["east_m"] ** 2) ** 0.5 / speed_m_s
+    climb = min(climb, _CLIMB_SHARE * case.derived_defaults.capability.climb_rate_max * approach_time_s)
+    values["timing"]["duration_s"] = round(round(values["timing"]["duration_s"] * time_scale / STEP_S) * STEP_S, 9)
+    values["fleet"]["speed_m_s"] = speed_m_s
+    aircraft_table["start"] |= {"speed_m_s": speed_m_s, "altitude_m": altitude_m}
+    goal |= {"north_m": scale * goal["north_m"], "east_m": scale * goal["east_m"]}
+    goal["altitude_m"] = altitude_m + climb - stand_off_up
+    values["requirements"] = {key: scale * value for key, value in values["requirements"].items()}
+
+
+def fly_climb_and_turn(variant: str = "textbook", inversion: Inversion = "model") -> FlightResult:
+    """Fly the F-16's climb-and-turn; see `climb_and_turn`."""
+    return run(climb_and_turn(variant, inversion))

@@ -91,6 +91,8 @@ def step_test(
 ) -> StepTest:
     """Build a test with steps of one or more channels of a loop.
 
+    Raises ValueError if an argument is not valid; the message begins with its name: loop, channel, size or duration-s.
+
     Parameters
     ----------
     loop
@@ -100,11 +102,6 @@ def step_test(
     duration_s
         Duration, and end of the interval of the figures; None: the published duration (for a yaw rate 1.05 s) times
         `time_scale`.
-
-    Raises
-    ------
-    ValueError
-        An argument is not valid. The message begins with its name: loop, channel, size or duration-s.
     """
     known_loop = next((name for name in get_args(Loop) if name == loop), None)
     if known_loop is None:
@@ -183,20 +180,13 @@ _FACTORS = {variable.key: variable.factor for variable in CATALOGUE}
 
 @dataclass(frozen=True)
 class StepTestResult:
-    """Result of a flown step test.
-
-    Attributes
-    ----------
-    dataset
-        Outputs of the three loops, commands of the stepped loop, surfaces, throttle and power over time, named and
-        labelled as in `anser.variables.catalogue`; aircraft and condition are attributes.
-    metrics
-        Figures of the response up to `read_at_s`, SI units and radians.
-    """
+    """Result of a flown step test."""
 
     test: StepTest
+    # outputs of the three loops, commands of the stepped loop, surfaces, throttle and power over time, named and
+    # labelled as in `anser.variables.catalogue`; aircraft and condition are attributes
     dataset: xr.Dataset
-    metrics: StepMetrics
+    metrics: StepMetrics  # figures of the response up to `read_at_s`, SI units and radians
 
     @property
     def sideslip_max_deg(self) -> float:

@@ -59,25 +59,16 @@ SurveyVariables = dict[str, tuple[np.ndarray, dict[str, Any], tuple[str, ...]]]
 
 
 class FlightRows(eqx.Module):
-    """Flights of a survey, a row per flight: steady flights from which the path commands step.
+    """Flights of a survey, a row per flight: steady flights from which the path commands step."""
 
-    Attributes
-    ----------
-    trim, target
-        Steady flight at the start, and its trim target.
-    size, tolerance
-        Step and accepted error of (V, gamma, chi), m/s and rad.
-    gains
-        Gains of each flight; None: the survey's gains.
-    dispersion, sensors
-        Dispersion of the F-16 that flies, unknown to its autopilot, and its sensors; None: nominal, ideal.
-    """
-
+    # steady flight at the start, and its trim target
     trim: TrimPoint
     target: TrimTarget
+    # step and accepted error of (V, gamma, chi), m/s and rad
     size: Float[Array, "flight 3"]
     tolerance: Float[Array, "flight 3"]
-    gains: AutopilotGains | None = None
+    gains: AutopilotGains | None = None  # gains of each flight; None: the survey's gains
+    # dispersion of the F-16 that flies, unknown to its autopilot, and its sensors; None: nominal, ideal
     dispersion: F16Dispersion | None = None
     sensors: DelayedSensors | None = None
 
@@ -91,28 +82,17 @@ class Survey:
         Aircraft: see `resolve_airframe`.
     progress
         Called with a description of the current work and the completed part, 0..1; None: no reports.
-
-    Attributes
-    ----------
-    airframe, environment, attributes
-        Airframe, its environment, and its description for the attributes of datasets.
-    report
-        Callback for progress.
-    compile_s, run_s
-        Wall time spent so far, s.
     """
 
     def __init__(
-        self,
-        aircraft: str | AbstractAirframe = "f16",
-        variant: str = "textbook",
-        progress: Progress | None = None,
+        self, aircraft: str | AbstractAirframe = "f16", variant: str = "textbook", progress: Progress | None = None
     ) -> None:
         enable_compilation_cache()
+        # the attributes describe the airframe in datasets
         self.airframe, self.attributes = resolve_airframe(aircraft, variant)
         self.environment = standard_environment()
         self.report = progress or no_progress
-        self.compile_s = self.run_s = 0.0
+        self.compile_s = self.run_s = 0.0  # wall time spent so far
 
     def call(self, program: Program[..., _R], *arguments: Any) -> _R:
         """Compile a program for the arguments and run it; both durations are added to the survey's."""
@@ -126,31 +106,20 @@ class Survey:
 
     def evaluate(
         self,
-        description: str,
+        description: str,  # current work, for progress reports
+        # function of `fixed`, a batch of rows and `options`; returns a tree of arrays with one row per input row
         program: Program[..., _R],
+        # arguments common to the rows; tree of arrays with at least one row; further common arguments
         fixed: Any,
         rows: Any,
         *options: Any,
         batch_size: int = BATCH,
-        span: tuple[float, float] = (0.0, 1.0),
-        select: Callable[[_R], Any] = lambda result: result,
+        span: tuple[float, float] = (0.0, 1.0),  # completed part of the survey before and after this evaluation
+        select: Callable[[_R], Any] = lambda result: result,  # part of the program's result to store
     ) -> Any:
         """Evaluate a program for every row, in batches of equal size; the last batch is padded with repeated rows.
 
         Returns a tree of NumPy arrays with one row per input row. Raises ValueError if there is no row.
-
-        Parameters
-        ----------
-        description
-            Current work, for progress reports.
-        program
-            Function of `fixed`, a batch of rows and `options`; returns a tree of arrays with one row per input row.
-        fixed, rows, options
-            Arguments common to the rows; tree of arrays with at least one row; further common arguments.
-        span
-            Completed part of the survey before and after this evaluation.
-        select
-            Part of the program's result to store.
         """
         rows = jax.tree.map(np.asarray, rows)
         total = len(jax.tree.leaves(rows)[0])
@@ -296,7 +265,10 @@ class FlightOutcomes:
 
 
 def classify_flights(
-    summaries: SurveySummary, tolerance: np.ndarray, duration: float, start_beyond: np.ndarray | bool = False
+    summaries: SurveySummary,
+    tolerance: np.ndarray,  # tolerance of (V, gamma, chi), shape (flights, 3), m/s and rad
+    duration: float,  # s
+    start_beyond: np.ndarray | bool = False,  # whether the starting flight is beyond the autopilot's limits
 ) -> FlightOutcomes:
     """Determine the outcome and the reason of each flight of a batch.
 
@@ -309,15 +281,6 @@ def classify_flights(
     4. altitude or Mach number beyond the data;
     5. for a missed channel, the relevant limit with the longest time, if active during most of the last tenth of the
        flight (the interval of the final error) or for a tenth of the flight.
-
-    Parameters
-    ----------
-    tolerance
-        Tolerance of (V, gamma, chi), shape (flights, 3), m/s and rad.
-    duration
-        Duration of each flight, s.
-    start_beyond
-        True if the starting flight is beyond the autopilot's limits, shape (flights,).
     """
     is_missed = ~(np.asarray(summaries.final_error_max) <= tolerance)  # true for NaN
     has_slipped = ~(np.asarray(summaries.beta_max) <= BETA_BOUND)

@@ -221,9 +221,8 @@ def figures(
 
 def _published(out: Path) -> Iterator[Path]:
     """Compute and draw the published cases in sequence."""
-    from anser.analysis.step_flights import fly_steps
+    from anser.analysis.step_flights import fly_climb_and_turn, fly_steps
     from anser.analysis.step_tests import PUBLISHED_STEPS
-    from anser.analysis.tracking_case import fly_climb_and_turn
     from anser.report.flight_figures import draw_flight
     from anser.report.response_figures import draw_overview, draw_step, draw_tracking
     from anser.report.shape_figures import draw_shapes

@@ -122,9 +122,8 @@ def gallery(
     must_be_known_aircraft(aircraft, variant)
     trim_point = None if at is None else flight_point(at)
     with open_output_folder(out, force) as into:
-        from anser.analysis.step_flights import gallery_steps
+        from anser.analysis.step_flights import climb_and_turn, gallery_steps
         from anser.analysis.step_tests import step_document
-        from anser.analysis.tracking_case import climb_and_turn
         from anser.missions.runs import run
         from anser.report.response_figures import draw_overview, draw_step, draw_tracking
         from anser.results.documents import write_json

@@ -291,30 +291,16 @@ or below 0 percent; a surface beyond its stop; alpha or beta outside the data.""
 
 
 class TrimMapPoint(eqx.Module):
-    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits.
+    """One point of a trim map: the trim, obstacles to this flight, and margins to the limits."""
 
-    Attributes
-    ----------
-    trim
-        Solution of the trim equations, even if it cannot be flown.
-    obstacles
-        Flags of the `TRIM_OBSTACLES`; all false if the point can be flown.
-    mach
-        Mach number.
-    load_factor
-        Minus body z force over weight.
-    power_margin, power_above_idle
-        Distance to 100 and to 0 percent of power, as fractions.
-    surface_margin
-        Distance of each surface from its stop, as a fraction of the travel from the middle to the stop.
-    """
-
-    trim: TrimPoint
-    obstacles: Bool[Array, "7"]
-    mach: Scalar
-    load_factor: Scalar
+    trim: TrimPoint  # solution of the trim equations, even if it cannot be flown
+    obstacles: Bool[Array, "7"]  # flags of the `TRIM_OBSTACLES`; all false if the point can be flown
+    mach: Scalar  # Mach number
+    load_factor: Scalar  # minus body z force over weight
+    # distance to 100 and to 0 percent of power, as fractions
     power_margin: Scalar
     power_above_idle: Scalar
+    # distance of each surface from its stop, as a fraction of the travel from the middle to the stop
     surface_margin: Vector
 
     @property

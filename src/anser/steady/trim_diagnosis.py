@@ -29,26 +29,17 @@ _TURN_RATE_LIMIT = math.radians(30.0)
 
 @dataclasses.dataclass(frozen=True)
 class NearestTrim:
-    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes.
+    """Nearest flight condition with a trim, if one quantity of the target (speed, path angle or a rate) changes."""
 
-    Attributes
-    ----------
-    quantity
-        Changed field of the target: "speed", "path_angle" or "turn_rate"; in a pull-up "pitch_rate" instead of the
-        last.
-    target_value, value
-        Value of the target, and nearest trimmable value, SI (m/s, rad, rad/s).
-    distance
-        Dimensionless change: speed change over target speed; path angle change in rad (about the change of thrust over
-        weight); change of turn or pitch rate times target speed over gravity (change of load factor).
-    target, point
-        The changed target and its trim.
-    """
-
+    # changed field of the target: "speed", "path_angle" or "turn_rate"; in a pull-up "pitch_rate" instead of the last
     quantity: str
+    # value of the target, and nearest trimmable value, SI (m/s, rad, rad/s)
     target_value: float
     value: float
+    # dimensionless change: speed change over target speed; path angle change in rad (about the change of thrust over
+    # weight); change of turn or pitch rate times target speed over gravity (change of load factor)
     distance: float
+    # the changed target and its trim
     target: TrimTarget
     point: TrimPoint
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from anser.analysis.tracking_case import fly_climb_and_turn
+from anser.analysis.step_flights import fly_climb_and_turn
 from anser.constants import EARTH_ROTATION_RAD_S, STANDARD_GRAVITY_M_S2
 from anser.missions.runs import FlightResult, run
 from anser.scenario.files import loads
