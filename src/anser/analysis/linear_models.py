@@ -99,37 +99,21 @@ def linear_dataset(
     sampled = float(model.step) > 0
     wind_states, _ = wind_axis_states(model)
     coordinates: dict[str, Any] = {}
-    for dimension, names in (
-        ("state_rate", model.states),
-        ("state", model.states),
-        ("input", model.inputs),
-        ("output", model.outputs),
-        ("wind_state", wind_states),
-    ):
+    names_by_dimension = {"state_rate": model.states, "state": model.states, "input": model.inputs}
+    names_by_dimension |= {"output": model.outputs, "wind_state": wind_states}
+    for dimension, names in names_by_dimension.items():
         coordinates[dimension] = (dimension, np.array(names))
         coordinates[f"{dimension}_unit"] = (dimension, np.array([unit_of(name, model.surfaces) for name in names]))
     coordinates["mode_name"] = ("mode", np.array([mode.name for mode in modes]))
     coordinates["mode_order"] = ("mode", np.array([mode.order for mode in modes], dtype=np.int32))
     next_or_rates = "next states" if sampled else "rates of the states"
-    state_rate_unit = "state_unit" if sampled else "state_unit s-1"
+    rate_unit = "state_unit" if sampled else "state_unit s-1"
     shares = np.array([[dict(mode.shares)[state] for state in wind_states] for mode in modes])
     data = {
         name: (dimensions, np.asarray(values), unit_attributes(unit, long_name))
         for name, dimensions, values, unit, long_name in (
-            (
-                "A",
-                ("state_rate", "state"),
-                model.A,
-                f"{state_rate_unit} / state_unit",
-                f"From states to {next_or_rates}",
-            ),
-            (
-                "B",
-                ("state_rate", "input"),
-                model.B,
-                f"{state_rate_unit} / input_unit",
-                f"From inputs to {next_or_rates}",
-            ),
+            ("A", ("state_rate", "state"), model.A, f"{rate_unit} / state_unit", f"From states to {next_or_rates}"),
+            ("B", ("state_rate", "input"), model.B, f"{rate_unit} / input_unit", f"From inputs to {next_or_rates}"),
             ("C", ("output", "state"), model.C, "output_unit / state_unit", "From states to outputs"),
             ("D", ("output", "input"), model.D, "output_unit / input_unit", "From inputs to outputs"),
             ("state_at_condition", "state", model.x, "state_unit", "State departed from"),
