@@ -49,10 +49,10 @@ def test_every_published_case_is_drawn(anser, tmp_path, monkeypatch):
     tests = [SimpleNamespace(test=SimpleNamespace(key=key), dataset=None) for key in ("rates-p", "velocity-v")]
     monkeypatch.setattr("anser.analysis.step_flights.fly_steps", lambda *tests_, **settings: tests)
     monkeypatch.setattr("anser.analysis.step_flights.fly_climb_and_turn", lambda variant: flight)
-    monkeypatch.setattr("anser.report.response_figures.draw_step", note("step", 1))
-    monkeypatch.setattr("anser.report.response_figures.draw_overview", note("overview", 1))
-    monkeypatch.setattr("anser.report.response_figures.draw_tracking", note("tracking", 2))
-    monkeypatch.setattr("anser.report.shape_figures.draw_shapes", shape)
+    monkeypatch.setattr("anser.report.aircraft_figures.draw_step", note("step", 1))
+    monkeypatch.setattr("anser.report.aircraft_figures.draw_overview", note("overview", 1))
+    monkeypatch.setattr("anser.report.aircraft_figures.draw_tracking", note("tracking", 2))
+    monkeypatch.setattr("anser.report.plan_figures.draw_shapes", shape)
     monkeypatch.setattr("anser.verification.polynomial_paths.shape_families", lambda: {"b4": None, "c4": None})
     monkeypatch.setattr("anser.verification.missions.published_flights", lambda: {"single": flight})
     out = tmp_path / "figures"

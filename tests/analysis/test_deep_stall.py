@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 from anser.analysis import deep_stall
 from anser.analysis.deep_stalls import deep_stall_document, deep_stall_onset
 from anser.cli.commands import app
-from anser.report.airframe_figures import draw_deep_stall
+from anser.report.aircraft_figures import draw_deep_stall
 from support.tp1538_build_up import coefficients
 
 CENTRES_OF_GRAVITY = (0.30, 0.35, 0.365, 0.38, 0.40)

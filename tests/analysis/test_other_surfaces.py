@@ -7,7 +7,7 @@ from anser.analysis import fly_steps, linearize, margins_at, step_test, survey_e
 from anser.analysis.step_tests import step_document
 from anser.cli.step_tests import _surfaces_used
 from anser.report import draw_bode, draw_envelope
-from anser.report.response_figures import draw_step
+from anser.report.aircraft_figures import draw_step
 from support.other_surfaces import ELEVONS, SPLIT, elevon_aircraft, split_aileron_aircraft
 
 pytestmark = pytest.mark.long

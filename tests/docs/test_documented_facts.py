@@ -12,7 +12,7 @@ import xarray as xr
 import anser
 from anser.aircraft_files import AirframeFile
 from anser.campaigns import Study
-from anser.report.exports.geography import _geodetic_deg
+from anser.report.exports.geographic import _geodetic_deg
 from anser.report.flight_figures import FLIGHT_FIGURES
 from anser.scenario import Scenario
 

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from anser.report.derived_variables import HOLD, add_derived_variables, recorded_scenario
+from anser.report.derived_variables import HOLD, add_derived_variables, recorded_table
 from anser.report.flight_margins import Margin, closest_pair, find_flight_margins
-from anser.report.flight_overview import aircraft_table, margins_list
+from anser.report.flight_page import aircraft_table, margins_list
 from anser.results.separation import nearest_aircraft_distance
 
 
@@ -37,7 +37,7 @@ def test_utilization_is_1_at_the_limit(limit, value, is_upper, utilization):
 
 @pytest.fixture(scope="module")
 def whole(flight):
-    return add_derived_variables(flight[0], recorded_scenario(flight[0]))
+    return add_derived_variables(flight[0], recorded_table(flight[0]))
 
 
 def test_margins_are_sorted_by_utilization_after_those_not_met(flight, whole):
@@ -172,7 +172,7 @@ def test_errors_are_resolved_along_and_across_the_plan(flight, whole):
 
 def test_a_record_without_a_scenario_has_only_requirements(flight):
     dataset = flight[0].assign_attrs(scenario="no JSON")
-    assert recorded_scenario(dataset) == {}
+    assert recorded_table(dataset) == {}
     whole = add_derived_variables(dataset, {})
     assert {margin.kind for margin in find_flight_margins(whole, flight[1])} == {"requirement"}
     assert "height_over_floor_m" not in whole

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report.svg_charts import links_strip, pair_links, recorded_network
+from anser.report.derived_variables import recorded_table
+from anser.report.svg_charts import links_strip, pair_links
 
 NAMES = ("anna", "b<e>rt", "cläre with a long name")
 
@@ -52,5 +53,5 @@ def test_a_fleet_with_a_centre_has_no_strip(dataset):
 @pytest.mark.parametrize("text", ["", "[]", "{", "3"])
 def test_unreadable_network_data_are_ignored(dataset, text):
     dataset.attrs["network"] = text
-    assert recorded_network(dataset) == {}
+    assert recorded_table(dataset, "network") == {}
     assert "quality of service<" not in links_strip(dataset)

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from anser.report import write_comparison, write_report
-from anser.report.comparison import difference_table, scenario_differences
 from anser.report.flight_margins import Margin
-from anser.report.flight_overview import summary_cards, verdict_html
-from anser.report.flight_page import _SCRIPTS
-from anser.report.page_frame import read_asset
+from anser.report.flight_page import _SCRIPTS, difference_table, scenario_differences, summary_cards, verdict_html
+from anser.report.page_templates import read_asset
 from support.made_flight import make_flight
 
 EVIL = "</script><script>alert(1)</script>"
@@ -147,7 +145,7 @@ def test_an_aircraft_without_arrival_has_no_least_or_greatest_figures():
         f'Greatest miss</p><p class="value">–<small></small></p><p class="note">{name} never arrived'
         in summary_cards(dataset, summary)
     )
-    table = difference_table([("flown", flown), ("crashed", summary)], [{}, {}])
+    table = difference_table(["flown", "crashed"], [flown, summary], [{}, {}])
     table_row = next(line for line in table.split("<tr>") if "Greatest miss" in line)
     assert table_row.count("<td>–</td>") == 2  # that of the second, and the difference
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report.response_figures import draw_overview, draw_step
+from anser.report.aircraft_figures import draw_overview, draw_step
 from anser.variables import CATALOGUE, catalogue
 
 TIME = np.arange(0.0, 2.005, 0.01)

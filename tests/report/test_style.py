@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from anser.report.page_frame import read_asset
+from anser.report.page_templates import read_asset
 from anser.report.style import COLORS, DARK_COLORS
 
 BACKGROUNDS = ("paper", "panel", "chosen", "pressed")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from anser.report.response_figures import draw_tracking
+from anser.report.aircraft_figures import draw_tracking
 from anser.variables import CATALOGUE, surface_variables
 
 COUNT, ARRIVAL = 50, 30.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from anser.report.flight_overview import verdict_html
+from anser.report.flight_page import verdict_html
 from anser.results.separation import is_judged_by_separation, proximity_warning, separation_attributes
 from anser.results.summary_format import format_summary
 from anser.scenario.cautions import find_cautions

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from anser.report.shape_figures import draw_shapes
+from anser.report.plan_figures import draw_shapes
 from anser.verification.missions import SINGLE_AIRCRAFT
 from anser.verification.polynomial_paths import shape_families
 

@@ -11,7 +11,7 @@ import xarray as xr
 from anser.campaigns.campaign_folder import Campaign
 from anser.campaigns.sampling import is_independent
 from anser.campaigns.store import CampaignStore
-from anser.report.comparison import scenario_differences
+from anser.report.flight_page import scenario_differences
 from anser.results.documents import finite_or_none
 from anser.results.flight_rows import AIRCRAFT_QUANTITIES, FLEET_QUANTITIES, applicable_quantities, worst_of_fleet
 from anser.results.sampling_statistics import mcnemar_exact, order_statistic_interval, quantile, wilson_interval

@@ -12,15 +12,14 @@ from anser.cli.console import (
     RefusedError,
     activity,
     columns,
+    fail_if_any,
     must_be_in_range,
     must_be_known_aircraft,
     print_document,
     print_line,
-    print_note,
-    print_problem,
     print_table,
 )
-from anser.cli.folders import Force, must_be_new_file, open_output_file
+from anser.cli.folders import Force, must_be_new_file, note_if_written, write_if_requested
 from anser.cli.scenario_files import write_starter_file
 
 if TYPE_CHECKING:
@@ -32,12 +31,8 @@ if TYPE_CHECKING:
 
 
 _Aircraft = Annotated[
-    str,
-    typer.Argument(
-        help="Name of an airframe, or path of an aircraft file.", show_default=False, autocompletion=complete_aircraft
-    ),
+    str, typer.Argument(help="Name of an airframe, or path of an aircraft file.", autocompletion=complete_aircraft)
 ]
-_PICTURES = (".png", ".svg", ".pdf")
 
 
 @help_epilog("anser aircraft list", "anser aircraft list --json")
@@ -97,8 +92,7 @@ def show(
 ) -> None:
     """Show an airframe: mass, geometry, surfaces, engine, range of validity, and airspeeds of level flight."""
     must_be_known_aircraft(aircraft, variant)
-    if out is not None:
-        must_be_new_file("--out", out, _PICTURES, force)
+    must_be_new_file("--out", out, force=force)
     if performance:
         _show_performance(aircraft, variant, altitude_m, out, force)
         return
@@ -116,11 +110,9 @@ def show(
     quantities.append(
         (f"level flight at {altitude_m:g} m", level_speeds, "" if speed_range is None else "m/s, within all limits")
     )
-    if out is not None:
-        from anser.report.airframe_figures import draw_airframe
+    from anser.report.aircraft_figures import draw_airframe
 
-        with open_output_file("--out", out, force) as picture:
-            draw_airframe(dataset, picture)
+    write_if_requested("--out", out, force, lambda file: draw_airframe(dataset, file))
     print_document(
         lambda: {
             "format_version": 1,
@@ -137,8 +129,7 @@ def show(
         print_line(f"source: {file.source}")
         if file.assumed:
             print_line(f"assumed: {file.assumed}")
-    if out is not None:
-        print_note(f"{out}: written")
+    note_if_written(out)
 
 
 def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path | None, force: bool) -> None:
@@ -147,11 +138,9 @@ def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path 
 
     with activity("trimming"):
         sheet = load_model(aircraft, variant).performance(altitude_m)
-    if out is not None:
-        from anser.report.style import save_figure
+    from anser.report.style import save_figure
 
-        with open_output_file("--out", out, force) as picture:
-            save_figure(sheet.plot(), [picture])
+    write_if_requested("--out", out, force, lambda file: save_figure(sheet.plot(), [file]))
     print_document(sheet.document)
     headings = [
         *columns("figure"),
@@ -161,8 +150,7 @@ def _show_performance(aircraft: str, variant: str, altitude_m: float, out: Path 
     ]
     rows = [(figure.name, figure.value, figure.unit, figure.limit) for figure in sheet.figures]
     print_table(sheet.title, headings, rows)
-    if out is not None:
-        print_note(f"{out}: written")
+    note_if_written(out)
 
 
 @help_epilog(
@@ -236,14 +224,10 @@ def _report(
         for key, variables in signals.items():
             listed = [f"{item.name} ({', '.join(filter(None, (item.id, item.units)))})" for item in variables]
             print_line(f"{key}: {', '.join(listed) or 'none'}")
-    for item in failed:
-        print_problem(_disagreement_text(item))
+    problems = [_disagreement_text(item) for item in failed]
     if failed and Path(aircraft).suffix in (*SUFFIXES, DAVE_ML_SUFFIX):
-        print_problem("check data belong to the data of the file: change or delete them with these")
-    for item in findings:
-        print_problem(str(item))
-    if failed or findings:
-        raise typer.Exit(1)
+        problems.append("check data belong to the data of the file: change or delete them with these")
+    fail_if_any([*problems, *map(str, findings)])
     print_line("nothing found that looks wrong")
 
 
@@ -261,8 +245,6 @@ def _disagreement_text(checked_value: "CheckedValue") -> str:
 
 
 @help_epilog("anser aircraft new my-uav.toml")
-def new(
-    path: Annotated[Path, typer.Argument(help="New file to write.", show_default=False)],
-) -> None:
+def new(path: Annotated[Path, typer.Argument(help="New file to write.")]) -> None:
     """Write a commented, valid aircraft file of a small aircraft as a starting point."""
     write_starter_file(path, write_airframe_starter, AIRCRAFT_SCHEMA, "anser aircraft check")

@@ -73,15 +73,7 @@ _Quiet = Annotated[
 
 
 def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function], _Function]:
-    """Return a decorator that attaches examples and exit codes to a command, for the end of its help.
-
-    Parameters
-    ----------
-    *examples
-        Command lines, simplest first.
-    unmet
-        Meaning of exit code 1; None if the command does not use it.
-    """
+    """Return a decorator that attaches examples and exit codes to a command; `unmet` is the meaning of exit code 1."""
     codes = [
         "0  done",
         *([f"1  {unmet}"] if unmet else []),
@@ -102,9 +94,8 @@ def help_epilog(*examples: str, unmet: str | None = None) -> Callable[[_Function
 def register_command(app: typer.Typer, command: Callable[..., None]) -> None:
     """Register a function decorated with `help_epilog` as a command, with the options --json and --quiet.
 
-    The function prints results with `print_line` and `print_table`, messages with `print_note`, errors with
-    `print_problem`. It calls `print_document` once with its results as a JSON document. --json and --quiet are handled
-    in these functions.
+    The function prints with `print_line`, `print_table`, `print_note` and `print_problem`, which handle these options,
+    and calls `print_document` once with its results as a JSON document.
     """
 
     @functools.wraps(command)

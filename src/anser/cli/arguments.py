@@ -18,10 +18,7 @@ _DEPTH = 2
 
 
 def complete_scenario(incomplete: str) -> list[str]:
-    """Return scenario files in this folder or two levels below for the completion of a path.
-
-    Without a match, the shell completes the path.
-    """
+    """Return scenario files in this folder or two levels below; without a match, the shell completes the path."""
     return _matching_paths(incomplete, _is_scenario)
 
 
@@ -67,7 +64,7 @@ def _matching_paths(incomplete: str, accepts: Callable[[Path], bool]) -> list[st
 
 
 def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
-    """Yield the entries of a folder whose names start with `prefix`, and their contents down to `depth` levels.
+    """Yield the entries of a folder whose names start with `prefix`, with contents down to `depth` levels.
 
     Hidden entries are included only if a prefix is given.
     """
@@ -83,12 +80,9 @@ def _below(folder: Path, prefix: str, depth: int) -> Iterator[Path]:
             yield from _below(entry, "", depth - 1)
 
 
-ScenarioPath = Annotated[
-    Path, typer.Argument(help="Scenario file (TOML).", show_default=False, autocompletion=complete_scenario)
-]
+ScenarioPath = Annotated[Path, typer.Argument(help="Scenario file (TOML).", autocompletion=complete_scenario)]
 RunFolder = Annotated[
-    Path,
-    typer.Argument(help="Folder of a run: flight.nc, summary.json.", show_default=False, autocompletion=complete_run),
+    Path, typer.Argument(help="Folder of a run: flight.nc, summary.json.", autocompletion=complete_run)
 ]
 AircraftName = Annotated[
     str,
@@ -109,13 +103,11 @@ CentreOfGravity = Annotated[
         "--cg", "--x-cg", help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own."
     ),
 ]
-TrueAirspeed = Annotated[float, typer.Option(help="True airspeed.", show_default=False)]
-Altitude = Annotated[float, typer.Option(help="Geometric altitude.", show_default=False)]
+TrueAirspeed = Annotated[float, typer.Option(help="True airspeed.")]
+Altitude = Annotated[float, typer.Option(help="Geometric altitude.")]
 PathAngle = Annotated[float, typer.Option(help="Climb angle.")]
 TurnRate = Annotated[float, typer.Option(help="Rate of the course, right positive.")]
 Inversion = Annotated[
     Literal["model", "incremental"], typer.Option(help="What the autopilot inverts: the model, or measured changes.")
 ]
-SurveyFolder = Annotated[
-    Path, typer.Option("--out", help="New folder for the dataset and the figures.", show_default=False)
-]
+SurveyFolder = Annotated[Path, typer.Option("--out", help="New folder for the dataset and the figures.")]

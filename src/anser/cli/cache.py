@@ -13,12 +13,7 @@ from anser.scenario.files import load, loads, starter_scenario
 _MIB = 1 << 20
 
 
-@help_epilog(
-    "anser cache",
-    "anser cache warm",
-    "anser cache warm --scenario mine.toml",
-    "anser cache clear",
-)
+@help_epilog("anser cache", "anser cache warm", "anser cache warm --scenario mine.toml", "anser cache clear")
 def cache(
     what: Annotated[
         Literal["show", "warm", "clear"],

@@ -35,15 +35,15 @@ if TYPE_CHECKING:
 
 _KEYS = 12
 """Greatest number of differing scenario keys that are printed."""
-_CampaignFolder = Annotated[
-    Path, typer.Argument(help="Folder of a campaign: flights.zarr.", show_default=False, metavar="FOLDER")
+_CampaignFolder = Annotated[Path, typer.Argument(help="Folder of a campaign: flights.zarr.", metavar="FOLDER")]
+
+
+_Processes = Annotated[
+    int | None, typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.")
 ]
 
 
-@help_epilog(
-    "anser campaign report runs/how-surely",
-    "anser campaign report runs/how-surely --worst 0",
-)
+@help_epilog("anser campaign report runs/how-surely", "anser campaign report runs/how-surely --worst 0")
 def report(
     folder: _CampaignFolder,
     worst: Annotated[
@@ -86,8 +86,8 @@ def report(
 )
 def compare(
     folder: _CampaignFolder,
-    other: Annotated[Path, typer.Argument(help="Folder of a second campaign with the same seeds.", show_default=False)],
-    out: Annotated[Path | None, typer.Option(help="New folder for the figure.", show_default=False)] = None,
+    other: Annotated[Path, typer.Argument(help="Folder of a second campaign with the same seeds.")],
+    out: Annotated[Path | None, typer.Option(help="New folder for the figure.")] = None,
     force: Force = False,
 ) -> None:
     """Compare two campaigns with paired seeds flight by flight: which is better, how often and by how much."""
@@ -147,10 +147,7 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
 
 
 def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
-    """Open the store of a campaign folder; raises RefusedError if the folder has none.
-
-    `argument` names the folder on the command line.
-    """
+    """Open the store of a campaign folder (named by `argument`); raises RefusedError if the folder has none."""
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
@@ -171,24 +168,15 @@ _MILLISECONDS_BELOW_S = 0.01
     unmet="a flight does not meet a requirement, or cannot start",
 )
 def fly(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML).", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.", show_default=False)],
+    study: Annotated[Path, typer.Argument(help="Study file (TOML).")],
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; new, unless --resume.")],
     resume: Annotated[
         bool, typer.Option("--resume", help="Fly what is missing or damaged of the campaign in the folder.")
     ] = False,
-    processes: Annotated[
-        int | None,
-        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(help="Address of a dask scheduler, whose workers fly instead.", show_default=False),
-    ] = None,
+    processes: _Processes = None,
+    cluster: Annotated[str | None, typer.Option(help="Address of a dask scheduler, whose workers fly instead.")] = None,
     precision: Annotated[
-        str | None,
-        typer.Option(
-            help="In which flights are flown, float64 or float32; left out: as the study says.", show_default=False
-        ),
+        str | None, typer.Option(help="In which flights are flown, float64 or float32; left out: as the study says.")
     ] = None,
 ) -> None:
     """Fly a study: one scenario many times with dispersed values, to estimate how reliably the requirements are met.
@@ -284,10 +272,7 @@ def _write(store: "CampaignStore", flown_before: int) -> list[str]:
 
 
 def campaign_flight(folder: Path, number: int) -> "tuple[CampaignStore, Scenario]":
-    """Return the store of a campaign folder and the scenario of one flight.
-
-    Raises RefusedError for an invalid folder or number.
-    """
+    """Return the store of a campaign folder and the scenario of one flight; raises RefusedError if one is invalid."""
     from anser.campaigns.flights import flight_scenario
 
     store = read_campaign_store(folder, "--campaign")
@@ -328,7 +313,6 @@ def _bound_cells(quantile: "QuantileEstimate") -> list[str]:
 
 
 def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
-    """Print success probability, quantiles and failure causes of a campaign."""
     from anser.results.separation import NO_SEPARATION, proximity_warning
 
     name, data = flown.store.study.name, flown.dataset
@@ -367,13 +351,10 @@ def _print_estimates(estimates: "CampaignEstimates", flown: "Campaign") -> None:
     unmet="the levels end before the threshold: the event is too rare for this method and its budget",
 )
 def rare(
-    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table [rare].", show_default=False)],
-    out: Annotated[Path, typer.Option(help="Folder of the event; new, unless --resume.", show_default=False)],
+    study: Annotated[Path, typer.Argument(help="Study file (TOML) with a table [rare].")],
+    out: Annotated[Path, typer.Option(help="Folder of the event; new, unless --resume.")],
     resume: Annotated[bool, typer.Option("--resume", help="Fly what is missing of the event in the folder.")] = False,
-    processes: Annotated[
-        int | None,
-        typer.Option(min=1, help="How many fly at a time; left out: one a core, if memory lasts.", show_default=False),
-    ] = None,
+    processes: _Processes = None,
 ) -> None:
     """Estimate the probability of a rare event of a study by subset simulation (level by level)."""
     from anser.campaigns.rare_events import rare as flown_event
@@ -407,7 +388,6 @@ def rare(
 
 
 def _print_rare_event(rare_event: "RareEvent") -> None:
-    """Print the probability of a rare event, and its levels."""
     document, estimate = rare_event.document, rare_event.estimate
     confidence = f"at {100 * document['confidence']:g} % confidence"
     event = f"{document['statistic']} {document['breached']} {document['threshold']:g}"

@@ -66,19 +66,7 @@ class DefaultCommandGroup(TyperGroup):
 def register_group(
     app: typer.Typer, name: str, commands: Sequence[Callable[..., None]], summary: str, examples: Sequence[str]
 ) -> None:
-    """Register commands decorated with `help_epilog` as a group with a common name; the first is the default.
-
-    Parameters
-    ----------
-    app
-        Typer app of the group.
-    name
-        Name of the group.
-    commands
-        Commands, default first.
-    summary, examples
-        Help of the group.
-    """
+    """Register commands decorated with `help_epilog` as a group with a common name; the first is the default."""
     hint = f"anser {name} COMMAND --help shows the options and exit codes of one."
     lines = "\n".join(["Examples:", *(f"  {example}" for example in examples), "", hint])
     group = typer.Typer(cls=DefaultCommandGroup, no_args_is_help=True, help=summary, epilog=escape(lines))

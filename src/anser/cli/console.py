@@ -68,15 +68,7 @@ _LOG_PERIOD_S = 60.0
 
 @dataclass
 class _Request:
-    """Whether the current command was called with --json, and whether its JSON document was printed.
-
-    Attributes
-    ----------
-    as_json
-        Whether --json was given.
-    answered
-        Whether the JSON document was printed.
-    """
+    """Whether the current command was called with --json, and whether its JSON document was printed."""
 
     as_json: bool = False
     answered: bool = False
@@ -89,11 +81,7 @@ _request = _Request()
 def output(as_json: bool, quiet: bool) -> Iterator[None]:
     """Apply --json and --quiet to the consoles in the `with` block, the run of one command.
 
-    Raises
-    ------
-    RuntimeError
-        If the command ends with exit code 0 or 1 without the JSON document requested by --json (an error of the
-        command).
+    Raises RuntimeError if the command ends with exit code 0 or 1 without the JSON document requested by --json.
     """
     _request.as_json, _request.answered = as_json, False
     screen.quiet, note.quiet = as_json or quiet, quiet
@@ -117,10 +105,7 @@ def _must_have_answered() -> None:
 def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
     """With ``--json``, print the document as the only content of standard output; otherwise do nothing.
 
-    Parameters
-    ----------
-    document
-        Function that makes the document, without NaN and infinity (undefined in JSON).
+    The function makes the document without NaN and infinity, which are undefined in JSON.
     """
     if _request.as_json:
         sys.stdout.write(json.dumps(document(), indent=1, allow_nan=False) + "\n")
@@ -128,21 +113,19 @@ def print_document(document: Callable[[], Mapping[str, Any]]) -> None:
 
 
 def end_without_result(status: str, reasons: Sequence[str], prefix: str = "") -> NoReturn:
-    """Print the reasons for a missing result and exit with code 1; the JSON document contains the reasons.
-
-    Parameters
-    ----------
-    status
-        Status in the document, such as "no plan".
-    reasons
-        Reasons, a sentence per entry.
-    prefix
-        Text before every reason on standard error.
-    """
+    """Print the reasons for a missing result and exit with code 1; the JSON document contains status and reasons."""
     print_document(lambda: {"format_version": 1, "status": status, "reasons": list(reasons)})
-    for reason in reasons:
-        print_problem(prefix + reason)
+    fail_if_any(prefix + reason for reason in reasons)
     raise typer.Exit(1)
+
+
+def fail_if_any(problems: Iterable[str]) -> None:
+    """Print problems as error messages and exit with code 1, unless there is none."""
+    texts = list(problems)
+    for text in texts:
+        print_problem(text)
+    if texts:
+        raise typer.Exit(1)
 
 
 def print_note(text: str) -> None:
@@ -171,7 +154,6 @@ class _Times(ProgressColumn):
 
 
 def _clock(seconds: float) -> str:
-    """Format a duration as minutes and seconds, or hours, minutes and seconds."""
     minutes, remaining_seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{remaining_seconds:02d}" if hours else f"{minutes}:{remaining_seconds:02d}"
@@ -268,17 +250,7 @@ def must_be_in_range(option: str, value: float, low: float, high: float) -> None
 
 @dataclass(frozen=True)
 class TableColumn:
-    """Column of `print_table`.
-
-    Attributes
-    ----------
-    heading
-        Heading.
-    digits
-        Number of decimals of its numbers.
-    options
-        Options of rich's `add_column`: `justify`, `overflow`, ...
-    """
+    """Column of `print_table`: heading, number of decimals, options of rich's `add_column` (`justify`, ...)."""
 
     heading: str
     digits: int = 0
@@ -303,12 +275,7 @@ def print_table(
 ) -> None:
     """Print a table without lines between rows; without a terminal, lines are neither wrapped nor cut.
 
-    Parameters
-    ----------
-    rows
-        Texts and numbers by column; None and NaN give a dash.
-    styles
-        Style of each row; default: none.
+    None and NaN give a dash; `styles` are those of the rows.
     """
     table = Table(title=title, box=rich.box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False, collapse_padding=True)
     for column in columns:
@@ -348,13 +315,7 @@ def trim_progress(description: str) -> Iterator[Callable[[str], None]]:
 
 
 def must_be_flight_condition(condition: Mapping[str, float | None]) -> None:
-    """Raise RefusedError if a value is outside its range, or a pitch rate is given together with another rate.
-
-    Parameters
-    ----------
-    condition
-        Speed, altitude, centre of gravity, path angle and rates by parameter name; None if not specified.
-    """
+    """Raise RefusedError if a value is outside its range, or a pitch rate is given together with another rate."""
     for name, (low, high) in _RANGES.items():
         value = condition.get(name)
         if value is not None:

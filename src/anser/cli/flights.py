@@ -18,6 +18,7 @@ from anser.cli.console import (
     activity,
     columns,
     end_without_result,
+    fail_if_any,
     number,
     print_document,
     print_line,
@@ -26,7 +27,7 @@ from anser.cli.console import (
     print_table,
     progress_bar,
 )
-from anser.cli.folders import Force, make_next_folder, open_output_folder
+from anser.cli.folders import Force, make_next_folder, note_if_written, open_output_folder
 from anser.cli.overrides import Overrides, PlannerName, load_with_overrides
 from anser.missions.saved_flights import PLAN
 from anser.scenario.schema import Scenario
@@ -49,26 +50,22 @@ if TYPE_CHECKING:
 )
 def run(
     scenario: Annotated[
-        Path | None,
-        typer.Argument(help="Scenario file (TOML).", show_default=False, autocompletion=complete_scenario),
+        Path | None, typer.Argument(help="Scenario file (TOML).", autocompletion=complete_scenario)
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             help="New folder for flight.nc, summary.json, report.html; left out: runs/NAME, or runs/NAME-2, ... "
-            "where that exists and --force is not given.",
-            show_default=False,
+            "where that exists and --force is not given."
         ),
     ] = None,
     plan: Annotated[
-        Path | None,
-        typer.Option(help="Folder that anser plan --out wrote: its plan is flown, none is made.", show_default=False),
+        Path | None, typer.Option(help="Folder that anser plan --out wrote: its plan is flown, none is made.")
     ] = None,
     campaign: Annotated[
-        Path | None,
-        typer.Option(help="Folder of a campaign: one of its flights is flown again.", show_default=False),
+        Path | None, typer.Option(help="Folder of a campaign: one of its flights is flown again.")
     ] = None,
-    flight: Annotated[int | None, typer.Option(help="Which flight of the campaign.", show_default=False)] = None,
+    flight: Annotated[int | None, typer.Option(help="Which flight of the campaign.")] = None,
     set_: Overrides = None,
     planner: PlannerName = None,
     force: Force = False,
@@ -132,10 +129,7 @@ def _finished_plan(folder: Path, scenario: Scenario) -> "FirstPlan":
 
 
 def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
-    """Return the start time, s, of the first status other than flying, by name of the aircraft.
-
-    Aircraft without such a change are left out.
-    """
+    """Return the start time, s, of the first status other than flying, by name of the aircraft that left its plan."""
     stop_times = {}
     for name, codes in zip(dataset["aircraft"].values, dataset["status"].values.T, strict=True):
         stopped_rows = codes.nonzero()[0]
@@ -145,10 +139,7 @@ def _stopped_s(dataset: "xr.Dataset") -> dict[str, float]:
 
 
 def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
-    """Return the status of an aircraft as text, with the time ("at 12.0 s: ...") if it left its plan in flight.
-
-    `stopped_s` holds those times, s, by aircraft name.
-    """
+    """Return the status of an aircraft, with the time ("at 12.0 s: ...") if it left its plan in flight."""
     stop_time = stopped_s.get(aircraft["name"])
     return aircraft["status"] if stop_time is None else f"at {stop_time:.1f} s: {aircraft['status']}"
 
@@ -213,10 +204,7 @@ _SAME_TIME_S = 5e-3
 def plan(
     scenario: ScenarioPath,
     out: Annotated[
-        Path | None,
-        typer.Option(
-            help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.", show_default=False
-        ),
+        Path | None, typer.Option(help="New folder for plan.json, trajectories.csv, plan.png, plan.svg, plan.npz.")
     ] = None,
     set_: Overrides = None,
     planner: PlannerName = None,
@@ -245,20 +233,15 @@ def plan(
     _print_margins(recorded.summary)
     for text in _separation_lines(recorded.summary):
         print_line(text)
-    if out is not None:
-        print_note(f"{out}: plan.json, trajectories.csv, plan.png, plan.svg, plan.npz written")
+    note_if_written(out, "plan.json, trajectories.csv, plan.png, plan.svg, plan.npz")
     if open_:
         _open_in_browser(_picture_folder(recorded, out) / "plan.svg")
     for note in recorded.summary["notes"]:
         print_note(f"note: {note}")
-    for problem in recorded.summary["problems"]:
-        print_problem(f"not flyable: {problem}")
-    if recorded.summary["problems"]:
-        raise typer.Exit(1)
+    fail_if_any(f"not flyable: {problem}" for problem in recorded.summary["problems"])
 
 
 def _picture_folder(recorded: "RecordedPlan", out: Path | None) -> Path:
-    """Return the folder with the picture of a plan: the output folder, or a new temporary folder."""
     if out is not None:
         return out
     folder = Path(tempfile.mkdtemp(prefix="anser-"))
@@ -298,7 +281,6 @@ def _path_row(aircraft: dict[str, Any], arrive_together: bool) -> dict[str, str]
 
 
 def _print_margins(summary: dict[str, Any]) -> None:
-    """Print the margin of each path to each limit; negative margins in red."""
     from anser.planning.limits import LIMITS
 
     method = "proven at every instant" if summary["bounds"] == "proven" else "at samples"
@@ -322,7 +304,6 @@ def _print_margins(summary: dict[str, Any]) -> None:
 
 
 def _separation_lines(summary: dict[str, Any]) -> list[str]:
-    """Return lines of text about the closest pairs and the keep-outs."""
     lines = []
     separation, closest = summary["separation"], summary["least_distance"]
     if separation is not None and separation["pair"] is not None:

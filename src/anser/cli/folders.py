@@ -1,13 +1,13 @@
 """Output folders and files of commands, new or replaced with --force, and folders of finished runs."""
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.console import RefusedError
+from anser.cli.console import RefusedError, print_note
 from anser.config.errors import os_error_reason
 from anser.files import new_file, new_folder, remove_empty_folders, staged_folder
 from anser.missions import saved_flights
@@ -20,8 +20,7 @@ if TYPE_CHECKING:
 Force = Annotated[
     bool,
     typer.Option(
-        "--force",
-        help="Write where something exists: files of the same names are replaced, all others stay.",
+        "--force", help="Write where something exists: files of the same names are replaced, all others stay."
     ),
 ]
 
@@ -69,11 +68,16 @@ def make_next_folder(folder: Path) -> Path:
         ) from None
 
 
-def must_be_new_file(option: str, path: Path, suffixes: Sequence[str], force: bool = False) -> None:
-    """Raise RefusedError, before any computation, if a file has a wrong suffix or cannot be written.
+PICTURE_SUFFIXES = (".svg", ".png", ".pdf")
+"""File formats of pictures."""
 
-    With `force` the file may exist.
-    """
+
+def must_be_new_file(
+    option: str, path: Path | None, suffixes: Sequence[str] = PICTURE_SUFFIXES, force: bool = False
+) -> None:
+    """Raise RefusedError, before any computation, if an optional file has a wrong suffix or cannot be written."""
+    if path is None:
+        return
     if path.suffix not in suffixes:
         endings = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
         raise RefusedError(f"{option}: arrived {path}; expected a name that ends with {endings}")
@@ -95,12 +99,22 @@ def must_be_writable(option: str, path: Path, force: bool) -> None:
 
 @contextlib.contextmanager
 def open_output_file(option: str, path: Path, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary path for an output file, which moves to its place when complete.
-
-    Raises RefusedError if the file cannot be written.
-    """
+    """Yield a temporary path for an output file, which moves to its place when complete, or raise RefusedError."""
     with _refusing(option, path, "a place for a file"), new_file(path, overwrite=force) as partial:
         yield partial
+
+
+def write_if_requested(option: str, path: Path | None, force: bool, write: Callable[[Path], object]) -> None:
+    """Write an optional output file; raises RefusedError if it cannot be written."""
+    if path is not None:
+        with open_output_file(option, path, force) as file:
+            write(file)
+
+
+def note_if_written(path: Path | None, contents: str = "") -> None:
+    """Print that an optional output file or folder was written, and the contents of the folder."""
+    if path is not None:
+        print_note(f"{path}: {contents} written" if contents else f"{path}: written")
 
 
 def _is_folder(path: Path) -> bool:
@@ -139,10 +153,7 @@ def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[st
 
 
 def read_flight(folder: Path, names: tuple[str, ...]) -> tuple["xr.Dataset", dict[str, Any]]:
-    """Return the dataset and summary of a run folder; raises RefusedError if one of the named variables is missing.
-
-    Also raises the errors of `read_run`.
-    """
+    """Return dataset and summary of a run folder; raises RefusedError also if one of the variables is missing."""
     dataset, summary = read_run(folder)
     missing = [name for name in names if name not in dataset.variables]
     if missing:

@@ -22,7 +22,7 @@ from anser.cli.console import (
     progress_bar,
     trim_progress,
 )
-from anser.cli.folders import Force, must_be_new_file, open_output_file, open_output_folder
+from anser.cli.folders import Force, must_be_new_file, note_if_written, open_output_folder, write_if_requested
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,10 +45,7 @@ _FIGURES = (
     unmet="no steady flight at this condition",
 )
 def margins(
-    at: Annotated[
-        str | None,
-        typer.Option(help=f"SPEED,ALTITUDE of level flight, m/s and m; left out: {_AT}.", show_default=False),
-    ] = None,
+    at: Annotated[str | None, typer.Option(help=f"SPEED,ALTITUDE of level flight, m/s and m; left out: {_AT}.")] = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     inversion: Inversion = "model",
@@ -80,25 +77,19 @@ def margins(
         if value is not None:
             raise RefusedError(f"{option}: arrived without --envelope; expected both or neither")
     speed_m_s, altitude_m = flight_point(_AT if at is None else at)
-    if bode is not None:
-        from anser.report.margin_figures import BODE_SUFFIXES
-
-        must_be_new_file("--bode", bode, BODE_SUFFIXES, force)
+    must_be_new_file("--bode", bode, force=force)
     from anser.analysis.margins import margin_document, margins_at
 
     with trim_progress("trimming and breaking the loops"):
         dataset = margins_at(
             aircraft, variant, speed_m_s=speed_m_s, altitude_m=altitude_m, inversion=inversion, step_s=step_s
         )
-    if bode is not None:
-        from anser.report.margin_figures import draw_bode
+    from anser.report.envelope_figures import draw_bode
 
-        with open_output_file("--bode", bode, force) as file:
-            draw_bode(dataset, [file])
+    write_if_requested("--bode", bode, force, lambda file: draw_bode(dataset, [file]))
     print_document(lambda: margin_document(dataset))
     _print(dataset)
-    if bode is not None:
-        print_note(f"{bode}: written")
+    note_if_written(bode)
 
 
 def _survey(
@@ -106,7 +97,7 @@ def _survey(
 ) -> None:
     with open_output_folder(out, force) as into, progress_bar() as tell:
         from anser.analysis.margins import survey_margins
-        from anser.report.margin_figures import draw_margin_maps
+        from anser.report.envelope_figures import draw_margin_maps
         from anser.results.documents import write_json
         from anser.results.netcdf import write_netcdf
 

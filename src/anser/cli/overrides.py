@@ -22,22 +22,18 @@ Overrides = Annotated[
         "--set",
         help="PATH=VALUE, such as wind.speed_m_s=8 or aircraft[0].start.altitude_m=1500: in the place of the file's "
         "value, and checked as that; may be given several times.",
-        show_default=False,
     ),
 ]
 PlannerName = Annotated[
     Literal["certified", "published", "decentralised"] | None,
-    typer.Option(help="In the place of the file's fleet.planner.", show_default=False),
+    typer.Option(help="In the place of the file's fleet.planner."),
 ]
 
 
 def load_with_overrides(
     path: Path, settings: Sequence[str] = (), planner: str | None = None, *, with_trim_maps: bool = True
 ) -> Scenario:
-    """Load a scenario, apply the options --set and --planner, and print the cautions.
-
-    `with_trim_maps` is passed to `find_cautions`.
-    """
+    """Load a scenario, apply the options --set and --planner, and print the cautions (of `find_cautions`)."""
     scenario = load(path)
     overrides = parse_overrides([*settings, *([f"fleet.planner={planner}"] if planner is not None else [])])
     if overrides:
@@ -54,7 +50,6 @@ def load_with_overrides(
 
 
 def _refuse_idle(scenario: Scenario, paths: Iterable[str]) -> None:
-    """Raise ScenarioError if an override has no effect in the scenario."""
     numbers = {indexed_path(scenario, path) for path in paths}
     idle = [problem for problem in unused_key_problems(scenario) if problem.path in numbers]
     if idle:

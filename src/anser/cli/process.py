@@ -15,13 +15,7 @@ INTERRUPTED = 130
 
 
 class Interrupts:
-    """Record of interrupts (Ctrl-C) of this process.
-
-    Attributes
-    ----------
-    arrived
-        Whether an interrupt arrived, even if a library caught or replaced the exception.
-    """
+    """Record of interrupts (Ctrl-C) of this process; `arrived` even if a library caught or replaced the exception."""
 
     def __init__(self) -> None:
         self.arrived = False
@@ -66,13 +60,7 @@ interrupts = Interrupts()
 
 
 class GuardedStream:
-    """Text stream that discards everything after the first failed write.
-
-    Attributes
-    ----------
-    failure
-        Error of the failed write; None before a failure.
-    """
+    """Text stream that discards everything after the first failed write, whose error is `failure`."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -105,10 +93,7 @@ def guarded_streams() -> Iterator[Callable[[], str | None]]:
     """Replace standard output and standard error by `GuardedStream` in the `with` block.
 
     A reader that closes the pipe early, such as ``head``, is not a failure. Failures of standard error are ignored.
-
-    Returns
-    -------
-    Function that flushes standard output and returns the reason of a failed write, or None.
+    Yields a function that flushes standard output and returns the reason of a failed write, or None.
     """
     _open_closed_descriptors()
     original_streams = sys.stdout, sys.stderr

@@ -10,7 +10,7 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.arguments import RunFolder, complete_run
-from anser.cli.console import RefusedError, activity, print_document, print_line, print_problem
+from anser.cli.console import RefusedError, activity, fail_if_any, print_document, print_line
 from anser.cli.folders import (
     Force,
     check_run_folder,
@@ -24,17 +24,12 @@ from anser.files import write_file
 from anser.missions.saved_flights import RUN_FILES
 
 
-@help_epilog(
-    "anser report runs/three-aircraft --force",
-    "anser report runs/a runs/b --out beside.html",
-)
+@help_epilog("anser report runs/three-aircraft --force", "anser report runs/a runs/b --out beside.html")
 def report(
     run: RunFolder,
     other: Annotated[
         Path | None,
-        typer.Argument(
-            help="Folder of a second run, to stand beside the first.", show_default=False, autocompletion=complete_run
-        ),
+        typer.Argument(help="Folder of a second run, to stand beside the first.", autocompletion=complete_run),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="File to write; default RUN/report.html. Needed for two runs.")
@@ -89,9 +84,7 @@ def export(
         list[str],
         typer.Option("--format", help="czml, kml, csv, parquet or mat; several with commas, or given several times."),
     ],
-    out: Annotated[
-        Path | None, typer.Option(help="New folder for the files; left out: beside flight.nc.", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="New folder for the files; left out: beside flight.nc.")] = None,
     start: Annotated[
         str, typer.Option(help="Date and time (UTC) of the flight's time 0 in CZML and KML, which need one.")
     ] = _START,
@@ -105,7 +98,7 @@ def export(
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
         raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
     from anser.report.exports.formats import FORMATS, thin_record
-    from anser.report.exports.geography import NEEDED_VARIABLES
+    from anser.report.exports.geographic import NEEDED_VARIABLES
     from anser.report.exports.tables import PARQUET_MISSING, has_parquet
 
     format_names = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
@@ -133,10 +126,7 @@ def export(
     left_out = dict.fromkeys(unavailable, PARQUET_MISSING)
     document = {"format_version": 1, "files": {name: str(path) for name, path in files.items()}}
     print_document(lambda: document | ({"left_out": left_out} if left_out else {}))
-    for name, reason in left_out.items():
-        print_problem(f"{folder / f'flight.{name}'}: not written: {reason}")
-    if left_out:
-        raise typer.Exit(1)
+    fail_if_any(f"{folder / f'flight.{name}'}: not written: {reason}" for name, reason in left_out.items())
 
 
 def _started(start: str) -> datetime:
@@ -158,24 +148,16 @@ _AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
     "anser figures runs/three-aircraft --out column --only bank,tracks --width 88 --no-title",
 )
 def figures(
-    out: Annotated[Path, typer.Option(help="New folder for the figures.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="New folder for the figures.")],
     run: Annotated[
         Path | None,
-        typer.Argument(
-            help="Folder that anser run wrote; left out: the published cases.",
-            show_default=False,
-            autocompletion=complete_run,
-        ),
+        typer.Argument(help="Folder that anser run wrote; left out: the published cases.", autocompletion=complete_run),
     ] = None,
     only: Annotated[
-        str | None,
-        typer.Option(
-            help="Figures of the flight to draw, with commas: bank,tracks; left out: all.", show_default=False
-        ),
+        str | None, typer.Option(help="Figures of the flight to draw, with commas: bank,tracks; left out: all.")
     ] = None,
     width: Annotated[
-        float | None,
-        typer.Option(help="Width in mm: 88 for one column, 180 for two; left out: 165.", show_default=False),
+        float | None, typer.Option(help="Width in mm: 88 for one column, 180 for two; left out: 165.")
     ] = None,
     no_title: Annotated[bool, typer.Option("--no-title", help="Leave the title above each figure out.")] = False,
     force: Force = False,
@@ -220,12 +202,11 @@ def figures(
 
 
 def _published(out: Path) -> Iterator[Path]:
-    """Compute and draw the published cases in sequence."""
     from anser.analysis.step_flights import fly_climb_and_turn, fly_steps
     from anser.analysis.step_tests import PUBLISHED_STEPS
+    from anser.report.aircraft_figures import draw_overview, draw_step, draw_tracking
     from anser.report.flight_figures import draw_flight
-    from anser.report.response_figures import draw_overview, draw_step, draw_tracking
-    from anser.report.shape_figures import draw_shapes
+    from anser.report.plan_figures import draw_shapes
     from anser.report.style import FIGURE_SUFFIXES
     from anser.verification.missions import published_flights
     from anser.verification.polynomial_paths import shape_families

@@ -61,7 +61,7 @@ def check(scenario: ScenarioPath) -> None:
 @help_epilog("anser convert old.toml new.toml", "anser convert new.toml old.toml --format 1")
 def convert(
     scenario: ScenarioPath,
-    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)],
+    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.")],
     format_: Annotated[int, typer.Option("--format", help="Format to write: 1 or 2.")] = FORMAT,
 ) -> None:
     """Write a scenario file in another format, with the same flight and comments."""
@@ -76,14 +76,11 @@ def convert(
 @help_epilog("anser schema", "anser schema study --out anser-study.schema.json", "anser schema aircraft")
 def schema(
     kind: Annotated[Literal["scenario", "study", "aircraft"], typer.Argument(help="Kind of file.")] = "scenario",
-    out: Annotated[
-        Path | None, typer.Option(help="New file, NAME.json; left out: standard output.", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="New file, NAME.json; left out: standard output.")] = None,
     force: Force = False,
 ) -> None:
     """Write the JSON Schema of a kind of file, for completion and checking of keys in editors."""
-    if out is not None:
-        must_be_new_file("--out", out, (".json",), force)
+    must_be_new_file("--out", out, (".json",), force)
     document = json_schema(_model_of(kind), f"anser {kind}")
     if out is None:
         print_document(lambda: document)
@@ -104,7 +101,7 @@ def _model_of(kind: str) -> type[Table]:
 
 
 @help_epilog("anser new mine.toml")
-def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.", show_default=False)]) -> None:
+def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.")]) -> None:
     """Write a commented starter scenario, and the schema for editors beside the file."""
     write_starter_file(path, write_starter, SCENARIO_SCHEMA, "anser check")
 

@@ -26,6 +26,7 @@ from anser.cli.console import (
     print_document,
     print_note,
     print_table,
+    refuse_on,
 )
 from anser.cli.folders import Force, open_output_folder
 
@@ -43,12 +44,7 @@ _SHOWN = (
 )
 def simulate(
     aircraft: Annotated[
-        str,
-        typer.Argument(
-            help="Name of an airframe, or path of an aircraft file.",
-            show_default=False,
-            autocompletion=complete_aircraft,
-        ),
+        str, typer.Argument(help="Name of an airframe, or path of an aircraft file.", autocompletion=complete_aircraft)
     ],
     speed_m_s: TrueAirspeed,
     altitude_m: Altitude,
@@ -107,30 +103,25 @@ def simulate(
         if name not in model.inputs or name in signals:
             expected = f"each input once, among {', '.join(model.inputs)}"
             raise RefusedError(f"--input {text}: arrived {name!r}; expected NAME=SIGNAL:AMPLITUDE, {expected}")
-        try:
+        with refuse_on(ValueError, f"--input {text}: "):
             signals[name] = parse_signal(signal)
-        except ValueError as error:
-            raise RefusedError(f"--input {text}: {error}") from None
     with activity("trimming"):
         trim = model.trim(**condition)
     if trim.diagnosis is not None:
         end_without_result("no steady flight", [trim.diagnosis])
-    with activity("flying"):
-        try:
-            flight = fly(
-                model,
-                trim,
-                signals if controls is None else controls,
-                duration_s=duration_s,
-                step_s=step_s,
-                increments=increments,
-                wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
-                turbulence=turbulence,
-                earth=None if earth == "standard" else earth,
-                seed=seed,
-            )
-        except ValueError as error:
-            raise RefusedError(str(error)) from None
+    with activity("flying"), refuse_on(ValueError):
+        flight = fly(
+            model,
+            trim,
+            signals if controls is None else controls,
+            duration_s=duration_s,
+            step_s=step_s,
+            increments=increments,
+            wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
+            turbulence=turbulence,
+            earth=None if earth == "standard" else earth,
+            seed=seed,
+        )
     dataset = flight.dataset
     if out is not None:
         with open_output_folder(out, force) as folder:

@@ -19,12 +19,11 @@ from anser.cli.console import (
     must_be_known_aircraft,
     print_document,
     print_line,
-    print_note,
     print_table,
     screen,
     trim_progress,
 )
-from anser.cli.folders import Force, must_be_new_file, open_output_file
+from anser.cli.folders import Force, must_be_new_file, note_if_written, write_if_requested
 
 if TYPE_CHECKING:
     from anser.analysis.linear_models import LinearizationResult
@@ -135,21 +134,17 @@ def linearize(
     must_be_in_range("--step-s", step_s, 0.001, 0.05)
     if actuators and loop != "open":
         raise RefusedError(f"--actuators: arrived with --loop {loop}, which always has them; expected --loop open")
-    if out is not None:
-        must_be_new_file("--out", out, _SUFFIXES, force)
+    must_be_new_file("--out", out, _SUFFIXES, force)
     from anser.analysis.linear_models import linearize as compute
 
     with trim_progress("trimming and differentiating"):
         linearization = compute(
             aircraft, variant, x_cg_over_c=x_cg, loop=loop, actuators=actuators, step_s=step_s, **condition
         )
-    if out is not None:
-        with open_output_file("--out", out, force) as file:
-            linearization.write(file)
+    write_if_requested("--out", out, force, linearization.write)
     print_document(linearization.document)
     _print_model(linearization)
-    if out is not None:
-        print_note(f"{out}: written")
+    note_if_written(out)
 
 
 def _print_model(linearization: "LinearizationResult") -> None:
@@ -236,7 +231,7 @@ def deep_stall(
         typer.Option("--cg", "--x-cg", help="Centre of gravity, fraction of the chord; may be given several times."),
     ] = None,
     elevator_deg: Annotated[
-        float | None, typer.Option(help="Elevator that is held; left out: fully nose-down.", show_default=False)
+        float | None, typer.Option(help="Elevator that is held; left out: fully nose-down.")
     ] = None,
     alpha_from_deg: Annotated[float, typer.Option(help="Least angle of attack that is looked at.")] = 20.0,
     altitude_m: Annotated[float, typer.Option(help="Of the steady descents in the trims.")] = 5000.0,
@@ -251,10 +246,7 @@ def deep_stall(
         must_be_in_range("--cg", x_cg, 0.1, 0.5)
     must_be_in_range("--alpha-from-deg", alpha_from_deg, -20.0, 89.0)
     must_be_in_range("--altitude-m", altitude_m, 0.0, 15000.0)
-    if picture is not None:
-        from anser.report.margin_figures import BODE_SUFFIXES
-
-        must_be_new_file("--picture", picture, BODE_SUFFIXES, force)
+    must_be_new_file("--picture", picture, force=force)
     from anser.analysis.deep_stalls import CENTRES_OF_GRAVITY, deep_stall_document
     from anser.analysis.deep_stalls import deep_stall as compute
 
@@ -269,11 +261,9 @@ def deep_stall(
             )
         except ValueError as error:
             raise RefusedError(f"--{str(error).replace('_', '-')}") from None
-    if picture is not None:
-        from anser.report.airframe_figures import draw_deep_stall
+    from anser.report.aircraft_figures import draw_deep_stall
 
-        with open_output_file("--picture", picture, force) as file:
-            draw_deep_stall(dataset, [file])
+    write_if_requested("--picture", picture, force, lambda file: draw_deep_stall(dataset, [file]))
     document = deep_stall_document(dataset)
     print_document(lambda: document)
     rows = []
@@ -301,5 +291,4 @@ def deep_stall(
         print_line(
             f"A trim appears with the c.g. at {onset['x_cg_over_c']:.4f}, at alpha {onset['alpha_deg']:.1f} deg."
         )
-    if picture is not None:
-        print_note(f"{picture}: written")
+    note_if_written(picture)

@@ -13,17 +13,17 @@ from anser.cli.console import (
     RefusedError,
     activity,
     columns,
+    fail_if_any,
     flight_point,
     must_be_known_aircraft,
     number,
     print_document,
     print_line,
     print_note,
-    print_problem,
     print_table,
     trim_progress,
 )
-from anser.cli.folders import Force, must_be_new_file, open_output_file, open_output_folder
+from anser.cli.folders import Force, must_be_new_file, note_if_written, open_output_folder, write_if_requested
 
 if TYPE_CHECKING:
     from anser.analysis.step_tests import StepTest, StepTestResult
@@ -62,10 +62,7 @@ def step(
     """
     must_be_known_aircraft(aircraft, variant)
     speed_m_s, altitude_m = flight_point(at)
-    if out is not None:
-        from anser.report.style import FIGURE_SUFFIXES
-
-        must_be_new_file("--out", out, FIGURE_SUFFIXES, force)
+    must_be_new_file("--out", out, force=force)
     if len(channel) != len(size):
         raise RefusedError(f"--size: arrived {len(size)} for {len(channel)} channels; expected one for each --channel")
     if len(set(channel)) != len(channel):
@@ -82,17 +79,14 @@ def step(
             time_scale = step_time_scale(aircraft, variant, speed_m_s, altitude_m)
         test = step_test(loop, dict(zip(channel, size, strict=True)), None, time_scale)
     flown = _fly([test], aircraft, variant, speed_m_s, altitude_m, inversion)
-    if out is not None:
-        from anser.report.response_figures import draw_step
+    from anser.report.aircraft_figures import draw_step
 
-        with open_output_file("--out", out, force) as file:
-            draw_step(flown[0].dataset, [file])
+    write_if_requested("--out", out, force, lambda file: draw_step(flown[0].dataset, [file]))
     print_document(lambda: step_document(flown))
     _print_metrics(flown)
     if flown[0].left_tables:
         print_note("caution: it leaves the aerodynamic tables")
-    if out is not None:
-        print_note(f"{out}: written")
+    note_if_written(out)
 
 
 @help_epilog(
@@ -101,7 +95,7 @@ def step(
     unmet="a response does not meet its limits",
 )
 def gallery(
-    out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="New folder for the figures and metrics.json.")],
     inversion: Inversion = "model",
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
@@ -110,8 +104,7 @@ def gallery(
         str | None,
         typer.Option(
             help="SPEED,ALTITUDE of the level trim that the steps leave; left out: 150,1000 of the F-16, of another "
-            "aircraft between its least and greatest airspeed.",
-            show_default=False,
+            "aircraft between its least and greatest airspeed."
         ),
     ] = None,
 ) -> None:
@@ -125,7 +118,7 @@ def gallery(
         from anser.analysis.step_flights import climb_and_turn, gallery_steps
         from anser.analysis.step_tests import step_document
         from anser.missions.runs import run
-        from anser.report.response_figures import draw_overview, draw_step, draw_tracking
+        from anser.report.aircraft_figures import draw_overview, draw_step, draw_tracking
         from anser.results.documents import write_json
 
         with trim_progress("trimming"):
@@ -164,10 +157,7 @@ def gallery(
     shortfalls += [
         ("climb-and-turn", f"{r['name']} is {r['value']:g}, not {r['limit']:g}") for r in requirements if not r["met"]
     ]
-    for key, reason in shortfalls:
-        print_problem(f"falls short: {key}: {reason}")
-    if shortfalls:
-        raise typer.Exit(1)
+    fail_if_any(f"falls short: {key}: {reason}" for key, reason in shortfalls)
 
 
 def _fly(
@@ -200,7 +190,6 @@ def _title(flights: Sequence["StepTestResult"]) -> str:
 
 
 def _print_metrics(flights: Sequence["StepTestResult"]) -> None:
-    """Print a table with a row for each commanded channel."""
     rows, styles = [], []
     for flight in flights:
         document = flight.document()
@@ -233,5 +222,4 @@ def _surfaces_used(flight: "StepTestResult") -> str:
 
 
 def _short(value: float | None) -> str:
-    """Format with two decimals; a dash for None."""
     return "<0.01" if value is not None and value < 0.01 else number(value, 2)

@@ -12,6 +12,7 @@ from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantNa
 from anser.cli.console import (
     RefusedError,
     columns,
+    fail_if_any,
     flight_point,
     must_be_f16,
     must_be_in_range,
@@ -19,7 +20,6 @@ from anser.cli.console import (
     print_document,
     print_line,
     print_note,
-    print_problem,
     print_table,
     progress_bar,
 )
@@ -62,10 +62,7 @@ def envelope(
     print_document(lambda: _envelope_document(surveyed))
     _print_envelope(surveyed)
     print_note(f"{out}: envelope.nc and figures written")
-    for text in surveyed.shortfalls():
-        print_problem(f"falls short: {text}")
-    if surveyed.shortfalls():
-        raise typer.Exit(1)
+    fail_if_any(f"falls short: {text}" for text in surveyed.shortfalls())
 
 
 def _totals(surveyed: "EnvelopeSurvey") -> dict[str, int]:
@@ -120,8 +117,7 @@ _F16_STUDY_ONLY = (
 
 
 @help_epilog(
-    "anser robustness --out robustness",
-    "anser robustness --flights 200 --spread 30 --at 150,2000 --out thirty-percent",
+    "anser robustness --out robustness", "anser robustness --flights 200 --spread 30 --at 150,2000 --out thirty-percent"
 )
 def robustness(
     out: SurveyFolder,
@@ -172,7 +168,6 @@ def robustness(
 
 
 def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
-    """Return the success rates by part of the study, then by inversion."""
     from anser.results.robustness_statistics import flights_in_part, success
 
     spread, condition = (data[name].values for name in ("spread_percent", "condition"))
@@ -191,7 +186,6 @@ def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
 
 
 def _failure_factors(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:
-    """Return the factors with the strongest correlation with failures, by inversion."""
     from anser.results.robustness_statistics import failure_correlations, flights_in_part
 
     dispersed = flights_in_part(data, "dispersed")
@@ -225,7 +219,6 @@ def _study_document(study: "RobustnessStudy") -> dict[str, Any]:
 
 
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    """Return the values with NaN replaced by None."""
     return {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in values.items()}
 
 
@@ -263,7 +256,6 @@ def _shortened(reasons: dict[str, int]) -> str:
 
 
 def _print_breaks(data: "xr.Dataset") -> None:
-    """Print the smallest change of each single factor that causes a failure, sorted by size."""
     from anser.results.robustness_statistics import first_breaks
 
     breaks = sorted((b for b in first_breaks(data) if b.reason), key=lambda b: abs(b.change))

@@ -49,7 +49,6 @@ def sweep(
             "--set",
             help="What is swept: PATH=VALUES, the values with commas or as FIRST:LAST:STEP; several of these make "
             "every combination.",
-            show_default=False,
         ),
     ],
     force: Force = False,

@@ -81,7 +81,6 @@ def _print_checks(checks: Sequence["Check"]) -> None:
 
 
 def _print_outcomes(outcomes: Sequence["Outcome"]) -> None:
-    """Print the worst point of each check and quantity."""
     from anser.verification.checks import NOT_JUDGED
 
     rows, styles = [], []

@@ -1,9 +1,8 @@
 from .campaign_figures import draw_campaign
 from .campaign_page import write_campaign_report
-from .envelope_figures import draw_envelope
+from .envelope_figures import draw_bode, draw_envelope
 from .flight_figures import FlightPlots, draw_flight
 from .flight_page import write_comparison, write_report
-from .margin_figures import draw_bode
 from .plan_figures import draw_plan
 from .robustness_figures import draw_robustness
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.files import write_file
 from anser.report.labels import math_symbol
-from anser.report.page_frame import render_page, write_page
-from anser.report.page_templates import format_number
+from anser.report.page_templates import format_number, render_page
 from anser.report.style import LARGE, PRINT_STYLE, draw_for_print, new_figure, series_style
 from anser.results.dataset import surface_names
 
@@ -122,7 +122,7 @@ def write_aircraft_report(dataset: xr.Dataset, path: Path, *, overwrite: bool = 
         conditions={key.removesuffix("_s"): str(value) for key, value in conditions.items() if value != ""},
         versions=versions,
     )
-    write_page(page, path, overwrite=overwrite)
+    write_file(path, page, overwrite=overwrite)
 
 
 def excess_power_figure(dataset: xr.Dataset, title: str) -> "Figure":

@@ -1,7 +1,4 @@
-"""Data of a campaign for its report page.
-
-Convergence, distributions, quantile bands over time, and each flight against each varied input, as plain data.
-"""
+"""Data of a campaign for its report page, as plain data for JSON."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -25,20 +22,7 @@ def json_numbers(values: np.ndarray) -> list[float | None]:
 class SeriesBands:
     """Quantiles of one variable over the flights of a campaign, at each time, for each aircraft.
 
-    Attributes
-    ----------
-    name
-        Name of the variable.
-    long_name
-        Description of the variable.
-    unit
-        Unit of the variable.
-    times_s
-        Times, s; shape (times,).
-    aircraft
-        Names of the plotted aircraft.
-    quantiles
-        Quantiles at 5, 50 and 95 % of the flights; shape (3, aircraft, times); NaN if no flight has a finite value.
+    `quantiles` holds 5, 50 and 95 % of the flights, shape (3, aircraft, times); NaN if no flight has a finite value.
     """
 
     name: str
@@ -79,16 +63,9 @@ _SCATTER_POINTS_MAX = 4000
 
 @dataclass(frozen=True)
 class ReplayedFlight:
-    """A flight of a campaign that was simulated again for the map of the report.
+    """A flight of a campaign, one of the worst or of the background, that was simulated again for the report's map.
 
-    Attributes
-    ----------
-    number
-        Number of the flight.
-    worst
-        Whether the flight is one of the worst; otherwise it belongs to the background of the map.
-    tracks
-        Positions of the aircraft, in the format of `flight.nc`.
+    `tracks` holds the positions of the aircraft, in the format of `flight.nc`.
     """
 
     number: int
@@ -98,32 +75,13 @@ class ReplayedFlight:
 
 @dataclass(frozen=True)
 class CampaignReport:
-    """Everything that the report page of a campaign shows.
+    """Content of the report page of a campaign.
 
-    Attributes
-    ----------
-    dataset
-        Result of `anser.campaigns.store.CampaignStore.dataset`.
-    estimates, influences
-        Results of their methods `as_dict`.
-    study
-        The study as plain values.
-    folder
-        Folder of the campaign as the user entered it.
-    independent
-        Mask of the statistically independent flights of the dataset; shape (flights,).
-    worst
-        Numbers of the flights that are listed as the worst.
-    is_converged
-        Whether the campaign ended early by the study's stopping rule.
-    levels
-        Ordered values of each text input, by key path.
-    replays
-        Flights simulated again for the map; without replays the page has no map.
-    replay_differences
-        Numbers of the replayed flights whose results differ from the campaign's.
-    bands
-        Quantiles of the variables recorded over time.
+    `dataset` is that of the `CampaignStore`; `estimates` and `influences` are results of `as_dict`; `study` is plain
+    data; `folder` as the user entered it; `independent` the mask of the statistically independent flights; `worst` the
+    numbers of the worst flights; `is_converged` whether the stopping rule ended the campaign early; `levels` the
+    ordered values of each text input by key path; `replays` the flights of the map; `replay_differences` the numbers of
+    the replayed flights with other results than in the campaign; `bands` the variables recorded over time.
     """
 
     dataset: xr.Dataset
@@ -154,15 +112,13 @@ def campaign_data(report: CampaignReport) -> dict[str, Any]:
         name, upper = estimate["name"], estimate["upper"]
         if name not in quantities:
             values = worst_of_fleet(independent_flights, name, upper=upper)
-            share = _share_to_plot(
-                [candidate for candidate in report.estimates["quantiles"] if candidate["name"] == name]
-            )
-            description = {key: estimate[key] for key in ("name", "words", "upper")} | {
-                "unit": printed_unit(estimate["unit"])
+            share = _share_to_plot([other for other in report.estimates["quantiles"] if other["name"] == name])
+            quantities[name] = {
+                **{key: estimate[key] for key in ("name", "words", "upper")},
+                "unit": printed_unit(estimate["unit"]),
+                **_distribution(values, upper),
+                **_quantile_convergence(values, share, upper, confidence),
             }
-            quantities[name] = (
-                description | _distribution(values, upper) | _quantile_convergence(values, share, upper, confidence)
-            )
         quantities[name].setdefault("quantiles", []).append(
             {key: estimate[key] for key in ("share", "value", "low", "high")}
         )
@@ -189,9 +145,7 @@ def _counts(size: int, points: int) -> np.ndarray:
 def success_convergence(succeeded: np.ndarray, confidence: float, points: int) -> dict[str, np.ndarray]:
     """Compute the success rate and its confidence interval over growing numbers of flights.
 
-    Returns
-    -------
-    `n`, numbers of flights; `value`, success rate after n flights, %; `low` and `high`, its interval, %.
+    Returns `n`, numbers of flights; `value`, success rate after n flights, %; `low` and `high`, its interval, %.
     """
     counts = _counts(succeeded.size, points)
     successes = np.cumsum(succeeded)[counts - 1] if succeeded.size else counts
@@ -205,7 +159,6 @@ def _curve(n: np.ndarray, **columns: np.ndarray) -> dict[str, list[float | None]
 
 
 def _quantile_convergence(values: np.ndarray, share: float, upper: bool, confidence: float) -> dict[str, Any]:
-    """Compute a quantile and its confidence interval over growing numbers of flights."""
     counts, sign = _counts(values.size, _CONVERGENCE_POINTS_MAX), 1.0 if upper else -1.0
     estimates = []
     for count in counts:
@@ -220,9 +173,7 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
     """Compute the share of the flights (%) within each value as bound; a failed flight is within no bound."""
     ordered = np.sort(values) if upper else np.sort(values)[::-1]
     shares = 100.0 * np.arange(1, ordered.size + 1) / max(ordered.size, 1)
-    finite = np.flatnonzero(np.isfinite(ordered))
-    if finite.size > _DISTRIBUTION_POINTS_MAX:
-        finite = finite[np.unique(np.linspace(0, finite.size - 1, _DISTRIBUTION_POINTS_MAX).round().astype(int))]
+    finite = evenly_spaced(np.flatnonzero(np.isfinite(ordered)), _DISTRIBUTION_POINTS_MAX)
     bounds, share = ordered[finite], shares[finite]
     return {
         "kept": json_numbers(bounds if upper else bounds[::-1]),
@@ -231,15 +182,12 @@ def _distribution(values: np.ndarray, upper: bool) -> dict[str, Any]:
 
 
 def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the outputs and inputs of the flights, for the scatter plots.
-
-    A large campaign is thinned to evenly spaced flights; half of the points are reserved for failed flights.
-    """
+    """Return outputs and inputs of the flights; of many, evenly spaced flights, half of the points for failed ones."""
     data, succeeded = report.dataset, report.dataset["met"].values
-    failed = _spaced(
-        np.flatnonzero(~succeeded), max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))
-    )
-    selected = np.sort(np.concatenate([failed, _spaced(np.flatnonzero(succeeded), _SCATTER_POINTS_MAX - failed.size)]))
+    failed_max = max(_SCATTER_POINTS_MAX // 2, _SCATTER_POINTS_MAX - int(succeeded.sum()))
+    failed = evenly_spaced(np.flatnonzero(~succeeded), failed_max)
+    good = evenly_spaced(np.flatnonzero(succeeded), _SCATTER_POINTS_MAX - failed.size)
+    selected = np.sort(np.concatenate([failed, good]))
     inputs = []
     for path in report.varied_paths:
         values = data[path].values[selected]
@@ -261,7 +209,8 @@ def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) ->
     }
 
 
-def _spaced(indices: np.ndarray, count: int) -> np.ndarray:
+def evenly_spaced(indices: np.ndarray, count: int) -> np.ndarray:
+    """Return at most `count` of the indices, evenly spaced."""
     if indices.size <= count:
         return indices
     return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

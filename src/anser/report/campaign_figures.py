@@ -1,18 +1,15 @@
-"""Figures of many flights for print.
-
-A campaign, two campaigns with paired seeds, the probability of a rare event, and a sweep.
-"""
+"""Figures of many flights for print: campaign, paired campaigns, rare event, sweep."""
 
 import itertools
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from anser.report.campaign_data import success_convergence
-from anser.report.style import PRINT_STYLE, SMALL, new_figure, save_drawings, series_style
+from anser.report.style import PRINT_STYLE, SMALL, color_of, new_figure, save_drawings, series_style
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval
 
@@ -21,8 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_CAMPAIGN_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-campaign"}
-_CAMPAIGN_QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("arrival spread", "s")}
+_QUANTITIES = {"miss_m": ("greatest miss", "m"), "arrival_spread_s": ("arrival spread", "s")}
 _MILLISECONDS_BELOW_S = 0.01
 _OPEN_INTERVAL = "the 95 % point is at least this;\ntoo few flights met all for an upper end"
 _INPUTS_MAX = 6
@@ -35,19 +31,18 @@ _FLIGHTS_MIN = 2
 """Least number of flights for which a figure is drawn."""
 
 
+def _style(name: str) -> dict[str, Any]:
+    return {**PRINT_STYLE, "svg.hashsalt": f"anser-{name}"}
+
+
 def draw_campaign(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a campaign into SVG and PNG files `campaign`, replacing earlier ones; return the paths.
+    """Draw a dataset of a `CampaignStore` into files `campaign`, replacing earlier ones; return the paths.
 
     A campaign of fewer than two flights has no figure.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.campaigns.CampaignStore.dataset`; with the attributes `varied`, `confidence` and `title`.
     """
     if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
-    return save_drawings({"campaign": _draw_campaign}, dataset, _CAMPAIGN_STYLE, folder, overwrite=True)
+    return save_drawings({"campaign": _draw_campaign}, dataset, _style("campaign"), folder, overwrite=True)
 
 
 def _draw_campaign(dataset: xr.Dataset) -> "Figure":
@@ -58,9 +53,9 @@ def _draw_campaign(dataset: xr.Dataset) -> "Figure":
     _, figure = new_figure((9.6, 2.9 * row_count + 0.5))
     axes = figure.subplots(row_count, 3, squeeze=False)
     _draw_convergence(axes[0, 0], dataset)
-    quantities = applicable_quantities(_CAMPAIGN_QUANTITIES, dataset)
+    quantities = applicable_quantities(_QUANTITIES, dataset)
     for panel, name in zip(axes[0, 1:], quantities, strict=False):
-        _draw_distribution(panel, dataset, name, *_CAMPAIGN_QUANTITIES[name])
+        _draw_distribution(panel, dataset, name, *_QUANTITIES[name])
     for panel in axes[0, 1 + len(quantities) :]:
         panel.set_visible(False)
     input_panels = axes[1:].ravel() if row_count > 1 else np.empty(0, dtype=object)
@@ -73,8 +68,7 @@ def _draw_campaign(dataset: xr.Dataset) -> "Figure":
 
 
 def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the share of successful flights and its confidence interval over the number of flights."""
-    confidence, color = float(dataset.attrs["confidence"]), series_style(0)["color"]
+    confidence, color = float(dataset.attrs["confidence"]), color_of(0)
     curve = success_convergence(dataset["met"].values, confidence, _CONVERGENCE_POINTS)
     axes.fill_between(curve["n"], curve["low"], curve["high"], alpha=0.2, color=color, linewidth=0)
     axes.plot(curve["n"], curve["value"], color=color)
@@ -83,99 +77,67 @@ def _draw_convergence(axes: "Axes", dataset: xr.Dataset) -> None:
 
 
 def _draw_distribution(axes: "Axes", dataset: xr.Dataset, name: str, quantity_label: str, unit: str) -> None:
-    """Draw the share of flights below each value, and the 95 % quantile with its interval.
-
-    Failed flights count as above every value.
-    """
     values = worst_of_fleet(dataset, name)
     if unit == "s" and np.all(values[np.isfinite(values)] < _MILLISECONDS_BELOW_S):
         values, unit = 1000.0 * values, "ms"
-    ordered = np.sort(values)
-    shares = 100.0 * np.arange(1, ordered.size + 1) / ordered.size
-    is_finite = np.isfinite(ordered)
-    axes.step(
-        ordered[is_finite],
-        shares[is_finite],
-        where="post",
-        color=series_style(0)["color"],
-        rasterized=values.size > _VECTOR_FLIGHTS_MAX,
-    )
+    _draw_shares_below(axes, values)
     low, high = order_statistic_interval(values, 0.95, float(dataset.attrs["confidence"]))
     bounds = [bound for bound in (low, high) if np.isfinite(bound)]
     label = "interval of the 95 % point" if len(bounds) == 2 else _OPEN_INTERVAL
     for k, bound in enumerate(bounds):
-        axes.axvline(bound, color=series_style(1)["color"], linewidth=0.9, linestyle="--", label=None if k else label)
+        axes.axvline(bound, color=color_of(1), linewidth=0.9, linestyle="--", label=None if k else label)
     axes.axhline(95.0, color="0.6", linewidth=0.7)
-    axes.set_ylim(0.0, 102.0)
     axes.set_xlabel(f"{quantity_label} ({unit})")
-    axes.set_ylabel("flights below (%)")
     axes.ticklabel_format(axis="x", style="plain")
     axes.locator_params(axis="x", nbins=5)
     if bounds:
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False, fontsize=SMALL)
 
 
-def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
-    """Draw the greatest miss of each flight over an input.
+def _draw_shares_below(axes: "Axes", values: np.ndarray) -> None:
+    ordered = np.sort(values)
+    shares = 100.0 * np.arange(1, ordered.size + 1) / ordered.size
+    is_finite, is_large = np.isfinite(ordered), values.size > _VECTOR_FLIGHTS_MAX
+    axes.step(ordered[is_finite], shares[is_finite], where="post", color=color_of(0), rasterized=is_large)
+    axes.set_ylim(0.0, 102.0)
+    axes.set_ylabel("flights below (%)")
 
-    Failed flights are crosses, at the top edge if they have no miss.
-    """
+
+def _draw_outcomes(axes: "Axes", x: np.ndarray, y: np.ndarray, succeeded: np.ndarray) -> None:
+    """Draw finite points of flights: dots for successful flights, crosses for failed ones."""
+    is_finite, is_large = np.isfinite(x) & np.isfinite(y), x.size > _VECTOR_FLIGHTS_MAX
+    for k, (mask, marker, size) in enumerate(((succeeded, ".", 3.0), (~succeeded, "x", 5.0))):
+        selected = mask & is_finite
+        axes.plot(x[selected], y[selected], marker, markersize=size, color=color_of(k), rasterized=is_large)
+
+
+def _draw_miss_against_input(axes: "Axes", dataset: xr.Dataset, path: str) -> None:
+    """Draw the greatest miss of each flight over an input; crosses are failed flights, at the top without a miss."""
     x, y, succeeded = dataset[path].values, worst_of_fleet(dataset, "miss_m"), dataset["met"].values
-    has_miss = np.isfinite(y)
-    is_large = x.size > _VECTOR_FLIGHTS_MAX
-    axes.plot(
-        x[succeeded & has_miss],
-        y[succeeded & has_miss],
-        ".",
-        markersize=3.0,
-        color=series_style(0)["color"],
-        rasterized=is_large,
-    )
-    axes.plot(
-        x[~succeeded & has_miss],
-        y[~succeeded & has_miss],
-        "x",
-        markersize=5.0,
-        color=series_style(1)["color"],
-        rasterized=is_large,
-    )
-    for value in x[~has_miss]:
-        axes.plot(
-            value, 0.98, "x", markersize=5.0, color=series_style(1)["color"], transform=axes.get_xaxis_transform()
-        )
+    _draw_outcomes(axes, x, y, succeeded)
+    for value in x[~np.isfinite(y)]:
+        axes.plot(value, 0.98, "x", markersize=5.0, color=color_of(1), transform=axes.get_xaxis_transform())
     axes.set_xlabel(path)
     axes.set_ylabel("greatest miss (m)")
     axes.ticklabel_format(style="plain")
     axes.locator_params(axis="x", nbins=5)
 
 
-_PAIRED_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-paired"}
-_PAIRED_QUANTITIES = (("miss_m", "greatest miss", "m"), ("arrival_spread_s", "arrival spread", "s"))
-_PAIRS_MIN = 2
-
-
 def draw_paired(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the comparison of two campaigns into new SVG and PNG files `comparison`; return the paths.
-
-    A comparison of fewer than two pairs has no figure.
-
-    Parameters
-    ----------
-    dataset
-        Pairs of flights, result of `anser.campaigns.compare_campaigns`.
-    """
-    if dataset.sizes["flight"] < _PAIRS_MIN:
+    """Draw pairs of flights of two campaigns into new files `comparison`; return the paths, none for a single pair."""
+    if dataset.sizes["flight"] < _FLIGHTS_MIN:
         return ()
-    return save_drawings({"comparison": _draw_paired}, dataset, _PAIRED_STYLE, folder)
+    return save_drawings({"comparison": _draw_paired}, dataset, _style("paired"), folder)
 
 
 def _draw_paired(dataset: xr.Dataset) -> "Figure":
-    quantities = [quantity for quantity in _PAIRED_QUANTITIES if quantity[0] in dataset]
+    quantities = [(name, *text) for name, text in _QUANTITIES.items() if name in dataset]
     _, figure = new_figure((7.6, 3.2 * len(quantities)))
     axes = figure.subplots(len(quantities), 2, squeeze=False)
     for panels, (name, label, unit) in zip(axes, quantities, strict=True):
         first_values, second_values = dataset[name].values
-        _draw_pairs(panels[0], first_values, second_values, dataset["met"].values)
+        _draw_outcomes(panels[0], first_values, second_values, dataset["met"].values.all(axis=0))
+        panels[0].axline((0.0, 0.0), slope=1.0, color="0.6", linewidth=0.7)
         panels[0].set_xlabel(f"{label}, first ({unit})")
         panels[0].set_ylabel(f"{label}, second ({unit})")
         _draw_differences(panels[1], first_values, second_values)
@@ -183,47 +145,18 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
     return figure
 
 
-def _draw_pairs(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray, succeeded: np.ndarray) -> None:
-    """Draw the second campaign's value over the first's for each flight; a cross marks a pair with a failed flight."""
-    is_finite = np.isfinite(first_values) & np.isfinite(second_values)
-    both_succeeded = is_finite & succeeded.all(axis=0)
-    any_failed = is_finite & ~succeeded.all(axis=0)
-    axes.plot(
-        first_values[both_succeeded], second_values[both_succeeded], ".", markersize=3.0, color=series_style(0)["color"]
-    )
-    axes.plot(first_values[any_failed], second_values[any_failed], "x", markersize=5.0, color=series_style(1)["color"])
-    axes.axline((0.0, 0.0), slope=1.0, color="0.6", linewidth=0.7)
-
-
 def _draw_differences(axes: "Axes", first_values: np.ndarray, second_values: np.ndarray) -> None:
     """Draw the share of the flights below each difference; infinite differences lie beyond the ends of the curve."""
     is_equal = first_values == second_values
-    differences = np.sort(
-        np.where(is_equal, 0.0, np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values))
-    )
-    shares = 100.0 * np.arange(1, differences.size + 1) / differences.size
-    is_finite = np.isfinite(differences)
-    axes.step(differences[is_finite], shares[is_finite], where="post", color=series_style(0)["color"])
+    differences = np.where(is_equal, 0.0, second_values) - np.where(is_equal, 0.0, first_values)
+    _draw_shares_below(axes, differences)
     axes.axvline(0.0, color="0.6", linewidth=0.7)
     axes.axhline(50.0, color="0.6", linewidth=0.7)
-    axes.set_ylim(0.0, 102.0)
-    axes.set_ylabel("flights below (%)")
-
-
-_RARE_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-rare"}
 
 
 def draw_rare(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw the exceedance probability of a rare event into SVG and PNG files `rare`; return the paths.
-
-    Earlier files are replaced.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.campaigns.RareEvent.dataset`.
-    """
-    return save_drawings({"rare": _draw_rare}, dataset, _RARE_STYLE, folder, overwrite=True)
+    """Draw the exceedance probability of a rare event into files `rare`, replacing earlier ones; return the paths."""
+    return save_drawings({"rare": _draw_rare}, dataset, _style("rare"), folder, overwrite=True)
 
 
 def _draw_rare(dataset: xr.Dataset) -> "Figure":
@@ -232,15 +165,15 @@ def _draw_rare(dataset: xr.Dataset) -> "Figure":
     x, probability = dataset["threshold"].values, dataset["probability"].values
     interval_label = f"interval at {100 * attributes['confidence']:g} %"
     axes.fill_between(
-        x, dataset["low"], dataset["high"], alpha=0.2, color=series_style(0)["color"], linewidth=0, label=interval_label
+        x, dataset["low"], dataset["high"], alpha=0.2, color=color_of(0), linewidth=0, label=interval_label
     )
-    axes.plot(x, probability, color=series_style(0)["color"], label="probability")
+    axes.plot(x, probability, color=color_of(0), label="probability")
     bounds = np.asarray(attributes["bounds"], dtype=float)
     bounds = bounds[np.isfinite(bounds)]
     axes.plot(
         bounds, np.full(bounds.size, 0.02), "|", color="0.4", transform=axes.get_xaxis_transform(), label="levels"
     )
-    axes.axvline(attributes["asked"], color=series_style(1)["color"], linewidth=0.9, linestyle="--", label="threshold")
+    axes.axvline(attributes["asked"], color=color_of(1), linewidth=0.9, linestyle="--", label="threshold")
     axes.set_yscale("log")
     threshold = dataset["threshold"].attrs
     axes.set_xlabel(f"{threshold['long_name'].lower()} ({threshold['units']})")
@@ -250,7 +183,6 @@ def _draw_rare(dataset: xr.Dataset) -> "Figure":
     return figure
 
 
-_SWEEP_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-sweep"}
 _SWEEP_PANELS = (
     ("arrival_s", "last arrival (s)"),
     ("arrival_spread_s", "arrival spread (s)"),
@@ -261,18 +193,13 @@ _LEGEND_LINES_MAX = 12
 
 
 def draw_sweep(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a sweep into SVG and PNG files `sweep`, with a line for each combination of the paths not on the abscissa.
+    """Draw a sweep into files `sweep`, with a line for each combination of the paths not on the abscissa.
 
     Returns the paths of the files; a sweep without a path of several numeric values has no figure.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.missions.sweeps`.
     """
     if _abscissa_path(dataset) is None:
         return ()
-    return save_drawings({"sweep": _draw_sweep}, dataset, _SWEEP_STYLE, folder)
+    return save_drawings({"sweep": _draw_sweep}, dataset, _style("sweep"), folder)
 
 
 def _abscissa_path(dataset: xr.Dataset) -> str | None:
@@ -309,6 +236,6 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, name: str, abscissa: str, lin
         y, succeeded = (variable.isel(selection).transpose(abscissa).values for variable in (values, dataset["met"]))
         label = ", ".join(f"{path} = {dataset[path].values[j]}" for path, j in selection.items())
         axes.plot(x, y, label=label, **series_style(k))
-        axes.plot(x[succeeded], y[succeeded], "o", markersize=3.5, color=series_style(k)["color"])
-        axes.plot(x[~succeeded], y[~succeeded], "x", markersize=6.0, color=series_style(k)["color"])
+        axes.plot(x[succeeded], y[succeeded], "o", markersize=3.5, color=color_of(k))
+        axes.plot(x[~succeeded], y[~succeeded], "x", markersize=6.0, color=color_of(k))
     axes.margins(y=0.12)

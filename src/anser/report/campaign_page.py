@@ -1,8 +1,4 @@
-"""Report page of a campaign: one self-contained HTML page.
-
-It shows success rate, failure causes, quantiles, influences, worst flights and provenance. Functions that return a
-dictionary return the values of the page's template.
-"""
+"""Report page of a campaign: one HTML page. Functions that return a dictionary return values of the page's template."""
 
 import json
 from collections.abc import Mapping
@@ -11,14 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from anser.files import write_file
 from anser.report.campaign_data import CampaignReport, campaign_data
-from anser.report.campaign_map import campaign_map
-from anser.report.flight_overview import cards_html
+from anser.report.flight_page import cards_html
 from anser.report.labels import printed_unit
-from anser.report.page_frame import render_page, write_page
-from anser.report.page_templates import MISSING, format_number
+from anser.report.page_templates import MISSING, format_number, render_page
 from anser.report.style import COLORS
-from anser.report.svg_charts import influence_strip
+from anser.report.svg_charts import campaign_map, influence_strip
 from anser.results.flight_rows import applicable_quantities, worst_of_fleet
 from anser.results.separation import NO_SEPARATION, proximity_warning
 
@@ -53,13 +48,12 @@ def write_campaign_report(report: CampaignReport, path: Path) -> None:
         **_worst_flights(report),
         **_provenance(report),
     )
-    write_page(page, path, overwrite=True)
+    write_file(path, page, overwrite=True)
 
 
 def _success(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values on the success rate, the main quantiles and warnings."""
     estimates, dataset = report.estimates, report.dataset
-    warning = proximity_warning(_least_separation(report), dataset.attrs)
+    warning = proximity_warning(np.asarray(dataset.get("separation_min_m", ())), dataset.attrs)
     return {
         "flights": estimates["flights"],
         "flown": estimates["flown"],
@@ -84,21 +78,13 @@ def _success(report: CampaignReport) -> dict[str, Any]:
 
 
 def _success_rate(estimates: Mapping[str, Any]) -> dict[str, str] | None:
-    """Return the success rate and its confidence interval as texts, %; None before the first flight."""
     if estimates["probability"] is None:
         return None
     low, high = (f"{100 * estimates[end]:.2f}" for end in ("low", "high"))
     return {"share": f"{100 * estimates['probability']:.2f} %", "interval": f"{low} to {high} %"}
 
 
-def _least_separation(report: CampaignReport) -> np.ndarray:
-    """Return the least distance between two aircraft in each flight, m (flights,); empty for a single aircraft."""
-    name = "separation_min_m"
-    return report.dataset[name].values if name in report.dataset else np.empty(0)
-
-
 def _cards(report: CampaignReport) -> str:
-    """Return the cards with the main results of the campaign, as HTML."""
     estimates, success = report.estimates, _success_rate(report.estimates)
     started = int((report.dataset["reason"].values == "").sum())
     cards = [("Flights", f"{estimates['flown']:,}", "", f"of {estimates['flights']:,}")]
@@ -118,17 +104,13 @@ def _main_quantiles(estimates: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     """Return for each main quantity the quantile nearest to 95 %, among the quantiles with a finite value."""
     quantiles = []
     for name in _HEADLINES:
-        bounded = [
-            estimate
-            for estimate in estimates["quantiles"]
-            if estimate["name"] == name and estimate["value"] is not None
-        ]
+        candidates = [estimate for estimate in estimates["quantiles"] if estimate["name"] == name]
+        bounded = [estimate for estimate in candidates if estimate["value"] is not None]
         quantiles += sorted(bounded, key=lambda estimate: abs(estimate["share"] - 0.95))[:1]
     return quantiles
 
 
 def _bound(estimate: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the template values of one quantile as texts: share, value, unit, confidence interval."""
     return {
         "share": _percent(estimate["share"]),
         "is_missing": estimate["value"] is None,
@@ -162,7 +144,6 @@ def _value(value: float | None) -> str:
 
 
 def _failures(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values on failures: the most frequent causes, and flights that could not start by reason."""
     causes = list(report.estimates["causes"].items())
     reasons = report.dataset["reason"].values.tolist()
     by_reason: dict[str, list[int]] = {}
@@ -179,28 +160,20 @@ def _failures(report: CampaignReport) -> dict[str, Any]:
 
 
 def _bounds(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values of the table of quantiles: rows are quantities, columns are shares of the flights."""
     quantiles = report.estimates["quantiles"]
     shares = sorted({estimate["share"] for estimate in quantiles})
     by_name: dict[str, dict[float, Mapping[str, Any]]] = {}
     for estimate in quantiles:
         by_name.setdefault(estimate["name"], {})[estimate["share"]] = estimate
-    quantities = [([by_share[share] for share in shares]) for by_share in by_name.values()]
-    return {
-        "bound_shares": [_percent(share) for share in shares],
-        "bounds": [
-            {
-                "name": estimates[0]["words"],
-                "is_upper": estimates[0]["upper"],
-                "bounds": [_bound(estimate) for estimate in estimates],
-            }
-            for estimates in quantities
-        ],
-    }
+    bounds = []
+    for by_share in by_name.values():
+        words, is_upper = (by_share[shares[0]][key] for key in ("words", "upper"))
+        row = [_bound(by_share[share]) for share in shares]
+        bounds.append({"name": words, "is_upper": is_upper, "bounds": row})
+    return {"bound_shares": [_percent(share) for share in shares], "bounds": bounds}
 
 
 def _influences(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values on Sobol indices or rank correlations, with a chart for each output."""
     influences: Mapping[str, Any] = report.influences if report.varied_paths else {"outputs": {}}
     charts = [
         (label, influence_strip(influences["entries"], output)) for output, label in influences["outputs"].items()
@@ -209,7 +182,6 @@ def _influences(report: CampaignReport) -> dict[str, Any]:
 
 
 def _worst_flights(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values on the worst flights: results, varied inputs and map."""
     flights = report.dataset.sel(flight=list(report.worst))
     mapped = [replay.number for replay in report.replays if replay.worst]
     names = applicable_quantities(tuple(_HEADLINES), flights)
@@ -243,7 +215,6 @@ def _input_text(value: Any) -> str:
 
 
 def _provenance(report: CampaignReport) -> dict[str, Any]:
-    """Return the template values on study, scenario and software versions."""
     attributes, prefix = report.dataset.attrs, "version_"
     documents = {"study": report.study, "scenario, as far as its file says": json.loads(attributes["scenario"])}
     return {

@@ -32,20 +32,10 @@ def quantization_step(values: np.ndarray, unit: str) -> float:
 
 
 def pack(columns: Sequence[tuple[np.ndarray, float]]) -> tuple[str, list[list[list[int]]]]:
-    """Compress arrays into one text for the report page.
+    """Compress arrays (time, aircraft) with their quantization steps into one text for the report page.
 
-    Parameters
-    ----------
-    columns
-        Arrays of shape (time, aircraft) with a common number of times, each with its quantization step.
-
-    Returns
-    -------
-    str
-        The packed arrays.
-    list
-        Gaps of each array, entries [aircraft, first index, last index]: runs of values that are not finite. The packed
-        text repeats the preceding value in a gap.
+    Also returns the gaps of each array, entries [aircraft, first index, last index]: runs of values that are not
+    finite. The packed text repeats the preceding value in a gap.
     """
     planes, gaps = [], []
     for values, step in columns:

@@ -1,8 +1,4 @@
-"""Variables derived from a recorded flight for its report.
-
-Errors along and across the planned path, separations, estimation errors; and events: phases, replanning, and commands
-that the autopilot limited.
-"""
+"""Variables and events derived from a recorded flight for its report."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -24,7 +20,7 @@ _LABELS = {
     "across_error_m": ("m", "e_x", "Right of the planned path"),
     "height_error_m": ("m", "e_h", "Above the planned path"),
     "height_over_floor_m": ("m", "h_f", "Height over the lowest altitude allowed"),
-    "separation_kept": ("1", "d_sep", "Separation kept over separation asked for"),
+    "separation_kept": ("1", "d_sep", "Separation kept over required separation"),
     "distance_min_m": ("m", "d_min", "Distance to the nearest other aircraft"),
     "goal_error_m": ("m", "e_g", "Distance of the goal from where it is taken to be"),
     "goal_band_m": ("m", "2σ_g", "Two standard deviations of the goal's place"),
@@ -35,29 +31,34 @@ DERIVED_VARIABLES = (_CLIMB_RATE.name, *_LABELS)
 """Names of the variables that `add_derived_variables` can add."""
 
 
-def recorded_scenario(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the scenario that a dataset carries as JSON; empty if missing or unreadable."""
+def recorded_table(dataset: xr.Dataset, name: str = "scenario") -> dict[str, Any]:
+    """Return a table (`scenario`, `network`) that a dataset carries as JSON; empty if missing or unreadable."""
     try:
-        scenario = json.loads(dataset.attrs.get("scenario", "{}"))
+        table = json.loads(dataset.attrs.get(name, "{}"))
     except (TypeError, ValueError):
         return {}
-    return scenario if isinstance(scenario, dict) else {}
+    return table if isinstance(table, dict) else {}
 
 
 def aircraft_limits(dataset: xr.Dataset) -> list[dict[str, Any]]:
-    """Return the limits of each aircraft, by the keys of the scenario's table `limits`, and `surfaces_deg`.
+    """Return the limits of each aircraft, by keys of the scenario's table `limits`, and `surfaces_deg`, the stops, deg.
 
-    `surfaces_deg` contains the stops of each control surface, deg. Older records carry no limits: then the library's
-    F-16 gets the scenario's limits, and any other aircraft none.
+    Older records carry no limits: then the library's F-16 gets the scenario's limits, and any other aircraft none.
     """
     if "limits" in dataset.attrs:
         return json.loads(dataset.attrs["limits"])
-    scenario = recorded_scenario(dataset)
+    scenario = recorded_table(dataset)
     limits, aircraft_tables = scenario.get("limits", {}), scenario.get("aircraft", [{}] * dataset.sizes["aircraft"])
     has_unknown_limits = [
         table.get("type", "f16") != "f16" or table.get("airframe") is not None for table in aircraft_tables
     ]
     return [{} if is_unknown else limits for is_unknown in has_unknown_limits]
+
+
+def limit_value(limits: Mapping[str, Any], key: str | None) -> float | None:
+    """Return a limit by key, None if missing; a minus sign in front of the key gives the opposite value."""
+    value = None if key is None else limits.get(key.removeprefix("-"))
+    return None if key is None or value is None else -float(value) if key.startswith("-") else float(value)
 
 
 def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
@@ -66,10 +67,7 @@ def has_certified_paths(scenario: Mapping[str, Any]) -> bool:
 
 
 def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Return the horizontal and vertical separation required by a scenario, m; None if none is required.
-
-    A vertical separation of 0 means that the altitude is ignored.
-    """
+    """Return the required horizontal and vertical (0: any) separation, m; None if none is required."""
     separation = scenario.get("separation", {})
     if not separation.get("horizontal_m", 0.0) > 0.0:
         return None
@@ -77,36 +75,21 @@ def required_separation(scenario: Mapping[str, Any]) -> tuple[float, float] | No
 
 
 def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> xr.Dataset:
-    """Add the derived variables of the report; planned values and errors end at the start of the hold.
+    """Add the derived variables of the report to a flight; planned values and errors end at the start of the hold.
 
-    Parameters
-    ----------
-    dataset
-        A flight, dimensions (time, aircraft).
-    scenario
-        Result of `recorded_scenario`, for the lowest altitude allowed and the required separation.
-
-    Returns
-    -------
-    xr.Dataset
-        The flight with `climb_rate_m_s`, `along_error_m`, `across_error_m`, `height_error_m`; for two aircraft or more
-        `distance_min_m`; with limits in the scenario, `height_over_floor_m` and `separation_kept`. With sensor errors,
-        the estimation errors of the goal's and of the aircraft's own position, each with two standard deviations (root
-        of the sum over the axes). `position_error_m` and the planned point are NaN in the hold.
+    They are `climb_rate_m_s` and the errors from the planned path; for two aircraft or more `distance_min_m`; with
+    limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor errors, the estimation errors of
+    the goal's and of the aircraft's own position, each with two standard deviations (root of the sum over the axes).
     """
     is_before_hold = dataset["phase"].values != HOLD
-    before_hold = {
-        name: dataset[name].where(is_before_hold)
-        for name in ("position_error_m", "reference_north_m", "reference_east_m", "reference_altitude_m")
-    }
-    derived = dataset.assign(before_hold)
+    names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
+    derived = dataset.assign({name: dataset[name].where(is_before_hold) for name in names})
     derived[_CLIMB_RATE.name] = (-dataset["velocity_down_m_s"]).assign_attrs(
         units=_CLIMB_RATE.unit, symbol=_CLIMB_RATE.symbol, long_name=_CLIMB_RATE.long_name
     )
-    along, across, height = _errors(dataset)
-    for name, values in (("along_error_m", along), ("across_error_m", across), ("height_error_m", height)):
-        _add_variable(derived, name, np.where(is_before_hold, values, np.nan))
-    positions = np.stack([dataset[name].values for name in ("north_m", "east_m", "altitude_m")], axis=-1)
+    for direction, values in zip(("along", "across", "height"), _errors(dataset), strict=True):
+        _add_variable(derived, f"{direction}_error_m", np.where(is_before_hold, values, np.nan))
+    positions = np.stack([dataset[name].values for name in _AXES], axis=-1)
     if dataset.sizes["aircraft"] > 1:
         _add_variable(derived, "distance_min_m", nearest_aircraft_distance(positions))
     floor = scenario.get("limits", {}).get("altitude_min_m")
@@ -115,21 +98,13 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
     separation_m = required_separation(scenario)
     if dataset.sizes["aircraft"] > 1 and separation_m is not None:
         # no separation is required of an aircraft that has arrived
-        flying = dataset["phase"].values != HOLD
-        _add_variable(derived, "separation_kept", nearest_aircraft_distance(positions, separation_m, flying))
+        _add_variable(derived, "separation_kept", nearest_aircraft_distance(positions, separation_m, is_before_hold))
     if "goal_sigma_north_m" in dataset:
-        for subject, true_prefix, estimate_prefix in (
-            ("goal", "goal_", "goal_estimate_"),
-            ("own", "", "own_estimate_"),
-        ):
-            _add_variable(
-                derived,
-                f"{subject}_error_m",
-                _length(dataset[f"{true_prefix}{a}"] - dataset[f"{estimate_prefix}{a}"] for a in _AXES),
-            )
-            _add_variable(
-                derived, f"{subject}_band_m", 2.0 * _length(dataset[f"{subject}_sigma_{axis}"] for axis in _AXES)
-            )
+        for subject, prefix in (("goal", "goal_"), ("own", "")):
+            error = _length(dataset[f"{prefix}{axis}"] - dataset[f"{subject}_estimate_{axis}"] for axis in _AXES)
+            band = 2.0 * _length(dataset[f"{subject}_sigma_{axis}"] for axis in _AXES)
+            _add_variable(derived, f"{subject}_error_m", error)
+            _add_variable(derived, f"{subject}_band_m", band)
     if "heard_from" in dataset:
         _add_variable(derived, "links_heard", np.bitwise_count(dataset["heard_from"].values).astype(float))
     return derived
@@ -143,13 +118,8 @@ def _length(parts: Iterable[xr.DataArray]) -> np.ndarray:
 
 
 def _errors(dataset: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the actual minus the planned position, m: along the planned ground track, to the right of it, and upwards.
-
-    Three arrays of shape (time, aircraft).
-    """
-    north, east, up = (
-        dataset[name].values - dataset[f"reference_{name}"].values for name in ("north_m", "east_m", "altitude_m")
-    )
+    """Return the actual minus the planned position, m: along the planned ground track, to its right, and upwards."""
+    north, east, up = (dataset[name].values - dataset[f"reference_{name}"].values for name in _AXES)
     time = dataset["time"].values
     if time.size < 2:
         return np.zeros_like(up), np.zeros_like(up), up
@@ -192,19 +162,15 @@ _FITTED, _CORRECTED, _ANEW, _KEPT = range(4)
 def find_events(dataset: xr.Dataset) -> list[dict[str, Any]]:
     """Find the events of each aircraft in a recorded flight. All times are in s.
 
-    Returns
-    -------
-    list of dict
-        One dictionary for each aircraft. `phases`: entries [name of the phase, from, to]. `failed`: [status code, from,
-        to]. `renewals`: [time, index into `REPLANNING_OUTCOMES`], each change of the active plan. `limited`: [index
-        into `LIMITED_COMMANDS`, from, to]. `outside`: [from, to], time spent outside the aerodynamic tables.
+    `phases`: entries [name of the phase, from, to]. `failed`: [status code, from, to]. `renewals`: [time, index into
+    `REPLANNING_OUTCOMES`], each change of the active plan. `limited`: [index into `LIMITED_COMMANDS`, from, to].
+    `outside`: [from, to], time spent outside the aerodynamic tables.
     """
     time = dataset["time"].values
     return [_aircraft_events(dataset.isel(aircraft=k), time) for k in range(dataset.sizes["aircraft"])]
 
 
 def _aircraft_events(aircraft: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
-    """Return the events of one aircraft; see `find_events`."""
     names = str(aircraft["phase"].attrs.get("flag_meanings", "approach frozen hold")).split()
     phases = [
         [names[code] if code < len(names) else str(code), *span]
@@ -228,7 +194,6 @@ def _aircraft_events(aircraft: xr.Dataset, time: np.ndarray) -> dict[str, Any]:
 
 
 def _renewals(aircraft: xr.Dataset, time: np.ndarray) -> list[list[float]]:
-    """Return [time, s, index into `REPLANNING_OUTCOMES`] for each change of an aircraft's active plan."""
     outcome, arrival = aircraft["renewal"].values.astype(int), aircraft["arrival_time_s"].values
     shape = np.stack([aircraft["planned_length_m"].values, np.nan_to_num(aircraft["lateral_bend_m"].values)])
     new_outcome = np.diff(outcome) != 0

@@ -1,8 +1,4 @@
-"""Data of a flight for its report page, as plain data for JSON.
-
-The time plots (panels grouped in sections), the goals' symbols, the packed variables, and events and main results of
-each aircraft.
-"""
+"""Data of a flight for its report page, as plain data for JSON."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +14,7 @@ from anser.report.derived_variables import (
     REPLANNING_OUTCOMES,
     aircraft_limits,
     find_events,
+    limit_value,
 )
 from anser.report.labels import html_label
 from anser.report.page_templates import render
@@ -47,10 +44,7 @@ GOAL_FORM_TEXTS = {
 
 
 def goal_forms(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> list[str]:
-    """Return the symbol ("form") of each aircraft's goal in the scene: ship, buoy, drifting or flying.
-
-    The symbol depends on the goal's kind (surface or airborne) and median speed; it is "goal" if the kind is unknown.
-    """
+    """Return the symbol ("form") of each aircraft's goal in the scene, by the goal's kind and median speed."""
     kinds = {str(goal["name"]): str(goal.get("kind", "")) for goal in scenario.get("goal") or []}
     goal_of = {str(table["name"]): str(table.get("goal", "")) for table in scenario.get("aircraft") or []}
     time = dataset["time"].values
@@ -85,22 +79,11 @@ def _speed_m_s(aircraft: xr.Dataset, time: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Panel:
-    """A plot of one variable over time.
+    """A plot of one variable over time: `response` solid, `command` (or plan) dashed.
 
-    Attributes
-    ----------
-    response
-        Variable drawn solid.
-    command
-        Variable drawn dashed, a command or a plan.
-    limits
-        Limits drawn as lines: numbers, or keys of the scenario's table `limits`; a minus sign in front of a key takes
-        the opposite value.
-    includes_limits
-        Whether the axis always reaches to the limits, however far from the data.
-    compass
-        Whether the variable is a compass direction: the line is drawn unwrapped, without a jump at north, and the axis
-        is labelled from 0 to 360 degrees.
+    A limit is a number, or a key of the scenario's table `limits`; a minus sign in front takes the opposite value.
+    With `includes_limits` the axis always reaches to the limits. With `compass` a direction is drawn without a jump at
+    north, and the axis is labelled from 0 to 360 degrees.
     """
 
     response: str
@@ -111,7 +94,6 @@ class Panel:
 
 
 def _surface_panel(surface: str) -> Panel:
-    """Return the panel with position and command of a control surface."""
     return Panel(f"{surface}_deg", f"{surface}_command_deg")
 
 
@@ -121,19 +103,7 @@ SURFACE_PLACEHOLDER = _surface_panel("*")
 
 @dataclass(frozen=True)
 class Section:
-    """A group of panels with a common heading.
-
-    Attributes
-    ----------
-    key
-        Identifier of the section in the page.
-    title
-        Heading.
-    caption
-        Explanation below the heading.
-    panels
-        Panels; the section is left out if the response of the first one is missing.
-    """
+    """A group of panels with a common heading; left out if the response of the first panel is missing."""
 
     key: str
     title: str
@@ -226,12 +196,7 @@ SECTIONS: tuple[Section, ...] = (
         "controls",
         "Surfaces and engine",
         "Solid: position; dashed: command, cut where it lies far beyond.",
-        (
-            SURFACE_PLACEHOLDER,
-            Panel("throttle"),
-            Panel("power_percent"),
-            Panel("thrust_n", "thrust_command_n"),
-        ),
+        (SURFACE_PLACEHOLDER, Panel("throttle"), Panel("power_percent"), Panel("thrust_n", "thrust_command_n")),
     ),
 )
 
@@ -259,23 +224,15 @@ def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
     return panels
 
 
-def _panel_variables(panel: Panel) -> list[str]:
-    return [name for name in (panel.response, panel.command) if name is not None]
-
-
 def _plotted_variables(surfaces: Sequence[str]) -> list[str]:
     panels = [panel for section in SECTIONS for panel in _panels(section, surfaces)]
-    return [name for panel in panels for name in _panel_variables(panel)]
+    return [name for panel in panels for name in (panel.response, panel.command) if name is not None]
 
 
 def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
     """Return the variables that a report requires in the dataset, including positions and commands of the surfaces."""
-    recorded = [
-        name
-        for name in _plotted_variables(surface_names(dataset))
-        if name not in DERIVED_VARIABLES and name not in _OPTIONAL
-    ]
-    return tuple(dict.fromkeys((*_SCENE, *_EVENTS, *recorded)))
+    names = (*_SCENE, *_EVENTS, *_plotted_variables(surface_names(dataset)))
+    return tuple(name for name in dict.fromkeys(names) if name not in DERIVED_VARIABLES and name not in _OPTIONAL)
 
 
 def packed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -293,7 +250,7 @@ def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
             {
                 "response": panel.response,
                 "command": panel.command if panel.command in dataset else None,
-                "limits": list(dict.fromkeys(value for key in panel.limits for value in _limits(key, limits))),
+                "limits": _panel_limits(panel, limits),
                 "within": panel.includes_limits,
                 "compass": panel.compass,
             }
@@ -306,13 +263,12 @@ def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
     return sections
 
 
-def _limits(key: str | float, limits: Sequence[Mapping[str, Any]]) -> list[float]:
-    """Return the values of a limit over the aircraft; `key` is a key of the limits, or the limit itself."""
-    if not isinstance(key, str):
-        return [key]
-    sign = -1.0 if key.startswith("-") else 1.0
-    values = [limit_table.get(key.removeprefix("-")) for limit_table in limits]
-    return [sign * float(value) for value in values if value is not None]
+def _panel_limits(panel: Panel, limits: Sequence[Mapping[str, Any]]) -> list[float]:
+    values: dict[float, None] = {}
+    for key in panel.limits:
+        candidates = [limit_value(table, key) for table in limits] if isinstance(key, str) else [key]
+        values |= dict.fromkeys(value for value in candidates if value is not None)
+    return list(values)
 
 
 _SAMPLES_MAX = 150_000  # total over the aircraft: 20 aircraft at 10 Hz for 750 s
@@ -326,13 +282,7 @@ _AIRCRAFT_KEYS = (
 
 
 def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
-    """Raise an error unless dataset and summary are complete and belong to the same flight.
-
-    Raises
-    ------
-    ValueError
-        If a variable of the dataset or a key of the summary is missing, or if they are of different flights.
-    """
+    """Raise ValueError unless dataset and summary are complete and belong to the same flight."""
     missing = [name for name in needed_variables(dataset) if name not in dataset.data_vars]
     if missing:
         raise ValueError(f"the dataset lacks {', '.join(missing)}, which the report draws")
@@ -341,10 +291,8 @@ def check_flight(dataset: xr.Dataset, summary: Mapping[str, Any]) -> None:
     lacking += [f"aircraft.{key}" for key in _AIRCRAFT_KEYS if any(key not in aircraft for aircraft in fleet)]
     if lacking:
         raise ValueError(f"the summary lacks {', '.join(lacking)}, which the report tells")
-    flown, summarized = (
-        [str(name) for name in dataset["aircraft"].values],
-        [aircraft["name"] for aircraft in summary["aircraft"]],
-    )
+    flown = [str(name) for name in dataset["aircraft"].values]
+    summarized = [aircraft["name"] for aircraft in summary["aircraft"]]
     if flown != summarized:
         raise ValueError(f"the dataset holds the aircraft {flown}, the summary {summarized}")
     dataset_hash, summary_hash = dataset.attrs.get("scenario_hash"), summary["scenario"]["hash"]
@@ -357,25 +305,12 @@ def flight_data(
 ) -> dict[str, Any]:
     """Return the data of one flight that the page draws, as plain data for JSON.
 
-    A long record is thinned to evenly spaced times; the number under the key `every` is the stride.
-
-    Parameters
-    ----------
-    dataset
-        The flight with the derived variables.
-    summary
-        Content of `summary.json`.
-    scenario
-        Scenario carried by the dataset; may be empty.
-    label
-        Name of the run on the page.
+    A long record is thinned to evenly spaced times; the number under the key `every` is the stride. `dataset` has the
+    derived variables; `scenario` may be empty; `label` is the name of the run on the page.
     """
-    stride = max(
-        1,
-        -(-dataset.sizes["time"] * dataset.sizes["aircraft"] // _SAMPLES_MAX),
-        -(-dataset.sizes["time"] // _TIMES_MAX),
-    )
-    samples = np.unique(np.append(np.arange(0, dataset.sizes["time"], stride), dataset.sizes["time"] - 1))
+    times, aircraft_count = dataset.sizes["time"], dataset.sizes["aircraft"]
+    stride = max(1, -(-times * aircraft_count // _SAMPLES_MAX), -(-times // _TIMES_MAX))
+    samples = np.unique(np.append(np.arange(0, times, stride), times - 1))
     names = packed_variables(dataset)
     time = dataset["time"].values[samples][:, None]
     columns = [(time, quantization_step(time, "s"))]

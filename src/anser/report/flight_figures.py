@@ -1,8 +1,4 @@
-"""Figures of a flight for print.
-
-The list of figures by name, the writing of figure files, and the same figures as methods for Python
-(`flown.plot.tracks()`).
-"""
+"""Figures of a flight for print, by name: as files, and as methods for Python (`flown.plot.tracks()`)."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
-from anser.report.derived_variables import has_certified_paths
-from anser.report.estimation_figures import draw_knowledge, draw_network
+from anser.report.derived_variables import has_certified_paths, recorded_table
 from anser.report.flight_histories import (
     GOAL_VELOCITIES,
     Curve,
     draw_goal_velocities,
+    draw_knowledge,
     draw_miss,
+    draw_network,
     draw_ranges,
     draw_separation,
     draw_time_histories,
@@ -26,7 +23,6 @@ from anser.report.flight_histories import (
 from anser.report.flight_sheet import FigureFormat, FlightSheet
 from anser.report.flight_tracks import draw_tracks
 from anser.report.style import FIGURE_SUFFIXES, PRINT_STYLE, draw_for_print, save_drawings
-from anser.report.svg_charts import recorded_network
 from anser.results.dataset import surface_names
 
 if TYPE_CHECKING:
@@ -71,18 +67,17 @@ def _always(_: xr.Dataset) -> str:
 
 @dataclass(frozen=True)
 class FlightFigure:
-    """A figure that can be drawn of a flight.
+    """A figure of a flight.
 
-    Attributes
-    ----------
-    draw
-        Function that draws the figure on a sheet.
-    unavailable_reason
-        Function that returns why a flight does not have this figure; an empty string if it has.
+    `unavailable_reason` returns why a flight does not have this figure; an empty string if it has.
     """
 
     draw: Callable[[FlightSheet], "Figure"]
     unavailable_reason: Callable[[xr.Dataset], str] = _always
+
+
+def _histories(curves: Sequence[Curve], heading: str, reference_name: str = "") -> FlightFigure:
+    return FlightFigure(lambda sheet: draw_time_histories(sheet, curves, heading, reference_name))
 
 
 def _surfaces(sheet: FlightSheet) -> "Figure":
@@ -98,22 +93,18 @@ def _plan(sheet: FlightSheet) -> "Figure":
 
 FLIGHT_FIGURES: dict[str, FlightFigure] = {
     "tracks": FlightFigure(draw_tracks),
-    "profile": FlightFigure(
-        lambda sheet: draw_time_histories(sheet, (_ALTITUDE, _AIRSPEED), "altitude and airspeed", "planned, commanded")
-    ),
-    "altitudes": FlightFigure(lambda sheet: draw_time_histories(sheet, (_ALTITUDE,), "altitudes", "planned")),
-    "airspeed": FlightFigure(lambda sheet: draw_time_histories(sheet, (_AIRSPEED,), "airspeeds", "commanded")),
-    "bank": FlightFigure(lambda sheet: draw_time_histories(sheet, (_BANK,), "bank angles", "commanded")),
-    "load-factor": FlightFigure(lambda sheet: draw_time_histories(sheet, (_LOAD_FACTOR,), "load factors")),
+    "profile": _histories((_ALTITUDE, _AIRSPEED), "altitude and airspeed", "planned, commanded"),
+    "altitudes": _histories((_ALTITUDE,), "altitudes", "planned"),
+    "airspeed": _histories((_AIRSPEED,), "airspeeds", "commanded"),
+    "bank": _histories((_BANK,), "bank angles", "commanded"),
+    "load-factor": _histories((_LOAD_FACTOR,), "load factors"),
     "surfaces": FlightFigure(_surfaces),
     "separation": FlightFigure(
         draw_separation, lambda dataset: "" if dataset.sizes["aircraft"] > 1 else "one aircraft flies alone"
     ),
     "ranges": FlightFigure(draw_ranges),
     "miss": FlightFigure(draw_miss),
-    "guidance": FlightFigure(
-        lambda sheet: draw_time_histories(sheet, _GUIDANCE, "guidance commands and responses", "commanded")
-    ),
+    "guidance": _histories(_GUIDANCE, "guidance commands and responses", "commanded"),
     "goal-velocity": FlightFigure(
         draw_goal_velocities,
         lambda dataset: (
@@ -125,7 +116,8 @@ FLIGHT_FIGURES: dict[str, FlightFigure] = {
         draw_knowledge, lambda dataset: "" if "goal_sigma_north_m" in dataset else "its sensors have no errors"
     ),
     "network": FlightFigure(
-        draw_network, lambda dataset: "" if recorded_network(dataset) else "a centre plans for all its aircraft"
+        draw_network,
+        lambda dataset: "" if recorded_table(dataset, "network") else "a centre plans for all its aircraft",
     ),
 }
 """Figures by name."""
@@ -139,10 +131,7 @@ def available_figures(dataset: xr.Dataset) -> tuple[str, ...]:
 def select_figures(dataset: xr.Dataset, names: Sequence[str]) -> dict[str, FlightFigure]:
     """Return the requested figures of a flight by name; hyphens and underscores are equivalent.
 
-    Raises
-    ------
-    ValueError
-        If a name is unknown or the flight has no such figure; the message lists the available names.
+    Raises ValueError, with the available names, if a name is unknown or the flight has no such figure.
     """
     figures = {}
     for requested_name in names:
@@ -165,22 +154,11 @@ def draw_flight(
     selection: Mapping[str, FlightFigure] | None = None,
     figure_format: FigureFormat | None = None,
 ) -> tuple[Path, ...]:
-    """Draw figures of a flight into files named NAME-FIGURE; return their paths.
+    """Draw figures of a flight into files named NAME-FIGURE with the suffixes of the formats; return their paths.
 
-    Parameters
-    ----------
-    dataset
-        The flight: content of `flight.nc`.
-    name
-        First part of the file names.
-    suffixes
-        File formats, of `FIGURE_SUFFIXES`.
-    selection
-        Result of `select_figures`; by default every available figure.
-    figure_format
-        Width and title; by default the width of a page's text, with titles.
+    By default draws every available figure, with titles, in the width of a page's text.
     """
-    sheet = FlightSheet(dataset, figure_format or FigureFormat())
+    sheet = FlightSheet(dataset, figure_format)
     figures = select_figures(dataset, available_figures(dataset)) if selection is None else selection
     drawings = {
         f"{name}-{key}": lambda _, flight_figure=figure: flight_figure.draw(sheet) for key, figure in figures.items()
@@ -192,7 +170,6 @@ _WIDTH_MM = FigureFormat().width_mm
 
 
 def _method(name: str, description: str) -> "Callable[..., Figure]":
-    """Return a method of `FlightPlots` that draws one figure."""
 
     def draw(self: "FlightPlots", *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
         return self(name, width_mm=width_mm, title=title)
@@ -217,21 +194,9 @@ class FlightPlots:
         return available_figures(self._dataset)
 
     def __call__(self, name: str, *, width_mm: float = _WIDTH_MM, title: bool = True) -> "Figure":
-        """Draw a figure by name.
+        """Draw a figure by name, one of `names`, with a width in mm and with or without the flight's title.
 
-        Parameters
-        ----------
-        name
-            A member of `names`.
-        width_mm
-            Width of the figure, mm; the size of letters does not change.
-        title
-            Whether the flight's title stands above the figure.
-
-        Raises
-        ------
-        ValueError
-            If this flight has no figure of this name, or if the width is out of range.
+        Raises ValueError if this flight has no figure of this name, or if the width is out of range.
         """
         try:
             selection = select_figures(self._dataset, [name])
@@ -248,14 +213,14 @@ class FlightPlots:
         return f"figures of a flight: {', '.join(self.names)}"
 
     tracks = _method("tracks", "Tracks over ground up to the arrivals, with the goals'.")
-    profile = _method("profile", "Altitude and airspeed against time, with what was asked for and the limits.")
+    profile = _method("profile", "Altitude and airspeed against time, with commands and limits.")
     altitudes = _method("altitudes", "Altitude against time, with the planned one and the limits.")
     airspeed = _method("airspeed", "True airspeed against time, with its command and limits.")
     bank = _method("bank", "Bank angle about the velocity against time, with its command and limits.")
     load_factor = _method("load-factor", "Normal load factor against time, with its limits.")
     surfaces = _method("surfaces", "Each control surface against time, with its command and stops.")
     separation = _method(
-        "separation", "Least distance of each aircraft to any other, and over the separation asked for."
+        "separation", "Least distance of each aircraft to any other, and over the required separation."
     )
     ranges = _method("ranges", "Range to the rendezvous against time, linear and logarithmic.")
     miss = _method("miss", "Zero-effort miss of the rendezvous against time, with the miss that is required.")

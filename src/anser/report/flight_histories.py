@@ -1,16 +1,13 @@
-"""Figures of a flight over time, for print.
+"""Figures of a flight over time, for print: variables with limits, goals, distances, estimation, network."""
 
-Variables with commands and limits, estimated goal velocities, and distances to the rendezvous and between aircraft.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
-from anser.report.derived_variables import aircraft_limits, required_separation
+from anser.report.derived_variables import aircraft_limits, limit_value, recorded_table, required_separation
 from anser.report.flight_sheet import FlightSheet
 from anser.report.labels import (
     Limit,
@@ -22,7 +19,8 @@ from anser.report.labels import (
     format_owners,
     label_line_ends,
 )
-from anser.report.style import LineStyle
+from anser.report.style import DASHED, INK, MUTED, SMALL, LineStyle
+from anser.report.svg_charts import link_spans, pair_links
 from anser.results.separation import nearest_aircraft_distance
 
 if TYPE_CHECKING:
@@ -30,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_MARKERS_PER_LINE = 8
 _MARGIN, _COMMAND_EXCESS_MAX = 0.05, 0.25  # relative to the range of the panel
 _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
 """Least range of a panel's axis by unit, so that a nearly constant variable looks constant."""
@@ -38,20 +35,10 @@ _SPAN_MIN = {"m s-1": 2.0, "degree": 2.0, "m": 10.0, "s": 0.2, "1": 0.2}
 
 @dataclass(frozen=True)
 class Curve:
-    """A variable to be drawn over time, with its command and limits.
+    """A variable to be drawn over time, with its planned or commanded value (`reference`) and its limits.
 
-    Attributes
-    ----------
-    name
-        Variable of the dataset.
-    reference
-        Variable with the planned or commanded value; None without one.
-    low, high
-        Keys of the limits in `aircraft_limits`; a minus sign in front of `low` takes the opposite value.
-    stop_surface
-        Control surface whose stops are the limits.
-    label
-        Axis label; by default the variable's long name.
+    `low` and `high` are keys of `aircraft_limits`; a minus sign in front of `low` takes the opposite value. With
+    `stop_surface` the limits are the stops of a control surface. `label` replaces the variable's long name.
     """
 
     name: str
@@ -65,12 +52,7 @@ class Curve:
 def draw_time_histories(sheet: FlightSheet, curves: Sequence[Curve], label: str, reference_name: str = "") -> "Figure":
     """Draw one panel for each curve, below one another; a curve without a finite value is left out.
 
-    Parameters
-    ----------
-    label
-        Title of the figure.
-    reference_name
-        Meaning of the reference variable, for example "commanded".
+    `label` is the title of the figure, `reference_name` the meaning of the reference variable, such as "commanded".
     """
     available = [curve for curve in curves if np.isfinite(sheet.dataset[curve.name].values).any()]
     figure, panels = sheet.panels(len(available))
@@ -85,9 +67,7 @@ def draw_curve(
 ) -> list[str]:
     """Draw one variable of the aircraft with the given line styles, by default of all aircraft.
 
-    Returns
-    -------
-    A note on limits that lie outside the panel; empty without any.
+    Returns a note on limits that lie outside the panel; empty without any.
     """
     values, time = sheet.dataset[curve.name], sheet.time
     line_styles = [
@@ -95,16 +75,14 @@ def draw_curve(
         for line_style in line_styles or sheet.line_styles
         if np.isfinite(values.values[:, line_style.index]).any()
     ]
-    factor, unit = axis_scale(values, _magnitude_until_arrival(sheet, curve.name, line_styles))
+    tracks = [sheet.until_arrival(curve.name, line_style) for line_style in line_styles]
+    factor, unit = axis_scale(values, max(float(np.nanmax(np.abs(track))) for track in tracks))
     jump_max = 180.0 if values.attrs["units"] == "degree" else np.inf
     response_lines, reference_lines, line_ends = [], [], []
     for line_style in line_styles:
         samples = slice(0, int(sheet.arrival_index[line_style.index]) + 1)
         x, y = insert_gaps(time[samples], factor * sheet.until_arrival(curve.name, line_style), jump_max)
-        marker_spacing = marker_interval(x.size, line_style.index, sheet.count) if sheet.has_few_aircraft else None
-        axes.plot(
-            x, y, markevery=marker_spacing, label=sheet.name(line_style.index), **sheet.line_properties(line_style)
-        )
+        sheet.plot(axes, line_style, x, y)
         response_lines.append(y)
         line_ends.append(find_line_end(x, y, sheet.label(line_style), line_style))
         if curve.reference is not None:
@@ -126,10 +104,7 @@ def draw_curve(
 def _visible_range(
     response_lines: Sequence[np.ndarray], reference_lines: Sequence[np.ndarray], span_min: float
 ) -> tuple[float, float]:
-    """Return the range of a panel's axis: all responses, and commands unless they exceed the responses by far.
-
-    The range is at least `span_min`.
-    """
+    """Return the range of a panel's axis: all responses, and commands unless they exceed the responses by far."""
     responses, values = np.concatenate(response_lines), np.concatenate([*response_lines, *reference_lines])
     low, high = float(np.nanmin(responses)), float(np.nanmax(responses))
     size = max(high - low, span_min)
@@ -137,11 +112,6 @@ def _visible_range(
     low, high = max(float(np.nanmin(values)), low - excess), min(float(np.nanmax(values)), high + excess)
     missing = max(span_min - (high - low), 0.0)
     return low - missing / 2, high + missing / 2
-
-
-def _magnitude_until_arrival(sheet: FlightSheet, name: str, line_styles: Sequence[LineStyle]) -> float:
-    """Return the greatest magnitude of a variable up to the arrivals."""
-    return max(float(np.nanmax(np.abs(sheet.until_arrival(name, line_style)))) for line_style in line_styles)
 
 
 def _limits(
@@ -158,7 +128,7 @@ def _limits(
         if curve.stop_surface is not None:
             bounds = aircraft_table.get("surfaces_deg", {}).get(curve.stop_surface, [None, None])
         else:
-            bounds = [_limit(aircraft_table, key) for key in (curve.low, curve.high)]
+            bounds = [limit_value(aircraft_table, key) for key in (curve.low, curve.high)]
         for value, is_upper in zip(bounds, (False, True), strict=True):
             if value is not None:
                 owners.setdefault((factor * float(value), is_upper), []).append(sheet.label(line_style))
@@ -172,42 +142,15 @@ def _limits(
     return result
 
 
-def _limit(limits: Mapping[str, Any], key: str | None) -> float | None:
-    """Return a limit by key, None if missing; a minus sign in front of the key gives the opposite value."""
-    value = None if key is None else limits.get(key.removeprefix("-"))
-    return None if key is None or value is None else -value if key.startswith("-") else value
-
-
-def marker_interval(samples: int, index: int, count: int) -> tuple[int, int]:
-    """Return the first marked sample of a line and the interval between marked samples.
-
-    The lines of a figure start at different samples, so that markers distinguish coincident lines.
-    """
-    step = max(samples // _MARKERS_PER_LINE, 1)
-    return index * step // count, step
-
-
 def insert_gaps(x: np.ndarray, y: np.ndarray, jump: float) -> tuple[np.ndarray, np.ndarray]:
-    """Insert a gap (NaN) at each jump of y by more than `jump`: no line is then drawn across a wrapped angle.
-
-    Parameters
-    ----------
-    x, y
-        Samples, shape (samples,).
-    jump
-        Greatest difference of neighbouring samples that is still drawn, in the unit of y.
-
-    Returns
-    -------
-    The samples x and y with the gaps.
-    """
+    """Insert a gap (NaN) at each jump of y by more than `jump`: no line is then drawn across a wrapped angle."""
     differences = np.abs(np.diff(y))
     indices = np.flatnonzero(np.where(np.isfinite(differences), differences, 0.0) > jump) + 1
     return np.insert(x, indices, x[indices]), np.insert(y, indices, np.nan)
 
 
-_AXES = ("north", "east", "down")
-GOAL_VELOCITIES = tuple(Curve(f"goal_estimate_velocity_{axis}_m_s", f"goal_velocity_{axis}_m_s") for axis in _AXES)
+_NED_AXES = ("north", "east", "down")
+GOAL_VELOCITIES = tuple(Curve(f"goal_estimate_velocity_{axis}_m_s", f"goal_velocity_{axis}_m_s") for axis in _NED_AXES)
 """Estimated goal velocities, with the true ones as reference."""
 _CHANGE_MIN_M_S = 0.02  # smaller changes are not drawn
 _STANDSTILL_M_S = 0.05
@@ -215,7 +158,7 @@ _STANDSTILL_M_S = 0.05
 
 def has_changing_goals(dataset: xr.Dataset) -> bool:
     """Whether the true or the estimated velocity of a goal changes before the arrival."""
-    return any(_changing_goals(FlightSheet.with_default_format(dataset), curve) for curve in GOAL_VELOCITIES)
+    return any(_changing_goals(FlightSheet(dataset), curve) for curve in GOAL_VELOCITIES)
 
 
 def draw_goal_velocities(sheet: FlightSheet) -> "Figure":
@@ -235,7 +178,6 @@ def draw_goal_velocities(sheet: FlightSheet) -> "Figure":
 
 
 def _changing_goals(sheet: FlightSheet, curve: Curve) -> list[LineStyle]:
-    """Return the line styles of the aircraft for whose goal the velocity component of the curve changes."""
     names = [name for name in (curve.name, curve.reference) if name is not None]
     return [
         line_style
@@ -245,7 +187,7 @@ def _changing_goals(sheet: FlightSheet, curve: Curve) -> list[LineStyle]:
 
 
 def _steady_velocity_text(sheet: FlightSheet, line_style: LineStyle) -> str:
-    north, east, down = (float(sheet.until_arrival(f"goal_velocity_{axis}_m_s", line_style)[-1]) for axis in _AXES)
+    north, east, down = (float(sheet.until_arrival(f"goal_velocity_{axis}_m_s", line_style)[-1]) for axis in _NED_AXES)
     speed, goal = np.hypot(north, east), sheet.goal_name(line_style)
     if np.hypot(speed, down) < _STANDSTILL_M_S:
         return f"{goal} stands"
@@ -259,19 +201,9 @@ _DISTANCE_FLOOR_M = 1e-3  # below the accuracy of the simulation; keeps the loga
 
 
 def zero_effort_miss_m(dataset: xr.Dataset) -> np.ndarray:
-    """Compute the zero-effort miss, m: the least distance to the rendezvous if all velocities stay constant.
+    """Compute the zero-effort miss, m (time, aircraft): the least distance to the rendezvous at constant velocities.
 
     After the closest approach it is the present distance; at the arrival it is the miss of the summary.
-
-    Parameters
-    ----------
-    dataset
-        A flight, dimensions (time, aircraft).
-
-    Returns
-    -------
-    np.ndarray
-        Shape (time, aircraft).
     """
     offset = np.stack([(dataset[f"rendezvous_{a}"] - dataset[a]).values for a in _POSITION], axis=-1)
     rate_components = [(dataset[f"goal_velocity_{a}"] - dataset[f"velocity_{a}"]).values for a in _VELOCITY]
@@ -321,13 +253,12 @@ def draw_separation(sheet: FlightSheet) -> "Figure":
         _draw_lines(panels[1], sheet, nearest_aircraft_distance(positions, required), end_index)
         panels[1].set_ylabel(_short(sheet, "Distance over separation", "Distance over\nseparation"))
         above = f", or {required[1]:g} m in altitude" if required[1] else " in the plane"
-        _make_logarithmic(panels[1], sheet, Limit(1.0, False, "asked for"))
-        note = f"separation asked for: {required[0]:g} m{above}"
+        _make_logarithmic(panels[1], sheet, Limit(1.0, False, "required"))
+        note = f"required separation: {required[0]:g} m{above}"
     return sheet.finish(figure, panels, "distances between the aircraft", note)
 
 
 def _requirement(sheet: FlightSheet, key: str, *, is_upper: bool) -> Limit | None:
-    """Return the limit line of a distance that the scenario requires, m; None without the requirement."""
     value = sheet.scenario.get("requirements", {}).get(key)
     return None if value is None else Limit(float(value), is_upper, f"required: {value:g} m")
 
@@ -337,27 +268,13 @@ def _short(sheet: FlightSheet, label: str, short: str) -> str:
 
 
 def _draw_lines(axes: "Axes", sheet: FlightSheet, values: np.ndarray, end_index: np.ndarray) -> None:
-    """Draw a line for each aircraft up to its end index; `values` has the shape (time, aircraft)."""
     for line_style in sheet.line_styles:
         samples = slice(0, int(end_index[line_style.index]) + 1)
-        marker_spacing = (
-            marker_interval(int(end_index[line_style.index]) + 1, line_style.index, sheet.count)
-            if sheet.has_few_aircraft
-            else None
-        )
-        label = sheet.name(line_style.index)
-        axes.plot(
-            sheet.time[samples],
-            values[samples, line_style.index],
-            label=label,
-            markevery=marker_spacing,
-            **sheet.line_properties(line_style),
-        )
+        sheet.plot(axes, line_style, sheet.time[samples], values[samples, line_style.index])
     axes.set_xlim(float(sheet.time[0]), float(sheet.time[end_index.max()]))
 
 
 def _make_logarithmic(axes: "Axes", sheet: FlightSheet, limit: Limit | None) -> None:
-    """Make the axis logarithmic, draw a limit with its label, and name the lines."""
     axes.set_yscale("log")
     if limit is not None:
         low, high = axes.get_ylim()
@@ -372,3 +289,106 @@ def _label_lines(axes: "Axes", sheet: FlightSheet) -> None:
         line_data = [(line_style, *(np.asarray(values) for values in line.get_data())) for line, line_style in lines]
         line_ends = [find_line_end(x, y, sheet.label(line_style), line_style) for line_style, x, y in line_data]
         label_line_ends(axes, line_ends, sheet.panel_height)
+
+
+_AXES = ("north", "east", "altitude")
+_ELLIPSE_TIMES_S = (20.0, 10.0, 4.0, 0.0)
+_LABELLED_ROWS_MAX = 15  # pairs of aircraft; with more pairs, the rows have no names
+_COLUMNS_MAX = 4
+
+
+def draw_knowledge(sheet: FlightSheet) -> "Figure":
+    """Draw the errors of the goal estimates with two standard deviations; below, error ellipses before the arrival."""
+    columns = min(sheet.count, _COLUMNS_MAX // 2 if sheet.figure_format.is_narrow else _COLUMNS_MAX)
+    tile = min(sheet.figure_format.width / columns, 2.2)
+    figure = sheet.figure(1.2 + 1.3 * sheet.panel_height + tile)
+    grid = figure.add_gridspec(2, columns, height_ratios=[1.3 * sheet.panel_height, tile])
+    error_axes = figure.add_subplot(grid[0, :])
+    for line_style in sheet.line_styles:
+        errors = [
+            sheet.until_arrival(f"goal_{a}_m", line_style) - sheet.until_arrival(f"goal_estimate_{a}_m", line_style)
+            for a in _AXES
+        ]
+        sigma = [sheet.until_arrival(f"goal_sigma_{a}_m", line_style) for a in _AXES]
+        time = sheet.time[: errors[0].size]
+        error, band = (np.sqrt(sum(x**2 for x in parts)) for parts in (errors, sigma))
+        sheet.plot(error_axes, line_style, time, error)
+        error_axes.plot(time, 2.0 * band, color=line_style.color, linestyle=DASHED, linewidth=0.9)
+    error_axes.set_yscale("log")
+    error_axes.set_xlabel("Time $t$ (s)")
+    error_axes.set_ylabel("Error of the goal's place (m)")
+    for k in range(columns):
+        axes = figure.add_subplot(grid[1, k])
+        _ellipses(axes, sheet, k)
+        if k == 0:
+            axes.set_ylabel("North of the goal (m)")
+    selection = "" if columns == sheet.count else f" for the first {columns} of {sheet.count} aircraft"
+    note = (
+        "above: solid error, dashed two standard deviations; below: ellipses of two, 20, 10, 4, 0 s before the arrival"
+        + selection
+    )
+    return sheet.finish(figure, [error_axes], "what the aircraft know of their goals", note)
+
+
+def _ellipses(axes: "Axes", sheet: FlightSheet, k: int) -> None:
+    """Draw ellipses of two standard deviations of one aircraft's goal estimate, relative to the true goal."""
+    from matplotlib.patches import Ellipse
+
+    line_style, end = sheet.line_styles[k], sheet.time[sheet.arrival_index[sheet.line_styles[k].index]]
+    names = (f"goal_{kind}{axis}_m" for axis in ("north", "east") for kind in ("", "estimate_", "sigma_"))
+    values_of = {name: sheet.until_arrival(name, line_style) for name in (*names, "goal_correlation")}
+    for lead_s in _ELLIPSE_TIMES_S:
+        sample = max(0, int(np.searchsorted(sheet.time, end - lead_s)))
+        north, east = (float(values_of[f"goal_sigma_{a}_m"][sample]) for a in ("north", "east"))
+        covariance = float(values_of["goal_correlation"][sample]) * north * east
+        values, vectors = np.linalg.eigh(np.array([[east**2, covariance], [covariance, north**2]]))
+        angle = np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+        lengths = 4.0 * np.sqrt(np.maximum(values[::-1], 0.0))
+        centre = [
+            float((values_of[f"goal_estimate_{a}_m"] - values_of[f"goal_{a}_m"])[sample]) for a in ("east", "north")
+        ]
+        axes.add_patch(Ellipse((centre[0], centre[1]), *lengths, angle=angle, fill=False, color=line_style.color))
+        axes.plot(*centre, ".", color=INK, markersize=2)
+    axes.plot(0.0, 0.0, "+", color=INK)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.autoscale_view()
+    axes.set_title(sheet.name(line_style.index), fontsize=SMALL)
+    axes.set_xlabel("East of the goal (m)")
+
+
+def draw_network(sheet: FlightSheet) -> "Figure":
+    """Draw links, quality of service, and clock differences with their bound by the theorem of time coordination."""
+    network = recorded_table(sheet.dataset, "network")
+    series, pairs = network["series"], list(pair_links(sheet.dataset).items())
+    figure, (link_axes, quality_axes, clock_axes) = sheet.panels(3)
+    end_s = series["time_s"][-1]
+    for pair_index, (_, is_linked) in enumerate(pairs):
+        spans = [(start, stop - start) for start, stop in link_spans(sheet.time, is_linked)]
+        link_axes.broken_barh(spans, (pair_index - 0.35, 0.7), color=MUTED)
+    if len(pairs) <= _LABELLED_ROWS_MAX:
+        link_axes.set_yticks(range(len(pairs)), ["–".join(pair) for pair, _ in pairs], fontsize=SMALL)
+    else:
+        link_axes.set_yticks([])
+    link_axes.set_ylabel("Link")
+    quality_axes.plot(series["time_s"], series["quality_of_service"], color=INK)
+    quality_axes.axhline(0.0, color=MUTED, linewidth=0.5)
+    quality_axes.set_ylim(-0.05, 1.05)
+    quality_axes.set_ylabel(r"Quality $\mu$")
+    coordination_error = np.maximum(np.asarray(series["coordination_error_s"]), 1e-6)
+    greatest = int(np.argmax(coordination_error))
+    times_after = np.asarray(series["time_s"][greatest:])
+    promised = coordination_error[greatest] * np.exp(-network["promised_rate_per_s"] * (times_after - times_after[0]))
+    clock_axes.semilogy(series["time_s"], coordination_error, color=INK)
+    clock_axes.semilogy(times_after, promised, color=INK, linestyle=DASHED)
+    clock_axes.set_xlim(0.0, end_s)
+    clock_axes.set_ylabel(r"$|Q\gamma|$ (s)")
+    note = (
+        f"window of {network['window_s']:g} s; below, solid: clocks; dashed: promised without further disturbance, "
+        f"{network['promised_rate_per_s']:.3f} per second"
+    )
+    return sheet.finish(
+        figure,
+        [link_axes, quality_axes, clock_axes],
+        "links, quality of service, and how far the clocks are apart",
+        note,
+    )

@@ -14,30 +14,10 @@ _Table = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Margin:
-    """Margin of a flight to one requirement or limit.
+    """Margin of a flight to one requirement (the flight fails if not met) or limit (of the plan and the autopilot).
 
-    Attributes
-    ----------
-    description
-        Description of the quantity.
-    kind
-        "requirement" (the flight fails if it is not met) or "limit" (of the plan and the autopilot).
-    unit
-        Unit of value and limit; empty for a number without a unit.
-    limit
-        Allowed value.
-    value
-        Worst value of the flight; None if missing.
-    is_upper
-        Whether the limit is an upper limit.
-    is_met
-        Whether the value is within the limit.
-    aircraft
-        Name of the aircraft with the worst value; empty for a quantity of the fleet.
-    time_s
-        Time of the worst value, s; None if unknown.
-    after_arrival
-        Whether the limit was exceeded only in the hold after the arrival.
+    `value` is the worst of the flight (None if missing), `aircraft` the aircraft with this value (empty for a quantity
+    of the fleet), `time_s` its time; `after_arrival`: the limit was exceeded only in the hold after the arrival.
     """
 
     description: str
@@ -77,7 +57,7 @@ _REQUIREMENTS: dict[str, tuple[str, str, str | None, bool]] = {
     "speed_max_m_s": ("Highest airspeed up to the arrival", "m/s", "speed_max_m_s", True),
     "speed_min_m_s": ("Lowest airspeed up to the arrival", "m/s", "speed_min_m_s", False),
     "tables_left_max_s": ("Time outside the aerodynamic tables", "s", "tables_left_s", True),
-    "separation_ratio_min": ("Separation kept over separation asked for", "", None, False),
+    "separation_ratio_min": ("Separation kept over required separation", "", None, False),
     "separation_min_m": ("Distance between two aircraft", "m", None, False),
     "clearance_min_m": ("Distance to the goal", "m", "clearance_min_m", False),
     "clearance_surface_min_m": ("Distance to a goal on the surface", "m", "clearance_min_m", False),
@@ -103,14 +83,7 @@ def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list
     """Return the margins of a flight: first those not met before the arrival, then by decreasing utilization.
 
     Requirements and their evaluation are taken from the summary. Limits are those of each aircraft over the whole
-    record; of a limit that differs between aircraft, only the tightest margin is listed.
-
-    Parameters
-    ----------
-    dataset
-        The flight with the derived variables.
-    summary
-        Content of `summary.json`.
+    record (with the derived variables); of a limit that differs between aircraft, only the tightest margin is listed.
     """
     is_single = len(summary["aircraft"]) == 1
     flight_margins = [
@@ -120,40 +93,24 @@ def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list
     ]
     limits = aircraft_limits(dataset)
     arrivals = {aircraft["name"]: aircraft["arrival_s"] for aircraft in summary["aircraft"]}
-    arrival_times = [
-        np.inf if arrivals.get(str(name)) is None else arrivals[str(name)] for name in dataset["aircraft"].values
-    ]
-    is_before_arrival = dataset["time"].values[:, np.newaxis] <= np.array(arrival_times)
-    for name, key, sign, description, unit in _LIMITS:
-        limit_values = np.array(
-            [np.nan if aircraft.get(key) is None else aircraft[key] for aircraft in limits], dtype=float
-        )
-        margins = [
-            _limit(
-                dataset,
-                is_before_arrival,
-                np.where(limit_values == limit, dataset[name].values, np.nan),
-                float(limit),
-                sign,
-                description,
-                unit,
-            )
-            for limit in dict.fromkeys(limit_values[np.isfinite(limit_values)].tolist())
-        ]
+    arrival_times = np.array([arrivals.get(str(name)) for name in dataset["aircraft"].values], dtype=float)  # None: NaN
+    is_before_arrival = dataset["time"].values[:, np.newaxis] <= np.nan_to_num(arrival_times, nan=np.inf)
+    for name, key, *description in _LIMITS:
+        limit_values = np.array([aircraft.get(key) for aircraft in limits], dtype=float)
+        margins = []
+        for limit in dict.fromkeys(limit_values[np.isfinite(limit_values)].tolist()):
+            values = np.where(limit_values == limit, dataset[name].values, np.nan)
+            margins.append(_limit(dataset, is_before_arrival, values, limit, *description))
         flight_margins += sorted(margins, key=_sort_key)[:1]
     return sorted(flight_margins, key=_sort_key)
 
 
 def _sort_key(margin: Margin) -> tuple[bool, float]:
-    """Return the sort key of a margin: not met before the arrival first, then by decreasing utilization."""
     return margin.is_met or margin.after_arrival, -np.inf if margin.utilization is None else -margin.utilization
 
 
 def closest_pair(dataset: xr.Dataset) -> tuple[float, float, str, str] | None:
-    """Return the least recorded distance between two aircraft, m, its time, s, and both names.
-
-    None for a single aircraft.
-    """
+    """Return least recorded distance between two aircraft, m, its time, s, and both names; None for a single one."""
     if "distance_min_m" not in dataset or not np.isfinite(dataset["distance_min_m"].values).any():
         return None
     nearest = dataset["distance_min_m"].values
@@ -187,10 +144,7 @@ def _requirement(entry: _Table, fleet: Sequence[_Table], dataset: xr.Dataset) ->
 
 
 def _extreme_value(dataset: xr.Dataset, values: np.ndarray, greatest: bool) -> tuple[float | None, str, float | None]:
-    """Return the least or greatest of the values (time, aircraft), the name of its aircraft, and its time, s.
-
-    (None, "", None) if no value is finite.
-    """
+    """Return the least or greatest value (time, aircraft), the name of its aircraft, and its time, s."""
     if not np.isfinite(values).any():
         return None, "", None
     sample, index = np.unravel_index(np.nanargmax(values) if greatest else np.nanargmin(values), values.shape)
@@ -206,16 +160,10 @@ def _limit(
     description: str,
     unit: str,
 ) -> Margin:
-    """Return the margin of the values to a limit.
+    """Return the margin of the values (time, aircraft) to a limit; NaN where the limit does not apply.
 
-    Parameters
-    ----------
-    is_before_arrival
-        Whether each time is before the aircraft's arrival; shape (time, aircraft).
-    values
-        Shape (time, aircraft); NaN where the limit does not apply.
-    sign
-        1: upper limit; 0: lower limit; -1: lower limit at minus `limit`, reported as an upper limit on minus the value.
+    `sign` is 1 for an upper limit, 0 for a lower limit, -1 for a lower limit at minus `limit`, reported as an upper
+    limit on minus the value.
     """
     values = -values if sign == -1 else values
     is_upper = sign != 0

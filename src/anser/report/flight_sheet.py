@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.derived_variables import HOLD, recorded_scenario
+from anser.report.derived_variables import HOLD, recorded_table
 from anser.report.labels import NAMES_MAX, escape_mathtext, minimum_panel_height
 from anser.report.style import (
     DASHED,
@@ -33,6 +33,7 @@ _MM_PER_INCH = 25.4
 _WIDTHS_MM = (60.0, 400.0)
 _LETTER_WIDTH = 0.58  # mean width of a letter relative to the font size, rounded up
 _LABEL_SPACE = 0.75  # width of the labels left of the axes, inches
+_MARKERS_PER_LINE = 8
 _FEW_AIRCRAFT_MAX = 7  # with more aircraft, lines have names instead of markers and a legend
 _PANEL_HEIGHT_MAX, _PANEL_HEIGHT_MIN = 1.7, 1.2  # in a wide and in a narrow figure, inches
 _TIME_AXIS_HEIGHT, _PANEL_GAP = 0.45, 0.1  # inches
@@ -41,19 +42,9 @@ _LINE_HEIGHT = 1.35 / 72.0  # height of a line of text relative to the font size
 
 @dataclass(frozen=True)
 class FigureFormat:
-    """Format of a figure.
+    """Format of a figure: width, 60 to 400 mm (one column of a journal has 85 to 90, two have 170 to 180), and title.
 
-    Attributes
-    ----------
-    width_mm
-        Width of the figure, 60 to 400 mm; one column of a journal has 85 to 90, two have 170 to 180.
-    title
-        Whether the flight's title stands above the figure.
-
-    Raises
-    ------
-    ValueError
-        If the width is not a number in this range.
+    Raises ValueError if the width is not a number in this range.
     """
 
     width_mm: float = 6.5 * _MM_PER_INCH
@@ -81,23 +72,10 @@ class FigureFormat:
 
 
 class FlightSheet:
-    """A flight, and the format in which its figures are drawn; gives figures their size, line styles, legend and title.
+    """A flight, and the format in which its figures are drawn: size, line styles, legend and title."""
 
-    Parameters
-    ----------
-    dataset
-        The flight, dimensions (time, aircraft).
-    figure_format
-        Width and title of the figures.
-    """
-
-    def __init__(self, dataset: xr.Dataset, figure_format: FigureFormat) -> None:
-        self.dataset, self.figure_format = dataset, figure_format
-
-    @classmethod
-    def with_default_format(cls, dataset: xr.Dataset) -> "FlightSheet":
-        """Return the sheet of a flight in the default format."""
-        return cls(dataset, FigureFormat())
+    def __init__(self, dataset: xr.Dataset, figure_format: FigureFormat | None = None) -> None:
+        self.dataset, self.figure_format = dataset, figure_format or FigureFormat()
 
     @property
     def count(self) -> int:
@@ -117,7 +95,7 @@ class FlightSheet:
     @functools.cached_property
     def scenario(self) -> dict[str, Any]:
         """Scenario of the flight; empty if the dataset does not carry one."""
-        return recorded_scenario(self.dataset)
+        return recorded_table(self.dataset)
 
     @functools.cached_property
     def line_styles(self) -> list[LineStyle]:
@@ -137,11 +115,8 @@ class FlightSheet:
 
     def until_arrival(self, name: str, line_style: LineStyle) -> np.ndarray:
         """Return a variable of one aircraft up to its arrival, shape (samples,)."""
-        return (
-            self.dataset[name]
-            .values[: int(self.arrival_index[line_style.index]) + 1, line_style.index]
-            .astype(np.float64)
-        )
+        end = int(self.arrival_index[line_style.index]) + 1
+        return self.dataset[name].values[:end, line_style.index].astype(np.float64)
 
     def goal_name(self, line_style: LineStyle) -> str:
         """Return the name of an aircraft's initial goal; without a scenario, a name made from the aircraft's."""
@@ -166,11 +141,15 @@ class FlightSheet:
             return marker_style(line_style.index) | {"linewidth": 1.5}
         return line_style.properties
 
-    def reference_properties(self) -> dict[str, Any]:
-        """Return matplotlib properties of lines of planned or commanded values.
+    def plot(self, axes: "Axes", line_style: LineStyle, x: np.ndarray, y: np.ndarray) -> None:
+        """Draw an aircraft's line; in a small fleet with markers, at other samples for each aircraft."""
+        step = max(x.size // _MARKERS_PER_LINE, 1)
+        markers = (line_style.index * step // self.count, step) if self.has_few_aircraft else None
+        properties = self.line_properties(line_style)
+        axes.plot(x, y, markevery=markers, label=self.name(line_style.index), **properties)
 
-        In a large fleet these lines lie beneath the aircraft's lines.
-        """
+    def reference_properties(self) -> dict[str, Any]:
+        """Return matplotlib properties of lines of planned or commanded values; in a large fleet they lie beneath."""
         if self.has_few_aircraft:
             return {"color": INK, "linestyle": DASHED, "linewidth": 0.8, "zorder": 3}
         return {"color": "#c9ced4", "linestyle": "solid", "linewidth": 2.0, "zorder": 1}
@@ -202,17 +181,7 @@ class FlightSheet:
         return int(height * 72.0 / (8.5 * _LETTER_WIDTH))
 
     def finish(self, figure: "Figure", panels: Sequence["Axes"], heading: str, note: str) -> "Figure":
-        """Add legend, title and note to a figure and return it.
-
-        Parameters
-        ----------
-        figure, panels
-            Figure and its panels.
-        heading
-            Subject of the figure, for the title.
-        note
-            Meaning of the lines, and limits outside the panels; written above the first panel.
-        """
+        """Add legend, title (about the subject `heading`) and a note above the first panel to a figure; return it."""
         extra_height = 0.0
         if self.count > 1 and self.has_few_aircraft:
             handles = {text: line for axes in panels for line, text in zip(*_entries(axes), strict=True)}
@@ -243,7 +212,6 @@ class FlightSheet:
 
     @property
     def _columns(self) -> int:
-        """Number of legend columns, limited by the longest name."""
         longest = max(len(str(name)) for name in self.dataset["aircraft"].values)
         return max(1, min(6, self.count, int(self.figure_format.width / (0.48 + 0.058 * longest))))
 

@@ -60,40 +60,21 @@ _AXES = ("east", "north")
 
 
 def _extent(sheet: FlightSheet) -> tuple[float, float]:
-    """Return the greatest extent of the tracks, m, and the height of the map relative to its width."""
-    extent_east, extent_north = (
-        float(
-            np.ptp(
-                np.concatenate(
-                    [
-                        value_range
-                        for line_style in sheet.line_styles
-                        for value_range in _value_ranges(sheet, axis, line_style)
-                    ]
-                )
-            )
-        )
-        for axis in _AXES
-    )
-    return max(extent_east, extent_north, 1.0), float(
-        np.clip(extent_north / max(extent_east, 1.0), _ASPECT_MIN, _ASPECT_MAX)
-    )
-
-
-def _value_ranges(sheet: FlightSheet, axis: str, line_style: LineStyle) -> list[np.ndarray]:
-    ranges = []
-    for prefix in ("", "goal_"):
-        values = sheet.until_arrival(f"{prefix}{axis}_m", line_style)
-        ranges.append(np.array([np.nanmin(values), np.nanmax(values)]))
-    return ranges
+    extents = []
+    for axis in _AXES:
+        names = (f"{axis}_m", f"goal_{axis}_m")
+        tracks = [sheet.until_arrival(name, line_style) for line_style in sheet.line_styles for name in names]
+        extents.append(float(max(map(np.nanmax, tracks)) - min(map(np.nanmin, tracks))))
+    extent_east, extent_north = extents
+    aspect = float(np.clip(extent_north / max(extent_east, 1.0), _ASPECT_MIN, _ASPECT_MAX))
+    return max(extent_east, extent_north, 1.0), aspect
 
 
 def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor: float, period: float) -> None:
     east, north = (factor * sheet.until_arrival(f"{axis}_m", line_style) for axis in _AXES)
     times, properties = sheet.time[: east.size], sheet.line_properties(line_style)
-    marks = np.searchsorted(
-        times, np.arange(period if not sheet.has_few_aircraft else 0.0, float(times[-1]) + period / 2, period)
-    )
+    first_s = 0.0 if sheet.has_few_aircraft else period
+    marks = np.searchsorted(times, np.arange(first_s, float(times[-1]) + period / 2, period))
     marks = np.unique(marks[marks < east.size])
     if sheet.has_few_aircraft:
         axes.plot(east, north, markevery=list(marks), label=sheet.name(line_style.index), **properties)
@@ -106,19 +87,9 @@ def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor:
     goal = [factor * sheet.until_arrival(f"goal_{axis}_m", line_style) for axis in _AXES]
     goal_track = [np.where(_has_new_goal(sheet, line_style), np.nan, part) for part in goal]
     mark_size = 1.0 if sheet.has_few_aircraft else 0.6
-    axes.plot(
-        *goal_track,
-        color=line_style.color if sheet.has_few_aircraft else INK,
-        linestyle=_DOTTED,
-        linewidth=1.3 * mark_size,
-    )
-    square = {
-        "marker": "s",
-        "fillstyle": "none",
-        "color": INK,
-        "markersize": 5 * mark_size,
-        "markeredgewidth": mark_size,
-    }
+    goal_color = line_style.color if sheet.has_few_aircraft else INK
+    axes.plot(*goal_track, color=goal_color, linestyle=_DOTTED, linewidth=1.3 * mark_size)
+    square = {"marker": "s", "fillstyle": "none", "color": INK, "markersize": 5 * mark_size, "mew": mark_size}
     axes.plot(goal[0][0], goal[1][0], linestyle="none", **square)
     rendezvous = [factor * sheet.until_arrival(f"rendezvous_{axis}_m", line_style)[-1] for axis in _AXES]
     axes.plot(*rendezvous, linestyle="none", marker="*", color=INK, markersize=8 * mark_size, zorder=4)
@@ -126,17 +97,14 @@ def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor:
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
     """Write the name of each initial goal, and in a large fleet of each aircraft, on the side away from the tracks."""
-    occupied = [
-        (_position(sheet, "rendezvous_", line_style, factor, -1), MARKER_SIZE) for line_style in sheet.line_styles
-    ]
+    rendezvous = [_position(sheet, "rendezvous_", line_style, factor, -1) for line_style in sheet.line_styles]
+    occupied = [(position, MARKER_SIZE) for position in rendezvous]
     if sheet.has_line_names:
         for line_style in sheet.line_styles:
             start = _position(sheet, "", line_style, factor, 0)
             direction = unit_vector(start - _position(sheet, "", line_style, factor, min(5, len(sheet.time) - 1)))
             label_direction = clear_direction(start, direction, extent, occupied)
-            annotate_position(
-                axes, sheet.label(line_style), (start[0], start[1]), label_direction, line_style.color, END_FONT_SIZE
-            )
+            annotate_position(axes, sheet.label(line_style), start, label_direction, line_style.color, END_FONT_SIZE)
     goals = {sheet.goal_name(line_style): line_style for line_style in reversed(sheet.line_styles)}
     if len(goals) > NAMES_MAX or "aircraft" not in sheet.scenario:
         return
@@ -150,14 +118,8 @@ def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) 
         if np.hypot(*goal_direction) < factor:  # goal at rest: continue the aircraft's direction
             goal_direction = goal_positions[name] - _position(sheet, "", line_style, factor, 0)
         label_direction = clear_direction(goal_positions[name], unit_vector(goal_direction), extent, occupied)
-        annotate_position(
-            axes,
-            escape_mathtext(name),
-            (goal_positions[name][0], goal_positions[name][1]),
-            label_direction,
-            INK,
-            SMALL if sheet.has_few_aircraft else END_FONT_SIZE,
-        )
+        points = SMALL if sheet.has_few_aircraft else END_FONT_SIZE
+        annotate_position(axes, escape_mathtext(name), goal_positions[name], label_direction, INK, points)
 
 
 def _last_sample_of_first_goal(sheet: FlightSheet, line_style: LineStyle) -> int:
@@ -173,10 +135,7 @@ def _has_new_goal(sheet: FlightSheet, line_style: LineStyle) -> np.ndarray:
 
 
 def _position(sheet: FlightSheet, prefix: str, line_style: LineStyle, factor: float, sample: int) -> np.ndarray:
-    """Return the east and north position of an aircraft, its goal or its rendezvous, by the prefix of the variables.
-
-    `factor` converts from m; sample -1 is the arrival.
-    """
+    """Return east and north of an aircraft, its goal or rendezvous (by prefix) at a sample, times `factor`."""
     return factor * np.array([sheet.until_arrival(f"{prefix}{axis}_m", line_style)[sample] for axis in _AXES])
 
 

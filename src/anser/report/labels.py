@@ -1,7 +1,4 @@
-"""Labels of figures and pages.
-
-Names, symbols and units of variables; limit lines with values; names on a map and at the ends of lines.
-"""
+"""Labels of figures and pages: variables, limits, positions on a map, ends of lines."""
 
 import html
 import textwrap
@@ -38,13 +35,7 @@ def printed_unit(unit: str) -> str:
 
 
 def html_label(values: xr.DataArray) -> dict[str, str]:
-    """Return the label of a variable: `words` (long name), `unit` as text, and `symbol` as HTML with a subscript.
-
-    Parameters
-    ----------
-    values
-        Variable with the attributes `long_name`, `units`, `symbol`.
-    """
+    """Return the label of a variable: `words` (long name), `unit` as text, and `symbol` as HTML with a subscript."""
     base, _, subscript = html.escape(str(values.attrs["symbol"])).partition("_")
     return {
         "words": str(values.attrs["long_name"]),
@@ -56,10 +47,7 @@ def html_label(values: xr.DataArray) -> dict[str, str]:
 def axis_label(
     values: xr.DataArray, name: str | None = None, unit: str | None = None, length: int = _LINE_LENGTH
 ) -> str:
-    """Return an axis label, wrapped to `length` characters: name, symbol and unit of a variable.
-
-    By default the name is the variable's long name, and the unit that of its attributes.
-    """
+    """Return an axis label, wrapped to `length` characters: name (default: long name), symbol and unit."""
     lines = textwrap.wrap(str(values.attrs["long_name"]) if name is None else name, length)
     printed = display_unit(values) if unit is None else unit
     symbol = math_symbol(values) + (f" ({printed})" if printed else "")
@@ -105,17 +93,7 @@ _OWNERS_MAX = 3  # greatest number of aircraft that are listed
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit of one or more aircraft, to be drawn as a line in a panel.
-
-    Attributes
-    ----------
-    value
-        Limit, in the unit of the panel.
-    is_upper
-        Whether the limit is an upper limit.
-    label
-        Text at the limit line.
-    """
+    """A limit of one or more aircraft, drawn as a labelled line in a panel; `value` is in the unit of the panel."""
 
     value: float
     is_upper: bool
@@ -155,36 +133,22 @@ def draw_labelled_limit(axes: "Axes", limit: Limit, *, right: bool = False) -> N
 
 
 def draw_limits(axes: "Axes", limits: Sequence[Limit], data_range: tuple[float, float]) -> list[Limit]:
-    """Draw limits, nearest first, and extend the axis to them while the data keep enough height.
+    """Draw limits, nearest first, and extend the linear axis to them while the data keep enough height.
 
-    Parameters
-    ----------
-    axes
-        Axes with a linear scale, limited to the data.
-    limits
-        Limits to draw.
-    data_range
-        Least and greatest value of the data in the panel.
-
-    Returns
-    -------
-    The limits that are too far away and were not drawn.
+    `data_range` is the range of the data in the panel. Returns the limits that are too far away and were not drawn.
     """
     hidden: list[Limit] = []
     label_counts = {True: 0, False: 0}
     low, high = axes.get_ylim()
     size = data_range[1] - data_range[0]
-    for limit in sorted(
-        limits, key=lambda candidate: max(data_range[0] - candidate.value, candidate.value - data_range[1])
-    ):
+    for limit in sorted(limits, key=lambda limit: max(data_range[0] - limit.value, limit.value - data_range[1])):
         extended = min(low, limit.value), max(high, limit.value)
         if size < _DATA_HEIGHT_MIN * (extended[1] - extended[0]):
             hidden.append(limit)
             continue
         low, high = extended
-        draw_labelled_limit(
-            axes, limit, right=label_counts[limit.is_upper] % 2 == 1
-        )  # alternate sides: neighbouring limits may be close
+        # alternate sides: neighbouring limits may be close
+        draw_labelled_limit(axes, limit, right=label_counts[limit.is_upper] % 2 == 1)
         label_counts[limit.is_upper] += 1
     label_height = _LIMIT_LABEL_HEIGHT * (high - low)
     visible_limits = [limit for limit in limits if limit not in hidden]
@@ -204,13 +168,13 @@ _LABEL_SIZE = (0.16, 0.045)  # width and height of a label relative to the map
 
 
 def annotate_position(
-    axes: "Axes", label: str, position: tuple[float, float], towards: tuple[float, float], color: str, points: float
+    axes: "Axes", label: str, position: np.ndarray, towards: tuple[float, float], color: str, points: float
 ) -> None:
     """Write a label beside a position, on the side of the unit vector `towards`; `points` is the font size."""
     side, up = towards
     axes.annotate(
         label,
-        position,
+        (float(position[0]), float(position[1])),
         xytext=(_OFFSET * side, _OFFSET * up),
         textcoords="offset points",
         color=color,
@@ -234,18 +198,8 @@ def clear_direction(
     """Return the direction from a position in which a label is written, a unit vector.
 
     It is `towards`, or else the nearest of eight directions in which the label overlaps nothing; `towards` if none is
-    clear.
-
-    Parameters
-    ----------
-    position
-        Position on the map, in its unit.
-    towards
-        Preferred direction, a unit vector.
-    extent
-        Greatest extent of the map, in its unit.
-    occupied
-        Areas that the label must not overlap, as (centre, size relative to a label); the chosen label is added.
+    clear. `extent` is the greatest extent of the map in its unit. `occupied` holds areas that the label must not
+    overlap, as (centre, size relative to a label); the label is added.
     """
     azimuth = np.arctan2(towards[1], towards[0])
     turns = np.radians([0, 45, -45, 90, -90, 135, -135, 180])
@@ -270,18 +224,9 @@ _APPROACH_DIVISOR = 4  # the last quarter of a line is its approach
 
 @dataclass(frozen=True)
 class LineEnd:
-    """End of a line in a panel, and the name to be written there.
+    """End of a line in a panel, in data coordinates, and the name to be written there.
 
-    Attributes
-    ----------
-    x, y
-        End of the line, in data coordinates.
-    approach_y
-        Mean height of the last part of the line; of lines with equal ends, the higher one is named above.
-    label
-        Name of the line.
-    line_style
-        Style of the line and of the connection to the name.
+    Of lines with equal ends, the one with the higher `approach_y` (mean of its last part) is named above.
     """
 
     x: float
@@ -292,17 +237,12 @@ class LineEnd:
 
 
 def find_line_end(x: np.ndarray, y: np.ndarray, label: str, line_style: LineStyle) -> LineEnd:
-    """Return the end of a line: its last finite sample, and the mean height of its last part."""
+    """Return the end of a line at its last finite sample."""
     finite = np.flatnonzero(np.isfinite(y))
     if finite.size == 0:
         return LineEnd(float(x[-1]), np.nan, np.nan, label, line_style)
-    return LineEnd(
-        float(x[finite[-1]]),
-        float(y[finite[-1]]),
-        float(np.nanmean(y[-(y.size // _APPROACH_DIVISOR) - 1 :])),
-        label,
-        line_style,
-    )
+    approach_y = float(np.nanmean(y[-(y.size // _APPROACH_DIVISOR) - 1 :]))
+    return LineEnd(float(x[finite[-1]]), float(y[finite[-1]]), approach_y, label, line_style)
 
 
 def minimum_panel_height(count: int) -> float:
@@ -313,12 +253,7 @@ def minimum_panel_height(count: int) -> float:
 def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -> None:
     """Write names at the right of a panel, each close to the end of the line and connected to it, without overlap.
 
-    Parameters
-    ----------
-    axes
-        Axes with final limits.
-    height
-        Approximate height of the panel, inches.
+    `axes` has its final limits; `height` is its approximate height, inches.
     """
     inside = [end for end in line_ends if np.isfinite(end.y)]
     if not inside:
@@ -354,15 +289,9 @@ def label_line_ends(axes: "Axes", line_ends: Sequence[LineEnd], height: float) -
 
 
 def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
-    """Return positions from 0 to 1 with a least gap, nearest to the target positions in the least-squares sense.
+    """Return positions from 0 to 1 with a least gap, nearest to increasing target positions in the least-squares sense.
 
-    Parameters
-    ----------
-    target_positions
-        Target positions, increasing, shape (n,).
-    gap
-        Least difference of neighbouring positions. If the range is too small, the positions exceed it evenly on both
-        sides.
+    If the range is too small, the positions exceed it evenly on both sides.
     """
     # isotonic regression: less the gaps, positions must not decrease; pool adjacent violators to their mean
     groups: list[list[float]] = []
@@ -370,14 +299,9 @@ def spread_positions(target_positions: np.ndarray, gap: float) -> np.ndarray:
         groups.append([float(value) - k * gap, 1.0])
         while len(groups) > 1 and groups[-2][0] >= groups[-1][0]:
             (mean_below, count_below), (mean_above, count_above) = groups[-2:]
-            groups[-2:] = [
-                [
-                    (mean_below * count_below + mean_above * count_above) / (count_below + count_above),
-                    count_below + count_above,
-                ]
-            ]
-    ordered = np.concatenate([np.full(int(count_below), value) for value, count_below in groups])
+            count = count_below + count_above
+            groups[-2:] = [[(mean_below * count_below + mean_above * count_above) / count, count]]
+    ordered = np.concatenate([np.full(int(count), mean) for mean, count in groups])
     highest = 1.0 - gap * (len(target_positions) - 1)
-    return np.clip(ordered, min(0.0, highest / 2.0), max(highest, highest / 2.0)) + gap * np.arange(
-        len(target_positions)
-    )
+    clipped = np.clip(ordered, min(0.0, highest / 2.0), max(highest, highest / 2.0))
+    return clipped + gap * np.arange(len(target_positions))

@@ -1,7 +1,4 @@
-"""Figure of a plan.
-
-Map of the paths with goals, keep-outs and the closest pair; altitude, airspeed, bank and separation over time.
-"""
+"""Figures of plans: map and time histories of a plan, and path families of the published planner."""
 
 import textwrap
 from pathlib import Path
@@ -15,13 +12,16 @@ from anser.report.labels import (
     MARKER_SIZE,
     NAMES_MAX,
     annotate_position,
+    axis_label,
     clear_direction,
     display_unit,
     draw_limit_line,
+    math_symbol,
     unit_vector,
 )
 from anser.report.style import (
     DASHED,
+    FIGURE_SUFFIXES,
     INK,
     LARGE,
     MUTED,
@@ -29,6 +29,7 @@ from anser.report.style import (
     SMALL,
     LineStyle,
     aircraft_line_styles,
+    marker_style,
     new_figure,
     save_drawings,
     shared_prefix,
@@ -57,10 +58,7 @@ def marker_period(dataset: xr.Dataset) -> float:
 
 
 def closest_pair_names(dataset: xr.Dataset, measure: str) -> tuple[str, str] | None:
-    """Return the names of the closest pair of aircraft over the plan; None for a single aircraft.
-
-    `measure` is "distance" (in space) or "separation" (relative to the required separation).
-    """
+    """Return the closest pair by "distance" (in space) or "separation" (over the required); None for one aircraft."""
     pair = dataset[f"least_{measure}_pair"].values
     if pair[0] < 0:
         return None
@@ -84,15 +82,12 @@ def draw_plan_map(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle
 
 
 def _widen_for_names(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Widen the map to the left and right by the length of the longest name."""
     if len(line_styles) > NAMES_MAX:
         return
-    longest_name = max(len(line_style.label) for line_style in line_styles) + (
-        _TIME_LENGTH if _shows_times(dataset, len(line_styles)) else 0
-    )
-    share = min(
-        (_NAME_GAP + _LETTER_WIDTH * _font_size(len(line_styles)) * longest_name) / _MAP_WIDTH, _SIDE_MARGIN_MAX
-    )
+    longest_name = max(len(line_style.label) for line_style in line_styles)
+    longest_name += _TIME_LENGTH if _shows_times(dataset, len(line_styles)) else 0
+    name_width = _NAME_GAP + _LETTER_WIDTH * _font_size(len(line_styles)) * longest_name
+    share = min(name_width / _MAP_WIDTH, _SIDE_MARGIN_MAX)
     (low, high), north = axes.dataLim.intervalx, axes.dataLim.intervaly[0]
     margin = share / (1.0 - 2.0 * share) * (high - low)  # equal scales may remove margins
     axes.update_datalim([(low - margin, north), (high + margin, north)])
@@ -103,32 +98,24 @@ def _draw_path(axes: "Axes", dataset: xr.Dataset, line_style: LineStyle, fleet: 
     east, north = (_KM * dataset[name].values[:, line_style.index] for name in ("east_m", "north_m"))
     flown = np.flatnonzero(np.isfinite(east))
     axes.plot(east[flown], north[flown], **line_style.properties, zorder=3)
-    marker_times = times[0] + marker_period(dataset) * np.arange(
-        1, 1 + int((times[-1] - times[0]) / marker_period(dataset))
-    )
+    period, color = marker_period(dataset), line_style.color
+    marker_times = times[0] + period * np.arange(1, 1 + int((times[-1] - times[0]) / period))
     markers = flown[np.isin(times[flown], marker_times)]
-    axes.plot(
-        east[markers], north[markers], ".", color=line_style.color, markersize=3.0 + 2.0 * line_style.width, zorder=4
-    )
+    axes.plot(east[markers], north[markers], ".", color=color, markersize=3.0 + 2.0 * line_style.width, zorder=4)
     start, end = flown[0], flown[-1]
-    axes.plot(east[start], north[start], "o", color=line_style.color, markersize=5, zorder=5)
-    axes.plot(east[end], north[end], "D", color=line_style.color, markersize=5.5, zorder=6, mec="white", mew=0.6)
+    axes.plot(east[start], north[start], "o", color=color, markersize=5, zorder=5)
+    axes.plot(east[end], north[end], "D", color=color, markersize=5.5, zorder=6, mec="white", mew=0.6)
     if fleet <= NAMES_MAX:
         # behind the start of the path
         side = unit_vector(np.array([east[start] - east[flown[1]], north[start] - north[flown[1]]]))
         arrivals = dataset["arrival_time_s"].values
-        label = (
-            f"{line_style.label}, {arrivals[line_style.index]:.2f} s"
-            if _shows_times(dataset, fleet)
-            else line_style.label
-        )
-        annotate_position(
-            axes, label, (float(east[start]), float(north[start])), side, line_style.color, _font_size(fleet)
-        )
+        time_text = f", {arrivals[line_style.index]:.2f} s" if _shows_times(dataset, fleet) else ""
+        label = line_style.label + time_text
+        position = np.array([east[start], north[start]])
+        annotate_position(axes, label, position, side, line_style.color, _font_size(fleet))
 
 
 def _shows_times(dataset: xr.Dataset, fleet: int) -> bool:
-    """Whether the arrival time is written beside each name."""
     return fleet <= _LARGE_NAMES_MAX and float(np.ptp(dataset["arrival_time_s"].values)) > _SAME_TIME_S
 
 
@@ -137,7 +124,6 @@ def _font_size(names: int) -> float:
 
 
 def _draw_goals(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle]) -> None:
-    """Draw each goal once: initial position, and track until the last of its aircraft arrives."""
     goals = dataset["goal"].values
     last_aircraft: dict[str, int] = {}
     for line_style in line_styles:
@@ -160,14 +146,10 @@ def _draw_goals(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle])
         if len(last_aircraft) <= NAMES_MAX:
             goal_end = np.array([east[finite[-1]], north[finite[-1]]])
             side = clear_direction(goal_end, _goal_direction(dataset, k, finite), extent, occupied)
-            annotate_position(axes, name, (goal_end[0], goal_end[1]), side, INK, _font_size(len(last_aircraft)))
+            annotate_position(axes, name, goal_end, side, INK, _font_size(len(last_aircraft)))
 
 
 def _goal_direction(dataset: xr.Dataset, k: int, finite: np.ndarray) -> tuple[float, float]:
-    """Return the direction of a goal's motion as a unit vector (east, north).
-
-    For a goal at rest, it is the direction of the arriving aircraft.
-    """
     extents = [float(np.ptp(dataset[f"goal_{axis}_m"].values[finite, k])) for axis in ("east", "north")]
     prefix = "goal_" if max(extents) > 1.0 else ""
     steps = [np.diff(dataset[f"{prefix}{axis}_m"].values[finite[-2:], k])[-1] for axis in ("east", "north")]
@@ -181,35 +163,25 @@ def _last_position(dataset: xr.Dataset, names: tuple[str, str], k: int) -> np.nd
 
 
 def _draw_keep_outs(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw the keep-outs: filled circles at the start; if moving, dashed circles at the last arrival with an arrow."""
     from matplotlib.patches import Circle
 
     end = float(dataset["time"].values[-1])
     for k in range(dataset.sizes.get("keep_out", 0)):
         keep_out = {name: float(dataset[f"keep_out_{name}"].values[k]) for name in _KEEP_OUT}
-        start_position = np.array([keep_out["east_m"], keep_out["north_m"]]) * _KM
-        end_position = start_position + end * _KM * np.array(
-            [keep_out["velocity_east_m_s"], keep_out["velocity_north_m_s"]]
-        )
+        start_point = (keep_out["east_m"] * _KM, keep_out["north_m"] * _KM)
+        step = (end * _KM * keep_out["velocity_east_m_s"], end * _KM * keep_out["velocity_north_m_s"])
+        end_point = (start_point[0] + step[0], start_point[1] + step[1])
         radius = keep_out["radius_m"] * _KM
         style: dict[str, Any] = {"edgecolor": LIMIT_COLOR, "linewidth": 1.0, "zorder": 2}
-        axes.add_patch(Circle((start_position[0], start_position[1]), radius, facecolor=f"{LIMIT_COLOR}26", **style))
-        if not np.array_equal(start_position, end_position):
-            axes.add_patch(
-                Circle((end_position[0], end_position[1]), radius, facecolor="none", linestyle=DASHED, **style)
-            )
+        axes.add_patch(Circle(start_point, radius, facecolor=f"{LIMIT_COLOR}26", **style))
+        if start_point != end_point:
+            axes.add_patch(Circle(end_point, radius, facecolor="none", linestyle=DASHED, **style))
             arrow = {"arrowstyle": "->", "color": LIMIT_COLOR, "linewidth": 1.0}
-            axes.annotate(
-                "",
-                (end_position[0], end_position[1]),
-                (start_position[0], start_position[1]),
-                arrowprops=arrow,
-                zorder=2,
-            )
+            axes.annotate("", end_point, start_point, arrowprops=arrow, zorder=2)
         label = f"{dataset['keep_out'].values[k]}\n{keep_out['bottom_m']:,.0f} to {keep_out['top_m']:,.0f} m"
         axes.annotate(
             label,
-            (start_position[0], start_position[1] - radius),
+            (start_point[0], start_point[1] - radius),
             xytext=(0, -2),
             textcoords="offset points",
             ha="center",
@@ -224,7 +196,6 @@ _KEEP_OUT = ("east_m", "north_m", "velocity_east_m_s", "velocity_north_m_s", "ra
 
 
 def _draw_closest_pair(axes: "Axes", dataset: xr.Dataset) -> None:
-    """Draw a line between the positions of the closest pair at the time of their least distance."""
     measure = "separation" if "separation_m" in dataset else "distance"
     pair, time_s = dataset[f"least_{measure}_pair"].values, dataset[f"least_{measure}_at_s"].item()
     if pair[0] < 0:
@@ -271,23 +242,16 @@ _CEILING_DISTANCE_MAX = 2.0  # in ranges of the altitudes; a higher ceiling is o
 
 
 def draw_plan_variable(
-    axes: "Axes",
-    dataset: xr.Dataset,
-    line_styles: list[LineStyle],
-    name: str,
-    limits: tuple[str, ...],
-    both_signs: bool,
+    axes: "Axes", dataset: xr.Dataset, styles: list[LineStyle], name: str, limits: tuple[str, ...], both_signs: bool
 ) -> None:
-    """Draw one variable of all aircraft over time, with its limits.
-
-    `limits` are names without the prefix `limit_`; with `both_signs` a limit is also drawn at its opposite value.
-    """
-    _draw_lines(axes, dataset, line_styles, name)
-    values = [float(value) for limit in limits for value in np.unique(dataset[f"limit_{limit}"].values)]
-    for value in [
-        sign * value for value in values if np.isfinite(value) for sign in ((1.0, -1.0) if both_signs else (1.0,))
-    ]:
-        _draw_limit(axes, value)
+    """Draw one variable of all aircraft over time, with its limits; with `both_signs` also at the opposite values."""
+    _draw_lines(axes, dataset, styles, name)
+    signs = (1.0, -1.0) if both_signs else (1.0,)
+    for limit in limits:
+        values = np.unique(dataset[f"limit_{limit}"].values)
+        for value in values[np.isfinite(values)]:
+            for sign in signs:
+                _draw_limit(axes, sign * float(value))
     axes.margins(y=0.08)
 
 
@@ -364,15 +328,8 @@ def _draw_lines(axes: "Axes", dataset: xr.Dataset, line_styles: list[LineStyle],
     for line_style in line_styles:
         axes.plot(times, values[:, line_style.index], **line_style.properties, zorder=3)
         end = np.flatnonzero(np.isfinite(values[:, line_style.index]))[-1]
-        axes.plot(
-            times[end],
-            values[end, line_style.index],
-            "D",
-            color=line_style.color,
-            markersize=3.0 + line_style.width,
-            zorder=4,
-            clip_on=False,
-        )
+        mark: dict[str, Any] = {"color": line_style.color, "markersize": 3.0 + line_style.width, "clip_on": False}
+        axes.plot(times[end], values[end, line_style.index], "D", zorder=4, **mark)
     axes.set_ylabel(_label(dataset[name]))
 
 
@@ -398,18 +355,9 @@ def _label(values: xr.DataArray) -> str:
     return textwrap.fill(f"{values.attrs['long_name']} ({display_unit(values)})", _LABEL_WIDTH)
 
 
-_STYLE = {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}
-
-
 def draw_plan(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a plan into `plan.svg` and `plan.png`; return the paths.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.results.plan_record`.
-    """
-    return save_drawings({"plan": _plan}, dataset, _STYLE, folder)
+    """Draw a result of `anser.results.plan_record` into `plan.svg` and `plan.png`; return the paths."""
+    return save_drawings({"plan": _plan}, dataset, {**PRINT_STYLE, "svg.hashsalt": "anser-plan"}, folder)
 
 
 def _plan(dataset: xr.Dataset) -> "Figure":
@@ -420,9 +368,8 @@ def _plan(dataset: xr.Dataset) -> "Figure":
     panels = [figure.add_subplot(grid[grid_row, 1]) for grid_row in range(4)]
     draw_plan_map(map_axes, dataset, line_styles)
     draw_plan_altitude(panels[0], dataset, line_styles)
-    draw_plan_variable(
-        panels[1], dataset, line_styles, "airspeed_m_s", ("airspeed_min_m_s", "airspeed_max_m_s"), both_signs=False
-    )
+    speed_limits = ("airspeed_min_m_s", "airspeed_max_m_s")
+    draw_plan_variable(panels[1], dataset, line_styles, "airspeed_m_s", speed_limits, both_signs=False)
     draw_plan_variable(panels[2], dataset, line_styles, "bank_deg", ("bank_max_deg",), both_signs=True)
     draw_plan_separation(panels[3], dataset)
     end = dataset["time"].values[-1]
@@ -442,16 +389,69 @@ def _heading(dataset: xr.Dataset, line_styles: list[LineStyle]) -> list[str]:
     is_common = latest - earliest < 5e-3
     arrival_text = f"arrival at {latest:.2f} s" if is_common else f"arrivals from {earliest:.2f} s to {latest:.2f} s"
     fleet = "1 aircraft" if len(line_styles) == 1 else f"{len(line_styles)} aircraft"
-    lines = [
-        f'{attributes["title"]}: {fleet}, {arrival_text} (rule "{attributes["rule"]}"), {attributes["planner"]} planner'
-    ]
+    rule = f'rule "{attributes["rule"]}"'
+    heading = f"{attributes['title']}: {fleet}, {arrival_text} ({rule}), {attributes['planner']} planner"
     note = f"dots: every {marker_period(dataset):g} s; dashed: limits of the scenario"
-    prefix = shared_prefix(dataset)
-    if prefix:
+    if prefix := shared_prefix(dataset):
         note += f'; names without "{prefix}"'
-    lines.append(note)
+    lines = [heading, note]
     problems = attributes["problems"].split("\n") if attributes["problems"] else []
     if problems:
         problem_count = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         lines.append(f"not flyable: {problems[0]}{problem_count}")
     return lines
+
+
+_FAMILIES = {
+    # parameter, ordinate of the path, angle with the greatest change, heading
+    "b4": ("lateral_shape_m_s4", "east_m", "course_command_deg", "Paths bent sideways"),
+    "c4": ("vertical_shape_m_s4", "altitude_m", "path_angle_command_deg", "Paths bent vertically"),
+}
+
+
+def draw_shapes(dataset: xr.Dataset, family: str, folder: Path) -> tuple[Path, ...]:
+    """Draw a family of paths, bent by `b4` (horizontal) or `c4` (vertical), into new files; return the paths."""
+    parameter, ordinate, angle, heading = _FAMILIES[family]
+
+    def draw(dataset: xr.Dataset) -> "Figure":
+        _, figure = new_figure((6.5, 5.2))
+        grid = figure.subplots(2, 2)
+        time = dataset["time"].values
+        for k in range(dataset.sizes["path"]):
+            path = dataset.isel(path=k)
+            style = {"markevery": (4 * k, 24), **marker_style(k)}
+            label = f"{math_symbol(path[parameter])} = {_signed(path[parameter])} {display_unit(path[parameter])}"
+            grid[0, 0].plot(path["north_m"].values, path[ordinate].values, label=label, **style)
+            for axes, name in ((grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
+                axes.plot(time, path[name].values, **style)
+        for axes, name in ((grid[0, 0], ordinate), (grid[0, 1], "airspeed_command_m_s"), (grid[1, 0], angle)):
+            axes.set_ylabel(axis_label(dataset[name]))
+        grid[0, 0].set_xlabel(axis_label(dataset["north_m"]))
+        for axes in (grid[0, 1], grid[1, 0]):
+            axes.set_xlabel("Time $t$ (s)")
+        lengths, values = grid[1, 1], dataset[parameter].values
+        for name, style in (
+            ("length_m", {"color": INK, "linestyle": "solid"}),
+            ("length_estimate_m", {"color": MUTED, "linestyle": DASHED}),
+        ):
+            members = (dataset[f"member_{variable}"].values for variable in (parameter, name))
+            lengths.plot(*members, label=dataset[name].attrs["long_name"], **style)
+        published = dataset["length_published_m"]
+        style = {"linestyle": "none", "marker": "o", "fillstyle": "none", "color": INK}
+        lengths.plot(values, published.values, label=published.attrs["long_name"], **style)
+        lengths.set_xlabel(axis_label(dataset[parameter]))
+        lengths.set_ylabel(axis_label(dataset["length_m"]))
+        lengths.legend(loc="best")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        final_path_angle = dataset["final_path_angle_deg"]
+        figure.suptitle(
+            f"{heading}: {time[-1]:g} s, {math_symbol(final_path_angle)} = {_signed(final_path_angle[0])}°",
+            fontsize=LARGE,
+        )
+        return figure
+
+    return save_drawings({f"shape-{family}": draw}, dataset, PRINT_STYLE, folder, FIGURE_SUFFIXES)
+
+
+def _signed(value: xr.DataArray) -> str:
+    return f"{float(value):g}".replace("-", "\N{MINUS SIGN}")

@@ -2,7 +2,7 @@
 
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -15,12 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-_STYLE = {
-    **MAP_STYLE,
-    "svg.hashsalt": "anser-robustness",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
+_STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-robustness", "axes.spines.top": False, "axes.spines.right": False}
 _COLORS = {"model": "#0072b2", "incremental": "#d55e00"}
 """Okabe and Ito's blue and vermilion, distinguishable with colour-blindness."""
 _INVERSION_NAMES = {"model": "model-based", "incremental": "incremental"}
@@ -34,13 +29,7 @@ _CHANGE_RANGE_MIN = 0.1  # least half-width of the axis
 
 
 def draw_robustness(dataset: xr.Dataset, folder: Path) -> tuple[Path, ...]:
-    """Draw a study into SVG and PNG files `success`, `errors`, and for a sweep `spread` and `alone`; return the paths.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.analysis.robustness`; only the parts that were simulated are drawn.
-    """
+    """Draw the simulated parts of a result of `anser.analysis.robustness` into SVG and PNG files; return the paths."""
     drawings = {
         "success": ("dispersed", _success_by_condition),
         "errors": ("dispersed", _error_distributions),
@@ -63,21 +52,13 @@ def _figure(dataset: xr.Dataset, title: str, size: tuple[float, float]) -> "Figu
 def _draw_success(
     axes: "Axes", dataset: xr.Dataset, positions: np.ndarray, groups: list[np.ndarray], offset: float
 ) -> None:
-    """Draw the success rate with its confidence interval at each position, both inversions side by side."""
     for k, inversion in enumerate(dataset["inversion"].values):
         rates = [success(dataset, str(inversion), group) for group in groups]
         share = np.array([rate.share for rate in rates])
         error_bars = np.array([[rate.share - rate.low for rate in rates], [rate.high - rate.share for rate in rates]])
-        axes.errorbar(
-            positions + (k - 0.5) * offset,
-            _PERCENT * share,
-            yerr=_PERCENT * np.where(np.isnan(error_bars), 0.0, error_bars),
-            fmt="o",
-            ms=4,
-            capsize=3,
-            color=_COLORS[str(inversion)],
-            label=_INVERSION_NAMES[str(inversion)],
-        )
+        x, yerr = positions + (k - 0.5) * offset, _PERCENT * np.nan_to_num(error_bars)
+        look: dict[str, Any] = {"color": _COLORS[str(inversion)], "label": _INVERSION_NAMES[str(inversion)]}
+        axes.errorbar(x, _PERCENT * share, yerr=yerr, fmt="o", ms=4, capsize=3, **look)
     axes.set_ylabel("success (percent, interval of 95 %)")
     axes.grid(axis="y", color="#e6e6e6", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -119,9 +100,8 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
             error = dataset[name].sel(inversion=inversion).values[is_dispersed]
             error = np.sort(error[np.isfinite(error)])
             percentage = _PERCENT * np.arange(1, len(error) + 1) / max(len(error), 1)
-            axes.step(
-                error, percentage, where="post", color=_COLORS[str(inversion)], label=_INVERSION_NAMES[str(inversion)]
-            )
+            name = str(inversion)
+            axes.step(error, percentage, where="post", color=_COLORS[name], label=_INVERSION_NAMES[name])
         axes.axvline(dataset.attrs[limit], color="#595959", linewidth=0.8, linestyle="--", label="tolerance")
         axes.set_xscale("log")
         axes.set_xlabel(label)
@@ -132,42 +112,26 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
 
 
 def _single_factors(dataset: xr.Dataset) -> "Figure":
-    """Draw bars up to the largest change of each factor without a failure, the most critical factors at the top.
-
-    Factors without any failure have no bars and are listed below the axis.
-    """
+    """Draw bars up to the largest change of each factor without a failure; list factors without any failure below."""
     breaks = first_breaks(dataset)
     inversions = [str(name) for name in dataset["inversion"].values]
 
     def failure_order(factor: str) -> tuple[float, float]:
-        changes = [
-            abs(first_break.change) if first_break.reason else np.inf
-            for first_break in breaks
-            if first_break.factor == factor
-        ]
+        members = [first_break for first_break in breaks if first_break.factor == factor]
+        changes = [abs(first_break.change) if first_break.reason else np.inf for first_break in members]
         return min(changes), float(np.mean([min(change, 10.0) for change in changes]))
 
-    unbroken = [
-        name
-        for name in dict.fromkeys(first_break.factor for first_break in breaks)
-        if not np.isfinite(failure_order(name)[0])
-    ]
-    factors = sorted(
-        {first_break.factor for first_break in breaks} - set(unbroken),
-        key=lambda name: (failure_order(name), name),
-        reverse=True,
-    )
+    order = {name: failure_order(name) for name in dict.fromkeys(first_break.factor for first_break in breaks)}
+    unbroken = [name for name, (smallest_change, _) in order.items() if not np.isfinite(smallest_change)]
+    factors = sorted(set(order) - set(unbroken), key=lambda name: (order[name], name), reverse=True)
     breaks = [first_break for first_break in breaks if first_break.factor in factors]
     figure = _figure(dataset, "One factor changed alone, at every condition", (9.0, 2.0 + 0.32 * len(factors)))
     axes = figure.subplots()
     height = 0.8 / len(inversions)
     for first_break in breaks:
-        middle = factors.index(first_break.factor) + height * (
-            inversions.index(first_break.inversion) - (len(inversions) - 1) / 2
-        )
         # the first inversion stands above the second
-        middle = 2 * factors.index(first_break.factor) - middle
-        _draw_bar(axes, first_break, middle, height)
+        offset = height * (inversions.index(first_break.inversion) - (len(inversions) - 1) / 2)
+        _draw_bar(axes, first_break, factors.index(first_break.factor) - offset, height)
     axes.axvline(0.0, color="#595959", linewidth=0.8)
     axes.set_yticks(range(len(factors)), [_factor_label(dataset, name) for name in factors])
     axes.set_ylim(-0.6, len(factors) - 0.4)

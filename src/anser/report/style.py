@@ -1,11 +1,8 @@
-"""Style of figures and pages.
-
-Colours distinguishable with colour-blindness, line styles of aircraft, and figure files that are identical when drawn
-again.
-"""
+"""Style of figures and pages: colours, line styles of aircraft, and reproducible figure files."""
 
 import functools
 import io
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,10 +36,8 @@ def page_color_of(index: int) -> str:
 
 def page_colors() -> str:
     """Return the style rule that defines the CSS variables of `page_color_of`."""
-    pairs = zip(COLORS, DARK_COLORS, strict=True)
-    return (
-        ":root { " + " ".join(f"--c{k}: light-dark({light}, {dark});" for k, (light, dark) in enumerate(pairs)) + " }"
-    )
+    pairs = enumerate(zip(COLORS, DARK_COLORS, strict=True))
+    return ":root { " + " ".join(f"--c{k}: light-dark({light}, {dark});" for k, (light, dark) in pairs) + " }"
 
 
 FIGURE_SUFFIXES = (".svg", ".png", ".pdf")
@@ -52,11 +47,10 @@ INK, MUTED = "#1b1f24", "#6e7781"
 SMALL, LARGE = 7.5, 9.5
 DASHED = (0, (4, 2))
 """Dash pattern of planned and commanded values, for matplotlib."""
+COMMAND_LINE: dict[str, Any] = {"color": INK, "linestyle": DASHED, "linewidth": 0.9}
+"""Line of planned and commanded values in figures of one aircraft."""
 _LINE_DASHES: tuple[Any, ...] = (
-    "solid",
-    (0, (6, 1.2, 1.2, 1.2)),
-    (0, (1.3, 1.0)),
-    (0, (3.2, 1.1)),
+    *("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1))),
     (0, (6, 1, 1, 1, 1, 1)),
 )
 _MARKERS, _FILLS = "os^DvPX", ("full", "none", "left")
@@ -146,10 +140,7 @@ def marker_style(index: int) -> dict[str, Any]:
 
 
 def save_figure(figure: "Figure", paths: Sequence[Path], *, overwrite: bool = False) -> None:
-    """Write a figure to files, whose suffixes (of `FIGURE_SUFFIXES`) give the formats.
-
-    Raises FileExistsError if a file exists and `overwrite` is False.
-    """
+    """Write a figure to files, in formats by suffix; raises FileExistsError if one exists, unless `overwrite`."""
     for path in paths:
         content = io.BytesIO()  # in memory: on a full disk, matplotlib would raise misleading errors
         figure.savefig(content, format=path.suffix.removeprefix("."), dpi=160, metadata=_METADATA[path.suffix])
@@ -166,15 +157,7 @@ def save_drawings(
     *,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Draw figures of a dataset into files `NAME` with each suffix; return the paths.
-
-    Parameters
-    ----------
-    drawings
-        Function that draws each figure, by file name without suffix.
-    style
-        Matplotlib style of the figures.
-    """
+    """Draw figures of a dataset in a matplotlib style into files `NAME` with each suffix; return the paths."""
     written: list[Path] = []
     with _matplotlib().rc_context(style):
         for name, draw in drawings.items():
@@ -184,7 +167,6 @@ def save_drawings(
     return tuple(written)
 
 
-_COLOR_COUNT = 7  # a larger fleet repeats the colours with other dashes
 _FLEET_DASHES: tuple[Any, ...] = ("solid", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (6, 1.5, 1, 1.5)))
 _SMALL_FLEET_MAX = 7
 _PREFIX_MIN = 3
@@ -192,17 +174,7 @@ _PREFIX_MIN = 3
 
 @dataclass(frozen=True)
 class LineStyle:
-    """Line style of one aircraft.
-
-    Attributes
-    ----------
-    index
-        Index of the aircraft in the dataset.
-    label
-        Short name of the aircraft.
-    color, dashes, width
-        Colour, dash pattern and width (points) of the line.
-    """
+    """Line style of the aircraft with an index in the dataset: short name, colour, dash pattern, width in points."""
 
     index: int
     label: str
@@ -212,7 +184,7 @@ class LineStyle:
 
     @property
     def properties(self) -> dict[str, Any]:
-        """Return the line properties for matplotlib."""
+        """Line properties for matplotlib."""
         return {"color": self.color, "linestyle": self.dashes, "linewidth": self.width}
 
 
@@ -221,7 +193,7 @@ def aircraft_line_styles(dataset: xr.Dataset) -> list[LineStyle]:
     names, prefix = [str(name) for name in dataset["aircraft"].values], shared_prefix(dataset)
     width = 1.5 if len(names) <= _SMALL_FLEET_MAX else 1.0 if len(names) <= 3 * _SMALL_FLEET_MAX else 0.6
     return [
-        LineStyle(k, name[len(prefix) :], color_of(k), _FLEET_DASHES[k // _COLOR_COUNT % len(_FLEET_DASHES)], width)
+        LineStyle(k, name[len(prefix) :], color_of(k), _FLEET_DASHES[k // len(COLORS) % len(_FLEET_DASHES)], width)
         for k, name in enumerate(names)
         if np.isfinite(dataset["north_m"].values[0, k])
     ]
@@ -232,15 +204,7 @@ def shared_prefix(dataset: xr.Dataset) -> str:
     names = [str(name) for name in dataset["aircraft"].values]
     if len(names) <= _SMALL_FLEET_MAX:
         return ""
-    prefix = _common_start(names).rstrip("0123456789")
+    shared_letters = itertools.takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    prefix = "".join(letters[0] for letters in shared_letters).rstrip("0123456789")
     is_proper = all(len(name) > len(prefix) for name in names)
     return prefix if is_proper and len(prefix) >= _PREFIX_MIN else ""
-
-
-def _common_start(names: list[str]) -> str:
-    """Return the common start of the names, which is that of the alphabetically first and last name."""
-    lowest, highest = min(names), max(names)
-    differ = (
-        k for k, (low_letter, high_letter) in enumerate(zip(lowest, highest, strict=False)) if low_letter != high_letter
-    )
-    return lowest[: next(differ, min(len(lowest), len(highest)))]

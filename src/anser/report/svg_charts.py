@@ -1,9 +1,5 @@
-"""SVG charts of report pages.
+"""SVG charts of report pages: arrivals, influences, links, and the map of a campaign."""
 
-Arrival times of the aircraft, influences on an output of a campaign, and communication links over time.
-"""
-
-import json
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
@@ -11,10 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from anser.report.campaign_data import CampaignReport, ReplayedFlight, evenly_spaced
+from anser.report.derived_variables import recorded_table
 from anser.report.page_templates import render
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+
 
 _STRIP_WIDTH, _FOOT_HEIGHT = 560, 34
 _ARRIVAL_NAMES_WIDTH, _ARRIVAL_RIGHT = 128, 16
@@ -22,10 +21,7 @@ _ARRIVAL_HEIGHT, _ROW_MAX, _ROW_MIN, _ROW_NAMED = 260.0, 24.0, 4.0, 11.0
 
 
 def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
-    """Return a chart of the arrival errors in a `summary.json`: early to the left, late to the right.
-
-    Empty if fewer than two aircraft have an arrival and a planned arrival.
-    """
+    """Return a chart of the arrival errors in a `summary.json`; empty for fewer than two errors."""
     errors = [
         (k, str(aircraft["name"]), float(aircraft["arrival_s"]) - float(aircraft["planned_arrival_s"]))
         for k, aircraft in enumerate(summary["aircraft"])
@@ -62,7 +58,6 @@ def arrival_strip(summary: Mapping[str, Any]) -> "Markup | str":
 
 
 def _scale(low: float, high: float, x_low: float, x_high: float) -> Callable[[float], float]:
-    """Return the linear function from values between `low` and `high` to horizontal positions `x_low` to `x_high`."""
     return lambda value: x_low + (value - low) / (high - low) * (x_high - x_low)
 
 
@@ -93,15 +88,7 @@ _RANK_BARS, _SOBOL_BARS = (("rank", 9, 0),), (("total", 15, 5), ("first", 6, 0))
 
 
 def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Markup | str":
-    """Return a chart of the influences of the inputs on one output, the greatest first; empty without influences.
-
-    Parameters
-    ----------
-    influences
-        `entries` of `Influences.as_dict`.
-    output
-        Name of the output.
-    """
+    """Return a chart of the influences (of `Influences.as_dict`) on one output; empty without any."""
     by_path: dict[str, dict[str, Mapping[str, Any]]] = {}
     for influence in influences:
         if influence["output"] == output:
@@ -139,7 +126,6 @@ def influence_strip(influences: Sequence[Mapping[str, Any]], output: str) -> "Ma
 
 
 def _influence_text(measures: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return the value and interval of each measure of an influence as text."""
     return "; ".join(
         f"{name} {influence['value']:.3f} ({influence['low']:.3f} to {influence['high']:.3f})"
         for name, influence in measures.items()
@@ -149,7 +135,6 @@ def _influence_text(measures: Mapping[str, Mapping[str, Any]]) -> str:
 def _influence_bar(
     influence: Mapping[str, Any], x: Callable[[float], float], height: int, color_index: int
 ) -> dict[str, Any]:
-    """Return the template values of a bar from 0 to the influence's value, and of its confidence interval."""
     start, stop = sorted((x(0.0), x(influence["value"])))
     interval = {"low": x(influence["low"]), "high": x(influence["high"])}
     return {"start": start, "width": max(stop - start, 0.8), "height": height, "color_index": color_index, **interval}
@@ -159,36 +144,25 @@ _LINKS_WIDTH, _LINKS_NAMES_WIDTH, _LINKS_RIGHT, _LINKS_ROW, _QUALITY_HEIGHT = 90
 _PAIRS_MAX = 45
 
 
-def recorded_network(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return the network summary that a dataset carries as JSON; empty if missing or unreadable."""
-    try:
-        network = json.loads(dataset.attrs.get("network", "{}"))
-    except (TypeError, ValueError):
-        return {}
-    return network if isinstance(network, dict) else {}
-
-
 def pair_links(dataset: xr.Dataset) -> dict[tuple[str, str], np.ndarray]:
     """Return for each pair of aircraft names (receiver, sender) whether the sender was heard, at each recorded time."""
     names, heard = [str(name) for name in dataset["aircraft"].values], dataset["heard_from"].values
     return {(names[i], names[k]): (heard[:, i] >> k) & 1 == 1 for i, k in combinations(range(len(names)), 2)}
 
 
-def links_strip(dataset: xr.Dataset) -> "Markup | str":
-    """Return a chart of the links between each pair of aircraft, with the quality of service over time below.
+def link_spans(time: np.ndarray, is_linked: np.ndarray) -> list[tuple[float, float]]:
+    """Return the spans of time, from and to, in which a pair is linked."""
+    edges = np.flatnonzero(np.diff(is_linked.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
+    return [(float(time[start]), float(time[min(stop, len(time) - 1)])) for start, stop in edges]
 
-    Empty for a fleet with a central planner.
-    """
+
+def links_strip(dataset: xr.Dataset) -> "Markup | str":
+    """Return a chart of links and quality of service over time; empty for a fleet with a central planner."""
     if "heard_from" not in dataset:
         return ""
     time, pairs = dataset["time"].values, list(pair_links(dataset).items())[:_PAIRS_MAX]
     end, rows_height = float(time[-1]) or 1.0, _LINKS_ROW * len(pairs)
     x = _scale(0.0, end, _LINKS_NAMES_WIDTH, _LINKS_WIDTH - _LINKS_RIGHT)
-
-    def spans(is_linked: np.ndarray) -> list[tuple[float, float]]:
-        edges = np.flatnonzero(np.diff(is_linked.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-        return [(x(float(time[a])), x(float(time[min(b, len(time) - 1)]))) for a, b in edges]
-
     return render(
         "links.svg",
         width=_LINKS_WIDTH,
@@ -200,18 +174,17 @@ def links_strip(dataset: xr.Dataset) -> "Markup | str":
             {
                 "label": " – ".join(_shortened(name, 12) for name in names),
                 "y": index * _LINKS_ROW + _LINKS_ROW // 2,
-                "spans": spans(is_linked),
+                "spans": [(x(start), x(stop)) for start, stop in link_spans(time, is_linked)],
             }
             for index, (names, is_linked) in enumerate(pairs)
         ],
-        quality=_quality(recorded_network(dataset).get("series"), rows_height + 10, x),
+        quality=_quality(recorded_table(dataset, "network").get("series"), rows_height + 10, x),
         ticks=[{"x": x(t), "label": f"{t:.0f}"} for t in np.linspace(0.0, end, 7)],
         title_x=x(0.5 * end),
     )
 
 
 def _quality(series: Mapping[str, Any] | None, top: float, x: Callable[[float], float]) -> dict[str, Any] | None:
-    """Return the template values of the curve of the quality of service; None if not recorded."""
     if not series:
         return None
 
@@ -224,3 +197,62 @@ def _quality(series: Mapping[str, Any] | None, top: float, x: Callable[[float], 
         "levels": [{"value": value, "y": y(value)} for value in (0, 1)],
         "points": [(x(time_s), y(quality)) for time_s, quality in points],
     }
+
+
+_TRACK_POINTS_MAX = 240
+"""Greatest number of points of a track."""
+_MARGIN = 0.05
+_SIZE = 1000.0
+_HEIGHT_RANGE = (0.45, 1.0)
+"""Least and greatest height of the map, as fractions of its width."""
+_AFTER_S = 2.0
+"""Time after its arrival up to which an aircraft is still drawn, s."""
+
+
+def campaign_map(report: CampaignReport) -> "Markup | str":
+    """Draw the replayed flights, seen from above, as SVG; return an empty string without replayed flights."""
+    if not report.replays:
+        return ""
+    replayed = report.dataset.sel(flight=[replay.number for replay in report.replays])
+    arrivals = dict(zip(replayed["flight"].values.tolist(), replayed["arrival_s"].values, strict=True))
+    tracks = [(replay, _tracks(replay, arrivals[replay.number])) for replay in report.replays]
+    points = np.concatenate([line for _, lines in tracks for line in lines])
+    low, high = points.min(axis=0), points.max(axis=0)
+    width, extent_north = np.maximum(high - low, 1.0) * (1.0 + 2.0 * _MARGIN)
+    middle, scale = 0.5 * (low + high), _SIZE / max(width, extent_north / _HEIGHT_RANGE[1])
+    height = float(np.clip(extent_north * scale, _HEIGHT_RANGE[0] * _SIZE, _HEIGHT_RANGE[1] * _SIZE))
+
+    def to_map(line: np.ndarray) -> np.ndarray:
+        return np.array([0.5 * _SIZE, 0.5 * height]) + (line - middle) * scale * np.array([1.0, -1.0])
+
+    drawn = [(replay, [to_map(line).tolist() for line in lines]) for replay, lines in tracks]
+    bar_length_m = _scale_bar_length(scale)
+    return render(
+        "campaign_map.svg",
+        width=_SIZE,
+        height=height,
+        background=[(replay.number, lines) for replay, lines in drawn if not replay.worst],
+        worst=[(replay.number, lines) for replay, lines in drawn if replay.worst],
+        bar_y=height - 18.0,
+        bar_length=bar_length_m * scale,
+        bar_label=f"{bar_length_m / 1000:g} km" if bar_length_m >= 1000.0 else f"{bar_length_m:g} m",
+    )
+
+
+def _tracks(replay: ReplayedFlight, arrivals: np.ndarray) -> list[np.ndarray]:
+    """Return the track (east, north, m) of each aircraft until shortly after its arrival time, s, evenly thinned."""
+    data, lines = replay.tracks, []
+    time = data["time"].values
+    for k, arrival in enumerate(np.broadcast_to(arrivals, data.sizes["aircraft"])):
+        east, north = (data[name].values[:, k] for name in ("east_m", "north_m"))
+        end_s = np.inf if np.isnan(arrival) else arrival + _AFTER_S
+        is_drawn = (time <= end_s) & np.isfinite(east) & np.isfinite(north)
+        samples = evenly_spaced(np.flatnonzero(is_drawn), _TRACK_POINTS_MAX)
+        if samples.size:
+            lines.append(np.stack([east[samples], north[samples]], axis=1))
+    return lines
+
+
+def _scale_bar_length(scale: float) -> float:
+    step = 10.0 ** np.floor(np.log10(0.25 * _SIZE / scale))
+    return next(step * m for m in (5.0, 2.0, 1.0) if step * m * scale <= 0.3 * _SIZE)

@@ -4,7 +4,6 @@
 with a time history into FOLDER/verification/, replacing earlier files.
 """
 
-import io
 import json
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from anser.files import MIB, read_file, staged_folder, write_file
+from anser.report.style import COLORS, new_figure, save_figure
 
 _PANELS = (
     ("Place", ("altitudeMsl", "latitude", "longitude", "eiPosition", "gePosition")),
@@ -23,69 +23,39 @@ _PANELS = (
 )
 """Panels of a plot, each with the prefixes of the names of its quantities; the last takes all remaining quantities."""
 
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#7f7f7f")
-"""Colours of Okabe and Ito, distinguishable with colour-blindness."""
+_COLORS = (*COLORS[:6], "#000000", "#7f7f7f")
+_STYLE = {"svg.fonttype": "none", "font.size": 8, "axes.grid": True, "grid.alpha": 0.3}
 
 
 def plot_errors(check: Mapping[str, Any], path: Path) -> bool:
-    """Draw the errors of every quantity of a check over time, divided by their tolerances.
-
-    Parameters
-    ----------
-    check
-        A check in the document that `anser verify --json` prints.
-    path
-        SVG file to write.
-
-    Returns
-    -------
-    bool
-        Whether a plot was written; a plot needs published values at two times or more.
-    """
+    """Draw the errors of a check over time, divided by their tolerances; return whether there are any."""
     timed = [c for c in check["comparisons"] if c["time_s"] is not None and c["tolerance"] and c["error"] is not None]
     if len({c["time_s"] for c in timed}) < 2:
         return False
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    # no date and fixed identifiers make the files reproducible
-    with mpl.rc_context(
-        {"svg.hashsalt": check["key"], "svg.fonttype": "none", "font.size": 8, "axes.grid": True, "grid.alpha": 0.3}
-    ):
-        figure = Figure(figsize=(13, 7), layout="constrained")
-        for axes, (name, quantities) in zip(
-            figure.subplots(2, 3, sharex=True).flat, _sorted_panels(timed), strict=True
-        ):
+    mpl, figure = new_figure((13, 7))
+    with mpl.rc_context(_STYLE | {"svg.hashsalt": check["key"]}):
+        panels = figure.subplots(2, 3, sharex=True).flat
+        for axes, (name, quantities) in zip(panels, _sorted_panels(timed), strict=True):
             axes.axhspan(-1, 1, color="#0072b2", alpha=0.08, linewidth=0)
             axes.set_title(name)
             for k, (group, members) in enumerate(quantities.items()):
                 for reference in sorted({c["reference"] for c in members}):
                     line = sorted((c for c in members if c["reference"] == reference), key=lambda c: c["time_s"])
-                    axes.plot(
-                        [c["time_s"] for c in line],
-                        [c["error"] / c["tolerance"] for c in line],
-                        marker=".",
-                        color=_COLOURS[k % len(_COLOURS)],
-                        linestyle="--" if reference == "sim_04" else "-",
-                        label=group if reference != "sim_04" else None,
-                        linewidth=1,
-                    )
+                    times, errors = [c["time_s"] for c in line], [c["error"] / c["tolerance"] for c in line]
+                    is_second = reference == "sim_04"
+                    style: dict[str, Any] = {"linestyle": "--"} if is_second else {"linestyle": "-", "label": group}
+                    axes.plot(times, errors, marker=".", color=_COLORS[k % len(_COLORS)], linewidth=1, **style)
             axes.set_ylabel("error / tolerance")
             if quantities:
                 axes.legend(fontsize=6, ncols=2, loc="best")
         for axes in figure.axes[3:]:
             axes.set_xlabel("time (s)")
         figure.suptitle(f"{check['title']}: obtained less sim_05 (full lines) and sim_04 (broken lines)")
-        content = io.BytesIO()
-        figure.savefig(content, format="svg", metadata={"Date": None})
-        write_file(path, content.getvalue())
+        save_figure(figure, [path])
     return True
 
 
-def _sorted_panels(
-    comparisons: Sequence[Mapping[str, Any]],
-) -> list[tuple[str, dict[str, list[Mapping[str, Any]]]]]:
-    """Return the name of each panel, and its comparisons by quantity."""
+def _sorted_panels(comparisons: Sequence[Mapping[str, Any]]) -> list[tuple[str, dict[str, list[Mapping[str, Any]]]]]:
     panels: list[tuple[str, dict[str, list[Mapping[str, Any]]]]] = [(name, {}) for name, _ in _PANELS]
     for comparison in comparisons:
         group = comparison["group"]
@@ -115,20 +85,7 @@ what was obtained is listed.
 
 
 def write_verification_page(document: Mapping[str, Any], folder: Path) -> Path:
-    """Write the page and its plots, replacing earlier ones.
-
-    Parameters
-    ----------
-    document
-        Document that `anser verify --json` prints.
-    folder
-        Folder of the page; the plots go into the subfolder `verification`.
-
-    Returns
-    -------
-    Path
-        Path of the page.
-    """
+    """Write the page of a document of `anser verify --json` and its plots into a folder, replacing earlier ones."""
     folder.mkdir(parents=True, exist_ok=True)
     parts = [_HEAD, _provenance(document), _summary(document["checks"])]
     with staged_folder(folder) as staging:
@@ -183,23 +140,11 @@ def _section(check: Mapping[str, Any], plot: str | None) -> str:
     if comparisons:
         shown = comparisons if len(comparisons) <= _ROWS_MAX else list(_worst_of_each_quantity(comparisons))
         head = "where" if shown is comparisons else "worst where"
-        lines.append(
-            _table(
-                ("quantity", head, "expected", "obtained", "error", "tolerance", "unit"),
-                [
-                    (
-                        c["group"],
-                        c["where"],
-                        _figure(c["expected"]),
-                        _figure(c["obtained"]),
-                        _figure(c["error"], 2),
-                        _tolerance(c, check),
-                        c["unit"],
-                    )
-                    for c in shown
-                ],
-            )
-        )
+        body = []
+        for c in shown:
+            values = _figure(c["expected"]), _figure(c["obtained"]), _figure(c["error"], 2), _tolerance(c, check)
+            body.append((c["group"], c["where"], *values, c["unit"]))
+        lines.append(_table(("quantity", head, "expected", "obtained", "error", "tolerance", "unit"), body))
     return "\n".join(lines)
 
 
@@ -212,7 +157,6 @@ def _tolerance(comparison: Mapping[str, Any], check: Mapping[str, Any]) -> str:
 
 
 def _worst_of_each_quantity(comparisons: Sequence[Mapping[str, Any]]) -> Iterable[Mapping[str, Any]]:
-    """Yield the worst comparison of each quantity, in the order of the quantities."""
     by_group: dict[str, list[Mapping[str, Any]]] = {}
     for comparison in comparisons:
         by_group.setdefault(comparison["group"], []).append(comparison)
@@ -228,7 +172,6 @@ def _severity(comparison: Mapping[str, Any]) -> float:
 
 
 def _table_over_times(comparisons: Sequence[Mapping[str, Any]]) -> str:
-    """Return a Markdown table of the quantities at selected times."""
     times = sorted({c["time_s"] for c in comparisons})
     step = max(1, (len(times) - 1) // (_LISTED_TIMES - 1))
     shown_times = [*times[:-1:step][: _LISTED_TIMES - 1], times[-1]]

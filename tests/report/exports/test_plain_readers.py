@@ -12,8 +12,7 @@ import scipy.io
 import xarray as xr
 
 from anser.missions.sweeps import sweep_dataset
-from anser.report.exports.czml import to_czml
-from anser.report.exports.kml import to_kml
+from anser.report.exports.geographic import to_czml, to_kml
 from anser.report.exports.tables import to_csv, to_mat, to_parquet, write_campaign_tables
 from anser.results import plan_dataset, plan_summary, read_summary, write_netcdf, write_summary
 from anser.results.checksums import add_checksum

@@ -1,5 +1,4 @@
-from .czml import to_czml
-from .kml import to_kml
+from .geographic import to_czml, to_kml
 from .tables import to_csv, to_mat, to_parquet
 
 __all__ = [

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from anser.report.exports.czml import to_czml
-from anser.report.exports.kml import to_kml
+from anser.report.exports.geographic import to_czml, to_kml
 from anser.report.exports.tables import to_csv, to_mat, to_parquet
 
 FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {

@@ -37,10 +37,7 @@ def to_csv(dataset: xr.Dataset) -> bytes:
 def to_parquet(dataset: xr.Dataset) -> bytes:
     """Return a flight as Parquet: the columns of the CSV with units and long names, and the flight's attributes.
 
-    Raises
-    ------
-    ImportError
-        If pyarrow is not installed.
+    Raises ImportError if pyarrow is not installed.
     """
     labels = {"time_s": {"units": "s", "long_name": "Time"}, "aircraft": {"long_name": "Aircraft"}} | {
         str(name): variable.attrs for name, variable in dataset.items()
@@ -51,40 +48,25 @@ def to_parquet(dataset: xr.Dataset) -> bytes:
 def encode_parquet(
     columns: Mapping[str, np.ndarray], labels: Mapping[str, Mapping[str, Any]], metadata: Mapping[Any, Any]
 ) -> bytes:
-    """Return columns of equal length as a Parquet file.
+    """Return columns of equal length as a Parquet file, with labels by column and attributes of the table.
 
-    Parameters
-    ----------
-    columns
-        Columns by name; the column `aircraft` is dictionary-encoded.
-    labels
-        Attributes of the columns by name; unit, long name, frame, symbol and flag meanings are stored.
-    metadata
-        Attributes of the table.
-
-    Raises
-    ------
-    ImportError
-        If pyarrow is not installed.
+    Raises ImportError if pyarrow is not installed.
     """
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
         raise ImportError(PARQUET_MISSING) from None
-    arrays = {
-        name: pa.array(values).dictionary_encode() if name == "aircraft" else pa.array(values)
-        for name, values in columns.items()
-    }
-    column_metadata = {
-        name: {key: str(attributes[key]) for key in _PARQUET_LABELS if key in attributes}
-        for name in columns
-        for attributes in (labels.get(name, {}),)
-    }
-    fields = [pa.field(name, array.type, metadata=column_metadata[name]) for name, array in arrays.items()]
+    arrays, fields = [], []
+    for name, values in columns.items():
+        array = pa.array(values).dictionary_encode() if name == "aircraft" else pa.array(values)
+        attributes = labels.get(name, {})
+        label = {key: str(attributes[key]) for key in _PARQUET_LABELS if key in attributes}
+        arrays.append(array)
+        fields.append(pa.field(name, array.type, metadata=label))
     schema = pa.schema(fields, metadata={key: str(value) for key, value in metadata.items()})
     buffer = io.BytesIO()
-    pq.write_table(pa.Table.from_arrays(list(arrays.values()), schema=schema), buffer, compression="zstd")
+    pq.write_table(pa.Table.from_arrays(arrays, schema=schema), buffer, compression="zstd")
     return buffer.getvalue()
 
 
@@ -120,46 +102,25 @@ def write_campaign_tables(
     `flights.parquet` has a row for each flight: sampled inputs, results, and the worst value over the aircraft
     (infinite if missing for an aircraft). `aircraft.parquet` has a row for each aircraft of each flight.
     `answers.parquet` contains the quantiles and the success probability with confidence intervals, `indices.parquet`
-    the sensitivity indices.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.campaigns.CampaignStore.dataset`.
-    estimates
-        Result of `CampaignEstimates.as_dict`.
-    influences
-        Result of `Influences.as_dict`.
-
-    Raises
-    ------
-    ImportError
-        If pyarrow is not installed.
+    the sensitivity indices. Raises ImportError if pyarrow is not installed.
     """
     attributes = {key: str(value) for key, value in dataset.attrs.items()}
+    labels = {str(name): variable.attrs for name, variable in dataset.variables.items()}
+    labels |= {
+        f"worst_{name}": {"units": dataset[name].attrs.get("units", ""), "long_name": long_name}
+        for name, long_name in _WORST.items()
+    }
+    reasons = {"without": json.dumps(influences["not_computed"])}
     contents = {
-        "flights": encode_parquet(_flights_table(dataset), _labels(dataset) | _worst_labels(dataset), attributes),
-        "aircraft": encode_parquet(_aircraft_table(dataset), _labels(dataset), attributes),
+        "flights": encode_parquet(_flights_table(dataset), labels, attributes),
+        "aircraft": encode_parquet(_aircraft_table(dataset), labels, attributes),
         "answers": encode_parquet(_estimates_table(estimates), {}, attributes | _counts(estimates)),
-        "indices": encode_parquet(
-            _indices_table(influences), {}, attributes | {"without": json.dumps(influences["not_computed"])}
-        ),
+        "indices": encode_parquet(_indices_table(influences), {}, attributes | reasons),
     }
     paths = {folder / f"{name}.parquet": content for name, content in contents.items()}
     for path, content in paths.items():
         write_file(path, content, overwrite=True)
     return tuple(paths)
-
-
-def _labels(dataset: xr.Dataset) -> dict[str, Mapping[str, Any]]:
-    return {str(name): variable.attrs for name, variable in dataset.variables.items()}
-
-
-def _worst_labels(dataset: xr.Dataset) -> dict[str, Mapping[str, Any]]:
-    return {
-        f"worst_{name}": {"units": dataset[name].attrs.get("units", ""), "long_name": long_name}
-        for name, long_name in _WORST.items()
-    }
 
 
 def _flights_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
@@ -183,10 +144,7 @@ def _aircraft_table(dataset: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def _estimates_table(estimates: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    """Return the columns of `answers.parquet`: a row for each quantile, and one for the success probability.
-
-    The latter has the name "met" and no share.
-    """
+    """Return the columns of `answers.parquet`: a row for each quantile, and "met" for the success probability."""
     success = {"name": "met", "words": "every requirement met", "unit": "1", "share": None, "upper": None}
     records = [
         success | {"value": estimates["probability"], "low": estimates["low"], "high": estimates["high"]},
@@ -217,16 +175,11 @@ _MATLAB_LABELS = ("units", "long_name", "frame")
 
 
 def to_mat(dataset: xr.Dataset) -> bytes:
-    """Return a flight as a MATLAB 5 file, readable by MATLAB and Octave.
+    """Return a flight as a MATLAB 5 file, readable by MATLAB and Octave; raises ValueError if a name is invalid there.
 
     Contents: `time_s` (a column), `aircraft` (a cell array of names), every variable as a matrix with a row for each
     time and a column for each aircraft, the structures `units`, `long_name`, `frame` with a field for each variable,
     and the structure `attributes`.
-
-    Raises
-    ------
-    ValueError
-        If a name is not valid in MATLAB.
     """
     matrices = {"time_s": dataset["time"].values[:, None]} | {
         str(name): values.transpose("time", "aircraft").values for name, values in dataset.items()

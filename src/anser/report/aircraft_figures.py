@@ -1,7 +1,4 @@
-"""Figures of an aircraft's response to commands.
-
-Step tests of the autopilot's loops, an overview of several step tests, and path tracking of one aircraft.
-"""
+"""Figures of one aircraft: airframe, deep stall, step tests, path tracking."""
 
 import textwrap
 from collections.abc import Sequence
@@ -11,15 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.labels import axis_label, display_unit, escape_mathtext, math_symbol
+from anser.report.labels import aircraft_title, axis_label, display_unit, escape_mathtext, math_symbol
 from anser.report.style import (
-    DASHED,
+    COMMAND_LINE,
     INK,
     LARGE,
     MUTED,
     PRINT_STYLE,
     SMALL,
     color_of,
+    draw_for_print,
     new_figure,
     save_figure,
     series_style,
@@ -29,15 +27,107 @@ from anser.variables import STANDARD_SURFACES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+_LONGITUDINAL, _LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
+
+
+def draw_airframe(dataset: xr.Dataset, path: Path) -> None:
+    """Draw an airframe (result of `anser.analysis.survey_airframe`) into a new file, PNG, SVG or PDF."""
+    save_figure(draw_for_print(_draw_airframe, dataset), [path])
+
+
+def _draw_airframe(dataset: xr.Dataset) -> "Figure":
+    _, figure = new_figure((9.2, 6.4))
+    grid = figure.subplots(2, 3)
+    heading = f"{escape_mathtext(aircraft_title(dataset))} at an altitude of {dataset.attrs['altitude_m']:g} m"
+    note = "Below, level flight at each airspeed. Lines: within all limits of the airframe; dots: beyond one of them."
+    figure.suptitle(f"{heading}\n{note}", fontsize=SMALL + 2)
+    is_dimensionless = bool(dataset.attrs["dimensionless"])
+    quantity_label = "coefficient" if is_dimensionless else "force (m²), moment (m³) over dynamic pressure"
+    _draw_coefficients(grid[0, 0], dataset["over_alpha"], _LONGITUDINAL, "alpha", quantity_label)
+    _draw_coefficients(grid[0, 1], dataset["over_beta"], _LATERAL, "beta", quantity_label)
+    _draw_thrust(grid[0, 2], dataset)
+    _draw_trim(grid[1, 0], dataset, dataset["trim_alpha_deg"], "angle of attack (°)")
+    _draw_trim(grid[1, 1], dataset, dataset["trim_power"], "power (%)")
+    for k, name in enumerate(dataset["surface"].values):
+        _draw_trim(grid[1, 2], dataset, dataset["trim_surface_deg"].sel(surface=name), "deflection (°)", k, str(name))
+    _draw_legend(grid[1, 2])
+    return figure
+
+
+def _draw_coefficients(axes: "Axes", values: xr.DataArray, names: tuple[str, ...], abscissa: str, y_label: str) -> None:
+    for k, name in enumerate(names):
+        axes.plot(values[abscissa], values.sel(coefficient=name), label=name, **series_style(k))
+    axes.set_xlabel({"alpha": "angle of attack α (°), no sideslip", "beta": "sideslip β (°), α = 2°"}[abscissa])
+    axes.set_ylabel(y_label)
+    _draw_legend(axes)
+
+
+def _draw_legend(axes: "Axes") -> None:
+    """Draw the legend above the panel, where it covers no curve, in at most three columns."""
+    columns = min(3, len(axes.get_legend_handles_labels()[0]))
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, frameon=False, columnspacing=1.0)
+
+
+def _draw_thrust(axes: "Axes", dataset: xr.Dataset) -> None:
+    for k, power in enumerate(dataset["power"].values):
+        thrust = dataset["thrust"].sel(power=power)
+        axes.plot(dataset["airspeed"], thrust, label=f"{power:g} % power", **series_style(k))
+    axes.set_xlabel("airspeed (m/s)")
+    axes.set_ylabel("thrust (N)")
+    _draw_legend(axes)
+
+
+def _draw_trim(
+    axes: "Axes", dataset: xr.Dataset, values: xr.DataArray, y_label: str, k: int = 0, label: str | None = None
+) -> None:
+    """Draw a variable of level flight over airspeed: a line within the limits, dots where a limit is exceeded."""
+    speeds, within = dataset["airspeed"].values, dataset["trimmable"].values
+    line = series_style(k)
+    axes.plot(speeds, np.where(within, values, np.nan), label=label, **line)
+    axes.plot(speeds[~within], values.values[~within], ".", color=line["color"], markersize=3)
+    axes.set_xlabel("airspeed (m/s), level flight")
+    axes.set_ylabel(y_label)
+
+
+def draw_deep_stall(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
+    """Draw a result of `anser.analysis.deep_stall` into new files: Cm over alpha, and the curve of trims."""
+    mpl, figure = new_figure((9.0, 4.2))
+    with mpl.rc_context(PRINT_STYLE):
+        moment_axes, trim_axes = figure.subplots(1, 2)
+        alphas, moments = dataset["alpha"].values, dataset["pitching_moment"].values
+        for k, x_cg in enumerate(dataset["x_cg"].values):
+            moment_axes.plot(alphas, moments[k], color=color_of(k), label=f"{x_cg:g} of chord")
+        moment_axes.axhline(0.0, color=INK, linewidth=0.8)
+        for stable, fill_color, name in ((1, INK, "stable trim"), (0, "white", "unstable trim")):
+            is_selected = dataset["trim_stable"].values == stable
+            x_cg, alpha = (dataset[key].values[is_selected] for key in ("trim_x_cg", "trim_alpha"))
+            marks = {"linestyle": "none", "marker": "o", "color": INK, "markerfacecolor": fill_color, "zorder": 5}
+            moment_axes.plot(alpha, np.zeros_like(alpha), label=name, **marks)
+            trim_axes.plot(x_cg, alpha, **marks)
+        moment_axes.set_xlabel("angle of attack (deg)")
+        moment_axes.set_ylabel("pitching moment coefficient $C_m$")
+        moment_axes.legend(title="centre of gravity")
+        x_cg, alpha = dataset["branch_x_cg"].values, dataset["branch_alpha"].values
+        is_stable = dataset["branch_slope"].values < 0.0
+        trim_axes.plot(x_cg, np.where(is_stable, alpha, np.nan), color=INK, label="stable")
+        trim_axes.plot(x_cg, np.where(is_stable, np.nan, alpha), color=MUTED, linestyle="dashed", label="unstable")
+        trim_axes.set_xlabel("centre of gravity (of chord)")
+        trim_axes.set_ylabel("angle of attack of the trim (deg)")
+        if np.isfinite(x_cg).any():
+            trim_axes.legend()
+        attributes = dataset.attrs
+        aircraft = f"{attributes['aircraft']} ({attributes['variant']})"
+        condition = f"elevator held at {attributes['elevator_deg']:g} deg, no sideslip"
+        figure.suptitle(f"{aircraft}: pitch trims with the {condition}", fontsize=9.5, color=INK)
+        save_figure(figure, paths)
 
 
 _RATES = ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s")
 _PATH = ("path_angle_deg", "course_deg")
-_CHANNELS = {
-    "rates": _RATES,
-    "attitude": ("bank_deg", "alpha_deg", "beta_deg"),
-    "velocity": ("airspeed_m_s", *_PATH),
-}
+_CHANNELS = {"rates": _RATES, "attitude": ("bank_deg", "alpha_deg", "beta_deg"), "velocity": ("airspeed_m_s", *_PATH)}
 _UNCOMMANDED_CHANNELS = {
     "rates": (_CHANNELS["attitude"], _PATH, ("airspeed_m_s",)),
     "attitude": (_RATES, _PATH, ("airspeed_m_s",)),
@@ -60,15 +150,7 @@ _LINE_LENGTH = 22
 
 
 def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
-    """Draw one step test: the channels of the commanded loop with their commands, other variables, and controls.
-
-    Parameters
-    ----------
-    dataset
-        Result of `anser.analysis.fly_steps` for one flight.
-    paths
-        New files, with suffixes of `FIGURE_SUFFIXES`.
-    """
+    """Draw one flight of `anser.analysis.fly_steps` into new files: commanded loop, other variables, and controls."""
     mpl, figure = new_figure((7.6, 5.9))
     with mpl.rc_context(PRINT_STYLE):
         loop = dataset.attrs["loop"]
@@ -91,15 +173,7 @@ def draw_step(dataset: xr.Dataset, paths: Sequence[Path]) -> None:
 
 
 def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None:
-    """Draw the commanded channels of several tests in percent of their steps: a panel for each test, in rows of four.
-
-    Parameters
-    ----------
-    datasets
-        Flights of one aircraft from one trim point.
-    paths
-        New files, with suffixes of `FIGURE_SUFFIXES`.
-    """
+    """Draw the commanded channels of several tests in percent of their steps, a panel for each test."""
     row_count = -(-len(datasets) // 4)
     mpl, figure = new_figure((7.6, 0.7 + 1.75 * row_count))
     with mpl.rc_context(PRINT_STYLE):
@@ -111,15 +185,11 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
                     continue
                 values, step = dataset[name].values, float(dataset[_command(name)].values[0]) - dataset[name].values[0]
                 time, progress = _with_lead(dataset, 100 * (values - values[0]) / step, 0.0)
-                is_before_reading = time <= dataset.attrs["read_at_s"]
-                axes.plot(
-                    time[is_before_reading],
-                    progress[is_before_reading],
-                    **series_style(k),
-                    label=f"{math_symbol(dataset[name])} {_size(dataset, name)}",
-                )
+                is_shown = time <= dataset.attrs["read_at_s"]
+                label = f"{math_symbol(dataset[name])} {_size(dataset, name)}"
+                axes.plot(time[is_shown], progress[is_shown], **series_style(k), label=label)
             end = dataset.attrs["read_at_s"]
-            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], color=INK, linestyle=DASHED, linewidth=0.9, zorder=3)
+            axes.plot([-lead, 0, 0, end], [0, 0, 100, 100], zorder=3, **COMMAND_LINE)
             axes.set_xlim(-_lead(dataset, end), end)
             axes.legend(loc="lower right")
         for axes in grid.flat[len(datasets) :]:
@@ -128,15 +198,12 @@ def draw_overview(datasets: Sequence[xr.Dataset], paths: Sequence[Path]) -> None
             panels[0].set_ylabel("Part of the step (%)")
         for axes in grid[-1]:
             axes.set_xlabel("Time $t$ (s)")
-        figure.suptitle(
-            f"Responses to steps of each channel alone and of a loop's three together\n{_conditions(datasets[0])}",
-            fontsize=LARGE,
-        )
+        heading = "Responses to steps of each channel alone and of a loop's three together"
+        figure.suptitle(f"{heading}\n{_conditions(datasets[0])}", fontsize=LARGE)
         save_figure(figure, paths)
 
 
 def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None:
-    """Draw variables of one unit over time: the responses, and the commands of the commanded variables."""
     unit = str(dataset[names[0]].attrs["units"])
     curves = []
     for k, name in enumerate(names):
@@ -145,17 +212,10 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
         axes.plot(time, values, **line_style, label=_label(dataset[name]))
         curves.append(values)
         if _command(name) in dataset:
-            commanded = name in dataset.attrs["commanded"]
+            is_commanded = name in dataset.attrs["commanded"]
+            look = COMMAND_LINE | ({"label": "command"} if is_commanded else {"label": "held", "color": MUTED})
             _, command = _with_lead(dataset, dataset[_command(name)].values, values[0])
-            axes.step(
-                time,
-                command,
-                where="pre",
-                color=INK if commanded else MUTED,
-                linestyle=DASHED,
-                linewidth=0.9,
-                label="command" if commanded else "held",
-            )
+            axes.step(time, command, where="pre", **look)
             curves.append(command)
     low, high = (float(f(np.concatenate(curves))) for f in (np.min, np.max))
     if np.isfinite([low, high]).all():
@@ -178,20 +238,11 @@ def _shade_after_reading(grid: np.ndarray, dataset: xr.Dataset) -> None:
         return
     for axes in grid.flat:
         axes.axvspan(reading_s, end, color="#8c959f", alpha=0.13, linewidth=0)
-    grid[0, 2].text(
-        end,
-        1.0,
-        f"after the reading at {reading_s:g} s",
-        transform=grid[0, 2].get_xaxis_transform(),
-        fontsize=SMALL,
-        color=MUTED,
-        ha="right",
-        va="bottom",
-    )
+    place: dict[str, Any] = {"transform": grid[0, 2].get_xaxis_transform(), "ha": "right", "va": "bottom"}
+    grid[0, 2].text(end, 1.0, f"after the reading at {reading_s:g} s", fontsize=SMALL, color=MUTED, **place)
 
 
 def _lead(dataset: xr.Dataset, end: float | None = None) -> float:
-    """Return the time shown before the step, s."""
     return 0.04 * (float(dataset["time"].values[-1]) if end is None else end)
 
 
@@ -203,14 +254,11 @@ def _with_lead(dataset: xr.Dataset, values: np.ndarray, initial_value: float) ->
 
 def _command(name: str) -> str:
     """Return the name of the command of a variable: roll_rate_deg_s -> roll_rate_command_deg_s."""
-    for suffix in ("_deg_s", "_m_s", "_deg"):
-        if name.endswith(suffix):
-            return f"{name.removesuffix(suffix)}_command{suffix}"
-    return f"{name}_command"
+    unit = next((unit for unit in ("_deg_s", "_m_s", "_deg") if name.endswith(unit)), "")
+    return f"{name.removesuffix(unit)}_command{unit}"
 
 
 def _label(values: xr.DataArray, unit: str = "") -> str:
-    """Return long name and symbol of a variable, and a unit if given, wrapped."""
     label = textwrap.fill(str(values.attrs["long_name"]), _LINE_LENGTH) + f" {math_symbol(values)}"
     return f"{label} ({unit})" if unit else label
 
@@ -233,46 +281,31 @@ def _conditions(dataset: xr.Dataset) -> str:
     attributes = dataset.attrs
     inversion = {"model": "inversion of the model", "incremental": "incremental inversion"}[attributes["inversion"]]
     variant = f" ({attributes['variant']})" if "variant" in attributes else ""
-    return (
-        f"{attributes['aircraft']}{variant} from level trim at {attributes['speed_m_s']:g} m/s, "
-        f"{attributes['altitude_m']:g} m; {inversion}; commands dashed"
-    )
+    point = f"{attributes['speed_m_s']:g} m/s, {attributes['altitude_m']:g} m"
+    return f"{attributes['aircraft']}{variant} from level trim at {point}; {inversion}; commands dashed"
 
 
 _COMMANDED = ("airspeed_m_s", "path_angle_deg", "course_deg", "bank_deg", "alpha_deg")
 
 
 def draw_tracking(dataset: xr.Dataset, title: str, paths: Sequence[Path]) -> None:
-    """Draw the path tracking of the first aircraft until its arrival.
-
-    Parameters
-    ----------
-    dataset
-        A flight from `anser.results`.
-    title
-        First line of the figure's heading.
-    paths
-        New files, with suffixes of `FIGURE_SUFFIXES`.
-    """
+    """Draw the path tracking of the first aircraft of a flight until its arrival into new files."""
     mpl, figure = new_figure((7.6, 6.2))
-    first_aircraft = dataset.isel(aircraft=0)
-    approach = first_aircraft.isel(
-        time=np.flatnonzero(first_aircraft["time"].values <= float(first_aircraft["arrival_time_s"].values[0]))
-    )
+    approach = dataset.isel(aircraft=0)
+    approach = approach.sel(time=approach["time"] <= float(approach["arrival_time_s"].values[0]))
     with mpl.rc_context(PRINT_STYLE):
         grid = figure.subplots(3, 3)
         _draw_path(grid[0, 0], approach, ("east_m", "north_m"))
         grid[0, 0].set_aspect("equal", adjustable="datalim")
-        _draw_over_time(grid[0, 1], approach, ("altitude_m",), {"altitude_m": "reference_altitude_m"})
-        _draw_over_time(grid[0, 2], approach, ("position_error_m",), {})
+        _draw_over_time(grid[0, 1], approach, "altitude_m", reference="reference_altitude_m")
+        _draw_over_time(grid[0, 2], approach, "position_error_m")
         for axes, name in zip((*grid[1], *grid[2, :2]), _COMMANDED, strict=True):
-            command = name.replace("_m_s", "_command_m_s").replace("_deg", "_command_deg")
-            _draw_over_time(axes, approach, (name,), {name: command})
-        _draw_over_time(grid[2, 2], approach, [f"{name}_deg" for name in surface_names(dataset)], {})
+            _draw_over_time(axes, approach, name, reference=_command(name))
+        _draw_over_time(grid[2, 2], approach, *(f"{name}_deg" for name in surface_names(dataset)))
         for axes in grid[2]:
             axes.set_xlabel("Time $t$ (s)")
         worst = float(approach["position_error_m"].max())
-        note = f"position error {worst:.2f} m at most; what was asked for is dashed"
+        note = f"position error {worst:.2f} m at most; requested values are dashed"
         figure.suptitle(f"{escape_mathtext(title)}\n{note}", fontsize=LARGE)
         figure.align_ylabels()
         save_figure(figure, paths)
@@ -282,31 +315,23 @@ def _draw_path(axes: "Axes", approach: xr.Dataset, names: tuple[str, str]) -> No
     x, y = (approach[name].values for name in names)
     axes.plot(x, y, color=color_of(0), label="flown")
     reference = (approach[f"reference_{name}"].values for name in names)
-    axes.plot(*reference, color=INK, linestyle=DASHED, linewidth=0.9, label="planned")
+    axes.plot(*reference, label="planned", **COMMAND_LINE)
     for set_label, name in zip((axes.set_xlabel, axes.set_ylabel), names, strict=True):
         set_label(axis_label(approach[name]))
     axes.legend(loc="best")
 
 
-def _draw_over_time(axes: "Axes", approach: xr.Dataset, names: Sequence[str], references: dict[str, str]) -> None:
+def _draw_over_time(axes: "Axes", approach: xr.Dataset, *names: str, reference: str | None = None) -> None:
     has_standard_symbols = all(name.removesuffix("_deg") in STANDARD_SURFACES for name in names)
+    time, several = approach["time"].values, len(names) > 1
     for k, name in enumerate(names):
-        variable_label = (
-            f"${approach[name].attrs['symbol']}$" if has_standard_symbols else str(approach[name].attrs["long_name"])
-        )
-        label = variable_label if len(names) > 1 else None
-        axes.plot(approach["time"].values, approach[name].values, **series_style(k), label=label)
-        if name in references:
-            axes.plot(
-                approach["time"].values,
-                approach[references[name]].values,
-                color=INK,
-                linestyle=DASHED,
-                linewidth=0.9,
-                zorder=3,
-            )
-    axes.set_ylabel(
-        axis_label(approach[names[0]]) if len(names) == 1 else f"Deflection ({display_unit(approach[names[0]])})"
-    )
-    if len(names) > 1:
+        attributes = approach[name].attrs
+        label = f"${attributes['symbol']}$" if has_standard_symbols else str(attributes["long_name"])
+        axes.plot(time, approach[name].values, **series_style(k), label=label if several else None)
+    if reference is not None:
+        axes.plot(time, approach[reference].values, zorder=3, **COMMAND_LINE)
+    if several:
+        axes.set_ylabel(f"Deflection ({display_unit(approach[names[0]])})")
         axes.legend(loc="best")
+    else:
+        axes.set_ylabel(axis_label(approach[names[0]]))
