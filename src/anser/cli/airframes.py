@@ -1,7 +1,7 @@
 """Commands about airframes: list, show, check, new."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -104,12 +104,10 @@ def show(
     with activity("trimming"):
         dataset = survey_airframe(aircraft, variant, altitude_m=altitude_m)
     speed_range = trim_speed_range(dataset)
-    level_speeds = (
-        "at no airspeed looked at" if speed_range is None else f"{speed_range[0]:.3g} to {speed_range[1]:.3g}"
-    )
-    quantities.append(
-        (f"level flight at {altitude_m:g} m", level_speeds, "" if speed_range is None else "m/s, within all limits")
-    )
+    level_speeds, unit = "at no airspeed looked at", ""
+    if speed_range is not None:
+        level_speeds, unit = f"{speed_range[0]:.3g} to {speed_range[1]:.3g}", "m/s, within all limits"
+    quantities.append((f"level flight at {altitude_m:g} m", level_speeds, unit))
     from anser.report.aircraft_figures import draw_airframe
 
     write_if_requested("--out", out, force, lambda file: draw_airframe(dataset, file))
@@ -211,12 +209,7 @@ def _report(
                 for item in checked_values
             ],
             "findings": [{"place": item.location, "text": item.text} for item in findings],
-            **{
-                key: [
-                    {"name": item.name, "id": item.id, "units": item.units, "usual": item.initial} for item in variables
-                ]
-                for key, variables in signals.items()
-            },
+            **{key: [_signal_entry(item) for item in variables] for key, variables in signals.items()},
         }
     )
     print_line(_count(name, checked_values, failed))
@@ -229,6 +222,10 @@ def _report(
         problems.append("check data belong to the data of the file: change or delete them with these")
     fail_if_any([*problems, *map(str, findings)])
     print_line("nothing found that looks wrong")
+
+
+def _signal_entry(item: "Variable") -> dict[str, Any]:
+    return {"name": item.name, "id": item.id, "units": item.units, "usual": item.initial}
 
 
 def _count(name: str, checked_values: "tuple[CheckedValue, ...]", failed: "list[CheckedValue]") -> str:

@@ -165,9 +165,8 @@ def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | N
     Without a terminal, a line is printed every minute. The context manager yields a function of a description and the
     completed fraction, 0..1, or None for an unknown fraction.
     """
-    return _progress_display(
-        "starting", 1.0, _description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times()
-    )
+    columns = (_description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
+    return _progress_display("starting", 1.0, *columns)
 
 
 def activity(description: str) -> contextlib.AbstractContextManager[Callable[[str], None]]:

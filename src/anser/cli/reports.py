@@ -48,10 +48,7 @@ def report(
     must_be_writable("--out", target, force)
     if target.name in RUN_FILES:
         raise RefusedError(f"--out: arrived {target}, which holds a run; expected another file, such as report.html")
-    from anser.report.flight_page import (  # late import: errors in the arguments come first
-        write_comparison,
-        write_report,
-    )
+    from anser.report.flight_page import write_comparison, write_report  # late import: wrong arguments come first
 
     runs = [(str(folder), *read_run(folder, argument)) for argument, folder in folders.items()]
     try:
@@ -139,7 +136,8 @@ def _started(start: str) -> datetime:
     return start_time if start_time.tzinfo is not None else start_time.replace(tzinfo=UTC)
 
 
-_AIRCRAFT, _VARIANT, _SPEED_M_S, _ALTITUDE_M = "f16", "textbook", 150.0, 1000.0
+_AIRCRAFT, _VARIANT = "f16", "textbook"
+_STEP_POINT = {"speed_m_s": 150.0, "altitude_m": 1000.0}
 
 
 @help_epilog(
@@ -183,10 +181,8 @@ def figures(
         except ValueError as error:
             raise RefusedError(f"--only: {error}") from None
         with open_output_folder(out, force) as into, activity("drawing"):
-            written = [
-                path.name
-                for path in draw_flight(dataset, "flight", into, selection=selection, figure_format=figure_format)
-            ]
+            paths = draw_flight(dataset, "flight", into, selection=selection, figure_format=figure_format)
+            written = [path.name for path in paths]
     else:
         if only is not None or width is not None or no_title:
             raise RefusedError(
@@ -218,14 +214,7 @@ def _published(out: Path) -> Iterator[Path]:
         for family, dataset in shape_families().items():
             yield from draw_shapes(dataset, family, out)
         tell("flying the step responses")
-        flown = fly_steps(
-            PUBLISHED_STEPS,
-            aircraft=_AIRCRAFT,
-            variant=_VARIANT,
-            speed_m_s=_SPEED_M_S,
-            altitude_m=_ALTITUDE_M,
-            inversion="model",
-        )
+        flown = fly_steps(PUBLISHED_STEPS, aircraft=_AIRCRAFT, variant=_VARIANT, **_STEP_POINT, inversion="model")
         tell("drawing the step responses")
         for flight in flown:
             draw_step(flight.dataset, files := paths(f"step-{flight.test.key}"))

@@ -68,17 +68,8 @@ def trim(
         point = solve(airframe, **condition)
     if point.diagnosis is not None:
         end_without_result("no steady flight", [point.diagnosis])
-    print_document(
-        lambda: {
-            "format_version": 1,
-            **identity,
-            **x_cg,
-            **condition,
-            "quantities": [
-                {"name": name, "value": value, "unit": unit or "1"} for name, value, unit in point.quantities
-            ],
-        }
-    )
+    quantities = [{"name": name, "value": value, "unit": unit or "1"} for name, value, unit in point.quantities]
+    print_document(lambda: {"format_version": 1, **identity, **x_cg, **condition, "quantities": quantities})
     title = f"{airframe_label(identity)} at {speed_m_s:g} m/s, {altitude_m:g} m"
     headings = [*columns("quantity"), *columns("value", justify="right", digits=4), *columns("unit")]
     cg_rows = [("centre of gravity", value, "of chord") for value in x_cg.values()]
@@ -252,13 +243,8 @@ def deep_stall(
 
     with activity("following the trims"):
         try:
-            dataset = compute(
-                variant,
-                x_cg_over_c=cg or CENTRES_OF_GRAVITY,
-                elevator_deg=elevator_deg,
-                alpha_from_deg=alpha_from_deg,
-                altitude_m=altitude_m,
-            )
+            condition = {"elevator_deg": elevator_deg, "alpha_from_deg": alpha_from_deg, "altitude_m": altitude_m}
+            dataset = compute(variant, x_cg_over_c=cg or CENTRES_OF_GRAVITY, **condition)
         except ValueError as error:
             raise RefusedError(f"--{str(error).replace('_', '-')}") from None
     from anser.report.aircraft_figures import draw_deep_stall

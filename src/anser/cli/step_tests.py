@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -166,15 +166,9 @@ def _fly(
     from anser.analysis.step_flights import fly_steps
 
     with trim_progress("flying") as tell:
-        return fly_steps(
-            tests,
-            aircraft=aircraft,
-            variant=variant,
-            speed_m_s=speed_m_s,
-            altitude_m=altitude_m,
-            inversion=inversion,
-            progress=lambda loop: tell(f"flying the {loop} loop"),
-        )
+        condition = {"speed_m_s": speed_m_s, "altitude_m": altitude_m}
+        options: dict[str, Any] = {"inversion": inversion, "progress": lambda loop: tell(f"flying the {loop} loop")}
+        return fly_steps(tests, aircraft=aircraft, variant=variant, **condition, **options)
 
 
 def _name(flights: Sequence["StepTestResult"]) -> str:

@@ -148,15 +148,8 @@ def robustness(
     conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
     with open_output_folder(out, force) as into, progress_bar() as tell:
         try:
-            study = robustness_study(
-                variant,
-                flights=flights,
-                spread=spread / 100,
-                seed=seed,
-                sweep=sweep,
-                conditions=conditions,
-                progress=tell,
-            )
+            options: dict[str, Any] = {"flights": flights, "spread": spread / 100, "seed": seed, "sweep": sweep}
+            study = robustness_study(variant, **options, conditions=conditions, progress=tell)
         except ConditionError as error:
             raise RefusedError(f"--at: arrived {at}; {error}") from None
         tell("writing", 1.0)
@@ -174,15 +167,11 @@ def _rates(data: "xr.Dataset") -> dict[str, dict[str, "SuccessRate"]]:
     dispersed, spread_flights = flights_in_part(data, "dispersed"), flights_in_part(data, "spread")
     masks = {"all": dispersed}
     masks |= {str(meaning): dispersed & (condition == k) for k, meaning in enumerate(data["condition_meaning"].values)}
-    masks |= {
-        f"spread {level:.0f} %": spread_flights & (spread == level) for level in np.unique(spread[spread_flights])
-    }
+    levels = np.unique(spread[spread_flights])
+    masks |= {f"spread {level:.0f} %": spread_flights & (spread == level) for level in levels}
     inversions = [str(name) for name in data["inversion"].values]
-    return {
-        name: {inversion: success(data, inversion, mask) for inversion in inversions}
-        for name, mask in masks.items()
-        if mask.any()
-    }
+    flown = {name: mask for name, mask in masks.items() if mask.any()}
+    return {name: {key: success(data, key, mask) for key in inversions} for name, mask in flown.items()}
 
 
 def _failure_factors(data: "xr.Dataset") -> dict[str, list["FailureCorrelation"]]:

@@ -136,9 +136,8 @@ def _print_sweep(data: "xr.Dataset", sweep_values: dict[str, list[object]]) -> N
     rows = []
     flights = _flights(data, sweep_values)
     for flight in flights[:_PRINTED_ROWS]:
-        value_cells = [
-            f"{flight[path]:g}" if isinstance(flight[path], float) else str(flight[path]) for path in sweep_values
-        ]
+        values = [flight[path] for path in sweep_values]
+        value_cells = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
         results = [flight[key] for key in ("arrival_last_s", "arrival_spread_s", "miss_max_m")]
         failure = flight["reason"] or flight["unmet"] or ("" if flight["met"] else "not all arrived")
         rows.append([*value_cells, *results, failure])

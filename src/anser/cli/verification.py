@@ -108,12 +108,8 @@ def _worst(comparisons: Sequence["Comparison"]) -> list["Comparison"]:
     worst: dict[str, Comparison] = {}
     for comparison in comparisons:
         current = worst.get(comparison.group)
-        tie = comparison.expected is None
-        if (
-            current is None
-            or comparison.severity > current.severity
-            or (tie and comparison.severity == current.severity)
-        ):
+        is_tie = comparison.expected is None and current is not None and comparison.severity == current.severity
+        if current is None or comparison.severity > current.severity or is_tie:
             worst[comparison.group] = comparison
     return list(worst.values())
 

@@ -74,26 +74,24 @@ def _edges(centres: np.ndarray) -> np.ndarray:
 
 
 _DOTS: dict[str, Any] = {"marker": ".", "color": "white", "s": 6.0, "linewidths": 0.0}
-_LOAD_FACTOR, _OUTSIDE_ANGLES, _OUTSIDE_ALTITUDE = (
-    "limited: load factor",
-    "failed: alpha, beta leave the data",
-    "limited: altitude, Mach leave the data",
-)
+_LOAD_FACTOR = ("limited: load factor", "#e8c3d8")
+_OUTSIDE_ANGLES = ("failed: alpha, beta leave the data", "#000000")
+_OUTSIDE_ALTITUDE = ("limited: altitude, Mach leave the data", "#a6a6a6")
 _REASONS = {
     "reached": ("reached", "#009e73"),
     "thrust_max": ("limited: full thrust", "#56b4e9"),
     "thrust_idle": ("limited: idle thrust", "#b5deff"),
     "alpha": ("limited: alpha", "#cc79a7"),
-    "load_factor": (_LOAD_FACTOR, "#e8c3d8"),
-    "unloading": (_LOAD_FACTOR, "#e8c3d8"),
+    "load_factor": _LOAD_FACTOR,
+    "unloading": _LOAD_FACTOR,
     "bank": ("limited: bank", "#0072b2"),
-    "tables_altitude": (_OUTSIDE_ALTITUDE, "#a6a6a6"),
-    "tables_mach": (_OUTSIDE_ALTITUDE, "#a6a6a6"),
+    "tables_altitude": _OUTSIDE_ALTITUDE,
+    "tables_mach": _OUTSIDE_ALTITUDE,
     "body_rates": ("failed: body rates", "#f0e442"),
     "surfaces": ("failed: surface stops", "#e69f00"),
     "surface_rates": ("failed: surface rates", "#d55e00"),
-    "tables_alpha": (_OUTSIDE_ANGLES, "#000000"),
-    "tables_beta": (_OUTSIDE_ANGLES, "#000000"),
+    "tables_alpha": _OUTSIDE_ANGLES,
+    "tables_beta": _OUTSIDE_ANGLES,
     "start_beyond_limits": ("start beyond the autopilot's limits", "#8a5a7a"),
     "unexplained": ("failed: unexplained", "#ff00ff"),
 }
@@ -142,11 +140,8 @@ def _draw_commands(dataset: xr.Dataset) -> "Figure":
     outcome, reason = dataset["outcome"].values, dataset["reason"].values
     has_failed = outcome == dataset["outcome"].attrs["flag_meanings"].split().index("failed")
     label_index = np.where(outcome > 0, label_of_reason[reason], np.nan)
-    label_index = np.where(
-        has_failed & (reason == reasons.index("start_beyond_limits")),
-        labels.index(_FAILED_AFTER_BAD_START),
-        label_index,
-    )
+    failed_after_bad_start = has_failed & (reason == reasons.index("start_beyond_limits"))
+    label_index[failed_after_bad_start] = labels.index(_FAILED_AFTER_BAD_START)
     commands = dataset["command_meaning"].values
     note = "Grey: no steady flight to leave from. Dots: a tenth or more of power and surfaces left."
     envelope_map = EnvelopeMap(dataset, len(commands), 1.2 + 2.1 * len(commands), "Commands flown", note)

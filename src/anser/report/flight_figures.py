@@ -44,20 +44,13 @@ _PLAN = (
     Curve("arrival_time_s"),
 )
 _CURVES = (_ALTITUDE, _AIRSPEED, _BANK, _LOAD_FACTOR, *_GUIDANCE, *_PLAN, *GOAL_VELOCITIES)
-NEEDED_VARIABLES = tuple(
-    dict.fromkeys(
-        (
-            *(
-                f"{prefix}{axis}_m"
-                for prefix in ("", "reference_", "goal_", "rendezvous_")
-                for axis in ("north", "east")
-            ),
-            *(f"velocity_{axis}_m_s" for axis in ("north", "east", "down")),
-            *(name for curve in _CURVES for name in (curve.name, curve.reference) if name is not None),
-            *("range_to_rendezvous_m", "rendezvous_altitude_m", "phase"),
-        )
-    )
+_POSITIONS = tuple(
+    f"{prefix}{axis}_m" for prefix in ("", "reference_", "goal_", "rendezvous_") for axis in ("north", "east")
 )
+_VELOCITIES = tuple(f"velocity_{axis}_m_s" for axis in ("north", "east", "down"))
+_DRAWN = tuple(name for curve in _CURVES for name in (curve.name, curve.reference) if name is not None)
+_OTHERS = ("range_to_rendezvous_m", "rendezvous_altitude_m", "phase")
+NEEDED_VARIABLES = tuple(dict.fromkeys((*_POSITIONS, *_VELOCITIES, *_DRAWN, *_OTHERS)))
 """Variables of a flight that these figures need, besides those of the control surfaces."""
 
 

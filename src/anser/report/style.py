@@ -50,7 +50,10 @@ DASHED = (0, (4, 2))
 COMMAND_LINE: dict[str, Any] = {"color": INK, "linestyle": DASHED, "linewidth": 0.9}
 """Line of planned and commanded values in figures of one aircraft."""
 _LINE_DASHES: tuple[Any, ...] = (
-    *("solid", (0, (6, 1.2, 1.2, 1.2)), (0, (1.3, 1.0)), (0, (3.2, 1.1))),
+    "solid",
+    (0, (6, 1.2, 1.2, 1.2)),
+    (0, (1.3, 1.0)),
+    (0, (3.2, 1.1)),
     (0, (6, 1, 1, 1, 1, 1)),
 )
 _MARKERS, _FILLS = "os^DvPX", ("full", "none", "left")
