@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from anser.report.compression import pack, quantization_step
+from anser.report.flight_data import pack, quantization_step
 
 
 def unpack(text, shapes_and_steps):

@@ -18,6 +18,7 @@ from anser.cli.console import (
     print_problem,
     print_table,
     progress_bar,
+    refuse_on,
 )
 from anser.cli.folders import Force, open_output_folder
 from anser.config.errors import ScenarioError
@@ -64,11 +65,8 @@ def report(
     from anser.campaigns.store_integrity import StoreError
     from anser.report.exports.tables import PARQUET_MISSING, has_parquet
 
-    try:
-        with progress_bar() as tell:
-            written = write_campaign(store, worst, others, tell)
-    except StoreError as error:
-        raise RefusedError(f"FOLDER: {error}") from None
+    with refuse_on(StoreError, "FOLDER: "), progress_bar() as tell:
+        written = write_campaign(store, worst, others, tell)
     print_document(
         lambda: {"format_version": 1, "flown": int(store.flown.size), "files": [str(path) for path in written]}
     )
@@ -96,10 +94,8 @@ def compare(
     from anser.campaigns.comparison import compare_campaigns
     from anser.report.campaign_figures import draw_paired
 
-    try:
+    with refuse_on(ValueError, f"{folder}, {other}: "):
         comparison = compare_campaigns(folder, other)
-    except ValueError as error:
-        raise RefusedError(f"{folder}, {other}: {error}") from None
     if out is not None:
         with open_output_folder(out, force) as into:
             written = draw_paired(comparison.dataset, into)
@@ -151,10 +147,8 @@ def read_campaign_store(folder: Path, argument: str) -> "CampaignStore":
     from anser.campaigns.store import CampaignStore
     from anser.campaigns.store_integrity import StoreError
 
-    try:
+    with refuse_on(StoreError, f"{argument}: "):
         return CampaignStore.open(folder)
-    except StoreError as error:
-        raise RefusedError(f"{argument}: {error}") from None
 
 
 _CAUSES = 8
@@ -186,14 +180,18 @@ def fly(
     from anser.campaigns.campaign_folder import open_campaign_store
     from anser.campaigns.store_integrity import StoreError
 
-    try:
+    with refuse_on(StoreError), _refuse_old_folder(out):
         store = open_campaign_store(study, out, resume=resume, precision=precision)
-    except FileExistsError:
-        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
-    except StoreError as error:
-        raise RefusedError(str(error)) from None
     with _locked(store):
         _fly(store, out, processes, cluster)
+
+
+@contextlib.contextmanager
+def _refuse_old_folder(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileExistsError:
+        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
 
 
 @contextlib.contextmanager
@@ -202,10 +200,8 @@ def _locked(store: "CampaignStore") -> Iterator[None]:
     from anser.campaigns.store_integrity import StoreError
 
     with contextlib.ExitStack() as lock:
-        try:
+        with refuse_on(StoreError):
             lock.enter_context(store.locked())
-        except StoreError as error:
-            raise RefusedError(str(error)) from None
         for message in store.damages:
             print_note(message)
         yield
@@ -362,7 +358,7 @@ def rare(
     from anser.campaigns.store_integrity import StoreError
 
     try:
-        with progress_bar() as tell:
+        with refuse_on(StoreError), _refuse_old_folder(out), progress_bar() as tell:
 
             def told(activity: str, fraction: float | None) -> None:
                 tell(activity, fraction)
@@ -370,10 +366,6 @@ def rare(
                     print_note(activity)
 
             event = flown_event(study, out, resume=resume, processes=processes, progress=told)
-    except FileExistsError:
-        raise RefusedError(f"--out: arrived {out}, which exists; expected a new folder, or --resume") from None
-    except StoreError as error:
-        raise RefusedError(str(error)) from None
     except KeyboardInterrupt:
         if out.exists():
             print_note(f"{out}: {RareStore.open(out, verify_chunks=False).flown} flights; --resume goes on")

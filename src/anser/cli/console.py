@@ -241,6 +241,15 @@ class RefusedError(Exception):
     """Invalid input on the command line; `str()` is the complete message."""
 
 
+@contextlib.contextmanager
+def refuse_on(error_type: type[Exception], prefix: str = "") -> Iterator[None]:
+    """Convert errors of one type in the `with` block to RefusedError; `prefix` names the option or argument."""
+    try:
+        yield
+    except error_type as error:
+        raise RefusedError(f"{prefix}{error}") from None
+
+
 def must_be_in_range(option: str, value: float, low: float, high: float) -> None:
     """Raise RefusedError if a number is outside a range."""
     if not (math.isfinite(value) and low <= value <= high):

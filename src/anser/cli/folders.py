@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from anser.cli.console import RefusedError, print_note
+from anser.cli.console import RefusedError, print_note, refuse_on
 from anser.config.errors import os_error_reason
 from anser.files import new_file, new_folder, remove_empty_folders, staged_folder
 from anser.missions import saved_flights
@@ -136,19 +136,15 @@ __all__ = ["FLIGHT", "PLAN", "RUN_FILES", "SUMMARY", "check_run_folder", "read_f
 
 def check_run_folder(folder: Path, argument: str = "RUN") -> None:
     """Raise RefusedError if a folder is not that of a run; `argument` names the folder on the command line."""
-    try:
+    with refuse_on(RunFolderError, f"{argument}: "):
         saved_flights.check_run_folder(folder)
-    except RunFolderError as error:
-        raise RefusedError(f"{argument}: {error}") from None
 
 
 def read_run(folder: Path, argument: str = "RUN") -> tuple["xr.Dataset", dict[str, Any]]:
     """Return the dataset and summary of a run folder; raises RefusedError if it is not a complete run."""
     check_run_folder(folder, argument)
-    try:
+    with refuse_on(RunFolderError, f"{argument}, "):
         flight = load_flight(folder)
-    except RunFolderError as error:
-        raise RefusedError(f"{argument}, {error}") from None
     return flight.dataset, flight.summary
 
 

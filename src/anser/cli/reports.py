@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.arguments import RunFolder, complete_run
-from anser.cli.console import RefusedError, activity, fail_if_any, print_document, print_line
+from anser.cli.console import RefusedError, activity, fail_if_any, print_document, print_line, refuse_on
 from anser.cli.folders import (
     Force,
     check_run_folder,
@@ -137,7 +137,7 @@ def _started(start: str) -> datetime:
 
 
 _AIRCRAFT, _VARIANT = "f16", "textbook"
-_STEP_POINT = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+_STEP_POINT: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
 
 
 @help_epilog(
@@ -170,16 +170,12 @@ def figures(
         from anser.report.flight_figures import NEEDED_VARIABLES, available_figures, draw_flight, select_figures
         from anser.report.flight_sheet import FigureFormat
 
-        try:
+        with refuse_on(ValueError, "--width: "):
             figure_format = FigureFormat(title=not no_title) if width is None else FigureFormat(width, not no_title)
-        except ValueError as error:
-            raise RefusedError(f"--width: {error}") from None
         dataset, _ = read_flight(run, NEEDED_VARIABLES)
-        try:
+        with refuse_on(ValueError, "--only: "):
             names = available_figures(dataset) if only is None else [name.strip() for name in only.split(",")]
             selection = select_figures(dataset, names)
-        except ValueError as error:
-            raise RefusedError(f"--only: {error}") from None
         with open_output_folder(out, force) as into, activity("drawing"):
             paths = draw_flight(dataset, "flight", into, selection=selection, figure_format=figure_format)
             written = [path.name for path in paths]

@@ -21,6 +21,7 @@ from anser.cli.console import (
     print_line,
     print_note,
     print_table,
+    refuse_on,
     trim_progress,
 )
 from anser.cli.folders import Force, must_be_new_file, note_if_written, open_output_folder, write_if_requested
@@ -70,10 +71,8 @@ def step(
     from anser.analysis.step_flights import step_time_scale
     from anser.analysis.step_tests import step_document, step_test
 
-    try:
+    with refuse_on(ValueError, "--"):
         test = step_test(loop, dict(zip(channel, size, strict=True)), duration_s)
-    except ValueError as error:
-        raise RefusedError(f"--{error}") from None
     if duration_s is None:
         with trim_progress("trimming"):
             time_scale = step_time_scale(aircraft, variant, speed_m_s, altitude_m)

@@ -10,7 +10,6 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import AircraftName, Inversion, SurveyFolder, VariantName
 from anser.cli.console import (
-    RefusedError,
     columns,
     fail_if_any,
     flight_point,
@@ -22,6 +21,7 @@ from anser.cli.console import (
     print_note,
     print_table,
     progress_bar,
+    refuse_on,
 )
 from anser.cli.folders import Force, open_output_folder
 
@@ -147,11 +147,9 @@ def robustness(
 
     conditions = CONDITIONS if at is None else (FlightPoint(*flight_point(at)),)
     with open_output_folder(out, force) as into, progress_bar() as tell:
-        try:
-            options: dict[str, Any] = {"flights": flights, "spread": spread / 100, "seed": seed, "sweep": sweep}
+        options: dict[str, Any] = {"flights": flights, "spread": spread / 100, "seed": seed, "sweep": sweep}
+        with refuse_on(ConditionError, f"--at: arrived {at}; "):
             study = robustness_study(variant, **options, conditions=conditions, progress=tell)
-        except ConditionError as error:
-            raise RefusedError(f"--at: arrived {at}; {error}") from None
         tell("writing", 1.0)
         write_netcdf(study.dataset, into / "robustness.nc")
         draw_robustness(study.dataset, into)

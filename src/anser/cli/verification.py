@@ -9,13 +9,13 @@ import typer
 
 from anser.cli.app import help_epilog
 from anser.cli.console import (
-    RefusedError,
     columns,
     print_document,
     print_line,
     print_problem,
     print_table,
     progress_bar,
+    refuse_on,
 )
 
 if TYPE_CHECKING:
@@ -38,10 +38,8 @@ def verify(
     from anser.verification.suite import select_checks
     from anser.verification.suite import verify as run
 
-    try:
+    with refuse_on(ValueError, "--case: "):
         checks = select_checks(case or None)
-    except ValueError as error:
-        raise RefusedError(f"--case: {error}") from None
     if only_list:
         listed = [{"key": check.key, "title": check.title, "source": check.source} for check in checks]
         print_document(lambda: {"format_version": 1, "checks": listed})

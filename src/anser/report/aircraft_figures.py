@@ -213,9 +213,9 @@ def _draw_panel(axes: "Axes", dataset: xr.Dataset, names: Sequence[str]) -> None
         curves.append(values)
         if _command(name) in dataset:
             is_commanded = name in dataset.attrs["commanded"]
-            look = COMMAND_LINE | ({"label": "command"} if is_commanded else {"label": "held", "color": MUTED})
+            label: dict[str, Any] = {"label": "command"} if is_commanded else {"label": "held", "color": MUTED}
             _, command = _with_lead(dataset, dataset[_command(name)].values, values[0])
-            axes.step(time, command, where="pre", **look)
+            axes.step(time, command, where="pre", **COMMAND_LINE | label)
             curves.append(command)
     low, high = (float(f(np.concatenate(curves))) for f in (np.min, np.max))
     if np.isfinite([low, high]).all():

@@ -136,7 +136,7 @@ def _draw_paired(dataset: xr.Dataset) -> "Figure":
     axes = figure.subplots(len(quantities), 2, squeeze=False)
     for panels, (name, label, unit) in zip(axes, quantities, strict=True):
         first_values, second_values = dataset[name].values
-        _draw_outcomes(panels[0], first_values, second_values, dataset["met"].values.all(axis=0))
+        _draw_outcomes(panels[0], first_values, second_values, np.asarray(dataset["met"].values.all(axis=0)))
         panels[0].axline((0.0, 0.0), slope=1.0, color="0.6", linewidth=0.7)
         panels[0].set_xlabel(f"{label}, first ({unit})")
         panels[0].set_ylabel(f"{label}, second ({unit})")

@@ -95,12 +95,12 @@ def find_flight_margins(dataset: xr.Dataset, summary: Mapping[str, Any]) -> list
     arrivals = {aircraft["name"]: aircraft["arrival_s"] for aircraft in summary["aircraft"]}
     arrival_times = np.array([arrivals.get(str(name)) for name in dataset["aircraft"].values], dtype=float)  # None: NaN
     is_before_arrival = dataset["time"].values[:, np.newaxis] <= np.nan_to_num(arrival_times, nan=np.inf)
-    for name, key, *description in _LIMITS:
+    for name, key, sign, description, unit in _LIMITS:
         limit_values = np.array([aircraft.get(key) for aircraft in limits], dtype=float)
         margins = []
         for limit in dict.fromkeys(limit_values[np.isfinite(limit_values)].tolist()):
             values = np.where(limit_values == limit, dataset[name].values, np.nan)
-            margins.append(_limit(dataset, is_before_arrival, values, limit, *description))
+            margins.append(_limit(dataset, is_before_arrival, values, limit, sign, description, unit))
         flight_margins += sorted(margins, key=_sort_key)[:1]
     return sorted(flight_margins, key=_sort_key)
 
