@@ -52,12 +52,12 @@ def _figure(dataset: xr.Dataset, title: str, size: tuple[float, float]) -> "Figu
 def _draw_success(
     axes: "Axes", dataset: xr.Dataset, positions: np.ndarray, groups: list[np.ndarray], offset: float
 ) -> None:
-    for k, inversion in enumerate(dataset["inversion"].values):
-        rates = [success(dataset, str(inversion), group) for group in groups]
+    for k, inversion in enumerate(map(str, dataset["inversion"].values)):
+        rates = [success(dataset, inversion, group) for group in groups]
         share = np.array([rate.share for rate in rates])
         error_bars = np.array([[rate.share - rate.low for rate in rates], [rate.high - rate.share for rate in rates]])
         x, yerr = positions + (k - 0.5) * offset, _PERCENT * np.nan_to_num(error_bars)
-        look: dict[str, Any] = {"color": _COLORS[str(inversion)], "label": _INVERSION_NAMES[str(inversion)]}
+        look: dict[str, Any] = {"color": _COLORS[inversion], "label": _INVERSION_NAMES[inversion]}
         axes.errorbar(x, _PERCENT * share, yerr=yerr, fmt="o", ms=4, capsize=3, **look)
     axes.set_ylabel("success (percent, interval of 95 %)")
     axes.grid(axis="y", color="#e6e6e6", linewidth=0.6)
@@ -96,12 +96,11 @@ def _error_distributions(dataset: xr.Dataset) -> "Figure":
     figure = _figure(dataset, "Largest error in the last tenth of the flight", (9.0, 3.2))
     panels = figure.subplots(1, len(_CHANNELS), sharey=True)
     for axes, (name, label, limit) in zip(panels, _CHANNELS, strict=True):
-        for inversion in dataset["inversion"].values:
+        for inversion in map(str, dataset["inversion"].values):
             error = dataset[name].sel(inversion=inversion).values[is_dispersed]
             error = np.sort(error[np.isfinite(error)])
             percentage = _PERCENT * np.arange(1, len(error) + 1) / max(len(error), 1)
-            name = str(inversion)
-            axes.step(error, percentage, where="post", color=_COLORS[name], label=_INVERSION_NAMES[name])
+            axes.step(error, percentage, where="post", color=_COLORS[inversion], label=_INVERSION_NAMES[inversion])
         axes.axvline(dataset.attrs[limit], color="#595959", linewidth=0.8, linestyle="--", label="tolerance")
         axes.set_xscale("log")
         axes.set_xlabel(label)
