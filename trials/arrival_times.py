@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from anser.compiling import enable_compilation_cache
+from anser.missions import plan
 from anser.missions.first_plan import CertifiedFirstPlan, arrival_request
 from anser.numerics.arrays import as_array
 from anser.planning.certified.task import AircraftTask, ArrivalRequest
@@ -185,13 +186,15 @@ def arrival_trial(seed: int) -> ArrivalTrial:
     """Plan the task of a seed and compare its arrivals with the reference."""
     scenario, kind = random_scenario(seed)
     started = time.perf_counter()
-    planned = CertifiedFirstPlan.make(scenario, lambda message: None, lambda *_: None, None)
+    planned = plan(scenario)
+    assert isinstance(planned, CertifiedFirstPlan)
     plan_s, n = time.perf_counter() - started, len(scenario.aircraft)
     tasks = planned.padded_tasks
     straight = straight_times(scenario, tasks)
     rise = np.abs((np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n))[:n, 2])
     rate = np.asarray(tasks.limits.climb_rate_max)[:n]
     rule, outcome = scenario.arrival.rule, planned.outcome
+    assert outcome is not None
     if outcome.plan is None:
         reference, arrivals, ratio, verdict = straight[:0], straight[:0], None, "refused"
     else:

@@ -12,7 +12,6 @@ import anser
 from anser.cli.commands import app
 from anser.missions import NoPlanError, run
 from anser.missions.first_plan import arrival_request
-from anser.missions.plan_output import record_plan
 from anser.planning.certified.replanning import CORRECTED, REPLANNED, UNCHANGED
 from anser.scenario import load, loads
 from anser.simulation.closed_loop import AT_GROUND
@@ -185,7 +184,7 @@ def test_anser_plan_uses_the_planner_of_the_scenario():
     planned = anser.plan(loads(f"{crossing.replace('buoy-', 'buoy')}\n{storm}"))
     assert (planned.refusals, planned.problems()) == ((), ())
     assert np.all(planned.plan.feasible)
-    summary = record_plan(planned).summary
+    summary = planned.record().summary
     assert (summary["planner"], summary["bounds"]) == ("certified", "proven")
     assert summary["separation"]["value_m"] >= 500.0
     assert summary["separation"]["bound_ratio"] >= 1.0
@@ -214,9 +213,7 @@ def test_length_and_path_have_the_meaning_of_the_published_planner(flown):
         assert np.all(np.isnan(aircraft.lateral_bend_m))
         assert (entry["lateral_bend_m"], entry["nominal"]) == (None, None)
         assert entry["path"] == f"turns {np.degrees(float(plan.total_turn[k])):.0f} deg"
-    assert [entry["length_m"] for entry in record_plan(flown.planned).summary["aircraft"]] == list(
-        np.asarray(plan.lengths)
-    )
+    assert [entry["length_m"] for entry in flown.planned.record().summary["aircraft"]] == list(np.asarray(plan.lengths))
     assert "NaN" in data.lateral_bend_m.attrs["long_name"]
 
 

@@ -3,7 +3,6 @@
 import pytest
 
 import anser
-from anser.missions.plan_output import record_plan
 from anser.scenario import loads
 from scenario.test_cautions import SHEARED
 
@@ -17,7 +16,7 @@ def test_a_mean_airspeed_different_from_the_fleets_is_noted():
     assert 'aircraft "one" has the longest way and cannot slow down or come down more slowly' in airspeed_note
     assert 'that at the rendezvous differs, by 29.2 m/s for aircraft "one"' in wind_note
     assert planned.problems() == ()
-    summary = record_plan(planned).summary
+    summary = planned.record().summary
     assert summary["notes"] == [airspeed_note, wind_note]
     entry = summary["aircraft"][0]
     # the figure of the note is the one that is planned: the length is flown in the time at it

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.missions.first_plan import UNPROVEN
 from anser.missions.plan_output import record_certified
+from anser.missions.refusal import UNPROVEN
 from anser.planning import PathLimits, TimedPath
 from anser.planning.certified.certified_plan import Certificate, CertifiedPlan
 from anser.planning.certified.path_bounds import PathBounds

@@ -6,7 +6,6 @@ The cases are some of the hundred tasks of trials/test_descents.py.
 import pytest
 
 import anser
-from anser.missions.plan_output import record_published
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import BREAKAWAY
 from support.descents import descending_task, flown_descent
@@ -55,7 +54,7 @@ def test_an_infeasible_level_off_is_reported_with_its_altitude():
     planned = anser.plan(anser.loads(descending_task(0)))
     assert any("hold cannot level off" in problem for problem in planned.problems())
     assert float(planned.limits.level_off_altitude.min()) < 100.0
-    entries = record_published(planned).summary["aircraft"]
+    entries = planned.record().summary["aircraft"]
     margins = [
         next(limit for limit in entry["limits"] if limit["name"] == "level_off_min_m")["margin"] for entry in entries
     ]

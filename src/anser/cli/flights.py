@@ -217,14 +217,13 @@ def plan(
         contextlib.nullcontext() if out is None else open_output_folder(out, force) as into,
         activity("planning") as tell,
     ):
-        from anser.missions.plan_output import record_plan
         from anser.missions.plans import plan as make_plan  # late import: errors in the file come first
         from anser.missions.plans import write_plan
 
         planned = make_plan(scenario_to_plan, tell)
         if planned.refusals:
             end_without_result("no plan", planned.refusals, "no plan: ")
-        recorded = record_plan(planned)
+        recorded = planned.record()
         if into is not None:
             recorded.write_into(into)
             write_plan(planned, into / PLAN)

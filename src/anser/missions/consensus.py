@@ -14,25 +14,22 @@ from anser.missions.first_plan import (
     CertifiedFirstPlan,
     OnProgress,
     PrepareNext,
-    Randomness,
+    aircraft_planner,
     arrival_request,
-    first_plan_status,
+    certified_plan_state,
     initialize_compiled,
-    restored_arguments,
-    trim_and_build_tasks,
-    with_randomness,
+    start_next,
+    trim_and_build_tasks_compiled,
 )
 from anser.numerics.arrays import as_array, select_rows
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify, choose_interval_count
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import interval_count
-from anser.planning.certified.search import SearchOutcome, search
+from anser.planning.certified.search import search
 from anser.planning.certified.task import AircraftTask, ArrivalRequest
 from anser.planning.decentralised.network import Network
 from anser.planning.decentralised.planner import DecentralisedPlanner
-from anser.planning.holds.assignment import assign_holds
-from anser.planning.holds.hold_paths import PlannedHolds, choose_cell_count
-from anser.scenario.build import build_flight
+from anser.planning.holds.hold_paths import PlannedHolds
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import Network as NetworkTable
@@ -42,7 +39,6 @@ from anser.simulation.start import TrimmedFleet
 
 DELAY_FACTORS = (1.0, 1.03, 1.08, 1.15, 1.3)
 """Factors on the first agreed arrival time, proposed in this order."""
-_assign_holds = compiled_quickly(assign_holds)
 
 
 @compiled_quickly
@@ -68,7 +64,7 @@ class Agreement(eqx.Module):
     negotiation_s: Scalar  # duration of the negotiation, s
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, kw_only=True)
 class DecentralisedFirstPlan(CertifiedFirstPlan):
     """First plan of a fleet without a central planner, on which the aircraft have agreed by messages."""
 
@@ -77,7 +73,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
 
     @classmethod
     def make(
-        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
+        cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "DecentralisedFirstPlan":
         """Trim every aircraft and negotiate the first plan.
 
@@ -87,31 +83,26 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         fleet plans anew. The holds follow from the paths by a common rule.
         """
         on_progress("trimming")
-        flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
-        planner = cast(DecentralisedPlanner, flight.planner)
-        fleet, tasks = trim_and_build_tasks(flight, planner.aircraft_planner)
+        fleet, tasks = trim_and_build_tasks_compiled(flight, aircraft_planner(flight))
         check_trimmable(scenario, flight, fleet.is_trimmed)
-        plan, holds, negotiation_s, refusal = negotiate_plan(scenario, flight, tasks, on_progress)
-        if plan is not None:
-            plan_state = CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
+        plan, holds, agreed_after_s, reason = negotiate_plan(scenario, flight, tasks, on_progress)
+        plan_state = None if plan is None else certified_plan_state(plan, holds, tasks.limits)
+        if plan_state is not None:
             program = initialize_compiled.prepare(flight, fleet, plan_state).start()
-            following = prepare_next(flight, program.shapes)
-            if following is not None:
-                following.start()
-        refusals = (refusal,) if refusal else ()
-        airspace = planner.aircraft_planner.airspace
-        return cls(scenario, flight, fleet, refusals, SearchOutcome(plan, 1), tasks, airspace, holds, negotiation_s)
+            start_next(prepare_next, flight, program.shapes)
+        refusals = (reason,) if reason else ()
+        return cls(scenario, flight, fleet, refusals, plan_state, padded_tasks=tasks, agreed_after_s=agreed_after_s)
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "DecentralisedFirstPlan":
         """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
-        planner = cast(DecentralisedPlanner, flight.planner).aircraft_planner
-        arguments = restored_arguments(scenario, flight, fleet, state.plan_state, planner)
-        return cls(*arguments, float(state.negotiation_s))
+        plan_state, agreed_after_s = state.plan_state, float(state.negotiation_s)
+        tasks = aircraft_planner(flight).aircraft_tasks(fleet.reports, plan_state.limits)
+        return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, agreed_after_s=agreed_after_s)
 
     def saved_state(self) -> Agreement:
         """Return the content of a plan file: paths, holds and the duration of the negotiation."""
-        return Agreement(self._plan_state(), as_array(self.agreed_after_s))
+        return Agreement(self._planned_state(), as_array(self.agreed_after_s))
 
     def network_summary(self, time_s: np.ndarray, history: Mapping[str, np.ndarray]) -> dict[str, Any]:
         """Compute the entry `network` of a flight's summary."""
@@ -166,9 +157,8 @@ def negotiate_plan(
 ) -> tuple[CertifiedPlan | None, PlannedHolds | None, float, str]:
     """Negotiate a plan before the flight, see `DecentralisedFirstPlan.make`.
 
-    Returns
-    -------
-    Plan and holds (None without an agreement), duration of the negotiation (s), and the reason for a failure, else "".
+    Returns the plan and the holds (None without an agreement), the duration of the negotiation (s), and the reason for
+    a failure, else "".
     """
     flood = _make_message_flood(scenario, flight, tasks)
     try:
@@ -214,7 +204,7 @@ def _reach_agreement(
     is_fixed = request.times_s is not None
     airspace, latest_s = planner.aircraft_planner.airspace, request.latest_s
     if is_fixed:
-        agreed_times = np.asarray(request.times_s)
+        agreed_times_s = np.asarray(request.times_s)
     else:
         first_arrivals = []
         for k, name in enumerate(names):
@@ -226,26 +216,17 @@ def _reach_agreement(
                 )
             first_arrivals.append(float(np.asarray(first_plan.arrival_times)[k]) - offsets[k])
         flood.broadcast(list(range(len(names))))
-        agreed_times = max(first_arrivals) + offsets
+        agreed_times_s = max(first_arrivals) + offsets
     failure = ""
     for delay_factor in DELAY_FACTORS[:1] if is_fixed else DELAY_FACTORS:
-        times = (agreed_times - offsets) * delay_factor + offsets
-        if np.max(times[: len(names)]) > latest_s:
+        arrival_times_s = (agreed_times_s - offsets) * delay_factor + offsets
+        if np.max(arrival_times_s[: len(names)]) > latest_s:
             break
-        plan, failure = _plan_in_turn(planner, tasks, times, flood, on_progress)
+        plan, failure = _plan_in_turn(planner, tasks, arrival_times_s, flood, on_progress)
         if plan is None:
             continue
         on_progress("choosing the holds")
-        end_time = as_array(scenario.timing.duration_s)
-        holds = _assign_holds(
-            plan.paths,
-            tasks,
-            airspace,
-            planner.aircraft_planner.guidance,
-            as_array(0.0),
-            end_time,
-            choose_cell_count(scenario.timing.duration_s),
-        )
+        holds = planner.aircraft_planner.assign_holds(plan.paths, tasks, 0.0, scenario.timing.duration_s)
         if np.asarray(holds.clear)[: len(names)].all():
             return plan, holds
         failure = "no holds keep the aircraft clear of each other after their arrivals"
@@ -255,7 +236,7 @@ def _reach_agreement(
 def _plan_in_turn(
     planner: DecentralisedPlanner,
     tasks: AircraftTask,
-    times: np.ndarray,
+    arrival_times_s: np.ndarray,
     flood: _MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
@@ -264,23 +245,23 @@ def _plan_in_turn(
     Returns the plan and "", or None and the reason for a failure.
     """
     airspace, plan = planner.aircraft_planner.airspace, None
-    request = ArrivalRequest("times", float(np.max(times)), times_s=times)
-    intervals = choose_interval_count(float(np.max(times)))
+    request = ArrivalRequest("times", float(np.max(arrival_times_s)), times_s=arrival_times_s)
+    intervals = choose_interval_count(float(np.max(arrival_times_s)))
     for k, name in enumerate(flood.names):
-        on_progress(f"{name} plans for its arrival at {times[k]:.1f} s")
+        on_progress(f"{name} plans for its arrival at {arrival_times_s[k]:.1f} s")
         fixed_paths = None
         if plan is not None:
-            fixed_paths = FixedPaths(as_array(np.arange(times.size) < k, bool), plan.paths, plan.arrival_times)
+            fixed_paths = FixedPaths(
+                as_array(np.arange(arrival_times_s.size) < k, bool), plan.paths, plan.arrival_times
+            )
         candidate = search(
             0.0, _single_task(tasks, k), airspace, request, fixed_paths=fixed_paths, intervals=intervals
         ).plan
         if candidate is None:
             flood.broadcast([k])
-            return (
-                None,
-                f'aircraft "{name}" finds no path that arrives at {times[k]:.1f} s and keeps clear of the others',
-            )
-        is_planned = as_array(np.arange(times.size) == k, bool)
+            arrival = f"arrives at {arrival_times_s[k]:.1f} s"
+            return None, f'aircraft "{name}" finds no path that {arrival} and keeps clear of the others'
+        is_planned = as_array(np.arange(arrival_times_s.size) == k, bool)
         ratios = candidate.certificate.clearance_ratio
         plan = candidate if plan is None else _with_aircraft_rows(plan, candidate, is_planned)
         plan = eqx.tree_at(lambda p: p.certificate.clearance_ratio, plan, ratios)

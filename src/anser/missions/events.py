@@ -2,7 +2,7 @@
 
 An event acts in two ways. Its physical effect (thrust or sensor lost, a goal that stops or turns, the time of a
 departure) is built into the flight beforehand, see `anser.scenario.build`. Its effect on the plan is applied here: the
-flight stops at the event's sample and `anser.missions.replanning` plans anew where necessary.
+flight stops at the event's sample and `anser.missions.event_replanning` plans anew where necessary.
 """
 
 import dataclasses
@@ -15,7 +15,7 @@ import jax
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from anser.missions.replanning import (
+from anser.missions.event_replanning import (
     NO_PLAN_MESSAGE,
     EventOutcome,
     FleetSnapshot,
@@ -99,9 +99,7 @@ def reassign_goals(
     The assignment with the least sum of distances is tried first, among aircraft that can still be replanned and can
     arrive in time. If no plan is found, the longest pair is excluded and the next assignment is tried.
 
-    Returns
-    -------
-    Flight, state, goal names of all aircraft, and the outcomes.
+    Returns the flight, the state, the goal names of all aircraft, and the outcomes.
     """
     requests = [event for event in departures if event.goal_taken_over_by is not None]
     if not requests:

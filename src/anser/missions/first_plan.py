@@ -1,45 +1,45 @@
-"""The first plan of a scenario: common interface, and first plans by the certified planner."""
+"""The first plan of a scenario: common interface, and first plans by the published and the certified planner."""
 
 import abc
-import dataclasses
 import functools
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
+import jax
 import numpy as np
-from jaxtyping import Array
 
-from anser.compiling.options import compiled_quickly
+from anser.compiling.options import compiled, compiled_quickly
 from anser.compiling.program import PreparedProgram
-from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal
-from anser.numerics.arrays import as_array, first_rows, unstack_rows
-from anser.numerics.randomness import AbstractRandomness
+from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal, unproven_paths
+from anser.numerics.arrays import as_array, first_rows
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.replanning import FIRST_PLAN
 from anser.planning.certified.search import FleetTask, SearchOutcome
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
+from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.holds.hold_paths import PlannedHolds
-from anser.planning.limits import describe_turns
-from anser.scenario.build import build_flight
+from anser.planning.limits import LIMIT_MESSAGES, PathLimits, describe_bend, describe_turns
+from anser.planning.published.coordination import PLAN_MESSAGES, FleetPlan
+from anser.planning.published.planner import LimitReport, PublishedPlanState, check_limits, separation_min
+from anser.scenario.build_aircraft import build_path_limits
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
-from anser.simulation.flight import Flight, FlightState
-from anser.simulation.start import TrimmedFleet, initialize_flight, trimmed_fleet
-from anser.steady.trim import TrimPoint
+from anser.scenario.schema_aircraft import Aircraft
+from anser.simulation.closed_loop import STATUS_MESSAGES, is_breakaway
+from anser.simulation.flight import Flight, FlightState, statuses
+from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight, trimmed_fleet
 
 if TYPE_CHECKING:
     from anser.missions.plan_output import RecordedPlan
 
-SPEED_TOLERANCE = 1e-3
-"""Relative difference from the preferred airspeed above which a mean airspeed is mentioned in the notes."""
-
+_SPEED_TOLERANCE = 1e-3  # relative difference from the preferred airspeed above which the notes mention a mean airspeed
+_WIND_CHANGE_M_S = 0.5
 
 OnProgress = Callable[[str], None]
 """Callback with a description of the current work."""
-Randomness = AbstractRandomness | None
 PrepareNext = Callable[[Flight, Any], PreparedProgram | None]
 """Callback that prepares the program needed after planning, from a flight and the shapes of its first state."""
 
@@ -58,49 +58,27 @@ class PlanFileError(ValueError):
 
 @dataclass(frozen=True, repr=False)
 class FirstPlan(abc.ABC):
-    """The first plan of a scenario, made before the flight; the printed form lists arrival times and problems.
+    """The first plan of a scenario, made before the flight; the printed form lists arrival times and problems."""
 
-    Attributes
-    ----------
-    scenario
-        Planned scenario.
-    flight
-        Arrays of the flight, padded with inactive aircraft to a multiple of a fixed size.
-    fleet
-        The aircraft of `flight`, trimmed at the start.
-    refusals
-        Reasons for a missing plan, one sentence each; empty if a plan exists.
-    """
-
-    scenario: Scenario
-    flight: Flight
-    fleet: TrimmedFleet
-    refusals: tuple[str, ...]
-    state_type: ClassVar[type]
-    """Type of `saved_state`, by which a plan file is read."""
-
-    @property
-    def trims(self) -> tuple[TrimPoint, ...]:
-        """Trimmed steady flight of each aircraft at its start."""
-        groups = zip(self.flight.groups, self.fleet.trims, strict=True)
-        trims = {
-            position: trim
-            for kind, stacked_trims in groups
-            for position, trim in zip(kind.members, unstack_rows(stacked_trims), strict=True)
-        }
-        return tuple(trims[position] for position in range(len(self.scenario.aircraft)))
+    scenario: Scenario  #: Planned scenario.
+    flight: Flight  #: Arrays of the flight, padded with inactive aircraft to a multiple of a fixed size.
+    fleet: TrimmedFleet  #: The aircraft of `flight`, trimmed at the start.
+    refusals: tuple[str, ...]  #: Reasons for a missing plan, one sentence each; empty if a plan exists.
+    plan_state: Any = None  # the planner's first state with the plan of all aircraft of `flight`; None without a plan
+    start_state: FlightState | None = None  # state of the fleet at the start, if computed together with the plan
+    state_type: ClassVar[type]  # type of `saved_state`, by which a plan file is read
 
     @classmethod
     @abc.abstractmethod
     def make(
-        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
+        cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "FirstPlan":
         """Trim every aircraft at its start and plan; parameters and errors as in `anser.plan`."""
 
     @classmethod
-    @abc.abstractmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "FirstPlan":
         """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
+        return cls(scenario, flight, fleet, (), state)
 
     @functools.cached_property
     @abc.abstractmethod
@@ -119,13 +97,20 @@ class FirstPlan(abc.ABC):
     def path_descriptions(self) -> tuple[str, ...]:
         """Shape of each aircraft's path in two or three words."""
 
-    @abc.abstractmethod
     def initial_state(self) -> FlightState:
         """State of the fleet at the start of the flight, with the plan."""
+        if self.start_state is not None:
+            return self.start_state
+        return initialize_compiled(self.flight, self.fleet, self._planned_state())
 
-    @abc.abstractmethod
     def saved_state(self) -> Any:
         """Return the content of a plan file: a module of arrays. Raises `NoPlanError` if there is no plan."""
+        return self._planned_state()
+
+    def _planned_state(self) -> Any:
+        if self.plan_state is None:
+            raise NoPlanError(self.refusals)
+        return self.plan_state
 
     @abc.abstractmethod
     def record(self) -> "RecordedPlan":
@@ -187,69 +172,185 @@ def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) ->
     return initialize_flight(flight, fleet, flight.planner.initial_state(plan_state, flight.randomness))
 
 
-@compiled_quickly
+def aircraft_planner(flight: Flight) -> CertifiedPlanner:
+    """Return the certified planner of a flight, or of each aircraft in a fleet without a central planner."""
+    return cast("CertifiedPlanner | DecentralisedPlanner", flight.planner).aircraft_planner
+
+
+def start_next(prepare_next: PrepareNext, flight: Flight, shapes: Any) -> None:
+    """Start the compilation of the program needed after planning."""
+    following = prepare_next(flight, shapes)
+    if following is not None:
+        following.start()
+
+
+_start_flight = compiled_quickly(start_flight)
+_separation = compiled(separation_min)
+
+
+@compiled
+def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
+    return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
+
+
+@dataclass(frozen=True, repr=False)
+class PublishedFirstPlan(FirstPlan):
+    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles."""
+
+    state_type = PublishedPlanState
+
+    @classmethod
+    def make(
+        cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
+    ) -> "PublishedFirstPlan":
+        """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
+        on_progress("trimming and planning")
+        start = _start_flight.prepare(flight).start()
+        start_next(prepare_next, flight, start.shapes[0])
+        state, fleet = _start_flight(flight)
+        check_trimmable(scenario, flight, fleet.is_trimmed)
+        return cls(scenario, flight, fleet, (), state.planner, state)
+
+    @functools.cached_property
+    def plan(self) -> FleetPlan:
+        """Plan of the scenario's aircraft."""
+        return first_rows(self._all, len(self.scenario.aircraft))
+
+    @property
+    def _all(self) -> FleetPlan:
+        """Plan of all aircraft of `flight`, the padding included."""
+        return self.plan_state.plan
+
+    @functools.cached_property
+    def limits(self) -> LimitReport:
+        """Extremes of each path and comparison with the scenario's limits; leading axis aircraft."""
+        report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
+        return first_rows(report, len(self.scenario.aircraft))
+
+    @functools.cached_property
+    def separation_min_m(self) -> float | None:
+        """Least planned distance between two aircraft before the arrival, m; None for a single aircraft."""
+        if len(self.scenario.aircraft) == 1:
+            return None
+        return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes on a mean airspeed other than requested, and on the change of the wind on the way."""
+        notes, preferred_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
+        if speed_m_s > preferred_m_s * (1.0 + _SPEED_TOLERANCE):
+            farthest = self.scenario.aircraft[int(self.plan.farthest)].name
+            notes.append(
+                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {preferred_m_s:g} m/s: "
+                f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
+            )
+        changes = {
+            aircraft.name: _wind_change_m_s(self.scenario, aircraft, self.arrival_s)
+            for aircraft in self.scenario.aircraft
+        }
+        name = max(changes, key=lambda aircraft: changes[aircraft])
+        if changes[name] > _WIND_CHANGE_M_S:
+            notes.append(
+                "the plan reckons with the wind where each aircraft starts; that at the rendezvous differs, by "
+                f'{changes[name]:.1f} m/s for aircraft "{name}": lengths and arrival time change as the plan is renewed'
+            )
+        return tuple(notes)
+
+    def problems(self) -> tuple[str, ...]:
+        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        problems, duration_s = [], self.scenario.timing.duration_s
+        if self.arrival_s >= duration_s:
+            problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
+        status_codes, is_stopped = (np.asarray(values) for values in statuses(self.flight, self.initial_state()))
+        plan_statuses, limit_statuses = np.asarray(self.plan.status), np.asarray(self.limits.status)
+        for k, aircraft in enumerate(self.scenario.aircraft):
+            status = int(status_codes[k])
+            if is_stopped[k] or is_breakaway(status):
+                problems.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
+            elif plan_statuses[k]:
+                problems.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(plan_statuses[k])]}')
+            elif limit_statuses[k]:
+                problems.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(limit_statuses[k])]}')
+        return tuple(problems)
+
+    def path_descriptions(self) -> tuple[str, ...]:
+        """Shape of the path of each aircraft: "nominal", "bent left" or "bent right"."""
+        return tuple(describe_bend(float(bend)) for bend in np.asarray(self.plan.lateral_bends))
+
+    def record(self) -> "RecordedPlan":
+        """Sample and summarize the plan."""
+        from anser.missions.plan_output import record_published
+
+        return record_published(self)
+
+
+def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
+    """Magnitude of the difference between the wind at an aircraft's rendezvous and at its start, m/s."""
+    up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
+    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+
+
 def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
     """Trim the fleet at its start and build the planning tasks."""
     fleet = trimmed_fleet(flight)
     return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
 
-def first_plan_status() -> Array:
-    """Status that marks a first plan: index into `REPLANNING_MESSAGES`."""
-    return as_array(FIRST_PLAN, np.int64)
+trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks)
 
 
-UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
-"""Message for a path that is delivered although the certificate does not prove it."""
+def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:
+    """Return the state of the certified planner with a first plan."""
+    return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, kw_only=True)
 class CertifiedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the certified planner.
-
-    Notes
-    -----
-    Outcome, padded tasks and holds contain all aircraft of `flight`, the padding included.
-    """
+    """The first plan of a scenario by the certified planner."""
 
     state_type = CertifiedPlanState
-    outcome: SearchOutcome  # result of the search
-    # input of the search
-    padded_tasks: AircraftTask
-    airspace: Airspace
-    holds: PlannedHolds | None  # paths after the arrivals; None without a plan
+    padded_tasks: AircraftTask  # input of the search, for all aircraft of `flight`
+    outcome: SearchOutcome | None = None  # result of the search; None for a plan without a central search
 
     @classmethod
     def make(
-        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
+        cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "CertifiedFirstPlan":
         """Trim every aircraft and search for a certified plan; if none is found, diagnose the reasons (`refusals`)."""
         on_progress("trimming")
-        flight, count = with_randomness(randomness, build_flight(scenario, pad_fleet=True)), len(scenario.aircraft)
-        planner = cast(CertifiedPlanner, flight.planner)
-        start = trim_and_build_tasks.prepare(flight, planner).start()
-        for program in _prepare_programs(scenario, flight, planner, start.shapes, prepare_next):
-            program.start()
-        fleet, tasks = trim_and_build_tasks(flight, planner)
+        planner, count = aircraft_planner(flight), len(scenario.aircraft)
+        start = trim_and_build_tasks_compiled.prepare(flight, planner).start()
+        _start_programs(scenario, flight, planner, start.shapes, prepare_next)
+        fleet, tasks = trim_and_build_tasks_compiled(flight, planner)
         check_trimmable(scenario, flight, fleet.is_trimmed)
         request = arrival_request(scenario, flight.count)
         outcome, holds = planner.search_plan(0.0, tasks, request, scenario.timing.duration_s, on_progress)
-        refusals: tuple[str, ...] = ()
-        if outcome.plan is None:
-            on_progress("diagnosing the refusal")
-            fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
-            refusals = (
-                diagnose_refusal(scenario, fleet_task, outcome.leading(count))
-                if holds is None
-                else diagnose_missing_holds(scenario, fleet_task, holds)
-            )
-            holds = None
-        return cls(scenario, flight, fleet, refusals, outcome, tasks, planner.airspace, holds)
+        if outcome.plan is not None:
+            plan_state = certified_plan_state(outcome.plan, holds, tasks.limits)
+            return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, outcome=outcome)
+        on_progress("diagnosing the refusal")
+        fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
+        refusals = (
+            diagnose_refusal(scenario, fleet_task, outcome.leading(count))
+            if holds is None
+            else diagnose_missing_holds(scenario, fleet_task, holds)
+        )
+        return cls(scenario, flight, fleet, refusals, padded_tasks=tasks, outcome=outcome)
 
     @classmethod
     def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "CertifiedFirstPlan":
         """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
-        return cls(*restored_arguments(scenario, flight, fleet, state, cast(CertifiedPlanner, flight.planner)))
+        tasks = aircraft_planner(flight).aircraft_tasks(fleet.reports, state.limits)
+        return cls(scenario, flight, fleet, (), state, padded_tasks=tasks)
+
+    @property
+    def airspace(self) -> Airspace:
+        """Wind, required distances and keep-outs of the search."""
+        return aircraft_planner(self.flight).airspace
+
+    @property
+    def holds(self) -> PlannedHolds | None:
+        """Paths after the arrivals, for all aircraft of `flight`; None without a plan."""
+        return None if self.plan_state is None else self.plan_state.holds
 
     @functools.cached_property
     def tasks(self) -> AircraftTask:
@@ -259,24 +360,22 @@ class CertifiedFirstPlan(FirstPlan):
     @functools.cached_property
     def plan(self) -> CertifiedPlan:
         """The plan; raises `NoPlanError` with the reasons if there is no plan."""
-        if self.outcome.plan is None:
-            raise NoPlanError(self.refusals)
-        return self.outcome.plan.leading(len(self.scenario.aircraft))
+        return self._planned_state().plan.leading(len(self.scenario.aircraft))
 
     def problems(self) -> tuple[str, ...]:
         """Reasons for a missing plan, or unproven paths, one sentence each."""
-        if self.outcome.plan is None:
+        if self.plan_state is None:
             return self.refusals
         return unproven_paths(self.scenario, np.asarray(self.plan.feasible))
 
     def notes(self) -> tuple[str, ...]:
         """Mean airspeeds that differ from the preferred airspeeds, in one sentence; empty without a difference."""
-        if self.outcome.plan is None:
+        if self.plan_state is None:
             return ()
         preferred_m_s = np.array([self.scenario.speed_for(aircraft) for aircraft in self.scenario.aircraft])
         plan = self.plan
         planned_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
-        differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > SPEED_TOLERANCE)
+        differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > _SPEED_TOLERANCE)
         if not differing.size:
             return ()
         names = ", ".join(f"{self.scenario.aircraft[k].name} {planned_m_s[k]:.1f} m/s" for k in differing)
@@ -288,39 +387,12 @@ class CertifiedFirstPlan(FirstPlan):
         """Shape of the path of each aircraft, such as "turns 83 deg"."""
         return tuple(describe_turns(math.degrees(float(total_turn))) for total_turn in np.asarray(self.plan.total_turn))
 
-    def initial_state(self) -> FlightState:
-        """State of the fleet at the start of the flight, with the plan."""
-        return initialize_compiled(self.flight, self.fleet, self._plan_state())
-
-    def saved_state(self) -> Any:
-        """Return the content of a plan file: the planner's state."""
-        return self._plan_state()
-
-    def _plan_state(self) -> CertifiedPlanState:
-        if self.outcome.plan is None:
-            raise NoPlanError(self.refusals)
-        return CertifiedPlanState(self.outcome.plan, first_plan_status(), self.holds, self.padded_tasks.limits)
-
     def record(self) -> "RecordedPlan":
         """Sample and summarize the plan with its proven bounds."""
         from anser.missions.plan_output import record_certified
 
         gravity = self.airspace.gravity
         return record_certified(self.scenario, self.plan, self.tasks, gravity, self.holds, self.notes())
-
-
-def restored_arguments(
-    scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: CertifiedPlanState, planner: CertifiedPlanner
-) -> tuple[Scenario, Flight, TrimmedFleet, tuple[str, ...], SearchOutcome, AircraftTask, Airspace, PlannedHolds | None]:
-    """Arguments for the constructor of a `CertifiedFirstPlan` with the plan, holds and limits of a plan file."""
-    outcome, tasks = SearchOutcome(state.plan, 0), planner.aircraft_tasks(fleet.reports, state.limits)
-    return scenario, flight, fleet, (), outcome, tasks, planner.airspace, state.holds
-
-
-def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
-    """One sentence for each aircraft whose path is not proven (`feasible` is False)."""
-    pairs = zip(scenario.aircraft, feasible, strict=True)
-    return tuple(f'aircraft "{aircraft.name}": {UNPROVEN}' for aircraft, is_proven in pairs if not is_proven)
 
 
 def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequest:
@@ -348,15 +420,13 @@ def arrival_request(scenario: Scenario, count: int | None = None) -> ArrivalRequ
     return ArrivalRequest(arrival.rule, scenario.timing.latest_arrival_s, *padded)
 
 
-def with_randomness(source: AbstractRandomness | None, flight: Flight) -> Flight:
-    """Replace a flight's source of random numbers; None leaves it unchanged."""
-    return flight if source is None else dataclasses.replace(flight, randomness=source)
-
-
-def _prepare_programs(
+def _start_programs(
     scenario: Scenario, flight: Flight, planner: CertifiedPlanner, shapes: Any, prepare_next: PrepareNext
-) -> Iterator[PreparedProgram]:
-    """Yield the prepared programs for the planning and for the work after it, from the shapes of fleet and tasks."""
+) -> None:
+    """Start the compilation of the programs for the planning and for the work after it.
+
+    The programs follow from the shapes of fleet and tasks.
+    """
     fleet, tasks = shapes
     longest_s = max(
         math.dist(aircraft.start.position_m, scenario.goal_of(aircraft).position_m(0.0))
@@ -367,16 +437,10 @@ def _prepare_programs(
         scenario.arrival.time_s or 0.0
     ]
     longest_s = max(longest_s, *prescribed_s)
-    planned_shapes = []
-    for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s):
-        planned_shapes.append(program.shapes)
-        yield program
+    planned_shapes = [
+        program.start().shapes for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s)
+    ]
     if planned_shapes:
         plan, holds = planned_shapes
-        program = initialize_compiled.prepare(
-            flight, fleet, CertifiedPlanState(plan, first_plan_status(), holds, tasks.limits)
-        )
-        yield program
-        following = prepare_next(flight, program.shapes)
-        if following is not None:
-            yield following
+        start = initialize_compiled.prepare(flight, fleet, certified_plan_state(plan, holds, tasks.limits)).start()
+        start_next(prepare_next, flight, start.shapes)

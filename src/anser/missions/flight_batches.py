@@ -12,7 +12,13 @@ from jaxtyping import Array
 from anser.compiling.options import compiled, compiled_by_older_generator, enable_compilation_cache
 from anser.config.errors import ScenarioError
 from anser.missions.batches import BATCH, Progress, no_progress
-from anser.missions.first_plan import NoPlanError, arrival_request, first_plan_status
+from anser.missions.first_plan import (
+    NoPlanError,
+    aircraft_planner,
+    arrival_request,
+    certified_plan_state,
+    trim_and_build_tasks,
+)
 from anser.missions.runs import needs_single_flight, precision_problems, run
 from anser.missions.segments import padded_batches, without_replanning
 from anser.missions.series import SeriesSelection
@@ -29,7 +35,7 @@ from anser.shapes import Count
 from anser.simulation.fleet_summary import SummaryRecorder
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
 from anser.simulation.precision import Precision, cast_flight, cast_state
-from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight, trimmed_fleet
+from anser.simulation.start import TrimmedFleet, initialize_flight, start_flight
 
 _REPLAN_BATCH = 8  # flights of a segment that are repeated together, with replanning
 NO_PLAN = "no plan: the certified planner found none within the limits, the separation and the keep-outs"
@@ -54,11 +60,7 @@ def _start_flights(flights: _FlightBatch) -> tuple[FlightState, TrimmedFleet]:
 
 @compiled
 def _trim_and_build_tasks(flights: _FlightBatch) -> tuple[TrimmedFleet, AircraftTask]:
-    def trim(flight: Flight) -> tuple[TrimmedFleet, AircraftTask]:
-        fleet, planner = trimmed_fleet(flight), cast(CertifiedPlanner, flight.planner)
-        return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
-
-    return flights.map(trim)
+    return flights.map(lambda flight: trim_and_build_tasks(flight, aircraft_planner(flight)))
 
 
 @compiled
@@ -248,7 +250,7 @@ def _fly_batch(
         if k in refusals:
             continue
         task = _index_row(tasks, k)
-        planner = cast(CertifiedPlanner, flight.planner)
+        planner = aircraft_planner(flight)
         # flights with equal starts and equal requests share the search
         input_hash = _content_hash((task, planner, arrival_request(case.scenario)))
         if input_hash not in plans_by_input:
@@ -287,7 +289,7 @@ def _find_untrimmable(
 
 def _first_plan(scenario: Scenario, planner: CertifiedPlanner, tasks: AircraftTask) -> CertifiedPlanState | None:
     outcome, holds = planner.search_plan(0.0, tasks, arrival_request(scenario), scenario.timing.duration_s)
-    return None if outcome.plan is None else CertifiedPlanState(outcome.plan, first_plan_status(), holds, tasks.limits)
+    return None if outcome.plan is None else certified_plan_state(outcome.plan, holds, tasks.limits)
 
 
 def _summarize_flights(

@@ -3,14 +3,13 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
-from anser.missions.first_plan import UNPROVEN, FirstPlan, unproven_paths
 from anser.missions.plan_samples import PlannedPath, sample_plan, sample_times
-from anser.missions.plans import PublishedFirstPlan
+from anser.missions.refusal import UNPROVEN, unproven_paths
 from anser.numerics.arrays import take_rows, unstack_rows
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.path_bounds import PathBounds
@@ -26,6 +25,9 @@ from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Goal
 
+if TYPE_CHECKING:
+    from anser.missions.first_plan import PublishedFirstPlan
+
 
 @dataclass(frozen=True)
 class RecordedPlan:
@@ -37,28 +39,14 @@ class RecordedPlan:
     def write_into(self, folder: Path) -> None:
         """Write `plan.json`, `trajectories.csv`, `plan.svg` and `plan.png` into an existing folder.
 
-        Raises
-        ------
-        FileExistsError
-            If one of the files exists.
+        Raises FileExistsError if one of the files exists.
         """
         write_summary(self.summary, folder / "plan.json")
         write_trajectories(self.dataset, folder / "trajectories.csv")
         draw_plan(self.dataset, folder)
 
 
-def record_plan(planned: FirstPlan) -> RecordedPlan:
-    """Sample and summarize a plan from `anser.plan`; the summary is the content of `plan.json`.
-
-    Raises
-    ------
-    NoPlanError
-        If no plan was found.
-    """
-    return planned.record()
-
-
-def record_published(planned: PublishedFirstPlan) -> RecordedPlan:
+def record_published(planned: "PublishedFirstPlan") -> RecordedPlan:
     """Sample and summarize a plan of the published planner."""
     scenario, plan = planned.scenario, planned.plan
     details = PlanDetails(

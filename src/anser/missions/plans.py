@@ -1,178 +1,39 @@
 """Make the first plan of a scenario with the planner that the scenario names; write and read plan files."""
 
-import functools
+import dataclasses
 import hashlib
 import io
 import json
-import math
 import os
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import equinox as eqx
 import jax
 import numpy as np
 
-from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
+from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.files import write_file
 from anser.missions.consensus import DecentralisedFirstPlan
-from anser.missions.first_plan import (
-    SPEED_TOLERANCE,
-    CertifiedFirstPlan,
-    FirstPlan,
-    OnProgress,
-    PlanFileError,
-    PrepareNext,
-    Randomness,
-    initialize_compiled,
-    trim_at_start,
-    with_randomness,
-)
+from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan, PlanFileError, PrepareNext, PublishedFirstPlan
 from anser.missions.saved_flights import PLAN
-from anser.numerics.arrays import as_array, first_rows
+from anser.numerics.arrays import as_array
 from anser.numerics.randomness import AbstractRandomness
-from anser.planning.limits import LIMIT_MESSAGES, describe_bend
-from anser.planning.published.coordination import PLAN_MESSAGES, FleetPlan
-from anser.planning.published.planner import LimitReport, PublishedPlanState, check_limits, separation_min
+from anser.parts.planners import AbstractPlanner
+from anser.planning.certified.planner import CertifiedPlanner
+from anser.planning.decentralised.planner import DecentralisedPlanner
+from anser.planning.published.planner import PublishedPlanner
 from anser.results.checksums import TRAILER_BYTES, DamagedFileError, checksum_trailer, verify_checksum
 from anser.results.documents import version_attributes
 from anser.scenario.build import build_flight
-from anser.scenario.build_aircraft import build_path_limits
 from anser.scenario.files import as_scenario
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_aircraft import Aircraft
-from anser.simulation.closed_loop import STATUS_MESSAGES, is_breakaway
-from anser.simulation.flight import Flight, FlightState, statuses
-from anser.simulation.start import TrimmedFleet, start_flight
+from anser.simulation.start import trimmed_fleet
 
-if TYPE_CHECKING:
-    from anser.missions.plan_output import RecordedPlan
-
-_start_flight = compiled_quickly(start_flight)
-_separation = compiled(separation_min)
-_WIND_CHANGE_M_S = 0.5
-
-
-@compiled
-def _check_path_limits(plan: FleetPlan, limits: Any, gravity: Any) -> LimitReport:
-    return jax.vmap(check_limits, in_axes=(0, None, None))(plan.trajectories, limits, gravity)
-
-
-@dataclass(frozen=True, repr=False)
-class PublishedFirstPlan(FirstPlan):
-    """The first plan of a scenario by the published planner, which never refuses: `problems` lists the obstacles."""
-
-    state_type = PublishedPlanState
-    state: FlightState  # state of the fleet at the start, with the plan
-
-    @classmethod
-    def make(
-        cls, scenario: Scenario, on_progress: OnProgress, prepare_next: PrepareNext, randomness: Randomness
-    ) -> "PublishedFirstPlan":
-        """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
-        on_progress("trimming and planning")
-        flight = with_randomness(randomness, build_flight(scenario, pad_fleet=True))
-        start = _start_flight.prepare(flight).start()
-        next_program = prepare_next(flight, start.shapes[0])
-        if next_program is not None:
-            next_program.start()
-        state, fleet = _start_flight(flight)
-        check_trimmable(scenario, flight, fleet.is_trimmed)
-        return cls(scenario, flight, fleet, (), state)
-
-    @classmethod
-    def restore(cls, scenario: Scenario, flight: Flight, fleet: TrimmedFleet, state: Any) -> "PublishedFirstPlan":
-        """Rebuild the first plan from a trimmed fleet and the content of a plan file (`state`)."""
-        return cls(scenario, flight, fleet, (), initialize_compiled(flight, fleet, state))
-
-    @functools.cached_property
-    def plan(self) -> FleetPlan:
-        """Plan of the scenario's aircraft."""
-        return first_rows(self._all, len(self.scenario.aircraft))
-
-    @property
-    def _all(self) -> FleetPlan:
-        """Plan of all aircraft of `flight`, the padding included."""
-        return self.state.planner.plan
-
-    @functools.cached_property
-    def limits(self) -> LimitReport:
-        """Extremes of each path and comparison with the scenario's limits; leading axis aircraft."""
-        report = _check_path_limits(self._all, build_path_limits(self.scenario), self.flight.environment.gravity)
-        return first_rows(report, len(self.scenario.aircraft))
-
-    @functools.cached_property
-    def separation_min_m(self) -> float | None:
-        """Least planned distance between two aircraft before the arrival, m; None for a single aircraft."""
-        if len(self.scenario.aircraft) == 1:
-            return None
-        return float(np.min(np.asarray(_separation(self._all.trajectories, active=self._all.active))))
-
-    def notes(self) -> tuple[str, ...]:
-        """Notes on a mean airspeed other than requested, and on the change of the wind on the way."""
-        notes, preferred_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
-        if speed_m_s > preferred_m_s * (1.0 + SPEED_TOLERANCE):
-            farthest = self.scenario.aircraft[int(self.plan.farthest)].name
-            notes.append(
-                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {preferred_m_s:g} m/s: "
-                f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
-            )
-        changes = {
-            aircraft.name: _wind_change_m_s(self.scenario, aircraft, self.arrival_s)
-            for aircraft in self.scenario.aircraft
-        }
-        name = max(changes, key=lambda aircraft: changes[aircraft])
-        if changes[name] > _WIND_CHANGE_M_S:
-            notes.append(
-                "the plan reckons with the wind where each aircraft starts; that at the rendezvous differs, by "
-                f'{changes[name]:.1f} m/s for aircraft "{name}": lengths and arrival time change as the plan is renewed'
-            )
-        return tuple(notes)
-
-    def problems(self) -> tuple[str, ...]:
-        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
-        problems, duration_s = [], self.scenario.timing.duration_s
-        if self.arrival_s >= duration_s:
-            problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
-        status_codes, is_stopped = (np.asarray(values) for values in statuses(self.flight, self.state))
-        plan_statuses, limit_statuses = np.asarray(self.plan.status), np.asarray(self.limits.status)
-        for k, aircraft in enumerate(self.scenario.aircraft):
-            status = int(status_codes[k])
-            if is_stopped[k] or is_breakaway(status):
-                problems.append(f'aircraft "{aircraft.name}": {STATUS_MESSAGES[status]}')
-            elif plan_statuses[k]:
-                problems.append(f'aircraft "{aircraft.name}": {PLAN_MESSAGES[int(plan_statuses[k])]}')
-            elif limit_statuses[k]:
-                problems.append(f'aircraft "{aircraft.name}": {LIMIT_MESSAGES[int(limit_statuses[k])]}')
-        return tuple(problems)
-
-    def path_descriptions(self) -> tuple[str, ...]:
-        """Shape of the path of each aircraft: "nominal", "bent left" or "bent right"."""
-        return tuple(describe_bend(float(bend)) for bend in np.asarray(self.plan.lateral_bends))
-
-    def initial_state(self) -> FlightState:
-        """State of the fleet at the start of the flight, with the plan."""
-        return self.state
-
-    def saved_state(self) -> Any:
-        """Return the content of a plan file: the planner's state."""
-        return self.state.planner
-
-    def record(self) -> "RecordedPlan":
-        """Sample and summarize the plan."""
-        from anser.missions.plan_output import record_published
-
-        return record_published(self)
-
-
-def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
-    """Magnitude of the difference between the wind at an aircraft's rendezvous and at its start, m/s."""
-    up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
-    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+_trim_at_start = compiled_quickly(trimmed_fleet)
 
 
 def plan(
@@ -212,13 +73,16 @@ def plan(
     """
     enable_compilation_cache()
     scenario = as_scenario(scenario)
-    return _FIRST_PLANS[scenario.fleet.planner].make(scenario, on_progress, prepare_next, randomness)
+    flight = build_flight(scenario, pad_fleet=True)
+    if randomness is not None:
+        flight = dataclasses.replace(flight, randomness=randomness)
+    return _FIRST_PLANS[type(flight.planner)].make(scenario, flight, on_progress, prepare_next)
 
 
-_FIRST_PLANS: dict[str, type[FirstPlan]] = {
-    "published": PublishedFirstPlan,
-    "certified": CertifiedFirstPlan,
-    "decentralised": DecentralisedFirstPlan,
+_FIRST_PLANS: dict[type[AbstractPlanner], type[FirstPlan]] = {
+    PublishedPlanner: PublishedFirstPlan,
+    CertifiedPlanner: CertifiedFirstPlan,
+    DecentralisedPlanner: DecentralisedFirstPlan,
 }
 _FORMAT = 2
 
@@ -272,12 +136,19 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
             arrays = {name: archive[name] for name in archive.files}
         metadata = json.loads(str(arrays.pop("about")))
         _refuse_foreign_plan(metadata, scenario, path)
-        state = _rebuild_state(_FIRST_PLANS[scenario.fleet.planner].state_type, "", arrays)
+        enable_compilation_cache()
+        flight = build_flight(scenario, pad_fleet=True)
+        plan_type = _FIRST_PLANS[type(flight.planner)]
+        state = _rebuild_state(plan_type.state_type, "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
             raise
         raise PlanFileError(f"{path} cannot be read as a plan ({error})") from None
-    return _first_plan_from_state(scenario, state, path)
+    if flight.count != jax.tree.leaves(state)[0].shape[0]:
+        raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
+    fleet = _trim_at_start(flight)
+    check_trimmable(scenario, flight, fleet.is_trimmed)
+    return plan_type.restore(scenario, flight, fleet, state)
 
 
 def _verify(path: Path) -> None:
@@ -304,16 +175,6 @@ def _refuse_foreign_plan(metadata: dict[str, Any], scenario: Scenario, path: Pat
             f"{path} holds the plan of another scenario ({metadata['planner']}, hash {metadata['scenario_hash']}); "
             f"expected that of this one ({scenario.fleet.planner}, {scenario.hash}): other numbers, another plan"
         )
-
-
-def _first_plan_from_state(scenario: Scenario, state: Any, path: Path) -> FirstPlan:
-    enable_compilation_cache()
-    flight = build_flight(scenario, pad_fleet=True)
-    if flight.count != jax.tree.leaves(state)[0].shape[0]:
-        raise PlanFileError(f"{path} holds a plan of another size than this version of anser makes")
-    fleet = trim_at_start(flight)
-    check_trimmable(scenario, flight, fleet.is_trimmed)
-    return _FIRST_PLANS[scenario.fleet.planner].restore(scenario, flight, fleet, state)
 
 
 def _with_checksum(archive: io.BytesIO) -> bytes:

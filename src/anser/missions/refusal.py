@@ -30,6 +30,16 @@ _TIME_TOLERANCE_S = 0.5
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
 
+UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
+"""Message for a path that is delivered although the certificate does not prove it."""
+
+
+def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
+    """One sentence for each aircraft whose path is not proven (`feasible` is False)."""
+    pairs = zip(scenario.aircraft, feasible, strict=True)
+    return tuple(f'aircraft "{aircraft.name}": {UNPROVEN}' for aircraft, is_proven in pairs if not is_proven)
+
+
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[str, ...]:
     """Return sentences with the reasons that the search found no plan for a scenario's fleet.
 
@@ -39,16 +49,17 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
     conflicts = _conflicting_rendezvous(names, fleet)
     if conflicts:
         return tuple(conflicts)
-    arrivals = outcome.arrivals
-    if arrivals is None:
-        arrivals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s)
-    infeasible = _infeasible_aircraft(names, fleet, arrivals, outcome)
+    arrival_intervals = outcome.arrivals
+    if arrival_intervals is None:
+        arrival_intervals = arrival_sets(fleet.tasks, fleet.airspace, request.latest_s)
+    infeasible = _infeasible_aircraft(names, fleet, arrival_intervals, outcome)
     if infeasible:
         return tuple(infeasible)
     if request.rule in ("together", "earliest", "sequence"):
-        offsets = request.offsets(len(names))
-        if not [1 for a, _ in common_times(arrivals, offsets) if a <= request.latest_s - float(np.max(offsets))]:
-            return (_no_common_time(names, arrivals, offsets, request.latest_s),)
+        offsets, latest_s = request.offsets(len(names)), request.latest_s
+        common = common_times(arrival_intervals, offsets)
+        if all(start > latest_s - float(np.max(offsets)) for start, _ in common):
+            return (_no_common_time(names, arrival_intervals, offsets, latest_s),)
     return (_largest_feasible_separation(names, fleet, outcome),)
 
 
@@ -117,7 +128,7 @@ def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> s
 
 
 def _infeasible_aircraft(
-    names: Sequence[str], fleet: FleetTask, arrivals: Sequence[Intervals], outcome: SearchOutcome
+    names: Sequence[str], fleet: FleetTask, arrival_intervals: Sequence[Intervals], outcome: SearchOutcome
 ) -> list[str]:
     """Sentences about aircraft that cannot meet the request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
@@ -130,7 +141,7 @@ def _infeasible_aircraft(
     for k, name in enumerate(names):
         if is_feasible[k]:
             continue
-        intervals = arrivals[k]
+        intervals = arrival_intervals[k]
         if not intervals:
             refusal = f"cannot arrive within {request.latest_s:.0f} s"
             requested_s = request.latest_s
@@ -196,13 +207,16 @@ def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> 
     return f": the {description} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
 
 
-def _no_common_time(names: Sequence[str], arrivals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float) -> str:
-    interval_starts = [intervals[0][0] - offset for intervals, offset in zip(arrivals, offsets_s, strict=True)]
-    interval_ends = [intervals[-1][1] - offset for intervals, offset in zip(arrivals, offsets_s, strict=True)]
-    latest, earliest = int(np.argmax(interval_starts)), int(np.argmin(interval_ends))
+def _no_common_time(
+    names: Sequence[str], arrival_intervals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float
+) -> str:
+    starts = [intervals[0][0] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
+    ends = [intervals[-1][1] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
+    latest, earliest = int(np.argmax(starts)), int(np.argmin(ends))
+    latest_text, earliest_text = (format_intervals(arrival_intervals[k]) for k in (latest, earliest))
     return (
-        f'no arrival time up to {latest_s:.0f} s is open to all: "{names[latest]}" can arrive '
-        f'{format_intervals(arrivals[latest])}, "{names[earliest]}" {format_intervals(arrivals[earliest])}'
+        f'no arrival time up to {latest_s:.0f} s is open to all: "{names[latest]}" can arrive {latest_text}, '
+        f'"{names[earliest]}" {earliest_text}'
     )
 
 

@@ -69,11 +69,8 @@ def limits_text(
 ) -> str:
     """Limits of the scenario's aircraft as JSON, one object per aircraft.
 
-    Returns
-    -------
-    str
-        Per aircraft the keys of `[limits]` with the effective values (null: no limit), and `surfaces_deg`: lower and
-        upper stop of each control surface by name, deg; surfaces without finite stops are left out.
+    The objects have the keys of `[limits]` with the effective values (null: no limit), and `surfaces_deg`: lower
+    and upper stop of each control surface by name, deg; surfaces without finite stops are left out.
     """
     stops: dict[int, dict[str, list[float]]] = {}
     for group in flight.groups:
@@ -103,20 +100,10 @@ def _prepare(precision: Precision, flight: Flight, state: FlightState) -> Prepar
 
 @dataclass(frozen=True, repr=False)
 class FlightResult(SavedFlight):
-    """A flown scenario: dataset, summary and plan; the printed form lists the arrivals.
+    """A flown scenario: dataset, summary and plan; the printed form lists the arrivals."""
 
-    Attributes
-    ----------
-    dataset, summary
-        As in `SavedFlight`.
-    scenario
-        Scenario of the flight.
-    planned
-        The first plan.
-    """
-
-    scenario: Scenario
-    planned: FirstPlan
+    scenario: Scenario  #: Scenario of the flight.
+    planned: FirstPlan  #: The first plan.
 
     def save(self, folder: Path | str, *, force: bool = False) -> Path:
         """Write `flight.nc`, `summary.json` and `report.html` into a new folder.

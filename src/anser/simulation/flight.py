@@ -57,20 +57,14 @@ class AircraftGroup(eqx.Module):
 
 
 class Flight(eqx.Module):
-    """Complete definition of a flight.
-
-    Attributes
-    ----------
-    groups
-        The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
-    randomness
-        Source of random numbers, from seed and flight number; None: no random numbers may be drawn.
-    """
+    """Complete definition of a flight."""
 
     environment: Environment
+    #: The fleet by aircraft groups. `AircraftGroup.members` maps a group's rows to the fleet's aircraft axis.
     groups: tuple[AircraftGroup, ...]
     planner: AbstractPlanner
     timing: Timing
+    #: Source of random numbers, from seed and flight number; None: no random numbers may be drawn.
     randomness: AbstractRandomness | None = None
 
     @property
@@ -108,18 +102,10 @@ class Flight(eqx.Module):
 
 
 class FlightState(eqx.Module):
-    """State of a flight between two steps.
+    """State of a flight between two steps."""
 
-    Attributes
-    ----------
-    vehicles
-        States of the aircraft by group; leading axis members.
-    planner
-        State of the planner, with the current plan.
-    """
-
-    vehicles: tuple[VehicleState, ...]
-    planner: Any
+    vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
+    planner: Any  #: State of the planner, with the current plan.
 
 
 def assemble(

@@ -217,33 +217,17 @@ class GoalApproach(eqx.Module):
 
 
 class AircraftSample(eqx.Module):
-    """Signals of one aircraft at one sampling instant.
+    """Signals of one aircraft at one sampling instant."""
 
-    Attributes
-    ----------
-    truth, belief
-        True and estimated state.
-    controls, signals
-        Outputs of the controller (surfaces and throttle), and its signals.
-    command, reference_n
-        Command of the guidance, and position that the guidance follows (NED, m).
-    approach
-        Approach to the goal; None for an aircraft without a mission.
-    status
-        Index into `STATUS_MESSAGES`.
-    flow
-        Air flow at the aircraft, without gusts; None in air without gusts.
-    """
-
-    truth: Truth
-    belief: Belief
-    controls: Controls
-    signals: Any
-    command: Any
-    reference_n: Vector3 | None
-    approach: GoalApproach | None
-    status: Count
-    flow: AirFlow | None = None
+    truth: Truth  #: True state.
+    belief: Belief  #: Estimated state.
+    controls: Controls  #: Surfaces and throttle from the controller.
+    signals: Any  #: Signals of the controller.
+    command: Any  #: Command of the guidance.
+    reference_n: Vector3 | None  #: Position that the guidance follows, NED, m.
+    approach: GoalApproach | None  #: Approach to the goal; None for an aircraft without a mission.
+    status: Count  #: Index into `STATUS_MESSAGES`.
+    flow: AirFlow | None = None  #: Air flow at the aircraft, without gusts; None in air without gusts.
 
 
 class FleetSample(eqx.Module):
@@ -284,14 +268,9 @@ class AbstractRecorder(eqx.Module):
     Subclass this class directly, not a concrete recorder.
 
     A sample is the `AircraftSample` of an aircraft flown alone, or the `FleetSample` of a fleet.
-
-    Attributes
-    ----------
-    stride
-        Number of samples between two rows.
     """
 
-    stride: eqx.AbstractVar[int]
+    stride: eqx.AbstractVar[int]  #: Number of samples between two rows.
 
     @abc.abstractmethod
     def init(self, aircraft: int) -> Any:
@@ -307,17 +286,10 @@ class AbstractRecorder(eqx.Module):
 
 
 class History(AbstractRecorder):
-    """Recorder of variables of a fleet, or of one aircraft, over time; one row every `stride` samples.
+    """Recorder of variables of a fleet, or of one aircraft, over time; one row every `stride` samples."""
 
-    Attributes
-    ----------
-    stride
-        Number of samples between two rows.
-    keys
-        Keys of `anser.variables.catalogue`; None: every recorded variable.
-    """
-
-    stride: int = eqx.field(static=True, default=1)
+    stride: int = eqx.field(static=True, default=1)  #: Number of samples between two rows.
+    #: Keys of `anser.variables.catalogue`; None: every recorded variable.
     keys: tuple[str, ...] | None = eqx.field(static=True, default=None)
 
     def init(self, aircraft: int) -> None:
@@ -356,15 +328,10 @@ def scan_steps(
 ) -> tuple[Any, Any, Any]:
     """Run `count` steps in one compiled loop and record a row every `stride` samples.
 
-    Returns
-    -------
-    State after the last step, state of the recorder, and the stacked rows of samples `first_sample`,
+    Returns the state after the last step, the state of the recorder, and the stacked rows of samples `first_sample`,
     `first_sample + stride`, ...
 
-    Raises
-    ------
-    ValueError
-        If the steps are not a multiple of the stride.
+    Raises ValueError if the steps are not a multiple of the stride.
     """
     stride = recorder.stride
     if stride < 1 or count % stride:
@@ -375,24 +342,21 @@ def scan_steps(
         next_state, sample, instant = advance_step(state, number)
         return (next_state, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
 
-    if active_steps is not None:
-        if stride != 1:
-            raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
+    if active_steps is not None and stride != 1:
+        raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
+    empty = None
+    if active_steps is not None or stride > 1:
         empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
-
-        def step_if_active(carry: tuple[Any, Any], step_index: Count) -> tuple[tuple[Any, Any], Any]:
-            return jax.lax.cond(
-                step_index < active_steps, lambda: step(carry, first_sample + step_index), lambda: (carry, empty)
-            )
-
-        (state, recorder_state), records = jax.lax.scan(
-            step_if_active, (state, recorder_state), jnp.arange(count, dtype=first_sample.dtype)
-        )
-        return state, recorder_state, records
-
     if stride == 1:
+
+        def step_if_active(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
+            if active_steps is None:
+                return step(carry, number)
+            is_active = number < first_sample + active_steps
+            return jax.lax.cond(is_active, lambda: step(carry, number), lambda: (carry, empty))
+
         (state, recorder_state), records = jax.lax.scan(
-            step, (state, recorder_state), first_sample + jnp.arange(count, dtype=first_sample.dtype)
+            step_if_active, (state, recorder_state), first_sample + jnp.arange(count, dtype=first_sample.dtype)
         )
         return state, recorder_state, records
 
@@ -401,8 +365,6 @@ def scan_steps(
         next_state, sample, instant = advance_step(state, number)
         first_row = jax.lax.cond(k == 0, lambda: recorder.output(sample, instant), lambda: carry[2][1])
         return (next_state, recorder.update(recorder_state, sample, instant), (number + 1, first_row)), None
-
-    empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
     def block(carry: tuple[Any, Any, Count], _: None) -> tuple[tuple[Any, Any, Count], Any]:
         state, recorder_state, number = carry

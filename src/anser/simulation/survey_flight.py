@@ -1,7 +1,5 @@
 """Survey flights: a step command to one aircraft in trim, of which only extremes and metrics are kept."""
 
-from typing import NamedTuple
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -80,21 +78,6 @@ class SurveySummary(eqx.Module):
     finite: Flag  # whether the final state is finite
 
 
-class SurveySample(NamedTuple):
-    """Values of one sample that `add_sample` adds to the summary."""
-
-    time: ScalarLike
-    error: Vector3
-    alpha: ScalarLike
-    beta: ScalarLike
-    load_factor: ScalarLike
-    surface_share: Vector
-    surface_rate_share: Vector
-    body_rate_share: Vector3
-    limited: Bool[Array, "9"]
-    outside: Bool[Array, "4"]
-
-
 def empty_summary(surface_count: int) -> SurveySummary:
     """Return the summary before the first sample."""
     zero, minimum, maximum = jnp.zeros(3), jnp.asarray(jnp.inf), jnp.asarray(-jnp.inf)
@@ -117,40 +100,6 @@ def empty_summary(surface_count: int) -> SurveySummary:
         limited_before_slip=jnp.zeros(len(AUTOPILOT_LIMITS)),
         left_time=jnp.full(len(TABLE_AXES), jnp.inf),
         finite=jnp.asarray(True),
-    )
-
-
-def add_sample(
-    summary: SurveySummary, sample: SurveySample, size: Vector3, tolerance: Vector3, step: ScalarLike, late: Flag
-) -> SurveySummary:
-    """Add a sample to the running summary; `late` marks the last tenth of the flight.
-
-    Until `finish_summary`, `final_error` is a sum and `settling_time` is the last time outside the tolerance.
-    """
-    stepped = size != 0.0
-    magnitude = jnp.abs(sample.error)
-    overshoot = jnp.where(stepped, -sample.error / jnp.where(stepped, size, 1.0), 0.0)
-    left_time = jnp.where(sample.outside, sample.time, jnp.inf)
-    return SurveySummary(
-        final_error=summary.final_error + jnp.where(late, sample.error, 0.0),
-        final_error_max=jnp.where(late, jnp.maximum(summary.final_error_max, magnitude), summary.final_error_max),
-        settling_time=jnp.where(magnitude > tolerance, sample.time, summary.settling_time),
-        overshoot=jnp.maximum(summary.overshoot, overshoot),
-        coupling=jnp.maximum(summary.coupling, jnp.where(stepped, 0.0, magnitude)),
-        beta_max=jnp.maximum(summary.beta_max, jnp.abs(sample.beta)),
-        alpha_min=jnp.minimum(summary.alpha_min, sample.alpha),
-        alpha_max=jnp.maximum(summary.alpha_max, sample.alpha),
-        load_factor_min=jnp.minimum(summary.load_factor_min, sample.load_factor),
-        load_factor_max=jnp.maximum(summary.load_factor_max, sample.load_factor),
-        surface_share=jnp.maximum(summary.surface_share, sample.surface_share),
-        surface_rate_share=jnp.maximum(summary.surface_rate_share, sample.surface_rate_share),
-        body_rate_share=jnp.maximum(summary.body_rate_share, sample.body_rate_share),
-        limited_time=summary.limited_time + jnp.where(sample.limited, step, 0.0),
-        limited_late=summary.limited_late + jnp.where(sample.limited & late, step, 0.0),
-        limited_before_slip=summary.limited_before_slip
-        + jnp.where(sample.limited & (summary.beta_max <= BETA_BOUND), step, 0.0),
-        left_time=jnp.minimum(summary.left_time, left_time),
-        finite=summary.finite,
     )
 
 
@@ -189,39 +138,6 @@ def finish_summary(summary: SurveySummary, state: MotionState, step: ScalarLike,
             jnp.where(summary.settling_time >= end_time, jnp.inf, summary.settling_time),
             finite,
         ),
-    )
-
-
-def take_sample(
-    sample: AircraftSample,  # sample of an aircraft under `InversionAutopilot` with a commanded velocity loop
-    environment: Environment,
-    time: ScalarLike,
-    limits: FlightLimits,
-    start: FlightCondition,  # condition at the start, inside the airframe's data
-) -> SurveySample:
-    """Extract the values for the summary from an aircraft's sample, including the active autopilot limits."""
-    airframe, state, condition, command = (
-        sample.truth.airframe,
-        sample.truth.state,
-        sample.truth.condition,
-        sample.command,
-    )
-    actuators = airframe.actuators
-    gamma, chi = path_angles(rotate_back(condition.R_bn, state.velocity_b) - condition.wind_n)
-    error = jnp.stack([command.V - condition.air_data.V, command.gamma - gamma, wrap_angle(command.chi - chi)])
-    surface_rates = actuators.rate(state.actuators, sample.controls.surfaces, condition.air_data).position
-    rate_share = jnp.abs(surface_rates) / actuators.rate_limit
-    return SurveySample(
-        time=time,
-        error=error,
-        alpha=condition.air_data.alpha,
-        beta=condition.air_data.beta,
-        load_factor=-condition.wrench.force_b[2] / (airframe.mass_properties.mass * environment.gravity),
-        surface_share=surface_share(airframe, state.surfaces),
-        surface_rate_share=rate_share,
-        body_rate_share=jnp.abs(state.rates_b) / limits.rates_max,
-        limited=jnp.append(_active_limits(sample.belief, limits, sample.signals), jnp.any(rate_share >= 1.0)),
-        outside=outside_axes(airframe, condition, start),
     )
 
 
@@ -305,10 +221,45 @@ class SurveyRecorder(AbstractRecorder):
         return empty_summary(self.surfaces)
 
     def update(self, recorder_state: SurveySummary, sample: AircraftSample, instant: Instant) -> SurveySummary:
-        """Return the summary with one more sample."""
-        survey_sample = take_sample(sample, instant.environment, instant.time, self.limits, self.start)
-        is_final = instant.number >= final_part_start(self.count)
-        return add_sample(recorder_state, survey_sample, self.size, self.tolerance, instant.step, is_final)
+        """Return the summary with one more sample of an aircraft under an autopilot's commanded velocity loop.
+
+        Until `finish_summary`, `final_error` is a sum and `settling_time` is the last time outside the tolerance.
+        """
+        summary, truth, command, step = recorder_state, sample.truth, sample.command, instant.step
+        airframe, state, condition = truth.airframe, truth.state, truth.condition
+        actuators, data = airframe.actuators, condition.air_data
+        gamma, chi = path_angles(rotate_back(condition.R_bn, state.velocity_b) - condition.wind_n)
+        error = jnp.stack([command.V - data.V, command.gamma - gamma, wrap_angle(command.chi - chi)])
+        magnitude, stepped = jnp.abs(error), self.size != 0.0
+        overshoot = jnp.where(stepped, -error / jnp.where(stepped, self.size, 1.0), 0.0)
+        surface_rates = actuators.rate(state.actuators, sample.controls.surfaces, data).position
+        rate_share = jnp.abs(surface_rates) / actuators.rate_limit
+        load_factor = -condition.wrench.force_b[2] / (airframe.mass_properties.mass * instant.environment.gravity)
+        limited = jnp.append(_active_limits(sample.belief, self.limits, sample.signals), jnp.any(rate_share >= 1.0))
+        left_time = jnp.where(outside_axes(airframe, condition, self.start), instant.time, jnp.inf)
+        is_late, before_slip = instant.number >= final_part_start(self.count), summary.beta_max <= BETA_BOUND
+        return SurveySummary(
+            final_error=summary.final_error + jnp.where(is_late, error, 0.0),
+            final_error_max=jnp.where(
+                is_late, jnp.maximum(summary.final_error_max, magnitude), summary.final_error_max
+            ),
+            settling_time=jnp.where(magnitude > self.tolerance, instant.time, summary.settling_time),
+            overshoot=jnp.maximum(summary.overshoot, overshoot),
+            coupling=jnp.maximum(summary.coupling, jnp.where(stepped, 0.0, magnitude)),
+            beta_max=jnp.maximum(summary.beta_max, jnp.abs(data.beta)),
+            alpha_min=jnp.minimum(summary.alpha_min, data.alpha),
+            alpha_max=jnp.maximum(summary.alpha_max, data.alpha),
+            load_factor_min=jnp.minimum(summary.load_factor_min, load_factor),
+            load_factor_max=jnp.maximum(summary.load_factor_max, load_factor),
+            surface_share=jnp.maximum(summary.surface_share, surface_share(airframe, state.surfaces)),
+            surface_rate_share=jnp.maximum(summary.surface_rate_share, rate_share),
+            body_rate_share=jnp.maximum(summary.body_rate_share, jnp.abs(state.rates_b) / self.limits.rates_max),
+            limited_time=summary.limited_time + jnp.where(limited, step, 0.0),
+            limited_late=summary.limited_late + jnp.where(limited & is_late, step, 0.0),
+            limited_before_slip=summary.limited_before_slip + jnp.where(limited & before_slip, step, 0.0),
+            left_time=jnp.minimum(summary.left_time, left_time),
+            finite=summary.finite,
+        )
 
     def output(self, sample: AircraftSample, instant: Instant) -> None:
         """Return None: the recorder stores no rows."""

@@ -14,7 +14,7 @@ from anser.compiling.program import PreparedProgram
 from anser.control.guidance import GuidanceSettings
 from anser.numerics.arrays import any_in_batch, as_array
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, IdleDeceleration, Performance
-from anser.planning.certified.certified_plan import CertifiedPlan, choose_interval_count, plan_at
+from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, choose_interval_count, plan_at
 from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_certified
 from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
@@ -26,7 +26,21 @@ from anser.planning.timed_path import TimedPath
 from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
-_assign_holds = compiled_quickly(assign_holds)
+
+@compiled_quickly
+def _assign_holds(
+    paths: TimedPath,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    guidance: GuidanceSettings,
+    time: Any,
+    end_time: Any,
+    cells: int,
+    former: PlannedHolds | None,
+) -> PlannedHolds:
+    """Assign holds; holds in use (`former`) move with their goals."""
+    moved = None if former is None else move_with_goals(former, tasks, time)
+    return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved)
 
 
 class CertifiedPlanState(eqx.Module):
@@ -57,6 +71,11 @@ class CertifiedPlanner(AbstractPlanner):
     #: Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down, and
     #: for corrections of the path.
     acceleration_reserve: Scalar = eqx.field(default_factory=lambda: as_array(0.0))
+
+    @property
+    def aircraft_planner(self) -> "CertifiedPlanner":
+        """Return the planner itself: the fleet has a central planner (see `DecentralisedPlanner.aircraft_planner`)."""
+        return self
 
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> CertifiedPlanState:
         """Search for a plan with a common arrival time, with holds up to the latest arrival; not traceable by JAX.
@@ -108,34 +127,55 @@ class CertifiedPlanner(AbstractPlanner):
         request: ArrivalRequest,  # arrival rule
         end_time: float,  # end of the flight, s, up to which the holds keep the separation
         on_progress: Callable[[str], None] = lambda message: None,  # callback for progress messages
+        *,
+        fixed_paths: FixedPaths | None = None,  # paths of other aircraft that stay
+        intervals: int | None = None,  # number of intervals of the paths; None: by their duration
+        hold_tasks: AircraftTask | None = None,  # tasks of all flying aircraft, which all need holds; None: `tasks`
+        former_holds: PlannedHolds | None = None,  # holds in use; None before the flight
     ) -> tuple[SearchOutcome, PlannedHolds | None]:
-        """Search for a first plan and its holds.
+        """Search for a plan and its holds.
 
         Returns the outcome, and the holds. Without a plan: the holds of the closest attempt, None if no attempt was
         feasible up to the arrivals. For the reasons of a missing plan, see `anser.missions.refusal`.
         """
         tried: list[tuple[CertifiedPlan, PlannedHolds]] = []
+        hold_tasks = tasks if hold_tasks is None else hold_tasks
 
         def check_holds(plan: CertifiedPlan) -> np.ndarray:
             on_progress("choosing the holds")
-            holds = _assign_holds(*self._hold_arguments(plan.paths, tasks, time, end_time))
+            holds = self.assign_holds(plan.paths, hold_tasks, time, end_time, former_holds)
             tried.append((plan, holds))
             return ~np.asarray(holds.clear)
 
-        outcome = search(time, tasks, self.airspace, request, on_progress=on_progress, failed_after_arrival=check_holds)
+        outcome = search(
+            time,
+            tasks,
+            self.airspace,
+            request,
+            on_progress=on_progress,
+            failed_after_arrival=check_holds,
+            fixed_paths=fixed_paths,
+            intervals=intervals,
+        )
         selected_plan = outcome.plan_without_holds if outcome.plan is None else outcome.plan
         return outcome, next((holds for plan, holds in tried if plan is selected_plan), None)
 
-    def _hold_arguments(self, paths: TimedPath, tasks: AircraftTask, time: float, end_time: float) -> tuple[Any, ...]:
-        return (
-            paths,
-            tasks,
-            self.airspace,
-            self.guidance,
-            as_array(time),
-            as_array(end_time),
-            choose_cell_count(end_time),
-        )
+    def assign_holds(
+        self,
+        paths: TimedPath,
+        tasks: AircraftTask,
+        time: float,
+        end_time: float,  # end of the flight, s, up to which the holds keep the separation
+        former: PlannedHolds | None = None,  # holds in use
+    ) -> PlannedHolds:
+        """Assign holds to the paths of a plan made at a time (s), by a compiled program."""
+        return _assign_holds(*self._hold_arguments(paths, tasks, time, end_time, former))
+
+    def _hold_arguments(
+        self, paths: TimedPath, tasks: AircraftTask, time: float, end_time: float, former: PlannedHolds | None = None
+    ) -> tuple[Any, ...]:
+        cells = choose_cell_count(end_time) if former is None else former.paths.times.shape[1] - 1
+        return paths, tasks, self.airspace, self.guidance, as_array(time), as_array(end_time), cells, former
 
     def prepare_programs(
         self,

@@ -1,7 +1,7 @@
 """Replanning in flight: correction or replacement of a certified plan, and the exit path of a departing aircraft.
 
 The compiled planner calls `replan_certified` periodically; the replanning after an event, outside the loop, is
-`anser.missions.replanning`. Velocity and acceleration stay continuous throughout.
+`anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
 """
 
 from collections.abc import Callable

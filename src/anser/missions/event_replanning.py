@@ -8,7 +8,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,15 +17,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from anser.compiling.options import compiled_quickly
+from anser.missions.first_plan import aircraft_planner
 from anser.numerics.arrays import as_array
 from anser.parts.perception import Instant
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
-from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
+from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
-from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, ArrivalRequest, KeepOuts
-from anser.planning.holds.assignment import assign_holds
-from anser.planning.holds.hold_paths import move_with_goals
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
@@ -53,7 +51,7 @@ def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSna
     arrive, or departed). `flight` must include the departures applied so far.
     """
     instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
-    planner, plan_state = _planner(flight), state.planner
+    planner, plan_state = aircraft_planner(flight), state.planner
     _, reports = fleet_reports(flight, state, instant)
     plan, time = plan_state.plan, instant.time
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
@@ -91,12 +89,10 @@ def plan_exit(
 
     If no turn keeps the separation, the turn with the greatest clearance ratio is flown.
 
-    Returns
-    -------
-    The plan in force with the exit path, whose arrival time is the end of the flight; and the clearance ratio of each
-    turn: the least ratio of its distances from the other paths to the separation (at least 1: separated).
+    Returns the plan in force with the exit path, whose arrival time is the end of the flight; and the clearance ratio
+    of each turn: the least ratio of its distances from the other paths to the separation (at least 1: separated).
     """
-    planner, plan_state = _planner(flight), state.planner
+    planner, plan_state = aircraft_planner(flight), state.planner
     plan, time = plan_state.plan, number * flight.timing.step
     airspace, tasks = planner.airspace, take_snapshot(flight, state, number).flying_tasks
     local_path = jax.tree.map(lambda leaf: leaf[aircraft], plan.paths)
@@ -127,15 +123,6 @@ NO_PLAN_MESSAGE = "no new plan within the limits, the separation and the keep-ou
 _ACCELERATION_M_S2 = 2.0  # reached by the F-16's engine 3 s after idling; full thrust takes about 5 s
 _take_snapshot = compiled_quickly(take_snapshot)
 _plan_exit = compiled_quickly(plan_exit)
-
-
-@compiled_quickly
-def _assign_holds(
-    paths: Any, tasks: Any, airspace: Any, guidance: Any, time: Any, end_time: Any, cells: int, former_holds: Any
-) -> Any:
-    """Assign holds to a plan made during the flight; holds in use move with their goals."""
-    moved_holds = None if former_holds is None else move_with_goals(former_holds, tasks, time)
-    return assign_holds(paths, tasks, airspace, guidance, time, end_time, cells, moved_holds)
 
 
 @compiled_quickly
@@ -215,11 +202,6 @@ class _OutcomeOf:
         return EventOutcome(self.event.time_s, self.event.kind, self.whom, planned, message)
 
 
-def _planner(flight: Flight) -> CertifiedPlanner:
-    # The published planner allows no events; with a decentralised one, `apply_event` needs no planner.
-    return cast(CertifiedPlanner, flight.planner)
-
-
 def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:
     """Turns to try for a departing aircraft, rad: onto its prescribed course, or else `EXIT_TURNS`.
 
@@ -241,7 +223,7 @@ def _air_velocity(paths: TimedPath, aircraft: Any, time: Any) -> Any:
 
 def _with_keep_out(scenario: Scenario, flight: Flight, event: Event) -> Flight:
     """Write a new keep-out into the planner's table, in the row reserved for this event."""
-    appeared, volumes = event.keep_out, _planner(flight).airspace.keep_outs
+    appeared, volumes = event.keep_out, aircraft_planner(flight).airspace.keep_outs
     assert appeared is not None
     earlier = [keep_out_event for keep_out_event in scenario.event if keep_out_event.kind == event.kind]
     index = len(scenario.keep_out) + earlier.index(event)
@@ -287,7 +269,7 @@ def _replan_if_needed(
     snapshot = snapshot_at(flight, state, number)
     can_replan = np.asarray(snapshot.tasks.active) > 0.0
     times_s = np.asarray(plan_state.plan.arrival_times)
-    planner = _planner(flight)
+    planner = aircraft_planner(flight)
     limited_tasks = _with_limits(snapshot.flying_tasks, planner.correction_limits(plan_state.limits))
     certificate = _certificate(plan_state.plan, limited_tasks, planner.airspace, as_array(now_s))
     is_satisfied = np.asarray(certificate.satisfied)
@@ -386,43 +368,24 @@ def _search_plan(
     Each request is tried with gentle accelerations first, then with the limits of a corrected path. Arrived and
     departed aircraft keep their paths.
     """
-    plan_state, planner = state.planner, _planner(flight)
+    plan_state, planner = state.planner, aircraft_planner(flight)
     can_replan = np.asarray(snapshot.tasks.active) > 0.0
-    intervals = interval_count(plan_state.plan.paths)
-    end_time, cells = as_array(scenario.timing.duration_s), plan_state.holds.paths.times.shape[1] - 1
-    attempts: list[tuple[CertifiedPlan, Any]] = []
-
-    def find_missing_holds(plan: CertifiedPlan) -> np.ndarray:
-        holds = _assign_holds(
-            plan.paths,
-            snapshot.flying_tasks,
-            planner.airspace,
-            planner.guidance,
-            as_array(now_s),
-            end_time,
-            cells,
-            plan_state.holds,
-        )
-        attempts.append((plan, holds))
-        return ~np.asarray(holds.clear)
-
     times_s = np.asarray(plan_state.plan.arrival_times)
+    requests = _requests(scenario, times_s, can_replan, now_s, target_times_s)
     limit_sets = _with_gentle_acceleration(plan_state.limits), planner.correction_limits(plan_state.limits)
-    for request, limits in itertools.product(
-        _requests(scenario, times_s, can_replan, now_s, target_times_s), limit_sets
-    ):
-        outcome: SearchOutcome = search(
+    for request, limits in itertools.product(requests, limit_sets):
+        outcome, holds = planner.search_plan(
             now_s,
             _with_limits(snapshot.tasks, limits),
-            planner.airspace,
             request,
-            on_progress=on_progress,
-            failed_after_arrival=find_missing_holds,
+            scenario.timing.duration_s,
+            on_progress,
             fixed_paths=snapshot.fixed_paths,
-            intervals=intervals,
+            intervals=interval_count(plan_state.plan.paths),
+            hold_tasks=snapshot.flying_tasks,
+            former_holds=plan_state.holds,
         )
         if outcome.plan is not None:
-            holds = next(holds for plan, holds in attempts if plan is outcome.plan)
             replanning_status = as_array(REPLANNED, np.asarray(plan_state.replanning).dtype)
             return replace_plan(state, CertifiedPlanState(outcome.plan, replanning_status, holds, plan_state.limits))
     return None
