@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from anser.missions import events as events_module
-from anser.missions.events import EventSchedule
 from anser.missions.event_replanning import NO_PLAN_MESSAGE, EventOutcome
+from anser.missions.events import EventSchedule
 from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.scenario import loads
 from missions.test_goal_reassignment import text

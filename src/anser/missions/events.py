@@ -106,64 +106,44 @@ def reassign_goals(
         return flight, state, tuple(goals), []
     on_progress("looking for aircraft that take over a goal")
     names, now_s = [aircraft.name for aircraft in scenario.aircraft], number * scenario.timing.step_s
+    event_of = {names.index(str(event.aircraft)): event for event in requests}
     fleet = _FleetGoals(
         scenario, tuple(goals), snapshot_at(flight, state, number), np.asarray(state.planner.plan.arrival_times), now_s
     )
-    open_goals: list[tuple[int, Event]] = []
+    open_goals: list[int] = []  # aircraft that have left a goal to which nobody else flies
+
+    def outcome(aircraft: int, is_planned: bool, message: str) -> EventOutcome:
+        return EventOutcome(now_s, GOAL_TAKEN_OVER, names[aircraft], is_planned, message)
+
+    def without_successor(departed: int) -> EventOutcome:
+        return outcome(departed, False, f'no aircraft can take over its goal "{goals[departed]}" in time')
+
     outcomes: list[EventOutcome] = []
-    for event in requests:
-        departed = names.index(str(event.aircraft))
+    for departed in event_of:
         remaining = fleet.aircraft_with_goal(goals[departed])
         if remaining:
             message = f'its goal "{goals[departed]}" is not free: "{remaining[0]}" flies to it'
-            outcomes.append(EventOutcome(now_s, GOAL_TAKEN_OVER, names[departed], True, message))
+            outcomes.append(outcome(departed, True, message))
         else:
-            open_goals.append((departed, event))
-    distances = fleet.distances_m(open_goals)
+            open_goals.append(departed)
+    distances = fleet.distances_m([(departed, event_of[departed]) for departed in open_goals])
     while np.any(distances < _INFEASIBLE_M):
         takers, columns = linear_sum_assignment(distances)
         pairs = [(int(r), int(c)) for r, c in zip(takers, columns, strict=True) if distances[r, c] < _INFEASIBLE_M]
+        givers = {taker: open_goals[column] for taker, column in pairs}
         reassigned_flight, reassigned_state = flight, state
-        for taker, column in pairs:
-            reassigned_flight, reassigned_state = _hand_over_goal(
-                reassigned_flight, reassigned_state, open_goals[column][0], taker
-            )
+        for taker, giver in givers.items():
+            reassigned_flight, reassigned_state = _hand_over_goal(reassigned_flight, reassigned_state, giver, taker)
         replanned_state = replan_fleet(scenario, reassigned_flight, reassigned_state, number, on_progress)
         if replanned_state is not None:
-            new_goals = list(goals)
-            for taker, column in pairs:
-                new_goals[taker] = goals[open_goals[column][0]]
-            handovers = [
-                EventOutcome(
-                    now_s,
-                    GOAL_TAKEN_OVER,
-                    names[taker],
-                    True,
-                    f'goes to the goal "{new_goals[taker]}" of "{names[open_goals[column][0]]}" instead of '
-                    f'"{goals[taker]}"',
-                )
-                for taker, column in pairs
-            ]
-            unassigned = sorted(set(range(len(open_goals))) - {column for _, column in pairs})
-            return (
-                reassigned_flight,
-                replanned_state,
-                tuple(new_goals),
-                [*outcomes, *handovers, *(_no_successor(now_s, *open_goals[c], goals) for c in unassigned)],
-            )
-        taker, column = max(pairs, key=lambda pair: distances[pair])
-        distances[taker, column] = _INFEASIBLE_M
-    return flight, state, tuple(goals), [*outcomes, *(_no_successor(now_s, *goal, goals) for goal in open_goals)]
-
-
-def _no_successor(now_s: float, departed: int, event: Event, goals: Sequence[str]) -> EventOutcome:
-    return EventOutcome(
-        now_s,
-        GOAL_TAKEN_OVER,
-        str(event.aircraft),
-        False,
-        f'no aircraft can take over its goal "{goals[departed]}" in time',
-    )
+            new_goals = tuple(goals[givers.get(aircraft, aircraft)] for aircraft in range(len(goals)))
+            for taker, giver in givers.items():
+                message = f'goes to the goal "{goals[giver]}" of "{names[giver]}" instead of "{goals[taker]}"'
+                outcomes.append(outcome(taker, True, message))
+            unassigned = [departed for departed in open_goals if departed not in givers.values()]
+            return reassigned_flight, replanned_state, new_goals, [*outcomes, *map(without_successor, unassigned)]
+        distances[max(pairs, key=lambda pair: distances[pair])] = _INFEASIBLE_M
+    return flight, state, tuple(goals), [*outcomes, *map(without_successor, open_goals)]
 
 
 def _hand_over_goal(flight: Flight, state: FlightState, giver: int, taker: int) -> tuple[Flight, FlightState]:

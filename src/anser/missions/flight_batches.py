@@ -235,42 +235,45 @@ def _fly_batch(
     precision: Precision,
 ) -> list[FlightRow]:
     """Trim, plan and fly one batch; the batch is padded beyond the cases."""
+    parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
     if not cases[0].scenario.fleet.is_certified:
         states, fleets = _start_flights(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
         selected = [k for k in range(len(cases)) if k not in refusals]
-        finished_rows = _summarize_flights([cases[k] for k in selected], flights, states, selected, series, precision)
-        flight_rows = dict(zip(selected, finished_rows, strict=True))
-        return [flight_rows[k] if k in flight_rows else FlightRow.failed_start(refusals[k]) for k in range(len(cases))]
-    fleets, tasks = _trim_and_build_tasks(flights)
-    refusals = _find_untrimmable(cases, single_flights, fleets)
-    plans: dict[int, CertifiedPlanState] = {}
-    plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
-    for k, (case, flight) in enumerate(zip(cases, single_flights, strict=True)):
-        if k in refusals:
-            continue
-        task = _index_row(tasks, k)
-        planner = aircraft_planner(flight)
-        # flights with equal starts and equal requests share the search
-        input_hash = _content_hash((task, planner, arrival_request(case.scenario)))
-        if input_hash not in plans_by_input:
-            plans_by_input[input_hash] = _first_plan(case.scenario, planner, task)
-        plan = plans_by_input[input_hash]
-        if plan is None:
-            refusals[k] = NO_PLAN
-        else:
-            plans[k] = plan
-    flight_rows: dict[int, FlightRow] = {}
-    for selected in _group_by_structure(plans):
-        padding = [selected[-1]] * (_size_of(flights) - len(selected))
-        indices = np.array([*selected, *padding])
-        chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
-        states = _initialize_flights(chosen_flights, _select(fleets, indices), stack_rows([plans[k] for k in indices]))
-        finished_rows = _summarize_flights(
-            [cases[k] for k in selected], chosen_flights, states, range(len(selected)), series, precision
-        )
+        parts.append((selected, flights, states, selected))
+    else:
+        fleets, tasks = _trim_and_build_tasks(flights)
+        refusals = _find_untrimmable(cases, single_flights, fleets)
+        plans = _search_plans(cases, single_flights, tasks, refusals)
+        for selected in _group_by_structure(plans):
+            indices = np.array([*selected, *[selected[-1]] * (_size_of(flights) - len(selected))])
+            chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
+            chosen_plans = stack_rows([plans[k] for k in indices])
+            states = _initialize_flights(chosen_flights, _select(fleets, indices), chosen_plans)
+            parts.append((selected, chosen_flights, states, range(len(selected))))
+    flight_rows = {k: FlightRow.failed_start(reason) for k, reason in refusals.items()}
+    for selected, part_flights, states, positions in parts:
+        selected_cases = [cases[k] for k in selected]
+        finished_rows = _summarize_flights(selected_cases, part_flights, states, positions, series, precision)
         flight_rows |= dict(zip(selected, finished_rows, strict=True))
-    return [flight_rows[k] if k in flight_rows else FlightRow.failed_start(refusals[k]) for k in range(len(cases))]
+    return [flight_rows[k] for k in range(len(cases))]
+
+
+def _search_plans(
+    cases: Sequence[FlightCase], single_flights: Sequence[Flight], tasks: AircraftTask, refusals: dict[int, str]
+) -> dict[int, CertifiedPlanState]:
+    """Search the first plans of a batch, by index in the batch; adds the flights without a plan to `refusals`."""
+    plans: dict[int, CertifiedPlanState | None] = {}
+    plans_by_input: dict[bytes, CertifiedPlanState | None] = {}
+    for k in [k for k in range(len(cases)) if k not in refusals]:
+        task, planner, scenario = _index_row(tasks, k), aircraft_planner(single_flights[k]), cases[k].scenario
+        # flights with equal starts and equal requests share the search
+        input_hash = _content_hash((task, planner, arrival_request(scenario)))
+        if input_hash not in plans_by_input:
+            plans_by_input[input_hash] = _first_plan(scenario, planner, task)
+        plans[k] = plans_by_input[input_hash]
+    refusals |= {k: NO_PLAN for k, plan in plans.items() if plan is None}
+    return {k: plan for k, plan in plans.items() if plan is not None}
 
 
 def _find_untrimmable(

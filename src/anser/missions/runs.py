@@ -34,33 +34,33 @@ def needs_single_flight(scenario: Scenario) -> bool:
     return bool(scenario.event) or not scenario.fleet.is_central
 
 
-def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
-    """Raise ScenarioError, with the file name `source`, if a scenario cannot be flown in a precision.
+def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:
+    """Return the reason why a scenario cannot be flown in a precision, if there is one.
 
     Over a round Earth, positions are integrated as distances from the centre of the Earth, for which float32 has a
     resolution of half a metre. Fleets that plan during the flight do this in float64, between two steps.
     """
-    if precision == "float64":
-        return
     received = None
     if scenario.earth.model != "flat":
         received = "a round Earth, whose distances float32 rounds to half a metre"
     elif needs_single_flight(scenario):
         received = "one with events, or without a centre"
-    if received is not None:
-        expected = 'precision = "float64" for it'
-        raise ScenarioError(source or scenario.name, [Problem("precision", f'"{precision}" of {received}', expected)])
+    if precision == "float64" or received is None:
+        return None
+    return Problem("precision", f'"{precision}" of {received}', 'precision = "float64" for it')
+
+
+def check_precision(scenario: Scenario, precision: Precision, source: str | None = None) -> None:
+    """Raise ScenarioError, with the file name `source`, if a scenario cannot be flown in a precision."""
+    problem = _precision_problem(scenario, precision)
+    if problem is not None:
+        raise ScenarioError(source or scenario.name, [problem])
 
 
 def precision_problems(scenarios: Sequence[Scenario], precision: Precision) -> dict[int, str]:
     """Reasons why scenarios cannot be flown in a precision, by index of the scenario."""
-    problems: dict[int, str] = {}
-    for k, scenario in enumerate(scenarios):
-        try:
-            check_precision(scenario, precision)
-        except ScenarioError as error:
-            problems[k] = "; ".join(map(str, error.problems))
-    return problems
+    problems = {k: _precision_problem(scenario, precision) for k, scenario in enumerate(scenarios)}
+    return {k: str(problem) for k, problem in problems.items() if problem is not None}
 
 
 def limits_text(

@@ -259,6 +259,8 @@ class AbstractPlanner(AbstractPart):
     #: Whether a new plan is made in flight if a correction of the present plan is not sufficient. Without replanning
     #: the compiled program is much smaller, and `replan_needed` reports that the larger program is needed.
     allow_replanning: bool = eqx.field(static=True, default=True, kw_only=True)
+    #: Whether arrival times may be postponed in flight.
+    arrival_is_free: Flag = eqx.field(default_factory=lambda: as_array(True, bool), kw_only=True)
 
     @abc.abstractmethod
     def first_plan(self, time: ScalarLike, reports: AircraftReport, performance: Performance) -> Any:

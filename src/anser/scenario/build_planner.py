@@ -101,7 +101,8 @@ def _decentralised(
         rate_range=as_array(settings.rate_range),
         skew_max=as_array(settings.skew_max_s),
     )
-    return DecentralisedPlanner(planner, network, gains, as_array(settings.tube_m))
+    tube = as_array(settings.tube_m)
+    return DecentralisedPlanner(planner, network, gains, tube, arrival_is_free=planner.arrival_is_free)
 
 
 def build_network(scenario: Scenario) -> Network:

@@ -28,15 +28,8 @@ from anser.spatial.rotations import rotate, rotation_from_quaternion, safe_norm
 from anser.steady.trim import TrimPoint
 
 FLYING = 0
-NO_TRIM = len(PLAN_MESSAGES)
-NOT_FINITE = NO_TRIM + 1
-BREAKAWAY = NO_TRIM + 2
-AT_GROUND = NO_TRIM + 3
-TOO_NEAR = NO_TRIM + 4
-PLAN_TOO_NEAR = NO_TRIM + 5
-LEFT_FLEET = NO_TRIM + 6
-GOAL_UNSEEN = NO_TRIM + 7
-GOAL_LOST = NO_TRIM + 8
+_EVENT_CODES = range(len(PLAN_MESSAGES), len(PLAN_MESSAGES) + 9)
+NO_TRIM, NOT_FINITE, BREAKAWAY, AT_GROUND, TOO_NEAR, PLAN_TOO_NEAR, LEFT_FLEET, GOAL_UNSEEN, GOAL_LOST = _EVENT_CODES
 
 STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",

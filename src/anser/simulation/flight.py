@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from anser.compiling.single_kernel import as_single_kernel
 from anser.environment.environment import Environment
@@ -105,7 +105,7 @@ class FlightState(eqx.Module):
     """State of a flight between two steps."""
 
     vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
-    planner: Any  #: State of the planner, with the current plan.
+    planner: PyTree  #: State of the planner, with the current plan.
 
 
 def assemble(

@@ -65,7 +65,6 @@ class CertifiedPlanner(AbstractPlanner):
     roll_rates_max: Float[Array, " aircraft"]  #: Greatest rate of the bank angle along a path, rad/s.
     airspace: Airspace  #: Wind, required distances, keep-outs.
     guidance: GuidanceSettings  #: Settings of the holds' guidance.
-    arrival_is_free: Flag  #: Whether arrival times may be postponed in flight.
     latest_arrival: Scalar  #: Latest allowed arrival time, s.
     freeze: Scalar  #: Duration before the arrival in which a path is frozen, s.
     #: Fraction of the accelerations along the path reserved for the autopilot, mainly for the engine's spool-down, and

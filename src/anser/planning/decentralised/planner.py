@@ -352,7 +352,7 @@ class DecentralisedPlanner(AbstractPlanner):
             jnp.where(active, arrivals, -jnp.inf),
             start,
             ~active | (arrivals > start + COMMITTED_S + 3.0 * LEAD_S),
-            planner.arrival_is_free,
+            self.arrival_is_free,
             planner.latest_arrival,
             _DELAY_FRACTIONS,
         )
