@@ -5,6 +5,7 @@ periodic correction of paths inside the loop is in `anser.planning.certified.rep
 """
 
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -84,13 +85,12 @@ def plan_exit(
     aircraft: Count,  # index of the departing aircraft in the fleet
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
-) -> tuple[CertifiedPlan, Float[Array, " turns"]]:
+) -> CertifiedPlan:
     """Replace one aircraft's path by an exit path: the first of the turns that keeps the separation.
 
-    If no turn keeps the separation, the turn with the greatest clearance ratio is flown.
-
-    Returns the plan in force with the exit path, whose arrival time is the end of the flight; and the clearance ratio
-    of each turn: the least ratio of its distances from the other paths to the separation (at least 1: separated).
+    If no turn keeps the separation, the turn with the greatest clearance ratio is flown. The arrival time of the exit
+    path is the end of the flight; the certificate of the returned plan has the ratios of its distances from the other
+    paths to the separation (at least 1: separated).
     """
     planner, plan_state = aircraft_planner(flight), state.planner
     plan, time = plan_state.plan, number * flight.timing.step
@@ -111,7 +111,7 @@ def plan_exit(
     plans, ratios = jax.lax.map(plan_turn, turns)
     is_clear = ratios >= 1.0
     chosen = jnp.where(jnp.any(is_clear), jnp.argmax(is_clear), jnp.argmax(ratios))
-    return jax.tree.map(lambda leaf: leaf[chosen], plans), ratios
+    return jax.tree.map(lambda leaf: leaf[chosen], plans)
 
 
 def replace_plan(state: FlightState, plan: CertifiedPlanState) -> FlightState:
@@ -162,14 +162,14 @@ def apply_event(
     """
     names = [aircraft.name for aircraft in scenario.aircraft]
     subject = event.aircraft or event.goal or (event.keep_out.name if event.keep_out is not None else "all")
-    outcome = _OutcomeOf(event, subject)
+    outcome = functools.partial(EventOutcome, event.time_s, event.kind, subject)
     if event.kind in GOAL_EVENTS:
         return flight, state, outcome(True, "periodic replanning follows the estimated goal")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
     sample = as_array(number, np.int32)
     if event.kind == "aircraft-leaves":
         departing = names.index(str(event.aircraft))
-        plan, _ = _plan_exit(
+        plan = _plan_exit(
             flight,
             state,
             sample,
@@ -183,23 +183,10 @@ def apply_event(
     if event.kind == "thrust-lost":
         state = _with_less_thrust(state, names.index(str(event.aircraft)), event.thrust_left or 0.0)
         if not scenario.fleet.is_central:
-            return (
-                flight,
-                state,
-                outcome(True, "its path is replanned within its remaining thrust, and the others wait for it"),
-            )
-    return _replan_if_needed(scenario, flight, state, number, event, outcome, on_progress)
-
-
-@dataclass(frozen=True)
-class _OutcomeOf:
-    """Makes the outcome of an event from `planned` and `message`."""
-
-    event: Event
-    whom: str
-
-    def __call__(self, planned: bool, message: str) -> EventOutcome:
-        return EventOutcome(self.event.time_s, self.event.kind, self.whom, planned, message)
+            message = "its path is replanned within its remaining thrust, and the others wait for it"
+            return flight, state, outcome(True, message)
+    state, is_planned, message = _replan_if_needed(scenario, flight, state, number, event, on_progress)
+    return flight, state, outcome(is_planned, message)
 
 
 def _exit_turns(state: FlightState, aircraft: int, event: Event) -> Any:
@@ -258,12 +245,11 @@ def _replan_if_needed(
     state: FlightState,
     number: int,
     event: Event,
-    outcome: _OutcomeOf,
     on_progress: Callable[[str], None],
-) -> tuple[Flight, FlightState, EventOutcome]:
+) -> tuple[FlightState, bool, str]:
     """Keep the plan in force if it is still valid and its arrival times are still required; otherwise replan.
 
-    If replanning fails, the plan in force stays.
+    If replanning fails, the plan in force stays. Returns the state, whether the fleet has a valid plan, and the action.
     """
     plan_state, now_s = state.planner, number * scenario.timing.step_s
     snapshot = snapshot_at(flight, state, number)
@@ -276,20 +262,13 @@ def _replan_if_needed(
     target_times_s = _target_times(scenario, times_s, can_replan, event)
     is_unchanged = bool(np.all(target_times_s[can_replan] == times_s[can_replan]))
     if not can_replan.any():
-        return flight, state, outcome(bool(is_satisfied.all()), "no aircraft is left that could be replanned")
+        return state, bool(is_satisfied.all()), "no aircraft is left that could be replanned"
     if is_unchanged and is_satisfied[can_replan].all():
-        certified_state = dataclasses.replace(
-            plan_state, plan=dataclasses.replace(plan_state.plan, certificate=certificate)
-        )
-        return (
-            flight,
-            replace_plan(state, certified_state),
-            outcome(True, "the plan in force still meets all requirements"),
-        )
+        plan = dataclasses.replace(plan_state.plan, certificate=certificate)
+        certified_state = replace_plan(state, dataclasses.replace(plan_state, plan=plan))
+        return certified_state, True, "the plan in force still meets all requirements"
     replanned_state = _search_plan(scenario, flight, state, snapshot, now_s, target_times_s, on_progress)
-    if replanned_state is None:
-        return flight, state, outcome(False, NO_PLAN_MESSAGE)
-    return flight, replanned_state, outcome(True, "planned anew")
+    return (state, False, NO_PLAN_MESSAGE) if replanned_state is None else (replanned_state, True, "planned anew")
 
 
 def _with_limits(tasks: AircraftTask, limits: PathLimits) -> AircraftTask:

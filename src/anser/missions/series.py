@@ -75,13 +75,10 @@ class SeriesSelection(eqx.Module):
 
     def values_from_dataset(self, dataset: "xr.Dataset") -> dict[str, np.ndarray]:
         """Return the series, as in `FlightRow.series`, from the dataset of a flight recorded with the same period."""
-        shape = dataset.sizes["aircraft"], dataset.sizes["time"]
         series = {}
         for key in self.keys:
-            variable = catalogue_variable(key)
-            missing = missing_series(key, shape)
-            values = dataset[variable.name].values.T if variable.name in dataset else missing
-            series[key] = values.astype(missing.dtype)
+            name, missing = catalogue_variable(key).name, missing_series(key, dataset["north_m"].T.shape)
+            series[key] = dataset[name].values.T.astype(missing.dtype) if name in dataset else missing
         return series
 
     def recorder(self, summary: SummaryRecorder) -> "SeriesRecorder":
