@@ -20,17 +20,16 @@ from scipy import stats
 
 from anser.compiling import enable_compilation_cache
 from anser.missions.consensus import negotiate_plan
-from anser.missions.first_plan import arrival_request
+from anser.missions.first_plan import aircraft_planner, arrival_request
 from anser.missions.segments import padded_batches, without_replanning
 from anser.numerics import flight_randomness
 from anser.numerics.arrays import as_array, stack_rows
 from anser.parts import Instant
 from anser.planning.certified.certified_plan import choose_interval_count
-from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
+from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import FIRST_PLAN
 from anser.planning.certified.search import search
 from anser.planning.certified.task import AircraftTask
-from anser.planning.decentralised.planner import DecentralisedPlanner
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import choose_cell_count
 from anser.scenario import Scenario, build_flight, load
@@ -108,7 +107,7 @@ def _known(sample: Any) -> dict[str, jax.Array]:
 def _trimmed(flight: Flight, keys: Any) -> Any:
     def trim_flight(randomness: Any) -> Any:
         fleet = trimmed_fleet(dataclasses.replace(flight, randomness=randomness))
-        planner = _each(flight)
+        planner = aircraft_planner(flight)
         return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
     return jax.vmap(trim_flight)(keys)
@@ -117,25 +116,17 @@ def _trimmed(flight: Flight, keys: Any) -> Any:
 @jax.jit
 def _begun(flight: Flight, keys: Any, fleets: Any, plans: CertifiedPlanState) -> FlightState:
     def initialize(randomness: Any, fleet: Any, plan: CertifiedPlanState) -> FlightState:
-        planner = flight.planner
-        recorder_state = planner.initial_state(plan, randomness) if isinstance(planner, DecentralisedPlanner) else plan
-        return initialize_flight(dataclasses.replace(flight, randomness=randomness), fleet, recorder_state)
+        planner_state = flight.planner.initial_state(plan, randomness)
+        return initialize_flight(dataclasses.replace(flight, randomness=randomness), fleet, planner_state)
 
     return jax.vmap(initialize)(keys, fleets, plans)
 
 
-def _each(flight: Flight) -> CertifiedPlanner:
-    """The certified planner of a flight, or of each aircraft in a decentralised fleet."""
-    planner = flight.planner.aircraft_planner if isinstance(flight.planner, DecentralisedPlanner) else flight.planner
-    assert isinstance(planner, CertifiedPlanner)
-    return planner
-
-
 def _planned(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> tuple[Any, Any]:
     """A first plan and its holds; None without a plan."""
-    if isinstance(flight.planner, DecentralisedPlanner):
+    if not scenario.fleet.is_central:
         return negotiate_plan(scenario, flight, tasks)[:2]
-    planner, duration_s, attempts = _each(flight), scenario.timing.duration_s, []
+    planner, duration_s, attempts = aircraft_planner(flight), scenario.timing.duration_s, []
 
     def failed_holds(plan: Any) -> np.ndarray:
         cells = choose_cell_count(duration_s)

@@ -1,7 +1,8 @@
 """Construction of a flight from a scenario, before it is flown.
 
 Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, and stops
-and turns of a goal become part of its motion. The planner's actions at an event are in `anser.missions.event_replanning`.
+and turns of a goal become part of its motion. The planner's actions at an event are in
+`anser.missions.event_replanning`.
 
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
