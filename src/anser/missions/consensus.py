@@ -124,8 +124,7 @@ class _NoAgreementError(Exception):
 class _MessageFlood:
     """Messages before the flight: each aircraft passes on every message that it has received."""
 
-    # whether each link is up at each exchange, (exchange, aircraft, aircraft)
-    links: np.ndarray  # (exchange, aircraft, aircraft)
+    links: np.ndarray  # whether each link is up at each exchange, (exchange, aircraft, aircraft)
     delay: int  # delay of messages, exchanges
     names: tuple[str, ...]
     period_s: float  # time between two exchanges, s

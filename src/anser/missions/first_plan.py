@@ -162,10 +162,6 @@ class FirstPlan(abc.ABC):
         return [*problems, *(f"note: {note}" for note in self.notes())]
 
 
-trim_at_start = compiled_quickly(trimmed_fleet)
-"""`trimmed_fleet`, compiled."""
-
-
 @compiled_quickly
 def initialize_compiled(flight: Flight, fleet: TrimmedFleet, plan_state: Any) -> FlightState:
     """State of a flight at time 0 with the planner's first state `plan_state`, computed by a compiled program."""

@@ -130,15 +130,15 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
     path = Path(path)
     if path.is_dir():
         path = path / PLAN
+    enable_compilation_cache()
+    flight = build_flight(scenario, pad_fleet=True)
+    plan_type = _FIRST_PLANS[type(flight.planner)]
     try:
         _verify(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         metadata = json.loads(str(arrays.pop("about")))
         _refuse_foreign_plan(metadata, scenario, path)
-        enable_compilation_cache()
-        flight = build_flight(scenario, pad_fleet=True)
-        plan_type = _FIRST_PLANS[type(flight.planner)]
         state = _rebuild_state(plan_type.state_type, "", arrays)
     except (OSError, KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
         if isinstance(error, PlanFileError):
