@@ -85,6 +85,7 @@ def campaign(
     cluster: str | None = None,
     precision: str | None = None,
     progress: Progress | None = None,
+    **own_parts: str,
 ) -> Campaign:
     """Fly a study: one scenario many times, with dispersed parameters.
 
@@ -108,6 +109,9 @@ def campaign(
         Precision of the flights, "float64" or "float32", overriding the study; None: precision of the study.
     progress
         Called with a message and the completed fraction of the flights, 0..1.
+    **own_parts
+        Names of own parts of the closed loop, which the processes import: `controller="my_package:MyController"`, and
+        likewise `guidance`, `sensors`, `estimator`, `planner`; as the table `[parts]` of the scenario.
 
     Raises
     ------
@@ -119,7 +123,8 @@ def campaign(
     FileExistsError
         The folder exists and `resume` is False.
     """
-    store, report = open_campaign_store(study, Path(out), resume=resume, precision=precision), progress or no_progress
+    store = open_campaign_store(study, Path(out), resume=resume, precision=precision, own_parts=own_parts)
+    report = progress or no_progress
     if cluster is None:
         processes = choose_processes(processes, lambda: campaign_process_limit(store), report)
     with store.locked():
@@ -131,10 +136,17 @@ def campaign(
 
 
 def open_campaign_store(
-    study: str | os.PathLike[str], folder: Path, *, resume: bool, precision: str | None = None
+    study: str | os.PathLike[str],
+    folder: Path,
+    *,
+    resume: bool,
+    precision: str | None = None,
+    own_parts: Mapping[str, str] | None = None,
 ) -> CampaignStore:
     """Create a new store, or with `resume` open the store to continue; raises the errors of `campaign`."""
     requested, scenario, table_columns = load_study(study)
+    if own_parts:
+        scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **own_parts})
     if precision is not None:
         requested = validate_study(
             {**requested.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study)

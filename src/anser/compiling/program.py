@@ -431,16 +431,18 @@ class Program(Generic[_P, _R]):
 
         options, store = self._options(), _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static, options)
-        # The operations identify a program only together with its arguments, so the lowered text must have them all.
-        lowered = jax.jit(flat, keep_unused=key is None).lower(arrays)
+        # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
+        lowered = jax.jit(flat).lower(arrays)
         shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
         def make() -> _LoadedProgram:
             # Code from outside the package is traced in each process, and stored under a key of its operations.
             store_key = key
             if store is not None and key is None:
-                with contextlib.suppress(NotCacheableError):
-                    store_key = operations_key(lowered.as_text(), options)
+                with contextlib.suppress(NotCacheableError, AttributeError, KeyError):
+                    # The operations identify a program only together with the arguments that they use.
+                    used = sorted(lowered._lowering.compile_args["kept_var_idx"])
+                    store_key = operations_key(f"{used}\n{lowered.as_text()}", options)
             content = store.load(store_key) if store is not None and store_key is not None and key is None else None
             if content is not None:
                 with contextlib.suppress(Exception):

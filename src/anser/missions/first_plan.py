@@ -181,6 +181,20 @@ def start_next(prepare_next: PrepareNext, flight: Flight, shapes: Any) -> None:
 
 
 _start_flight = compiled_quickly(start_flight)
+
+
+def trim_and_plan(
+    scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
+) -> tuple[FlightState, TrimmedFleet]:
+    """Trim every aircraft at its start and make the first plan by the planner's `first_plan`, in one program."""
+    on_progress("trimming and planning")
+    start = _start_flight.prepare(flight).start()
+    start_next(prepare_next, flight, start.shapes[0])
+    state, fleet = _start_flight(flight)
+    check_trimmable(scenario, flight, fleet.is_trimmed)
+    return state, fleet
+
+
 _separation = compiled(separation_min)
 
 
@@ -200,11 +214,7 @@ class PublishedFirstPlan(FirstPlan):
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "PublishedFirstPlan":
         """Trim every aircraft at its start and coordinate the fleet, in one compiled program."""
-        on_progress("trimming and planning")
-        start = _start_flight.prepare(flight).start()
-        start_next(prepare_next, flight, start.shapes[0])
-        state, fleet = _start_flight(flight)
-        check_trimmable(scenario, flight, fleet.is_trimmed)
+        state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
         return cls(scenario, flight, fleet, (), state.planner, state)
 
     @functools.cached_property

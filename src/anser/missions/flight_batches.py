@@ -236,7 +236,7 @@ def _fly_batch(
 ) -> list[FlightRow]:
     """Trim, plan and fly one batch; the batch is padded beyond the cases."""
     parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
-    if not cases[0].scenario.fleet.is_certified:
+    if not isinstance(single_flights[0].planner, CertifiedPlanner):
         states, fleets = _start_flights(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
         selected = [k for k in range(len(cases)) if k not in refusals]

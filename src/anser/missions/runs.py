@@ -24,6 +24,7 @@ from anser.missions.segments import fly_with_replanning, prepare_flight
 from anser.numerics.arrays import cast_to_precision
 from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
+from anser.scenario.own_parts import OwnParts, attach_parts, own_parts
 from anser.scenario.schema import Scenario
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState
 from anser.simulation.precision import Precision, cast_flight, cast_state
@@ -31,7 +32,8 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 
 def needs_single_flight(scenario: Scenario) -> bool:
     """Whether a scenario must be flown alone: it stops for searches outside the loop, or its plans vary in size."""
-    return bool(scenario.event) or not scenario.fleet.is_central
+    is_central = scenario.fleet.is_central or own_parts(scenario).planner is not None
+    return bool(scenario.event) or not is_central
 
 
 def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:
@@ -139,6 +141,12 @@ def run(
     progress: Progress | None = None,
     planned: FirstPlan | None = None,
     precision: Precision = "float64",
+    *,
+    controller: Any = None,
+    guidance: Any = None,
+    sensors: Any = None,
+    estimator: Any = None,
+    planner: Any = None,
 ) -> FlightResult:
     """Fly a scenario.
 
@@ -154,6 +162,9 @@ def run(
         first.
     precision
         Precision of the flight; planning always uses float64.
+    controller, guidance, sensors, estimator, planner
+        Own parts in place of the scenario's: an object of a subclass of `anser.parts.AbstractController` and so on, its
+        name as text ("my_package:MyController"), or, but for the planner, a mapping by the aircraft's name.
 
     Raises
     ------
@@ -165,7 +176,8 @@ def run(
     NoPlanError
         If no plan was found; the message contains the reasons.
     """
-    scenario, on_progress = as_scenario(scenario), progress or no_progress
+    parts = OwnParts(controller, guidance, sensors, estimator, planner)
+    scenario, on_progress = attach_parts(as_scenario(scenario), parts), progress or no_progress
     check_precision(scenario, precision)
     start_time = clock.perf_counter()
     if planned is None:
@@ -235,5 +247,6 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
+        **({"own_parts": json.dumps(parts.describe())} if (parts := own_parts(scenario)) else {}),
         **separation_attributes(scenario),
     }

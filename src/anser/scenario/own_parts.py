@@ -1,6 +1,8 @@
 """Parts of the closed loop from outside the package: objects, or names MODULE:NAME, and the check before a flight."""
 
 import importlib
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -141,7 +143,7 @@ def _resolve_part(part: Any, kind: str, key_path: str, problems: list[Problem]) 
     if isinstance(part, str):
         module, _, name = part.partition(":")
         try:
-            part = getattr(importlib.import_module(module), name)
+            part = getattr(_import(module), name)
             part = part() if isinstance(part, type) else part
         except (ImportError, AttributeError, TypeError, ValueError) as error:
             problems.append(Problem(key_path, f"{describe_value(part)} ({error})", _BY_NAME))
@@ -150,6 +152,21 @@ def _resolve_part(part: Any, kind: str, key_path: str, problems: list[Problem]) 
         arrived = f"the class {part.__name__}" if isinstance(part, type) else f"an object of {type(part).__name__}"
         problems.append(Problem(key_path, arrived, f"an object of a subclass of anser.parts.{interface.__name__}"))
     return part
+
+
+def _import(module: str) -> Any:
+    """Import a module that is installed, or lies in the working folder."""
+    try:
+        return importlib.import_module(module)
+    except ModuleNotFoundError:
+        folder = os.getcwd()
+        if folder in sys.path:
+            raise
+        sys.path.insert(0, folder)
+        try:
+            return importlib.import_module(module)
+        finally:
+            sys.path.remove(folder)
 
 
 def check_own_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: OwnParts) -> None:

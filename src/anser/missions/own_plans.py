@@ -1,0 +1,94 @@
+"""The first plan of a scenario by a planner from outside the package."""
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+import numpy as np
+
+from anser.environment.environment import AbstractWind
+from anser.missions.first_plan import FirstPlan, OnProgress, PrepareNext, trim_and_plan
+from anser.numerics.arrays import first_rows
+from anser.parts.paths import AbstractReference, PathPoint
+from anser.parts.planners import AircraftPlan
+from anser.scenario.schema import Scenario
+from anser.shapes import ScalarLike, Vector3
+from anser.simulation.closed_loop import STATUS_MESSAGES
+from anser.simulation.flight import Flight, statuses
+
+if TYPE_CHECKING:
+    from anser.missions.plan_output import RecordedPlan
+
+
+class PathThroughAir(eqx.Module):
+    """Trajectory of an own planner, with the velocity relative to the air."""
+
+    trajectory: AbstractReference
+    wind: AbstractWind
+
+    def at(self, time: ScalarLike) -> PathPoint:
+        """Return the motion over the ground at a time (s)."""
+        return self.trajectory.at(time)
+
+    def air_velocity_n(self, time: ScalarLike) -> Vector3:
+        """Return the velocity relative to the air at a time (s), NED, m/s."""
+        point = self.trajectory.at(time)
+        return point.velocity_n - self.wind.at(point.position_n, time)
+
+
+@dataclass(frozen=True, repr=False)
+class OwnFirstPlan(FirstPlan):
+    """The first plan of a scenario by an own planner; it never refuses: `problems` lists the obstacles."""
+
+    state_type = type(None)
+
+    @classmethod
+    def make(
+        cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
+    ) -> "OwnFirstPlan":
+        """Trim every aircraft at its start and plan, in one compiled program."""
+        state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
+        return cls(scenario, flight, fleet, (), state.planner, state)
+
+    @functools.cached_property
+    def plan(self) -> AircraftPlan:
+        """Plans of the scenario's aircraft, stacked."""
+        return first_rows(self.flight.planner.plans(self.plan_state), len(self.scenario.aircraft))
+
+    @property
+    def arrivals_s(self) -> np.ndarray:
+        """Planned arrival time of each aircraft, s."""
+        return np.broadcast_to(np.asarray(self.plan.arrival_time), len(self.scenario.aircraft))
+
+    def notes(self) -> tuple[str, ...]:
+        """No notes: an own planner is not asked for them."""
+        return ()
+
+    def problems(self) -> tuple[str, ...]:
+        """Obstacles to flying the plan, one sentence each; empty for a flyable plan."""
+        duration_s, problems = self.scenario.timing.duration_s, []
+        if self.arrival_s >= duration_s:
+            problems.append(f"the fleet arrives at {self.arrival_s:.1f} s, the flight ends at {duration_s:g} s")
+        codes, _ = (np.asarray(values) for values in statuses(self.flight, self.initial_state()))
+        problems += [
+            f'aircraft "{aircraft.name}": {STATUS_MESSAGES[int(code)]}'
+            for aircraft, code in zip(self.scenario.aircraft, codes, strict=False)
+            if code
+        ]
+        return tuple(problems)
+
+    def path_descriptions(self) -> tuple[str, ...]:
+        """Name of the planner, for every aircraft."""
+        return (type(self.flight.planner).__name__,) * len(self.scenario.aircraft)
+
+    def saved_state(self) -> Any:
+        """Raise ValueError: the file of a plan does not tell how an own planner is built."""
+        raise ValueError("a plan by an own planner is not written to a file; plan again in the process that flies it")
+
+    def record(self) -> "RecordedPlan":
+        """Sample and summarize the plan."""
+        from anser.missions.plan_output import record_own
+
+        paths = PathThroughAir(self.plan.trajectory, self.flight.environment.wind)
+        return record_own(self.scenario, paths, self.arrivals_s, self.flight.environment.gravity, self.problems())
