@@ -13,16 +13,24 @@ import anser
 from anser.config import ScenarioError
 
 ENTRIES = [
+    "Simulator",
+    "aircraft",
     "campaign",
     "compare_campaigns",
+    "doublet",
     "linearize",
     "load",
     "load_flight",
     "loads",
+    "multisine",
     "plan",
     "rare",
     "run",
+    "simulate",
+    "sine_sweep",
+    "step_input",
     "sweep",
+    "three_two_one_one",
     "trim",
 ]
 

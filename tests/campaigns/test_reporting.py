@@ -124,7 +124,7 @@ def test_a_campaign_stopped_by_its_rule_is_not_partial(tmp_path):
     assert store.flown.size == 20
     write_campaign(store, worst=0)
     assert "Partial" not in page_of(store)
-    assert "After 20 of 60 flights the interval was as narrow as the study asks." in page_of(store)
+    assert "After 20 of 60 flights the interval was as narrow as the study requires." in page_of(store)
 
 
 def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, replays):

@@ -6,7 +6,7 @@ import anser.compiling.keys as keys
 from anser.analysis.linear_models import _open_model
 from anser.analysis.loop_margins import analyse_rows
 from anser.analysis.trim_points import map_points
-from anser.missions.plans import _start_flight
+from anser.missions.first_plan import _start_flight
 from anser.missions.segments import fly_segment
 from anser.results import to_dataset
 from anser.steady import solve_trim

@@ -13,7 +13,7 @@ import pytest
 
 import anser
 from anser.config import ScenarioError
-from anser.missions.plans import _start_flight
+from anser.missions.first_plan import _start_flight
 from anser.missions.segments import fly_segment, without_replanning
 from anser.results import read_netcdf
 from anser.scenario import build_flight, loads

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from anser.missions.plans import _start_flight
+from anser.missions.first_plan import _start_flight
 from anser.missions.segments import fly_with_replanning
 from anser.simulation.flight import SEGMENT_STEPS
 

@@ -1,6 +1,7 @@
 """Campaigns for users: fly a study, resume a campaign, and read the results."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
