@@ -5,8 +5,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from anser.config.errors import problem_error
 from anser.environment.environment import AbstractWind
 from anser.missions.first_plan import FirstPlan, OnProgress, PrepareNext, trim_and_plan
 from anser.numerics.arrays import first_rows
@@ -16,6 +19,7 @@ from anser.scenario.schema import Scenario
 from anser.shapes import ScalarLike, Vector3
 from anser.simulation.closed_loop import STATUS_MESSAGES
 from anser.simulation.flight import Flight, statuses
+from anser.simulation.start import trimmed_fleet
 
 if TYPE_CHECKING:
     from anser.missions.plan_output import RecordedPlan
@@ -48,6 +52,7 @@ class OwnFirstPlan(FirstPlan):
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
     ) -> "OwnFirstPlan":
         """Trim every aircraft at its start and plan, in one compiled program."""
+        _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
         return cls(scenario, flight, fleet, (), state.planner, state)
 
@@ -92,3 +97,36 @@ class OwnFirstPlan(FirstPlan):
 
         paths = PathThroughAir(self.plan.trajectory, self.flight.environment.wind)
         return record_own(self.scenario, paths, self.arrivals_s, self.flight.environment.gravity, self.problems())
+
+
+def _check_plans(flight: Flight) -> None:
+    """Trace an own planner on shapes alone, and refuse plans that are not stacked over the fleet.
+
+    Raises ScenarioError, with the planner and the method, what arrived and what is right.
+    """
+    planner, name = flight.planner, type(flight.planner).__qualname__
+    fleet = eqx.filter_eval_shape(trimmed_fleet, flight)
+
+    def trace(method: str, function: Any, *arguments: Any) -> Any:
+        try:
+            return eqx.filter_eval_shape(function, *arguments)
+        except Exception as error:
+            message = (str(error).strip() or type(error).__name__).splitlines()[0]
+            arrived = f"{type(error).__name__}: {message}"
+            raise problem_error(
+                "own parts", arrived, "a method that JAX can trace", f"planner {name}.{method}"
+            ) from error
+
+    state = trace("first_plan", planner.first_plan, jnp.zeros(()), fleet.reports, fleet.performance)
+    plans = trace("plans", planner.plans, state)
+    wrong = None
+    if not isinstance(plans, AircraftPlan):
+        wrong = type(plans).__name__
+    else:
+        for key_path, leaf in jax.tree_util.tree_leaves_with_path(plans):
+            if leaf.shape[:1] != (flight.count,):
+                wrong = f"{jax.tree_util.keystr(key_path, simple=True, separator='.')} of shape {leaf.shape}"
+                break
+    if wrong is not None:
+        expected = f"an AircraftPlan with a leading axis of {flight.count} aircraft throughout, as jax.vmap makes it"
+        raise problem_error("own parts", wrong, expected, f"planner {name}.plans")

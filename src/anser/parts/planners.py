@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -308,6 +309,7 @@ class AbstractPlanner(AbstractPart):
     def plans(self, planner_state: Any) -> AircraftPlan:
         """Return the plan in force of every aircraft, stacked; leading axis aircraft.
 
-        By default the planner state is the stacked plan.
+        By default the planner state is the stacked plan; numbers that are common to the aircraft are repeated.
         """
-        return planner_state
+        count = planner_state.arrival_time.shape[:1]
+        return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, count) if jnp.ndim(leaf) == 0 else leaf, planner_state)
