@@ -129,6 +129,7 @@ def test_a_feedback_law_damps_the_pitch_motion():
     assert abs(damped.pitch_rate_deg_s.sel(time=late)).max() < 0.5 * abs(free.pitch_rate_deg_s.sel(time=late)).max()
 
 
+@pytest.mark.long
 def test_the_autopilot_follows_a_course_command():
     flight = anser.simulate(
         f16(), level(), controller="inversion", command={"course_deg": anser.step_input(20.0)}, duration_s=20.0
@@ -202,12 +203,23 @@ def test_a_saved_flight_is_read_again_with_its_picture_and_page(tmp_path):
         ({"controller": "inversion", "controls": {"elevator": 1.0}}, "expected one of the two"),
         ({"command": {"course_deg": 1.0}}, "command: arrived without a controller"),
         ({"controls": lambda t, x: {"elevater": 1.0}}, "arrived 'elevater' from the function"),
+        ({"controls": lambda t, x: None}, "the function raised TypeError"),
+        ({"controls": lambda t, x: {"elevator": 1.0 if t > 1.0 else 0.0}}, "jnp.where in place of if"),
+        ({"controls": {"throttle": 50.0}}, r"expected 0 to 1 \(not percent\)"),
+        ({"start": {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "elevator_deg": 90.0}}, "-25 to 25, the stops"),
+        ({"start": {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "alpha_deg": float("nan")}}, "nan as alpha_deg"),
+        ({"duration_s": "1"}, "duration_s: arrived '1'"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_sentence(change, message):
     arguments = {"aircraft": f16(), "start": level(), "duration_s": 1.0} | change
     with pytest.raises(ValueError, match=message):
         anser.simulate(arguments.pop("aircraft"), arguments.pop("start"), **arguments)
+
+
+def test_a_trim_of_another_aircraft_is_no_start():
+    with pytest.raises(ValueError, match=r"arrived a trim of an aircraft of 9295\.44 kg; expected one of this"):
+        anser.simulate("aerosonde", level(), duration_s=1.0)
 
 
 def test_wrong_air_is_refused_as_in_a_scenario():
@@ -217,6 +229,7 @@ def test_wrong_air_is_refused_as_in_a_scenario():
         anser.simulate(f16(), level(), duration_s=1.0, turbulence="wild")
 
 
+@pytest.mark.long
 def test_a_trim_without_steady_flight_is_no_start():
     with pytest.raises(ConditionError, match="no steady flight"):
         anser.simulate(f16(), f16().trim(20.0, 1000.0), duration_s=1.0)

@@ -115,3 +115,36 @@ def test_derivatives_without_lag_have_the_rigid_body_alone():
     x, u = f16().state_vector(level(), lag=False), f16().input_vector(level())
     rates = np.asarray(jax.jit(lambda x, u: f16().derivatives(x, u, lag=False))(x, u))
     np.testing.assert_allclose(rates, np.asarray(_derivatives(f16().state_vector(level()), u))[:12], atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["f16", pytest.param("aerosonde", marks=pytest.mark.long)])
+def test_derivatives_by_every_input_agree_with_differences(name):
+    model = anser.aircraft(name)
+    start = model.trim(*((150.0, 1000.0) if name == "f16" else (25.0, 300.0)))
+    u = model.input_vector(start)
+    for lag in (True, False):
+        x = jnp.asarray(model.state_vector(start, lag=lag))
+        rates = jax.jit(lambda u, x=x, lag=lag: model.derivatives(x, u, lag=lag))
+        slopes = np.asarray(jax.jit(jax.jacfwd(rates))(jnp.asarray(u)))
+        for k in range(u.size):
+            h = 1e-5 * np.eye(u.size)[k]
+            difference = (np.asarray(rates(u + h)) - np.asarray(rates(u - h))) / 2e-5
+            np.testing.assert_allclose(slopes[:, k], difference, rtol=1e-5, atol=1e-5 * np.abs(slopes).max())
+        assert np.abs(slopes[:, -1]).max() > 1.0  # the throttle acts, with and without the engine's lag
+
+
+@pytest.mark.parametrize(
+    ("act", "message"),
+    [
+        (lambda: anser.aircraft(5), "aircraft: arrived int"),
+        (lambda: f16().trim(float("nan"), 1000.0), "speed_m_s: arrived nan"),
+        (lambda: f16().trim(-150.0, 1000.0), "expected a positive airspeed"),
+        (lambda: f16().trim(150.0, 1000.0, 95.0), "path_angle_deg: arrived 95"),
+        (lambda: f16().performance("0"), "altitude_m: arrived '0'"),
+        (lambda: f16().derivatives(np.zeros(5), np.zeros(4)), r"arrived state of shape \(5,\); expected \(16,\)"),
+        (lambda: f16().linearize("150"), "linearize: arrived str"),
+    ],
+)
+def test_wrong_arguments_are_refused(act, message):
+    with pytest.raises(ValueError, match=message):
+        act()

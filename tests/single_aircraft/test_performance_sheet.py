@@ -36,6 +36,7 @@ def _thrust_at_full_power(altitude_m, mach):
     return textbook.thrust(100.0, altitude_m / textbook.FOOT_M, mach) * 4.4482216152605
 
 
+@pytest.mark.long
 def test_the_f16_level_speeds_are_the_ends_of_its_trims():
     f16 = anser.aircraft("f16")
     least, greatest = sheet()["least level airspeed"], sheet()["greatest level airspeed"]
@@ -50,6 +51,19 @@ def test_the_f16_level_speeds_are_the_ends_of_its_trims():
     assert 1.05 < heavy / least.value < np.sqrt(1.2) + 0.01
 
 
+@pytest.mark.long
+def test_the_sustained_turn_is_at_the_end_of_the_power():
+    f16 = anser.aircraft("f16")
+    turn = sheet()["greatest sustained turn rate"]
+    speed = float(turn.limit.split()[1])
+    assert f16.trim(speed, 1000.0, 0.0, 0.995 * turn.value).diagnosis is None
+    tighter = f16.trim(speed, 1000.0, 0.0, 1.01 * turn.value).diagnosis
+    assert tighter is not None
+    assert "engine power" in tighter
+    assert turn.limit.endswith("full power")
+
+
+@pytest.mark.long
 def test_a_parabolic_polar_has_the_glide_and_the_speeds_of_the_textbook(tmp_path):
     """Best glide 1 / (2 sqrt(CD0 k)) at CL = sqrt(CD0 / k); [Anderson, Aircraft Performance and Design, section 5.4]."""
     model, numbers = _glider(tmp_path)

@@ -91,6 +91,8 @@ def test_the_state_has_the_names_of_a_dataset():
     ("act", "message"),
     [
         (lambda: one().step({"elevater": 1.0}), "arrived 'elevater'; expected inputs among elevator"),
+        (lambda: one().step({"elevator": np.zeros(4)}), r"controls\['elevator'\]: arrived array"),
+        (lambda: one().step({"elevator": float("nan")}), "expected finite numbers"),
         (lambda: one().step(np.zeros(3)), r"arrived an array of shape \(3,\); expected \(4,\)"),
         (lambda: four().restore(one().save()), "as many of them"),
         (lambda: anser.Simulator("f16", [], 0.01), "arrived an empty sequence"),

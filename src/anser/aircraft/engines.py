@@ -59,8 +59,13 @@ class AbstractEngine(eqx.Module):
             return jnp.where(is_above, low, middle), jnp.where(is_above, middle, high)
 
         start = jnp.zeros_like(jnp.asarray(throttle, float)), jnp.full_like(jnp.asarray(throttle, float), 100.0)
-        low, high = jax.lax.fori_loop(0, _BISECTIONS, halve, start)
-        return 0.5 * (low + high)
+        low, high = jax.lax.stop_gradient(jax.lax.fori_loop(0, _BISECTIONS, halve, start))
+        # One step of Newton carries the derivative, which the bisection does not have.
+        power = 0.5 * (low + high)
+        value, slope = jax.jvp(self.throttle_for_power, (power,), (jnp.ones_like(power),))
+        slope = jax.lax.stop_gradient(slope)
+        correction = (value - throttle) / jnp.where(slope > 0.0, slope, 1.0)
+        return jnp.clip(power - jnp.where(slope > 0.0, correction, 0.0), 0.0, 100.0)
 
     @abc.abstractmethod
     def propulsion(self, power: ScalarLike, air_data: AirData) -> Wrench:

@@ -3,6 +3,7 @@
 These steps find the airframe, the autopilot gains and the steady flight.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -59,6 +60,11 @@ def resolve_airframe(
     if isinstance(aircraft, str):
         description = {"aircraft": aircraft, "variant": variant} if aircraft in VARIANTS else {"aircraft": aircraft}
         return load_airframe(aircraft, variant, x_cg_over_c), {**description}
+    if not isinstance(aircraft, AbstractAirframe):
+        raise ValueError(
+            f"aircraft: arrived {type(aircraft).__name__}; expected the name of an airframe, the path of an aircraft "
+            "file, or an object of a subclass of anser.aircraft.AbstractAirframe"
+        )
     if x_cg_over_c is not None:
         raise ValueError(
             f"x_cg_over_c: arrived {x_cg_over_c} with an airframe of your own; expected None, "
@@ -159,6 +165,7 @@ class TrimResult:
     quantities: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
     condition: Mapping[str, float] = field(default_factory=dict)
+    mass_kg: float = math.nan  # mass of the trimmed aircraft, by which the trim of another aircraft is recognized
 
     def __repr__(self) -> str:
         if self.diagnosis is not None:
@@ -203,13 +210,23 @@ def trim(
         Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
     """
     enable_compilation_cache()
+    _require_numbers(
+        speed_m_s=speed_m_s,
+        altitude_m=altitude_m,
+        path_angle_deg=path_angle_deg,
+        turn_rate_deg_s=turn_rate_deg_s,
+        pitch_rate_deg_s=pitch_rate_deg_s,
+    )
     environment = standard_environment()
     airframe, _ = resolve_airframe(aircraft, variant, x_cg_over_c)
     turn_rate, pitch_rate = turn_rate_deg_s * DEG_RAD, pitch_rate_deg_s * DEG_RAD
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, turn_rate=turn_rate, pitch_rate=pitch_rate)
     point = compiled_trim(airframe, environment, target)
-    stopped = bool(trim_violations(airframe, environment, point))
-    diagnosis = nearest_trims(airframe, environment, target).message() if stopped else None
+    diagnosis = None
+    if trim_violations(airframe, environment, point):
+        nearest = nearest_trims(airframe, environment, target)
+        # at a limit, rounding may decide otherwise the second time: the flight exists then
+        diagnosis = nearest.message() if nearest.violations else None
     condition = {
         "speed_m_s": speed_m_s,
         "altitude_m": altitude_m,
@@ -217,7 +234,21 @@ def trim(
         "turn_rate_deg_s": turn_rate_deg_s,
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
-    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis, condition)
+    mass_kg = float(airframe.mass_properties.mass)
+    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis, condition, mass_kg)
+
+
+def _require_numbers(**condition: float) -> None:
+    """Raise ValueError, with the argument, for a condition of trim that is no number or cannot be meant."""
+    for name, value in condition.items():
+        if not isinstance(value, int | float | np.integer | np.floating) or not math.isfinite(value):
+            raise ValueError(f"{name}: arrived {value!r}; expected a finite number")
+    if condition["speed_m_s"] <= 0.0:
+        raise ValueError(f"speed_m_s: arrived {condition['speed_m_s']:g}; expected a positive airspeed")
+    if abs(condition["path_angle_deg"]) >= 90.0:
+        raise ValueError(
+            f"path_angle_deg: arrived {condition['path_angle_deg']:g}; expected more than -90, less than 90"
+        )
 
 
 @compiled_quickly

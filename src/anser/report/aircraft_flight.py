@@ -65,7 +65,7 @@ def _draw_panel(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
     )
     axes.set_ylabel(f"{label} ({shown_unit})" if shown_unit else label)
     if len(names) > 1:
-        axes.legend(loc="best", ncols=len(names))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(names), borderaxespad=0.2)
     shortage = _RANGE_MIN.get(unit, 0.0) - (highest - lowest)
     if shortage > 0.0:
         axes.set_ylim(lowest - 0.6 * shortage, highest + 0.6 * shortage)
@@ -73,9 +73,10 @@ def _draw_panel(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
 
 def _title(dataset: xr.Dataset) -> str:
     attributes = dataset.attrs
-    controls = attributes["controls"] or f"controller {attributes['controller']}; {attributes['command']}"
-    text = controls if len(controls) <= _TITLE_MAX else controls[: _TITLE_MAX - 1] + "…"
-    return f"{attributes['aircraft']}: {text}" if text else str(attributes["aircraft"])
+    texts = [attributes["controls"] or f"controller {attributes['controller']}", attributes["command"]]
+    text = "; ".join(filter(None, texts))
+    text = text if len(text) <= _TITLE_MAX else text[: _TITLE_MAX - 1] + "…"
+    return f"{attributes['aircraft']}: {text}"
 
 
 _TITLE_MAX = 110
@@ -137,8 +138,12 @@ def excess_power_figure(dataset: xr.Dataset, title: str) -> "Figure":
             filled = axes.contourf(mach, altitude, values, levels=16, cmap="cividis")
             figure.colorbar(filled, label="Specific excess power (m/s)")
             if values.min() < 0.0 < values.max():
-                zero = axes.contour(mach, altitude, values, levels=[0.0], colors="white", linewidths=1.6)
-                axes.clabel(zero, fmt="level flight at full power", fontsize=7)
+                axes.contour(mach, altitude, values, levels=[0.0], colors="white", linewidths=1.6)
+                axes.plot([], [], color="white", label="0: level flight at full power")
+                axes.legend(loc="best", facecolor="#8a8a8a")
+            shown = ~np.ma.getmaskarray(values)
+            axes.set_xlim(mach[shown].min(), mach[shown].max())
+            axes.set_ylim(altitude[shown].min(), altitude[shown].max())
         axes.set_xlabel("Mach number")
         axes.set_ylabel("Altitude (m)")
         axes.set_title(title, fontsize=LARGE)

@@ -44,6 +44,7 @@ def sample_inputs(
         An input is unknown, or its values do not fit.
     """
     columns = inputs if _is_by_name(inputs) else read_table(inputs, subject)
+    columns = {name if name in reference else name.removesuffix("_deg"): value for name, value in columns.items()}
     unknown = [name for name in columns if name not in reference]
     if unknown:
         raise ValueError(f"{subject}: arrived {unknown[0]!r}; expected inputs among {', '.join(reference)}")
@@ -57,6 +58,9 @@ def sample_inputs(
             raise ValueError(f"{subject}[{name!r}]: arrived values that are not finite; expected numbers throughout")
         is_increment = increments or isinstance(value, InputSignal)
         sampled[:, index] = sampled[:, index] + values if is_increment else values
+        low, high = float(np.min(sampled[:, index])), float(np.max(sampled[:, index]))
+        if name == "throttle" and not -1e-9 <= low <= high <= 1.0 + 1e-9:
+            raise ValueError(f"{subject}['throttle']: arrived {low:g} to {high:g}; expected 0 to 1 (not percent)")
     return sampled
 
 
@@ -66,10 +70,9 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
             raise ValueError(f"{place}: arrived a tuple of {len(value)}; expected (times in s, values)")
         times, values = (np.asarray(part, dtype=float) for part in value)
         if times.ndim != 1 or times.shape != values.shape or times.size == 0 or np.any(np.diff(times) <= 0.0):
-            raise ValueError(
-                f"{place}: arrived times of shape {times.shape} and values of shape {values.shape}; expected rows of "
-                "equal length, with rising times"
-            )
+            rising = times.ndim == 1 and times.size > 0 and not np.any(np.diff(times) <= 0.0)
+            arrived = f"{times.size} times and {values.size} values" if rising else "times that do not rise"
+            raise ValueError(f"{place}: arrived {arrived}; expected rows of equal length, with rising times")
         return np.interp(time_s, times, values)
     try:
         values = np.asarray(value, dtype=float)
@@ -77,7 +80,8 @@ def _sample(value: Any, time_s: np.ndarray, place: str) -> np.ndarray:
         values = None
     if values is None or values.ndim > 1:
         expected = "a number, an array with a value per sample, (times, values), or a signal such as anser.doublet(1.0)"
-        raise ValueError(f"{place}: arrived {type(value).__name__} {value!r}; expected {expected}")
+        shown = f"an array of shape {values.shape}" if values is not None else f"{type(value).__name__} {value!r:.60}"
+        raise ValueError(f"{place}: arrived {shown}; expected {expected}")
     if values.ndim == 1 and values.size != time_s.size:
         raise ValueError(
             f"{place}: arrived {values.size} values; expected one for each of the {time_s.size} samples from 0 to "
@@ -117,7 +121,10 @@ def read_table(table: Any, subject: str = "controls") -> dict[str, tuple[np.ndar
             f"{subject}: arrived {type(table).__name__}; expected a mapping by input, the path of a CSV file, a "
             "DataFrame, a Dataset, or a function of time and state"
         )
-    return {name.removesuffix("_deg"): (times, values) for name, values in columns.items()}
+    for name, values in {_TIME: times, **columns}.items():
+        if values.dtype.kind not in "fiu":
+            raise ValueError(f"{subject}: arrived text in the column {name.strip()!r}; expected numbers in every row")
+    return {name.strip(): (times, values) for name, values in columns.items()}
 
 
 def _is_by_name(inputs: Any) -> bool:
@@ -154,8 +161,9 @@ def sample_times(duration_s: float, step_s: float) -> Float[np.ndarray, " sample
     ValueError
         Duration or step is not positive, or the flight has more than ten million samples.
     """
-    if not (0.0 < step_s < np.inf and 0.0 < duration_s < np.inf):
-        raise ValueError(f"duration_s and step_s: arrived {duration_s:g} and {step_s:g}; expected positive numbers")
+    for name, value in (("duration_s", duration_s), ("step_s", step_s)):
+        if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
+            raise ValueError(f"{name}: arrived {value!r}; expected a positive number of seconds")
     count = round(duration_s / step_s)
     if not 1 <= count <= _SAMPLES_MAX:
         raise ValueError(

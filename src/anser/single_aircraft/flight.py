@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.engines import InstantEngine
+from anser.aircraft.motion import flight_condition
 from anser.analysis.trim_points import resolve_airframe
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.control.inversion_autopilot import InversionAutopilot
@@ -24,7 +25,7 @@ from anser.files import new_folder, staged_folder
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
-from anser.parts.perception import AbstractEstimator, AbstractSensors, Instant
+from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
 from anser.sensing.estimators import DirectEstimator
@@ -69,6 +70,9 @@ class AircraftFlight:
     def __repr__(self) -> str:
         first, last = self.dataset.isel(time=0), self.dataset.isel(time=-1)
         lines = [f"{self.dataset.attrs['aircraft']}: {float(last.time):g} s, {self.dataset.attrs['end']}"]
+        outside = int(self.dataset["outside_tables"].sum())
+        if outside:
+            lines.append(f"  outside the aircraft's data in {outside} of {self.dataset.sizes['time']} samples")
         for name in ("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "load_factor"):
             values = self.dataset[name]
             lines.append(
@@ -219,7 +223,7 @@ def simulate(
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     attributes = {
         **identity,
-        "controls": describe_inputs(controls or {}) if controller is None else "",
+        "controls": (describe_inputs(controls or {}) or "controls of the start") if controller is None else "",
         "controller": OPEN_LOOP if controller is None else _part_name(controller),
         "command": describe_inputs(command or {}) if controller is not None else "",
         "step_s": step_s,
@@ -305,7 +309,9 @@ def _controller(
     if controller is None:
         law = check_function(controls)
         if law is not None:
-            return FeedbackControls(point.controls, environment, law)
+            feedback = FeedbackControls(point.controls, environment, law)
+            _check_law(airframe, feedback, point)
+            return feedback
         reference = reference_inputs(airframe, point.controls)
         table = sample_inputs({} if controls is None else controls, reference, time_s, increments=increments)
         return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
@@ -320,6 +326,29 @@ def _controller(
             f'controller: arrived {controller!r}; expected an anser.parts.AbstractController, "inversion", or None'
         )
     return inversion_autopilot(airframe, environment, point, step_s)
+
+
+def _check_law(airframe: AbstractAirframe, feedback: FeedbackControls, point: TrimPoint) -> None:
+    """Trace a law on shapes alone, and refuse one that JAX cannot trace, with the error of its own code."""
+
+    def trace(start: TrimPoint) -> Any:
+        condition = flight_condition(airframe, feedback.environment, 0.0, start.state)
+        belief = Belief(airframe, start.state, condition, jnp.zeros(3), sight=None, goal=None)
+        return feedback.control(jnp.asarray(0, dtype=jnp.int32), belief, None, 0.01)[0]
+
+    try:
+        controls = eqx.filter_eval_shape(trace, point)
+    except Exception as error:
+        message = (str(error).strip() or type(error).__name__).splitlines()[0]
+        if message.startswith("controls: "):
+            raise ValueError(message) from None
+        raise ValueError(
+            f"controls: the function raised {type(error).__name__}: {message:.160}; expected law(time_s, state) that "
+            "returns controls by name, written in jax.numpy (jnp.where in place of if)"
+        ) from error
+    count = len(airframe.actuators.names)
+    if (controls.surfaces.shape, controls.throttle.shape) != ((count,), ()):
+        raise ValueError("controls: the function returned arrays; expected one number for each input")
 
 
 def inversion_autopilot(

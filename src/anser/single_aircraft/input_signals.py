@@ -29,9 +29,19 @@ class InputSignal:
         return self.values(np.asarray(time_s, dtype=float))
 
     def __add__(self, other: "InputSignal") -> "InputSignal":
+        if not isinstance(other, InputSignal):
+            return NotImplemented
         return InputSignal(lambda t: self.values(t) + other.values(t), f"{self.description} + {other.description}")
 
+    def __neg__(self) -> "InputSignal":
+        return -1.0 * self
+
+    def __sub__(self, other: "InputSignal") -> "InputSignal":
+        return self + (-other)
+
     def __mul__(self, factor: float) -> "InputSignal":
+        if not isinstance(factor, int | float | np.number):
+            return NotImplemented
         return InputSignal(lambda t: factor * self.values(t), f"{factor:g} ({self.description})")
 
     __rmul__ = __mul__
@@ -39,11 +49,14 @@ class InputSignal:
 
 def step_input(amplitude: float, start_s: float = 1.0) -> InputSignal:
     """Return a step by `amplitude` at `start_s`."""
+    _require_finite("amplitude", amplitude)
+    _require_finite("start_s", start_s)
     return _pulses((amplitude,), (np.inf,), start_s, f"step of {amplitude:g} at {start_s:g} s")
 
 
 def doublet(amplitude: float, start_s: float = 1.0, width_s: float = 1.0) -> InputSignal:
     """Return a doublet: a pulse by `amplitude`, then by minus `amplitude`, each `width_s` long."""
+    _require_pulse(amplitude, start_s, width_s)
     description = f"doublet of {amplitude:g} at {start_s:g} s, pulses of {width_s:g} s"
     return _pulses((amplitude, -amplitude), (width_s, width_s), start_s, description)
 
@@ -53,16 +66,19 @@ def three_two_one_one(amplitude: float, start_s: float = 1.0, width_s: float = 0
 
     Source: Klein and Morelli, Aircraft System Identification (2006), chapter 9.
     """
+    _require_pulse(amplitude, start_s, width_s)
     description = f"3-2-1-1 of {amplitude:g} at {start_s:g} s, unit of {width_s:g} s"
     widths = (3.0 * width_s, 2.0 * width_s, width_s, width_s)
     return _pulses((amplitude, -amplitude, amplitude, -amplitude), widths, start_s, description)
 
 
-def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: float, description: str) -> InputSignal:
-    _require_finite("amplitude", amplitudes[0])
+def _require_pulse(amplitude: float, start_s: float, width_s: float) -> None:
+    _require_finite("amplitude", amplitude)
     _require_finite("start_s", start_s)
-    if min(widths_s) <= 0.0:
-        raise ValueError(f"width_s: arrived {min(widths_s):g}; expected a positive length of the pulses, s")
+    _require_positive("width_s", width_s)
+
+
+def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: float, description: str) -> InputSignal:
     edges_s = start_s + np.concatenate([[0.0], np.cumsum(widths_s)])
     levels = np.array([0.0, *amplitudes, 0.0])
     # A time within rounding of an edge belongs to the pulse after the edge.
@@ -155,6 +171,8 @@ def multisine(
 
 
 def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
+    if not isinstance(frequencies_hz, tuple | list) or len(frequencies_hz) != 2:
+        raise ValueError(f"frequencies_hz: arrived {frequencies_hz!r}; expected a pair: (least, greatest)")
     low, high = (float(frequency) for frequency in frequencies_hz)
     if not 0.0 < low <= high < np.inf:
         raise ValueError(f"frequencies_hz: arrived {low:g} and {high:g}; expected two positive frequencies that rise")
@@ -162,13 +180,13 @@ def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:
 
 
 def _require_positive(name: str, value: float) -> None:
-    if not 0.0 < value < np.inf:
-        raise ValueError(f"{name}: arrived {value:g}; expected a positive number")
+    if not isinstance(value, int | float | np.number) or not 0.0 < value < np.inf:
+        raise ValueError(f"{name}: arrived {value!r}; expected a positive number")
 
 
 def _require_finite(name: str, value: float) -> None:
-    if not np.isfinite(value):
-        raise ValueError(f"{name}: arrived {value:g}; expected a finite number")
+    if not isinstance(value, int | float | np.number) or not np.isfinite(value):
+        raise ValueError(f"{name}: arrived {value!r}; expected a finite number")
 
 
 _SIGNALS: dict[str, Callable[..., InputSignal]] = {

@@ -95,6 +95,8 @@ class AircraftModel:
         if (trim is None) == (not condition):
             arrived = "neither trim nor condition" if trim is None else "both trim and condition"
             raise ValueError(f"linearize: arrived {arrived}; expected one: a trim, or speed_m_s=..., altitude_m=...")
+        if trim is not None and not isinstance(trim, TrimResult):
+            raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
@@ -139,6 +141,12 @@ class AircraftModel:
         -------
         Rates in the order of the state, per second. Source: [SL] eq. 1.7-18, flat Earth, and eq. 1.4-4.
         """
+        for name, array, names in (("state", state, self.state_names(lag=lag)), ("controls", controls, self.inputs)):
+            if jnp.shape(array) != (len(names),):
+                raise ValueError(
+                    f"derivatives: arrived {name} of shape {jnp.shape(array)}; expected ({len(names)},): "
+                    f"{', '.join(names)}; jax.vmap adds further axes"
+                )
         return _derivatives(self.airframe, environment or standard_environment(), state, controls, lag=lag)
 
     def state_vector(self, start: Any, *, lag: bool = True) -> np.ndarray:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 _SPEEDS, _ALTITUDES = 41, 21
 _ALTITUDE_MAX_M = 20_000.0
 _F16_SPEEDS_M_S = (40.0, 400.0)
-_LOAD_FACTORS = np.array([1.1, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
+_LOAD_FACTOR_MAX, _TURN_GRID, _TURN_PASSES = 9.0, 9, 4
 _MASS_SHARES = (0.8, 0.9, 1.0, 1.1, 1.2)
 _CLIMB_STEPS = 8
 _CHUNK = 64
@@ -180,7 +180,9 @@ class PerformanceSheet:
         """Draw the specific excess power over Mach number and altitude."""
         from anser.report.aircraft_flight import excess_power_figure
 
-        return excess_power_figure(self.dataset, self.title)
+        return excess_power_figure(
+            self.dataset, f"{airframe_label(self.identity)}: specific excess power at full power"
+        )
 
 
 def performance_sheet(
@@ -193,8 +195,8 @@ def performance_sheet(
     ValueError
         The altitude is not a number from 0 to 20,000 m.
     """
-    if not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
-        raise ValueError(f"altitude_m: arrived {altitude_m}; expected a number from 0 to {_ALTITUDE_MAX_M:g}")
+    if not isinstance(altitude_m, int | float | np.number) or not 0.0 <= altitude_m <= _ALTITUDE_MAX_M:
+        raise ValueError(f"altitude_m: arrived {altitude_m!r}; expected a number from 0 to {_ALTITUDE_MAX_M:g}")
     enable_compilation_cache()
     environment = standard_environment()
     speeds = np.geomspace(*_airspeed_range(airframe), _SPEEDS)
@@ -306,29 +308,36 @@ def _parabola_peak(speeds: np.ndarray, values: np.ndarray, best: int) -> tuple[f
 
 def _turn_figures(fly: Any, speeds: np.ndarray, gravity: float) -> list[PerformanceFigure]:
     """Return load factor, rate and radius of the best level turns that full power sustains."""
-    tangents = np.sqrt(_LOAD_FACTORS**2 - 1.0)
-    rates = gravity * tangents[None, :] / speeds[:, None]
-    flights = fly(speed=speeds[:, None], turn_rate=rates)
-    flyable = _is_flyable(flights).reshape(rates.shape)
-    # A tighter turn counts only if each wider one can be flown too.
-    flyable = np.logical_and.accumulate(flyable, axis=1)
-    if not flyable.any():
+    low, high = np.ones(speeds.size), np.full(speeds.size, _LOAD_FACTOR_MAX)
+    limits = [f"load factor of the search, {_LOAD_FACTOR_MAX:g}"] * speeds.size
+    if not _is_flyable(fly(speed=speeds)).any():
         return [PerformanceFigure("greatest sustained turn rate", np.nan, "deg/s", "no level turn")]
-    radius = speeds[:, None] / rates
+    for _ in range(_TURN_PASSES):  # each pass narrows the load factor of every airspeed to a part of the range
+        shares = np.linspace(0.0, 1.0, _TURN_GRID)
+        factors = low[:, None] + shares * (high - low)[:, None]
+        rates = gravity * np.sqrt(factors**2 - 1.0) / speeds[:, None]
+        flights = fly(speed=speeds[:, None], turn_rate=rates)
+        # A tighter turn counts only if each wider one can be flown too.
+        flyable = np.logical_and.accumulate(_is_flyable(flights).reshape(factors.shape), axis=1)
+        counts = flyable.sum(axis=1)
+        for k, count in enumerate(counts):
+            if 0 < count < _TURN_GRID:
+                low[k], high[k] = factors[k, count - 1], factors[k, count]
+                limits[k] = _limit_of(flights, k * _TURN_GRID + int(count))
+            elif count == 0:
+                low[k] = high[k] = np.nan
+            else:
+                low[k] = high[k]
+    rates = gravity * np.sqrt(low**2 - 1.0) / speeds
+    is_turning = np.isfinite(low) & (low > 1.0)
     figures = []
     for name, values, unit, sign in (
-        ("greatest sustained load factor", np.broadcast_to(_LOAD_FACTORS, rates.shape), "1", 1.0),
+        ("greatest sustained load factor", low, "1", 1.0),
         ("greatest sustained turn rate", rates * RAD_DEG, "deg/s", 1.0),
-        ("least sustained turn radius", radius, "m", -1.0),
+        ("least sustained turn radius", speeds / np.where(is_turning, rates, 1.0), "m", -1.0),
     ):
-        index = np.unravel_index(np.argmax(np.where(flyable, sign * values, -np.inf)), rates.shape)
-        tighter = index[1] + 1
-        beyond = (
-            _limit_of(flights, int(index[0]) * rates.shape[1] + int(tighter))
-            if tighter < rates.shape[1]
-            else "end of the grid of load factors"
-        )
-        figures.append(PerformanceFigure(name, float(values[index]), unit, f"at {speeds[index[0]]:.4g} m/s; {beyond}"))
+        best = int(np.argmax(np.where(is_turning, sign * values, -np.inf)))
+        figures.append(PerformanceFigure(name, float(values[best]), unit, f"at {speeds[best]:.4g} m/s; {limits[best]}"))
     return figures
 
 

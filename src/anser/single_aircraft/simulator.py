@@ -44,6 +44,9 @@ class NamedState(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._indices)
 
+    def __repr__(self) -> str:
+        return "\n".join(f"  {name:<24} {self[name]}" for name in self)
+
 
 class Simulator:
     """Open-loop motion of one aircraft, or of several of the same type, advanced step by step.
@@ -86,7 +89,7 @@ class Simulator:
         engine_lag: bool = True,
     ) -> None:
         enable_compilation_cache()
-        if not 0.0 < step_s < np.inf:
+        if not isinstance(step_s, int | float | np.number) or not 0.0 < step_s < np.inf:
             raise ValueError(f"step_s: arrived {step_s}; expected a positive number of seconds")
         airframe, _ = resolve_aircraft(aircraft)
         environment = read_air(earth, wind).environment()
@@ -185,12 +188,16 @@ class Simulator:
             return self._inputs
         if isinstance(controls, Mapping):
             inputs = self._inputs.copy()
-            try:
-                for name, value in controls.items():
+            for name, value in controls.items():
+                if name not in self._input_indices:
+                    raise ValueError(f"controls: arrived {name!r}; expected inputs among {', '.join(self.inputs)}")
+                try:
                     inputs[..., self._input_indices[name]] = value
-            except KeyError as error:
-                expected = f"expected inputs among {', '.join(self.inputs)}"
-                raise ValueError(f"controls: arrived {error}; {expected}") from None
+                except (TypeError, ValueError):
+                    each = "a number" if self._count is None else f"a number or {self._count} numbers"
+                    raise ValueError(f"controls[{name!r}]: arrived {value!r:.60}; expected {each}") from None
+            if not np.isfinite(inputs).all():
+                raise ValueError(f"controls: arrived {dict(controls)}; expected finite numbers")
             return inputs
         inputs = np.asarray(controls, dtype=float)
         if inputs.shape != self._inputs.shape:

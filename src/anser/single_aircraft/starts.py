@@ -26,7 +26,10 @@ _OPTIONAL = (
 
 
 def start_names(airframe: AbstractAirframe) -> tuple[str, ...]:
-    """Return the names of the variables that define a start state; all but airspeed and altitude default to 0."""
+    """Return the names of the variables that define a start state.
+
+    All but airspeed and altitude default to 0, throttle and deflections included.
+    """
     return (*_REQUIRED, *_OPTIONAL, *(f"{name}_deg" for name in airframe.actuators.names), "throttle")
 
 
@@ -57,6 +60,12 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if isinstance(start, TrimResult):
         if start.diagnosis is not None:
             raise ConditionError(f"start: no steady flight: {start.diagnosis}")
+        mass_kg = float(airframe.mass_properties.mass)
+        if start.mass_kg != mass_kg:
+            raise ValueError(
+                f"start: arrived a trim of an aircraft of {start.mass_kg:g} kg; expected one of this aircraft, of "
+                f"{mass_kg:g} kg"
+            )
         start = start.point
     if isinstance(start, TrimPoint):
         return _in_wind(environment, start)
@@ -72,10 +81,22 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     missing = [name for name in _REQUIRED if name not in start]
     if missing:
         raise ValueError(f"start: {missing[0]} is missing; expected at least {' and '.join(_REQUIRED)}")
-    values = np.array([float(start.get(name, 0.0)) for name in names])
-    if not np.all(np.isfinite(values)) or values[0] <= 0.0:
-        raise ValueError(f"start: arrived {dict(start)}; expected finite numbers and a positive airspeed")
+    values = np.array([_number(name, start.get(name, 0.0)) for name in names])
+    if values[0] <= 0.0:
+        raise ValueError(f"start: arrived airspeed_m_s {values[0]:g}; expected a positive airspeed")
+    lower, upper = (np.degrees(np.asarray(ends)) for ends in (airframe.actuators.lower, airframe.actuators.upper))
+    for name, value, low, high in zip(airframe.actuators.names, values[12:-1], lower, upper, strict=True):
+        if not low - 1e-6 <= value <= high + 1e-6:
+            raise ValueError(f"start: arrived {name}_deg {value:g}; expected {low:g} to {high:g}, the stops")
+    if not 0.0 <= values[-1] <= 1.0:
+        raise ValueError(f"start: arrived throttle {values[-1]:g}; expected 0 to 1 (not percent)")
     return _named_start(airframe, environment, as_array(values))
+
+
+def _number(name: str, value: Any) -> float:
+    if np.ndim(value) or isinstance(value, str) or value is None or not np.isfinite(float(value)):
+        raise ValueError(f"start: arrived {value!r:.40} as {name}; expected a finite number")
+    return float(value)
 
 
 @compiled_quickly
