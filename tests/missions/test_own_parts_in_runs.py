@@ -1,0 +1,138 @@
+"""Own parts through `anser.run`: every planner, by object, by aircraft, by name in a file; and the refusals."""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser
+from anser.aircraft import Controls
+from anser.config.errors import ScenarioError
+from anser.parts import AbstractController, AbstractPlanner, AbstractReference, AbstractSensors
+from anser.sensing import IdealSensors
+from support.straight_lines import StraightLines
+
+SINGLE, THREE = "scenarios/single-aircraft.toml", "scenarios/three-aircraft.toml"
+
+
+class Biased(AbstractSensors):
+    range_m: float = 40.0
+
+    def init(self, truth, instant):
+        return IdealSensors().init(truth, instant)
+
+    def read(self, state, truth, instant):
+        reading, state = IdealSensors().read(state, truth, instant)
+        return eqx.tree_at(lambda r: r.sight.range, reading, reading.sight.range + self.range_m), state
+
+
+class Returns(AbstractController):
+    result: object = eqx.field(static=True)
+
+    def init(self, state, attitude):
+        return jnp.zeros(2)
+
+    def control(self, state, belief, command, step):
+        return self.result(belief.state.surfaces, state)
+
+
+def lines(arrival_s=60.0):
+    return StraightLines(jnp.asarray(arrival_s), jnp.zeros(3))
+
+
+def test_an_own_planner_and_sensor_give_the_ordinary_results(tmp_path):
+    flight = anser.run(SINGLE, planner=lines(70.0), sensors={"aircraft-1": Biased()})
+    assert flight.summary["aircraft"][0]["arrival_time_s"] == pytest.approx(70.0, abs=2.0)
+    assert "StraightLines" in flight.dataset.attrs["own_parts"]
+    assert "Biased" in flight.dataset.attrs["own_parts"]
+    folder = flight.save(tmp_path / "run")
+    assert (folder / "report.html").stat().st_size > 10_000
+    sight = np.asarray(flight.dataset.sight_range_m)[0, 0] - np.asarray(flight.dataset.clearance_m)[0, 0]
+    assert sight == pytest.approx(40.0, abs=1e-6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("planner", ["published", "certified", "decentralised"])
+def test_an_own_controller_flies_with_every_planner(planner):
+    """The inversion itself as an own controller: the flight is the same."""
+    scenario = anser.load(THREE).replace("fleet.planner", planner)
+    ordinary = anser.run(scenario)
+    parts = dict(zip([aircraft.name for aircraft in scenario.aircraft], _controllers(scenario), strict=True))
+    flight = anser.run(scenario, controller=parts)
+    for name in ("north_m", "east_m", "altitude_m", "alpha_deg"):
+        np.testing.assert_allclose(flight.dataset[name], ordinary.dataset[name], rtol=0, atol=1e-6)
+
+
+def _controllers(scenario):
+    from anser.scenario.build import build_flight
+
+    flight = build_flight(scenario)
+    return [flight.aircraft(k)[0].controller for k in range(flight.count)]
+
+
+@pytest.mark.long
+def test_own_parts_fly_in_a_sweep_and_in_a_campaign(tmp_path, monkeypatch):
+    module = "import jax.numpy as jnp\nfrom support.straight_lines import StraightLines\n"
+    (tmp_path / "my_lines.py").write_text(module + "lines = StraightLines(jnp.asarray(70.0), jnp.zeros(3))\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    swept = anser.sweep(SINGLE, {"wind.speed_m_s": [0.0, 5.0]}, planner=lines(70.0))
+    single = anser.run(SINGLE, planner="my_lines:lines")
+    arrival = single.summary["aircraft"][0]["arrival_time_s"]
+    assert float(swept["arrival_time_s"].values.ravel()[0]) == pytest.approx(arrival, abs=1e-6)
+
+
+def test_a_scenario_file_names_its_parts(tmp_path):
+    text = Path(SINGLE).read_text(encoding="utf-8")
+    path = tmp_path / "own.toml"
+    path.write_text(text + '\n[parts]\nplanner = "nowhere:lines"\n', encoding="utf-8")
+    scenario = anser.load(path)  # reading imports nothing
+    assert scenario.hash != anser.load(SINGLE).hash
+    with pytest.raises(ScenarioError, match=r'parts.planner: arrived "nowhere:lines" \(No module named'):
+        anser.run(scenario)
+    path.write_text(text + '\n[parts]\nplaner = "nowhere:lines"\n', encoding="utf-8")
+    with pytest.raises(ScenarioError, match="planner"):
+        anser.load(path)
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (lambda u, s: u, r"Returns.control: arrived .* expected \(controls, signals, state\)"),
+        (lambda u, s: (Controls(u[:2], u[0]), None, s), r"surfaces of shape \(2,\)"),
+        (lambda u, s: (Controls(u, u[0]), None, jnp.zeros(3)), "the state in the structure of init"),
+        (lambda u, s: (Controls(u + s, u[0]), None, s), "expected a traceable method"),
+    ],
+)
+def test_wrong_returns_are_refused_by_part_and_method(result, message):
+    with pytest.raises(ScenarioError, match=message):
+        anser.run(THREE, controller=Returns(result))
+
+
+def test_wrong_parts_are_refused():
+    class Unstacked(AbstractPlanner):
+        def first_plan(self, time, reports, performance):
+            return 1.0
+
+        def plans(self, planner_state):
+            return planner_state
+
+    for part, message in (
+        ({"planner": Unstacked()}, r"Unstacked.plans: arrived float; expected an AircraftPlan"),
+        ({"controller": Returns}, "arrived the class Returns"),
+        ({"controller": {"nobody": Returns(None)}}, 'arrived "nobody"; expected the name of an aircraft'),
+        ({"sensors": lines()}, "a subclass of anser.parts.AbstractSensors"),
+    ):
+        with pytest.raises(ScenarioError, match=message):
+            anser.run(THREE, **part)
+
+
+def test_a_field_that_hides_a_method_is_refused():
+    with pytest.raises(TypeError, match="the field 'velocity_n' has the name of a method of AbstractReference"):
+
+        class Line(AbstractReference):
+            velocity_n: jnp.ndarray
+
+            def at(self, time):
+                return None
