@@ -167,8 +167,10 @@ def test_goal_rendezvous_and_goal_estimate_are_handed_over():
     np.testing.assert_array_equal(mission.hold.speed, taker_mission.hold.speed)
     estimates_before, estimates_after = state.vehicles[0].estimator, reassigned_state.vehicles[0].estimator
     np.testing.assert_array_equal(estimates_after.goal.means[0], estimates_before.goal.means[2])
-    np.testing.assert_array_equal(estimates_after.own.position_n[0], estimates_before.own.position_n[0])
-    np.testing.assert_array_equal(estimates_after.goal.own.position_n[0], estimates_before.goal.own.position_n[0])
+    np.testing.assert_array_equal(estimates_after.vehicle.position_n[0], estimates_before.vehicle.position_n[0])
+    np.testing.assert_array_equal(
+        estimates_after.goal.vehicle_motion.position_n[0], estimates_before.goal.vehicle_motion.position_n[0]
+    )
     assert not jnp.any(reassigned_state.vehicles[0].sensors[1].queue.waiting[0])
     # the others are as they were
     np.testing.assert_array_equal(estimates_after.goal.means[1:], estimates_before.goal.means[1:])

@@ -18,7 +18,7 @@ SINGLE, THREE = "scenarios/single-aircraft.toml", "scenarios/three-aircraft.toml
 
 
 class Biased(AbstractSensors):
-    range_m: float = 40.0
+    range_m: float = 2.0
 
     def init(self, truth, instant):
         return IdealSensors().init(truth, instant)
@@ -43,14 +43,14 @@ def lines(arrival_s=60.0):
 
 
 def test_an_own_planner_and_sensor_give_the_ordinary_results(tmp_path):
-    flight = anser.run(SINGLE, planner=lines(70.0), sensors={"aircraft-1": Biased()})
-    assert flight.summary["aircraft"][0]["arrival_time_s"] == pytest.approx(70.0, abs=2.0)
+    flight = anser.run(THREE, planner=lines(), sensors={"aircraft-1": Biased()})
+    assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.1)
     assert "StraightLines" in flight.dataset.attrs["own_parts"]
     assert "Biased" in flight.dataset.attrs["own_parts"]
     folder = flight.save(tmp_path / "run")
     assert (folder / "report.html").stat().st_size > 10_000
     sight = np.asarray(flight.dataset.sight_range_m)[0, 0] - np.asarray(flight.dataset.clearance_m)[0, 0]
-    assert sight == pytest.approx(40.0, abs=1e-6)
+    assert sight == pytest.approx(2.0, abs=1e-6)
 
 
 @pytest.mark.long
@@ -75,12 +75,21 @@ def _controllers(scenario):
 @pytest.mark.long
 def test_own_parts_fly_in_a_sweep_and_in_a_campaign(tmp_path, monkeypatch):
     module = "import jax.numpy as jnp\nfrom support.straight_lines import StraightLines\n"
-    (tmp_path / "my_lines.py").write_text(module + "lines = StraightLines(jnp.asarray(70.0), jnp.zeros(3))\n")
+    (tmp_path / "my_lines.py").write_text(module + "lines = StraightLines(jnp.asarray(60.0), jnp.zeros(3))\n")
     monkeypatch.syspath_prepend(tmp_path)
-    swept = anser.sweep(SINGLE, {"wind.speed_m_s": [0.0, 5.0]}, planner=lines(70.0))
-    single = anser.run(SINGLE, planner="my_lines:lines")
-    arrival = single.summary["aircraft"][0]["arrival_time_s"]
-    assert float(swept["arrival_time_s"].values.ravel()[0]) == pytest.approx(arrival, abs=1e-6)
+    swept = anser.sweep(THREE, {"wind.speed_m_s": [0.0, 5.0]}, planner=lines())
+    named = anser.run(THREE, planner="my_lines:lines")
+    arrival = named.summary["aircraft"][0]["arrival_s"]
+    assert float(swept["arrival_s"].isel(aircraft=0).values.ravel()[0]) == pytest.approx(arrival, abs=1e-6)
+    study = tmp_path / "study.toml"
+    study.write_text(
+        f'format = 1\nname = "lines"\nscenario = "{Path(THREE).resolve()}"\n\n[sampling]\nmethod = "monte-carlo"\nflights = 2\n\n'
+        '[[vary]]\npath = "wind.speed_m_s"\ndistribution = "uniform"\nlow = 0.0\nhigh = 5.0\n',
+        encoding="utf-8",
+    )
+    campaign = anser.campaign(study, tmp_path / "out", processes=1, planner="my_lines:lines")
+    assert campaign.dataset.sizes["flight"] == 2
+    assert np.isfinite(campaign.dataset["arrival_s"].isel(aircraft=0)).all()
 
 
 def test_a_scenario_file_names_its_parts(tmp_path):
