@@ -15,10 +15,11 @@ jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to sh
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
+from anser.aircraft_files.schema import AirframeFile  # noqa: E402
 from anser.campaigns.study import Study  # noqa: E402
 from anser.compiling.options import supported_options  # noqa: E402
 from anser.config.file_schema import key_tables  # noqa: E402
-from anser.scenario import AirframeFile, Scenario  # noqa: E402
+from anser.scenario.schema import Scenario  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 

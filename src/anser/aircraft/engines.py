@@ -93,8 +93,13 @@ class AbstractEngine(eqx.Module):
     def dispersed(self, thrust: Scalar, shift_b: Vector3) -> "AbstractEngine":
         """Return the same engine with the thrust times a factor; its thrust point moves by `shift_b` (m, body axes).
 
-        By default by the fields `thrust_factor` and `point_b`; raises AttributeError for an engine without them.
+        By default by the fields `thrust_factor` and `point_b`; raises TypeError for an engine without them.
         """
+        if not (hasattr(self, "thrust_factor") and hasattr(self, "point_b")):
+            raise TypeError(
+                f"a deviation of {type(self).__name__}: arrived an engine without thrust_factor and point_b; expected "
+                "these fields, or a method `dispersed`"
+            )
         values = self.thrust_factor * thrust, self.point_b + shift_b  # pyright: ignore[reportAttributeAccessIssue]
         return eqx.tree_at(lambda e: (e.thrust_factor, e.point_b), self, values)
 
