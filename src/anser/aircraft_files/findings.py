@@ -346,7 +346,7 @@ def _chord_findings(file: AirframeFile) -> Iterator[Finding]:
 
 
 def _force_findings(file: _File, airframe: _Airframe) -> Iterator[Finding]:
-    """Report a validity range without enough lift for the weight or enough thrust for the drag."""
+    """Report lift below the weight at the least valid airspeed, or drag above full thrust at each valid airspeed."""
     speed_min, speed_max = file.validity.airspeed_m_s
     weight = float(airframe.mass_properties.mass) * _GRAVITY_M_S2
     alphas, speeds = np.linspace(*file.validity.alpha_deg, 46) * DEG_RAD, np.linspace(speed_min, speed_max, 28)

@@ -144,7 +144,7 @@ class RareFlights:
         return -value if self.config.breached_below else value
 
     def refuse_early(self) -> None:
-        """Raise ScenarioError before flying if none of the first flights is valid, or a varied path has no effect."""
+        """Raise ScenarioError before flying if no first flight is valid, or a varied scenario key has no effect."""
         numbers = np.arange(min(VALIDATED_FLIGHTS, self.config.flights))
         refuse_early(self.study, self.scenario, self._applied(self.space.sample(numbers)), numbers.size)
 
@@ -205,7 +205,7 @@ class RareStore(AbstractFlightStore):
         return cls(folder)
 
     def values(self, start: int, count: int) -> np.ndarray | None:
-        """Return the values of a batch of `count` flights from flight number `start` on; None if not yet flown.
+        """Return the limit-state values of `count` flights from number `start` on; None if not yet flown.
 
         Raises StoreError if the stored batch has another number of flights.
         """

@@ -32,7 +32,7 @@ def verify(
     case: Annotated[list[str] | None, typer.Option(help="Run this check only; may be given several times.")] = None,
     only_list: Annotated[bool, typer.Option("--list", help="Print the checks there are and stop.")] = False,
 ) -> None:
-    """Compute every published figure known to anser and compare: NASA's check-cases, the textbook, the standards."""
+    """Recompute published numbers and compare: NASA's check-cases, Stevens & Lewis, the standards."""
     from anser.compiling.options import enable_compilation_cache
     from anser.verification.checks import to_document
     from anser.verification.suite import select_checks

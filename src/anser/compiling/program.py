@@ -327,7 +327,10 @@ class Program(Generic[_P, _R]):
         return functools.partial(prepared.function, arrays)
 
     def prepare(self, *args: Any, **kwargs: Any) -> PreparedProgram:
-        """Prepare the program for the shapes of the arguments; `jax.ShapeDtypeStruct` may replace arrays."""
+        """Return the program for the shapes of the arguments, uncalled; `jax.ShapeDtypeStruct` may replace arrays.
+
+        A stored program starts to load at once; a new one is traced, and compiled after `start`.
+        """
         return self._find_or_trace(*self._split_arguments(args, kwargs))
 
     def forget(self) -> None:

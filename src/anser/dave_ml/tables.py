@@ -13,7 +13,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
-from scipy.spatial import Delaunay, QhullError
 
 from anser.dave_ml.definition import Argument, Definition, Function, Interpolate, UngriddedTable
 from anser.dave_ml.elements import quote
@@ -315,6 +314,8 @@ def _mesh(table: UngriddedTable) -> Any:
     )
     if count < d + 1 or np.linalg.matrix_rank(table.points - table.points[0]) < d:
         raise flat
+    from scipy.spatial import Delaunay, QhullError  # a sixth of a second, for aircraft with such a table only
+
     try:
         mesh = Delaunay(table.points)
     except QhullError:

@@ -375,7 +375,7 @@ def sample_extremes(
 def _along_at_start(
     idle: IdleDeceleration, deceleration: ScalarLike, along_path: np.ndarray, speed: np.ndarray, load_factor: np.ndarray
 ) -> tuple[Any, Any]:
-    """Convert a sampled path's greatest acceleration and deceleration to level flight at the start, m/s^2.
+    """Convert a path's greatest acceleration and deceleration to equal demands in level flight at the start, m/s^2.
 
     See `PathBounds.along_at_start`.
     """

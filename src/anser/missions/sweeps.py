@@ -30,7 +30,8 @@ def sweep_dataset(
 ) -> xr.Dataset:
     """Put the results of a sweep's flights into one dataset with a dimension for each swept key.
 
-    The values are the coordinate of the dimension. A flight that could not start has NaN, "no flight" and the reason.
+    The swept values are the coordinate of their dimension. A flight that could not start has NaN in its
+    numbers, and the reason in `reason`.
     """
     shape = tuple(len(values) for values in swept.values())
     dimensions = tuple(swept)

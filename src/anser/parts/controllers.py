@@ -26,7 +26,7 @@ class AbstractGuidance(AbstractPart):
         """Return the command for the controller, the planned position (NED, m), and the new guidance state.
 
         The plan is None without a planner. The command has the type expected by the aircraft's controller; for an
-        aircraft with a goal, also during the hold, a `PathCommand`.
+        aircraft with a goal, also during the hold, a `PathCommand`: the hold replaces the command by one.
         """
 
 

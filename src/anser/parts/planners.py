@@ -151,7 +151,10 @@ class IdleDeceleration(eqx.Module):
         return self._maximum(array_module, self._load_increases(array_module, load_factor), slow, fast)
 
     def _unloaded_entries(self, array_module: ModuleType, load_factor: Any) -> Any:
-        """Return the relative deceleration of every table entry at min(load factor, 1); last axis entries."""
+        """Return the relative deceleration of every table entry, reduced for a load factor below 1.
+
+        The last axis is the entries; the least value is `_LEAST`.
+        """
         level, by_lift = (_expand_entries(load_factor, entries) for entries in (self.level, self.by_lift))
         unloaded = 1.0 - array_module.clip(load_factor, 0.0, 1.0) ** 2
         return array_module.maximum(level - array_module.expand_dims(unloaded, -1) * by_lift, _LEAST)

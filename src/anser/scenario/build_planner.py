@@ -81,7 +81,8 @@ def _decentralised(
 ) -> DecentralisedPlanner:
     """Build the decentralised planner.
 
-    Its separation is widened by path deviations and by clock differences between messages.
+    The required separation is increased by twice the greatest deviation from a broadcast path (`tube_m`), and by the
+    distance flown in the greatest difference of two clocks (`skew_max_s`).
     """
     planner, network = _certified(scenario, fleet, guidance), build_network(scenario)
     settings = scenario.network or NetworkTable()

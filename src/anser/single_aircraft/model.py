@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -14,15 +14,17 @@ from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.aircraft.motion import state_derivative
 from anser.analysis.airframes import describe_airframe, valid_airspeed_range
-from anser.analysis.linear_models import LinearizationResult, linearize
 from anser.analysis.trim_points import TrimResult, airframe_label, resolve_airframe, trim
 from anser.compiling.options import compiled_quickly
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.shapes import Scalar
-from anser.single_aircraft.performance import PerformanceSheet, performance_sheet
 from anser.single_aircraft.starts import input_names, named_state, reference_inputs, resolve_start, start_names
 from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
+
+if TYPE_CHECKING:
+    from anser.analysis.linear_models import LinearizationResult
+    from anser.single_aircraft.performance import PerformanceSheet
 
 _BODY_STATES = (
     *("north_m", "east_m", "altitude_m", "velocity_u_m_s", "velocity_v_m_s", "velocity_w_m_s"),
@@ -82,7 +84,7 @@ class AircraftModel:
 
     def linearize(
         self, trim: TrimResult | None = None, *, actuators: bool = False, **condition: float
-    ) -> LinearizationResult:
+    ) -> "LinearizationResult":
         """Linearize the aircraft about a trim, or about a condition given as to `trim`: see `anser.linearize`.
 
         Raises
@@ -92,6 +94,8 @@ class AircraftModel:
         ConditionError
             The steady flight does not exist.
         """
+        from anser.analysis.linear_models import linearize
+
         if (trim is None) == (not condition):
             arrived = "neither trim nor condition" if trim is None else "both trim and condition"
             raise ValueError(f"linearize: arrived {arrived}; expected one: a trim, or speed_m_s=..., altitude_m=...")
@@ -101,8 +105,10 @@ class AircraftModel:
         result = linearize(self.airframe, actuators=actuators, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
-    def performance(self, altitude_m: float = 0.0) -> PerformanceSheet:
+    def performance(self, altitude_m: float = 0.0) -> "PerformanceSheet":
         """Compute the performance sheet at an altitude: see `PerformanceSheet`."""
+        from anser.single_aircraft.performance import performance_sheet
+
         return performance_sheet(self.airframe, self.identity, altitude_m)
 
     def start(self, trim: TrimResult) -> dict[str, float]:

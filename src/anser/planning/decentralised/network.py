@@ -129,7 +129,7 @@ def _with_broadcasts(knowledge: KnowledgeMatrix, broadcast: Broadcast, time: Sca
 
 
 def _merge_messages(knowledge: KnowledgeMatrix, arrived: KnowledgeMatrix, hears: LinkMatrix) -> KnowledgeMatrix:
-    """Update the knowledge from the messages received: for each subject, the latest data count."""
+    """Update the knowledge from the messages received: of each subject, newer data replace the older."""
     count = hears.shape[0]
     # (receiver, sender, subject)
     times = jnp.where(hears[:, :, None], arrived.times[None], -jnp.inf)
