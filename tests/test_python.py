@@ -20,6 +20,7 @@ ENTRIES = [
     "doublet",
     "linearize",
     "load",
+    "load_campaign",
     "load_flight",
     "loads",
     "multisine",

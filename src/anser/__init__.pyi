@@ -1,5 +1,5 @@
 from .analysis import linearize, trim
-from .campaigns import campaign, compare_campaigns, rare
+from .campaigns import campaign, compare_campaigns, load_campaign, rare
 from .missions import load_flight, plan, run, sweep
 from .scenario import load, loads
 from .single_aircraft.flight import simulate
@@ -16,6 +16,7 @@ __all__ = [
     "doublet",
     "linearize",
     "load",
+    "load_campaign",
     "load_flight",
     "loads",
     "multisine",

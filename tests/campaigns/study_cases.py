@@ -27,12 +27,12 @@ def text_of(scenario="three.toml", flights=4):
     )
 
 
-def made_up(cases, batch=None, series=None, precision="float64"):
+def made_up(cases, batch=None, series=None, precision="float64", outputs=None):
     """Synthetic rows as functions of the scenarios, including failed flights and a failed start."""
-    return [_row(case, series) for case in cases]
+    return [_row(case, series, () if outputs is None else outputs.formulas) for case in cases]
 
 
-def _row(case, selection):
+def _row(case, selection, formulas):
     scenario = case.scenario
     seed = scenario.seed if case.seed is None else case.seed
     variate = int(hashlib.sha256(f"{seed} {scenario.wind.speed_m_s}".encode()).hexdigest(), 16) % 1000 / 100.0
@@ -48,4 +48,6 @@ def _row(case, selection):
     if selection is not None:
         times, offsets = selection.times_s(scenario), np.arange(3.0)[:, None]
         series = {key: convert_series(key, 0.1 * variate + offsets + 0.01 * times) for key in selection.keys}
-    return FlightRow(aircraft, fleet, [{"name": "miss_max_m", "met": is_met}], is_met, series=series)
+    outputs = {name: variate * (k + 1) for k, (name, _) in enumerate(formulas)}
+    requirements = [{"name": "miss_max_m", "met": is_met}]
+    return FlightRow(aircraft, fleet, requirements, is_met, series=series, outputs=outputs)

@@ -1,4 +1,4 @@
-from .campaign_folder import Campaign, campaign
+from .campaign_folder import Campaign, campaign, load_campaign
 from .comparison import CampaignComparison, compare_campaigns
 from .estimates import CampaignEstimates
 from .rare_events import RareEvent, rare, read_rare
@@ -18,6 +18,7 @@ __all__ = [
     "SubsetEstimate",
     "campaign",
     "compare_campaigns",
+    "load_campaign",
     "load_study",
     "rare",
     "read_rare",

@@ -1,9 +1,10 @@
 """Campaigns for users: fly a study, resume a campaign, and read the results."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -85,6 +86,7 @@ def campaign(
     processes: int | None = None,
     cluster: str | None = None,
     precision: str | None = None,
+    outputs: Sequence[Mapping[str, Any]] = (),
     progress: Progress | None = None,
     **own_parts: str,
 ) -> Campaign:
@@ -108,6 +110,9 @@ def campaign(
         folder.
     precision
         Precision of the flights, "float64" or "float32", overriding the study; None: precision of the study.
+    outputs
+        Further outputs of each flight, in addition to the study's: dictionaries with the keys of a table `[[output]]`,
+        such as `{"name": "bank", "expression": "abs(bank_deg)", "reduction": "greatest"}`.
     progress
         Called with a message and the completed fraction of the flights, 0..1.
     **own_parts
@@ -124,7 +129,9 @@ def campaign(
     FileExistsError
         The folder exists and `resume` is False.
     """
-    store = open_campaign_store(study, Path(out), resume=resume, precision=precision, own_parts=own_parts)
+    store = open_campaign_store(
+        study, Path(out), resume=resume, precision=precision, own_parts=own_parts, outputs=outputs
+    )
     report = progress or no_progress
     if cluster is None:
         processes = choose_processes(processes, lambda: campaign_process_limit(store), report)
@@ -136,6 +143,14 @@ def campaign(
     return Campaign(store)
 
 
+def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
+    """Open the campaign of a folder, complete or partial.
+
+    Raises StoreError if the folder has no campaign, or a file is damaged.
+    """
+    return Campaign(CampaignStore.open(Path(folder)))
+
+
 def open_campaign_store(
     study: str | os.PathLike[str],
     folder: Path,
@@ -143,15 +158,19 @@ def open_campaign_store(
     resume: bool,
     precision: str | None = None,
     own_parts: Mapping[str, str] | None = None,
+    outputs: Sequence[Mapping[str, Any]] = (),
 ) -> CampaignStore:
     """Create a new store, or with `resume` open the store to continue; raises the errors of `campaign`."""
     requested, scenario, table_columns = load_study(study)
     if own_parts:
         scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **own_parts})
+    values = requested.model_dump(mode="json", exclude_unset=True)
     if precision is not None:
-        requested = validate_study(
-            {**requested.model_dump(exclude_unset=True), "precision": precision}, os.fspath(study)
-        )
+        values["precision"] = precision
+    if outputs:
+        values["output"] = [*values.get("output", ()), *map(dict, outputs)]
+    if precision is not None or outputs:
+        requested = validate_study(values, os.fspath(study))
     if resume:
         applied = applied_values(requested, scenario, table_columns)
         repair_base(folder, requested, scenario, applied, campaign_seeds(requested, applied))

@@ -26,7 +26,7 @@ _UNITS = {name: unit for name, (unit, _) in (AIRCRAFT_QUANTITIES | FLEET_QUANTIT
 class Difference:
     """Difference of one quantity between paired flights: second campaign minus first."""
 
-    name: str  # name of the quantity; smaller is better
+    name: str  # name of the quantity
     words: str  # description of the quantity
     unit: str  # unit of the quantity
     # number of flights by outcome; alike includes pairs without a value in both campaigns
@@ -40,6 +40,7 @@ class Difference:
     # quantiles of the differences, each as (share, value, low, high) with the bounds of its confidence interval; None
     # if unknown
     quantiles: tuple[tuple[float, float | None, float | None, float | None], ...]
+    greater_is_better: bool = False  # otherwise smaller
 
     def as_dict(self) -> dict[str, Any]:
         """Return the difference as plain data for JSON."""
@@ -60,13 +61,13 @@ class CampaignComparison:
     second_only: int  #: Number of pairs in which only the second flight met every requirement.
     neither: int  #: Number of pairs in which no flight met every requirement.
     p_value: float  #: McNemar's exact test on the pairs with one success: probability of such a difference by chance.
-    differences: tuple[Difference, ...]  #: Differences of miss and spread.
+    differences: tuple[Difference, ...]  #: Differences of miss, spread and the outputs that both studies define.
     #: Number of pairs whose sampled values differ, by key path; every pair for a path varied in one campaign only.
     applied: dict[str, int]
     #: Differences of the base scenarios: key path, first value, second value.
     scenario: tuple[tuple[str, Any, Any], ...]
     precision: tuple[str, str]  #: Precision of the first and the second campaign, "float64" or "float32".
-    dataset: xr.Dataset  #: Paired `met`, `miss_m` and `arrival_spread_s`, dimensions campaign and flight.
+    dataset: xr.Dataset  #: Paired `met`, `miss_m`, `arrival_spread_s` and outputs, dimensions campaign and flight.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the comparison as plain data for JSON, without the dataset."""
@@ -110,7 +111,7 @@ def compare_campaigns(
         exclusive[1],
         int((~is_met).all(axis=0).sum()),
         mcnemar_exact(exclusive[0], exclusive[1]),
-        tuple(_difference(name, data[name].values, shares, confidence) for name in _OUTPUTS if name in data),
+        tuple(_difference(data[name], shares, confidence) for name in data if name != "met"),
         _applied(store_1, store_2, numbers),
         tuple(scenario_differences(store_1.scenario.model_dump(mode="json"), store_2.scenario.model_dump(mode="json"))),
         (store_1.study.precision, store_2.study.precision),
@@ -147,15 +148,22 @@ def _pairs(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) 
     for name in applicable_quantities(_OUTPUTS, datasets[0]):
         values = np.stack([worst_of_fleet(data, name) for data in datasets])
         variables[name] = (dimensions, values, unit_attributes(_UNITS[name], _OUTPUTS[name]))
+    for output in store_1.study.output:
+        if output in store_2.study.output:
+            values = np.stack([worst_of_fleet(data, output.name, upper=output.is_upper) for data in datasets])
+            attributes = unit_attributes(output.labels[0], output.name)
+            variables[output.name] = (dimensions, values, attributes | {"greater_is_better": int(not output.is_upper)})
     return xr.Dataset(variables, coords={"campaign": ["first", "second"], "flight": numbers})
 
 
-def _difference(name: str, values: np.ndarray, shares: list[float], confidence: float) -> Difference:
-    """Return the difference of one quantity; `values` has the shape (2, flights), first and second campaign."""
-    values_1, values_2 = values
+def _difference(quantity: xr.DataArray, shares: list[float], confidence: float) -> Difference:
+    """Return the difference of one quantity; its dimensions are campaign (first and second) and flight."""
+    values_1, values_2 = quantity.values
+    greater_is_better = bool(quantity.attrs.get("greater_is_better", False))
     alike = values_1 == values_2  # including two infinite values
     difference = np.where(alike, 0.0, np.where(alike, 0.0, values_2) - np.where(alike, 0.0, values_1))
-    better_count, count = int(np.sum(difference < 0.0)), difference.size
+    is_better = difference > 0.0 if greater_is_better else difference < 0.0
+    better_count, count = int(np.sum(is_better)), difference.size
     low, high = wilson_interval(better_count, count, confidence)
     quantiles = []
     for share in shares:
@@ -164,7 +172,8 @@ def _difference(name: str, values: np.ndarray, shares: list[float], confidence: 
     alike_count = int(alike.sum())
     counts = better_count, alike_count, count - better_count - alike_count
     shares_better = better_count / count, low, high
-    return Difference(name, _OUTPUTS[name], _UNITS[name], *counts, *shares_better, tuple(quantiles))
+    labels = str(quantity.name), quantity.attrs["long_name"], quantity.attrs["units"]
+    return Difference(*labels, *counts, *shares_better, tuple(quantiles), greater_is_better)
 
 
 def _applied(store_1: CampaignStore, store_2: CampaignStore, numbers: np.ndarray) -> dict[str, int]:

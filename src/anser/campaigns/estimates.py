@@ -81,7 +81,9 @@ def estimate_campaign(data: xr.Dataset, flights: int, study: Study) -> CampaignE
     count, met_independent = independent.sizes["flight"], int(independent["met"].sum())
     low, high = wilson_interval(met_independent, count, settings.confidence)
     quantile_estimates = []
+    outputs = {output.name: (output.name, output.labels[0], output.is_upper) for output in study.output}
     for upper, quantities in ((True, _UPPER), (False, _LOWER)):
+        quantities = quantities | {name: labels[:2] for name, labels in outputs.items() if labels[2] is upper}
         for name in applicable_quantities(quantities, independent):
             description, unit = quantities[name]
             values = worst_of_fleet(independent, name, upper=upper)

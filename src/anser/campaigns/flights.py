@@ -18,15 +18,19 @@ from anser.campaigns.processes import (
 )
 from anser.campaigns.sampling import flight_seeds, sample_study
 from anser.campaigns.store import CampaignStore
-from anser.campaigns.study import Study, refuse_series, select_series
-from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.campaigns.study import Study, feature_required, recorded_keys_of, refuse_series, select_series
+from anser.config.errors import Problem, ScenarioError, describe_value, quoted_list
+from anser.config.expressions import parse_expression, suggest_variable
 from anser.config.key_paths import value_at
 from anser.missions.batches import BATCH, Progress, no_progress
 from anser.missions.flight_batches import FlightCase, fly_many
+from anser.missions.flight_outputs import FlightOutput
 from anser.missions.runs import check_precision, needs_single_flight
 from anser.results.flight_rows import FlightRow
+from anser.scenario.build import build_flight
 from anser.scenario.flight_checks import refuse_unused_keys
 from anser.scenario.schema import Scenario
+from anser.variables import DERIVED_KEYS, OPTIONAL_KEYS, all_surface_names, catalogue
 
 _CHUNK_WITHOUT_BATCH = 4
 """Flights per chunk if each is flown individually."""
@@ -67,8 +71,9 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
     applied = applied_values(study, scenario, table_columns)
     seeds = campaign_seeds(study, applied)
     refuse_early(study, scenario, applied, seeds.size)
-    valid_scenarios = (dispersed for dispersed, _ in _valid_cases(scenario, applied, seeds.size))
+    valid_scenarios = [dispersed for dispersed, _ in _valid_cases(scenario, applied, seeds.size)]
     refuse_series(study.keep, study.name, valid_scenarios, applied)
+    refuse_outputs(study, valid_scenarios)
     chunk = (
         _CHUNK_WITHOUT_BATCH
         if needs_single_flight(scenario)
@@ -153,7 +158,11 @@ def fly_chunk(folder: Path, chunk: int) -> int:
         except ScenarioError as error:
             flight_rows[k] = FlightRow.failed_start("; ".join(map(str, error.problems)))
     flown = fly_many(
-        list(cases.values()), batch=store.chunk, series=store.series_selection, precision=store.study.precision
+        list(cases.values()),
+        batch=store.chunk,
+        series=store.series_selection,
+        precision=store.study.precision,
+        outputs=store.output_recording,
     )
     flight_rows.update(zip(cases, flown, strict=True))
     store.write(chunk, [flight_rows[k] for k in range(seeds.size)])
@@ -193,3 +202,40 @@ def _valid_cases(
         with contextlib.suppress(ScenarioError):
             dispersed = dispersed_scenario(scenario, 0, applied, k)
             yield dispersed, {path: values[k] for path, values in applied.items()}
+
+
+def refuse_outputs(study: Study, scenarios: list[Scenario]) -> None:
+    """Raise ScenarioError if the flights of some of a study's scenarios cannot have the outputs that it defines.
+
+    That is, if an expression names an unknown variable, or one that no flight has; if an aircraft is unknown; or if a
+    reduction needs a single aircraft.
+    """
+    if not study.output:
+        return
+    variables = {v.name: v.key for v in catalogue(all_surface_names(build_flight(scenarios[0]).surfaces))}
+    recorded = set().union(*map(recorded_keys_of, scenarios))
+    absent = {name: key for name, key in variables.items() if key in OPTIONAL_KEYS - recorded}
+    usable = [name for name, key in variables.items() if name not in absent and key not in DERIVED_KEYS]
+    problems = []
+    for k, output in enumerate(study.output):
+        for name in parse_expression(output.expression).names:
+            if name not in usable:
+                expected = (
+                    f"a variable that a flight has; this one takes {feature_required(absent[name])}"
+                    if name in absent
+                    else suggest_variable(name, usable)
+                )
+                problems.append(Problem(f"output[{k}].expression", describe_value(name), expected))
+        problems += _fleet_problems(f"output[{k}]", output, [aircraft.name for aircraft in scenarios[0].aircraft])
+    if problems:
+        raise ScenarioError(study.name, problems)
+
+
+def _fleet_problems(key_path: str, output: FlightOutput, names: list[str]) -> list[Problem]:
+    if output.aircraft is not None and output.aircraft not in names:
+        expected = f"the name of an aircraft of the scenario: {quoted_list(names)}"
+        return [Problem(f"{key_path}.aircraft", describe_value(output.aircraft), expected)]
+    if output.aircraft is None and len(names) > 1 and output.reduction not in ("greatest", "least"):
+        expected = f'{quoted_list(names, " or ")}, for the reduction "{output.reduction}" is that of one aircraft'
+        return [Problem(f"{key_path}.aircraft", "nothing", expected)]
+    return []

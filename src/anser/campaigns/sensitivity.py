@@ -76,6 +76,7 @@ def influences(
         compute_entries = functools.partial(_rank_entries, varying, confidence)
     outputs = {"met": data["met"].values.astype(float)}
     outputs |= {name: worst_of_fleet(data, name) for name in applicable_quantities(_OUTPUTS, data) if name != "met"}
+    outputs |= {output.name: worst_of_fleet(data, output.name, upper=output.is_upper) for output in study.output}
     entries: list[Influence] = []
     for name, values in outputs.items():
         if np.unique(values).size < 2:
@@ -85,7 +86,7 @@ def influences(
             entries += compute_entries(name, values)
         except ValueError as error:
             not_computed[name] = str(error)
-    labels = {name: _OUTPUTS[name] for name in outputs}
+    labels = {name: _OUTPUTS.get(name, name) for name in outputs}
     return Influences(kind, confidence, data.sizes["flight"], labels, tuple(entries), not_computed)
 
 

@@ -21,6 +21,7 @@ import zarr
 
 from anser.campaigns.store_integrity import SERIES, AbstractFlightStore, StoreChecksums, StoreError, store_attributes
 from anser.campaigns.study import Study, select_series
+from anser.missions.flight_outputs import OutputRecording
 from anser.missions.series import SeriesSelection
 from anser.results.checksums import file_digest
 from anser.results.flight_rows import FlightColumn, FlightRow, tabulate_flights, worst_of_fleet
@@ -97,6 +98,7 @@ class CampaignStore(AbstractFlightStore):
         self.chunk = int(self.attributes["chunk"])  # flights per chunk
         self._unconverged_chunks = 0  # evaluated chunks: each evaluation sorts every flight so far
         self.series_selection = select_series(self.study.keep, self.scenario)
+        self.output_recording = OutputRecording.of_study(self.study.output, self.scenario)
 
     @classmethod
     def create(
@@ -109,7 +111,7 @@ class CampaignStore(AbstractFlightStore):
         chunk: int,  # number of flights per chunk
     ) -> Self:
         """Create the store in an existing folder; raises StoreError if the disk space is insufficient."""
-        columns = _result_columns([FlightRow.failed_start("")], len(scenario.aircraft))
+        columns = _result_columns([FlightRow.failed_start("")], study, scenario)
         selection = select_series(study.keep, scenario)
         flight_bytes = sum(values[0].nbytes for _, values, _ in columns.values())
         if selection is not None:
@@ -149,7 +151,10 @@ class CampaignStore(AbstractFlightStore):
             return None
         statistic = self.study.until.statistic
         columns = {name: np.asarray(self._array(name)[:]) for name in {"met", "miss_m", statistic}}
-        values = columns["met"] if statistic == "met" else worst_of_fleet(columns, statistic)
+        is_upper = statistic not in [output.name for output in self.study.output if not output.is_upper]
+        # the width of the interval does not depend on the sign
+        worst = columns["met"] if statistic == "met" else worst_of_fleet(columns, statistic, upper=is_upper)
+        values = worst if is_upper else -worst
         is_complete = self.chunk_is_complete
         count = count_converged_chunks(self.study, is_complete, self.chunk, values, self._unconverged_chunks)
         if count is None:
@@ -185,7 +190,7 @@ class CampaignStore(AbstractFlightStore):
         """Write the results of a chunk's flights; its checksums are recorded only when the data are on disk."""
         flights = self.chunk_slice(chunk)
         columns = {
-            name: values for name, (_, values, _) in _result_columns(flight_rows, len(self.scenario.aircraft)).items()
+            name: values for name, (_, values, _) in _result_columns(flight_rows, self.study, self.scenario).items()
         }
         if self.series_selection is not None:
             columns |= self._series_columns(self.series_selection, flight_rows)
@@ -304,9 +309,10 @@ _WIDTHS = {"status": 64, "unmet": 256, "reason": 512}
 """Maximum characters of text columns; longer texts are truncated with dots."""
 
 
-def _result_columns(flight_rows: Sequence[FlightRow], aircraft: int) -> dict[str, FlightColumn]:
+def _result_columns(flight_rows: Sequence[FlightRow], study: Study, scenario: Scenario) -> dict[str, FlightColumn]:
     """Return the results of flights by name, with texts of fixed width."""
-    columns = tabulate_flights(flight_rows, aircraft)
+    labels = {output.name: output.labels for output in study.output}
+    columns = tabulate_flights(flight_rows, len(scenario.aircraft), labels)
     for name, width in _WIDTHS.items():
         dimensions, values, labels = columns[name]
         texts = [text if len(text) <= width else f"{text[: width - 3]}..." for text in values.ravel().tolist()]

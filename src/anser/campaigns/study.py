@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from anser.campaigns.distributions import Dispersion
-from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number
+from anser.config.errors import Problem, ScenarioError, check_file_kind, describe_value, format_number, quoted_list
 from anser.config.tables import (
     SLUG_EXPECTED,
     SLUG_PATTERN,
@@ -26,6 +26,7 @@ from anser.config.tables import (
 from anser.config.toml_text import attach_line_numbers, read_text
 from anser.config.validation_messages import validation_problems
 from anser.files import MIB
+from anser.missions.flight_outputs import FlightOutput
 from anser.missions.series import SeriesSelection
 from anser.scenario.files import load, parse_scenario
 from anser.scenario.schema import Scenario
@@ -101,17 +102,17 @@ def refuse_series(
     problems += [
         Problem("keep.series", f"with {describe_value(path)}", expected) for path in varied if path.startswith("timing")
     ]
-    recorded = set().union(*map(_recorded, scenarios))
+    recorded = set().union(*map(recorded_keys_of, scenarios))
     for k, name in enumerate(keep.series):
         if name not in recorded:
-            expected = f"a variable that a flight has; this one takes {_requirement(name)}"
+            expected = f"a variable that a flight has; this one takes {feature_required(name)}"
             problems.append(Problem(f"keep.series[{k}]", describe_value(name), expected))
     if problems:
         raise ScenarioError(source, problems)
 
 
-def _recorded(scenario: Scenario) -> set[str]:
-    """Return the names of the variables that the flights of a scenario record."""
+def recorded_keys_of(scenario: Scenario) -> set[str]:
+    """Return the keys of the variables that the flights of a scenario record."""
     keys = set(RECORDED_KEYS)
     if scenario.turbulence.intensity != "none" or scenario.gust:
         keys |= _GUST_KEYS
@@ -122,7 +123,8 @@ def _recorded(scenario: Scenario) -> set[str]:
     return keys
 
 
-def _requirement(name: str) -> str:
+def feature_required(name: str) -> str:
+    """Return the feature of a scenario without which its flights lack an optional variable."""
     if name in _GUST_KEYS:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
@@ -286,15 +288,20 @@ class EstimateSettings(Table):
         ]
 
 
+_STATISTICS = ("met", "miss_m", "arrival_spread_s")
+_STATISTICS_EXPECTED = f"{quoted_list(_STATISTICS, ' or ')}, or the name of an [[output]]"
+
+
 class StoppingRule(Table):
     """Rule for stopping before the planned number of flights."""
 
-    statistic: Literal["met", "miss_m", "arrival_spread_s"] = Field(
+    statistic: str = Field(
         default="met",
         description="statistic of the rule: the probability that all requirements are met, or a quantile over the "
         "flights",
+        json_schema_extra=expects(_STATISTICS_EXPECTED),
     )
-    share: float = number("quantile of miss or spread", 0, 1, "", 0.95, exclusive_minimum=True)
+    share: float = number("quantile of miss, spread or output", 0, 1, "", 0.95, exclusive_minimum=True)
     width: float = number(
         "greatest width of the interval, in the unit of the statistic", 0, 1e9, "", exclusive_minimum=True
     )
@@ -305,6 +312,10 @@ class StoppingRule(Table):
         if self.share == 1.0:
             return [Problem("share", "1", "a number below 1")]
         return []
+
+
+_RESERVED_NAMES = ("flight", "aircraft", "seed", "flown", "series", "met", "unmet", "status", "reason")
+"""Names of the arrays of a campaign's store that an output could have as well."""
 
 
 class Study(Table):
@@ -336,6 +347,10 @@ class Study(Table):
     until: StoppingRule | None = table("stopping rule", "a table [until]", None)
     answers: EstimateSettings = table("settings of the estimates", "a table [answers]", EstimateSettings())
     keep: OutputSelection | None = table("stored outputs in addition to the rows", "a table [keep]", None)
+    # left out of the values where empty, so that the hash of a study without outputs does not depend on the key
+    output: Annotated[tuple[FlightOutput, ...], Field(exclude_if=lambda outputs: not outputs)] = tables(
+        "further outputs of each flight", "tables [[output]], in double brackets", at_least=0, default=()
+    )
 
     def consistency_problems(self) -> list[Problem]:
         """Return problems between tables."""
@@ -355,7 +370,22 @@ class Study(Table):
                         Problem(f"correlated[{k}].paths", describe_value(path), "each path in one group, once")
                     )
                 grouped_paths.append(path)
-        return problems + self._sampling_problems(self.sampling)
+        return problems + self._output_problems() + self._sampling_problems(self.sampling)
+
+    def _output_problems(self) -> list[Problem]:
+        reserved = {*_RESERVED_NAMES, *(dispersion.path for dispersion in self.vary)}
+        names = [output.name for output in self.output]
+        problems = [
+            Problem(f"output[{k}].name", describe_value(name), "a name that no other output or result has")
+            for k, name in enumerate(names)
+            if name in reserved or name in names[:k]
+        ]
+        if self.until is not None and self.until.statistic not in (*_STATISTICS, *names):
+            arrived = describe_value(self.until.statistic)
+            problems.append(Problem("until.statistic", arrived, _STATISTICS_EXPECTED))
+        if self.output and self.sampling is None and self.rare is not None:
+            problems.append(Problem("output", "a table", "none without a table [sampling]"))
+        return problems
 
     def _sampling_problems(self, sampling: Sampling | None) -> list[Problem]:
         problems = []

@@ -113,9 +113,10 @@ def _print_comparison(comparison: "CampaignComparison") -> None:
         f"McNemar, exact: p = {comparison.p_value:.3g}"
     )
     for difference in comparison.differences:
+        better = "more" if difference.greater_is_better else "less"
         print_line(
-            f"{difference.words}: less in the second in {difference.second_better} flights, alike in "
-            f"{difference.alike}, less in the first in {difference.first_better}; {100 * difference.share:.2f} % "
+            f"{difference.words}: {better} in the second in {difference.second_better} flights, alike in "
+            f"{difference.alike}, {better} in the first in {difference.first_better}; {100 * difference.share:.2f} % "
             f"({100 * difference.low:.2f} to {100 * difference.high:.2f} % at {confidence} confidence) "
             "better in the second"
         )

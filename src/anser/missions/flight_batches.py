@@ -19,6 +19,7 @@ from anser.missions.first_plan import (
     certified_plan_state,
     trim_and_build_tasks,
 )
+from anser.missions.flight_outputs import OutputRecording
 from anser.missions.runs import needs_single_flight, precision_problems, run
 from anser.missions.segments import padded_batches, without_replanning
 from anser.missions.series import SeriesSelection
@@ -77,10 +78,12 @@ def _fly_segment(
     first_sample: Count,
     last_sample: Count,
     series: SeriesSelection | None = None,
+    outputs: OutputRecording | None = None,
 ) -> Any:
     def fly_one(flight: Flight, state: FlightState, recorder_state: Any, separation: Separation) -> Any:
         summary = SummaryRecorder(separation=separation, last_sample=last_sample)
         recorder = summary if series is None else series.recorder(summary)
+        recorder = recorder if outputs is None else outputs.recorder(recorder, last_sample)
         return fly(flight, state, first_sample, SEGMENT_STEPS, recorder, recorder_state)
 
     return flights.map(fly_one, states, summaries, separations)
@@ -93,6 +96,7 @@ def fly_many(
     on_rows: Callable[[list[int], list[FlightRow]], None] = lambda numbers, flight_rows: None,
     series: SeriesSelection | None = None,
     precision: Precision = "float64",
+    outputs: OutputRecording | None = None,
 ) -> list[FlightRow]:
     """Fly many scenarios in batches of equal structure, with the same summary as `anser.run`.
 
@@ -112,6 +116,8 @@ def fly_many(
     precision
         Precision of the flights; planning always uses float64. For a scenario that does not allow the precision the row
         contains the reason.
+    outputs
+        Further outputs of each flight; None: none.
 
     Returns
     -------
@@ -145,13 +151,13 @@ def fly_many(
     for group, positions, flights in _group_cases([cases[k] for k in batched], batch):
         numbers = [batched[k] for k in positions]
         stacked = group.stacked(flights, min(batch, len(batched)))
-        deliver(numbers, _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision))
+        deliver(numbers, _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision, outputs))
     for k in single:
-        deliver([k], [_fly_alone(cases[k], series)])
+        deliver([k], [_fly_alone(cases[k], series, outputs)])
     return cast(list[FlightRow], flight_rows)
 
 
-def _fly_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
+def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: OutputRecording | None) -> FlightRow:
     """Fly one case as `anser.run` does and return its result row.
 
     The row of a flight that cannot start contains the reason.
@@ -161,16 +167,23 @@ def _fly_alone(case: FlightCase, series: SeriesSelection | None) -> FlightRow:
         raise ValueError(f"{case.scenario.name}: arrived {received}; expected 0 and none, as it is flown alone")
     try:
         scenario = case.scenario if case.seed is None else case.scenario.replace("seed", case.seed)
-        if series is not None:
-            scenario = scenario.replace("timing.record_period_s", series.stride * scenario.timing.step_s)
+        # outputs need every step, and the series select their rows of these
+        stride = 1 if outputs is not None else None if series is None else series.stride
+        if stride is not None:
+            scenario = scenario.replace("timing.record_period_s", stride * scenario.timing.step_s)
         result = run(scenario)
     except (NoPlanError, ScenarioError) as error:
         return FlightRow.failed_start(str(error))
     summary = result.summary
     # without wall times, by which repeated flights would differ
     fleet = {key: value for key, value in summary["fleet"].items() if key not in ("wall_s", "simulated_s")}
-    series_values = {} if series is None else series.values_from_dataset(result.dataset)
-    return FlightRow(summary["aircraft"], fleet, summary["requirements"], result.met, series=series_values)
+    dataset = result.dataset
+    output_values = {} if outputs is None else outputs.values_from_dataset(dataset, scenario.timing.step_s)
+    if series is not None and outputs is not None:
+        dataset = dataset.isel(time=slice(None, None, series.stride))
+    series_values = {} if series is None else series.values_from_dataset(dataset)
+    rows = summary["aircraft"], fleet, summary["requirements"]
+    return FlightRow(*rows, result.met, series=series_values, outputs=output_values)
 
 
 class _FlightGroup:
@@ -233,6 +246,7 @@ def _fly_batch(
     single_flights: Sequence[Flight],
     series: SeriesSelection | None,
     precision: Precision,
+    outputs: OutputRecording | None,
 ) -> list[FlightRow]:
     """Trim, plan and fly one batch; the batch is padded beyond the cases."""
     parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
@@ -254,7 +268,7 @@ def _fly_batch(
     flight_rows = {k: FlightRow.failed_start(reason) for k, reason in refusals.items()}
     for selected, part_flights, states, positions in parts:
         selected_cases = [cases[k] for k in selected]
-        finished_rows = _summarize_flights(selected_cases, part_flights, states, positions, series, precision)
+        finished_rows = _summarize_flights(selected_cases, part_flights, states, positions, series, precision, outputs)
         flight_rows |= dict(zip(selected, finished_rows, strict=True))
     return [flight_rows[k] for k in range(len(cases))]
 
@@ -302,6 +316,7 @@ def _summarize_flights(
     positions: Sequence[int],
     series: SeriesSelection | None,
     precision: Precision,
+    outputs: OutputRecording | None,
 ) -> list[FlightRow]:
     """Fly a batch to the end of the flights and return the result rows of the cases.
 
@@ -316,35 +331,42 @@ def _summarize_flights(
     separations_m = np.zeros((size, 2))
     separations_m[list(positions)] = [case.scenario.separation.required_m or (0.0, 0.0) for case in cases]
     separations = Separation(*map(as_array, separations_m.T))
+    recorder = SummaryRecorder() if outputs is None else outputs.recorder(SummaryRecorder(), None)
     summaries = jax.tree.map(
         lambda leaf: as_array(np.broadcast_to(np.asarray(leaf), (size, *np.shape(leaf))), None),
-        SummaryRecorder().init(len(cases[0].scenario.aircraft)),
+        recorder.init(len(cases[0].scenario.aircraft)),
     )
     flights_without_replanning = Stacked(without_replanning(flights.batched), without_replanning(flights.shared))
+    # the program of flights without outputs has no argument for them
+    selections: tuple[Any, ...] = (series,) if outputs is None else (series, outputs)
     parts: list[dict[str, np.ndarray]] = []
     for first_sample in range(0, steps + 1, SEGMENT_STEPS):
         number = as_array(first_sample, np.int32)
-        segment = _fly_segment(flights_without_replanning, states, summaries, separations, number, last_sample, series)
+        segment = _fly_segment(
+            flights_without_replanning, states, summaries, separations, number, last_sample, *selections
+        )
         final_states = segment[0]
         replan_needed = flights.shared.planner.replan_needed(final_states.planner)
         for indices in padded_batches(np.flatnonzero(np.asarray(replan_needed)), _REPLAN_BATCH):
             # the segment is repeated from its start
             chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
             chosen = _select((states, summaries, separations), indices)
-            replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, series)
+            replanned = _fly_segment(chosen_flights, *chosen, number, last_sample, *selections)
             segment = jax.tree.map(
                 lambda leaf, values, indices=indices: _replace_rows(leaf, indices, values), segment, replanned
             )
         states, summaries, recorded = segment
         if series is not None:
             parts.append(series.segment_rows(recorded, first_sample, steps))
-    summary = jax.tree.map(np.asarray, summaries[0])
+    final_summaries = jax.tree.map(np.asarray, summaries)
+    fleet_summaries, output_state = final_summaries if outputs is not None else (final_summaries, ())
     arrivals = np.asarray(_arrival_times(flights, states))
     finished_rows = []
     for case, position in zip(cases, positions, strict=True):
-        flight_row = build_flight_row(_index_row(summary, position), arrivals[position], case.scenario)
+        flight_row = build_flight_row(_index_row(fleet_summaries[0], position), arrivals[position], case.scenario)
         series_values = {} if series is None else series.values(parts, position, case.scenario)
-        finished_rows.append(dataclasses.replace(flight_row, series=series_values))
+        output_values = {} if outputs is None else outputs.values(output_state, position)
+        finished_rows.append(dataclasses.replace(flight_row, series=series_values, outputs=output_values))
     return finished_rows
 
 

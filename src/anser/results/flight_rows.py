@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,6 +33,8 @@ class FlightRow:
     reason: str = ""  # reason for a failed start; empty otherwise
     # recorded time series by key of `anser.variables.CATALOGUE`: shape (aircraft, time), in dataset units
     series: Mapping[str, np.ndarray] = field(default_factory=dict, compare=False)
+    # outputs that a study defines, by name; None for a missing value
+    outputs: Mapping[str, float | None] = field(default_factory=dict)
 
     @classmethod
     def failed_start(cls, reason: str) -> "FlightRow":
@@ -140,6 +143,7 @@ The dimensions are those of one flight's value (none, or `aircraft`); the values
 def tabulate_flights(
     flights: Sequence[FlightRow],  # results of flights with the same fleet
     aircraft: int,  # number of aircraft
+    outputs: Mapping[str, tuple[str, str]] = MappingProxyType({}),  # unit and description of further outputs by name
 ) -> dict[str, FlightColumn]:
     """Arrange the results of many flights as one array per quantity, by name.
 
@@ -160,6 +164,9 @@ def tabulate_flights(
     columns["status"] = (("aircraft",), aircraft_values("status", "no flight").astype(np.str_), status_labels)
     for key, labels in FLEET_QUANTITIES.items():
         values = np.array([_or_missing(result.fleet.get(key), np.nan) for result in flights], dtype=float)
+        columns[key] = ((), values, unit_attributes(*labels))
+    for key, labels in outputs.items():
+        values = np.array([_or_missing(result.outputs.get(key), np.nan) for result in flights], dtype=float)
         columns[key] = ((), values, unit_attributes(*labels))
     met_labels = unit_attributes("1", "Whether all arrived and every requirement is met")
     columns["met"] = ((), np.array([result.met for result in flights], dtype=bool), met_labels)

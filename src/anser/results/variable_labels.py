@@ -8,12 +8,15 @@ import numpy as np
 from anser.variables import CATALOGUE, Variable
 
 
-def to_dataset_units(variable: Variable, array: np.ndarray) -> np.ndarray:
-    """Convert values of a history (SI, rad) to the variable's unit in datasets; angles in (-180, 180] deg."""
+def to_dataset_units(variable: Variable, array: Any, xp: Any = np) -> Any:
+    """Convert values of a history (SI, rad) to the variable's unit in datasets; angles in (-180, 180] deg.
+
+    `xp` is the array module, `numpy` or `jax.numpy`.
+    """
     if variable.unit == "degree":
         # Angles inside the interval are unchanged: the remainder would round them.
         outside = (array > np.pi) | (array <= -np.pi)
-        array = np.where(outside, np.pi - np.mod(np.pi - array, 2.0 * np.pi), array)
+        array = xp.where(outside, np.pi - xp.mod(np.pi - array, 2.0 * np.pi), array)
     return array if variable.factor == 1.0 else array * variable.factor
 
 
