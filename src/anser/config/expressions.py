@@ -20,21 +20,9 @@ _DEPTH_MAX = 40
 _CONDITIONS = frozenset(variable.name for variable in CATALOGUE if variable.dtype == "bool")
 
 # Functions of the array module (NumPy or jax.numpy) and the operands; angles in degrees.
-_BINARY: dict[type[ast.AST], str] = {
-    ast.Add: "add",
-    ast.Sub: "subtract",
-    ast.Mult: "multiply",
-    ast.Div: "divide",
-    ast.Pow: "power",
-}
-_COMPARISONS: dict[type[ast.AST], str] = {
-    ast.Lt: "less",
-    ast.LtE: "less_equal",
-    ast.Gt: "greater",
-    ast.GtE: "greater_equal",
-    ast.Eq: "equal",
-    ast.NotEq: "not_equal",
-}
+_BINARY = {ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Pow: "power"}
+_ORDER = {ast.Lt: "less", ast.LtE: "less_equal", ast.Gt: "greater", ast.GtE: "greater_equal"}
+_COMPARISONS = {**_ORDER, ast.Eq: "equal", ast.NotEq: "not_equal"}
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": lambda xp, x: xp.abs(x),
     "sqrt": lambda xp, x: xp.sqrt(x),
