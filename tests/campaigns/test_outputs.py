@@ -50,6 +50,27 @@ def values_by_numpy(series, step_s):
     }
 
 
+@pytest.mark.parametrize("reduction", ["greatest", "least", "mean", "integral", "final", "time"])
+@pytest.mark.parametrize("until", ["end", "arrival"])
+def test_the_running_value_is_the_reduction_of_all_samples(reduction, until):
+    expression = "mach > 0.2" if reduction == "time" else "mach ** 2"
+    values = output("x", expression, reduction, until=until)
+    recording = OutputRecording.of_study([FlightOutput.model_validate(values)], SHORT)
+    assert recording is not None
+    formula = recording.formulas[0][1]
+    variables = {"mach": np.random.default_rng(1).normal(size=(9, 1)), "phase": np.array([[0] * 6 + [2] * 3]).T}
+    variables["mach"][3] = np.nan
+    weights = np.append(np.full(8, 0.02), 0.0)
+    running = formula.start
+    for k in range(9):
+        sample = {name: array[k : k + 1] for name, array in variables.items()}
+        running = formula.combine(running, formula.partial(sample, weights[k : k + 1], np))
+    whole = formula.finish(*formula.partial(variables, weights, np))
+    assert whole is not None
+    assert formula.finish(*map(float, running)) == pytest.approx(whole, rel=ROUNDING)
+
+
+@pytest.mark.long
 def test_outputs_are_those_of_the_flight_recorded_at_every_step():
     recording = OutputRecording.of_study([FlightOutput.model_validate(values) for values in OUTPUTS], SHORT)
     series, step_s = SeriesSelection(KEYS, 1), SHORT.timing.step_s
