@@ -1,8 +1,11 @@
 """Distance between two aircraft: evaluation, and the warning below three spans."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from anser.aircraft_files.sources import read_airframe, write_airframe_starter
 from anser.report.flight_page import verdict_html
 from anser.results.separation import is_judged_by_separation, proximity_warning, separation_attributes
 from anser.results.summary_format import format_summary
@@ -58,3 +61,15 @@ def test_a_verdict_without_separation_requirement_has_a_warning():
     assert "No separation was required." in html
     assert "<b>Warning:</b> two aircraft came within 11.7 m" in html
     assert 'class="answer mixed"' in html
+
+
+def test_the_widest_of_aircraft_by_file_sets_the_near_distance(tmp_path):
+    """A file's checks hold a table of deflections, which once kept the flight of two such aircraft from ending."""
+    path = tmp_path / "mine.toml"
+    write_airframe_starter(path)
+    text = path.read_text(encoding="utf-8")
+    assert "# surfaces_deg = { elevator = 0.0 }" in text
+    path.write_text(text.replace("# surfaces_deg =", "surfaces_deg ="), encoding="utf-8")
+    by_file = SimpleNamespace(type="mine", variant="textbook", x_cg_over_c=None, airframe=read_airframe(str(path)))
+    fleet = SimpleNamespace(aircraft=[by_file, by_file], requires_separation=True)
+    assert separation_attributes(fleet)["near_distance_m"] == pytest.approx(3.0 * 10.18)

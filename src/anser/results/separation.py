@@ -23,7 +23,7 @@ def separation_attributes(scenario: Scenario) -> dict[str, int | float]:
     if len(scenario.aircraft) == 1:
         return {}
     spans = []
-    for aircraft in {(config.type, config.variant, config.airframe): config for config in scenario.aircraft}.values():
+    for aircraft in scenario.aircraft:
         with contextlib.suppress(ValueError):  # airframes in code may have no span
             spans.append(float(span_of(build_airframe_of(aircraft))))
     proximity = {"near_distance_m": _NEAR_SPANS * max(spans)} if spans else {}
