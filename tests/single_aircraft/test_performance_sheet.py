@@ -14,6 +14,7 @@ def sheet():
     return anser.aircraft("f16").performance(1000.0)
 
 
+@pytest.mark.long
 def test_the_f16_excess_power_is_that_of_its_trim_by_hand():
     f16 = anser.aircraft("f16")
     data = sheet().dataset
