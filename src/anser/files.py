@@ -119,6 +119,19 @@ def new_folder(folder: Path) -> Iterator[Path]:
         remove_empty_folders(missing)
 
 
+@contextlib.contextmanager
+def result_folder(folder: Path, *, replace: bool) -> Iterator[Path]:
+    """Yield a staging folder for the files of a result, which move into `folder` at the end; further files stay.
+
+    Raises FileExistsError if `folder` exists and is not to be replaced.
+    """
+    if folder.exists() and not (folder.is_dir() and replace):
+        or_force = ", or give force=True to replace the result in it" if folder.is_dir() else ""
+        raise FileExistsError(f"{folder} exists and is not overwritten: choose another folder{or_force}")
+    with staged_folder(folder) if folder.exists() else new_folder(folder) as staging:
+        yield staging
+
+
 def remove_empty_folders(folders: list[Path]) -> None:
     """Remove folders in the given order, innermost first, and stop at the first that is not empty."""
     with defer_interrupts(), contextlib.suppress(OSError):

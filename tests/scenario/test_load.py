@@ -76,7 +76,7 @@ def test_the_twenty_aircraft_match_the_description_of_their_file() -> None:
         assert np.all((np.hypot(distances[:, 0], distances[:, 1]) >= 700.0) | (distances[:, 2] >= 200.0))
 
 
-def test_the_published_step_flights() -> None:
+def test_the_published_tracking_case() -> None:
     # theory section 5, end: the path ends at N 5000, E 2000, 2000 m, level, course 60 deg
     scenario = load(shipped("climb-and-turn"))
     (aircraft,) = scenario.aircraft

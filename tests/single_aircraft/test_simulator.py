@@ -93,6 +93,8 @@ def test_the_state_has_the_names_of_a_dataset():
         (lambda: one().step({"elevater": 1.0}), "arrived 'elevater'; expected inputs among elevator"),
         (lambda: one().step({"elevator": np.zeros(4)}), r"controls\['elevator'\]: arrived array"),
         (lambda: one().step({"elevator": float("nan")}), "expected finite numbers"),
+        (lambda: one().step({"throttle": 50.0}), "a throttle from 0 to 1"),
+        (lambda: one().step(np.array([np.nan, 0.0, 0.0, 0.1])), "expected finite numbers"),
         (lambda: one().step(np.zeros(3)), r"arrived an array of shape \(3,\); expected \(4,\)"),
         (lambda: four().restore(one().save()), "as many of them"),
         (lambda: anser.Simulator("f16", [], 0.01), "arrived an empty sequence"),

@@ -14,7 +14,7 @@ import numpy as np
 
 from anser.compiling.program import PreparedProgram
 from anser.config.errors import Problem, ScenarioError
-from anser.files import new_folder, staged_folder
+from anser.files import result_folder
 from anser.missions.batches import Progress, no_progress
 from anser.missions.events import EventSchedule
 from anser.missions.first_plan import FirstPlan, NoPlanError
@@ -118,10 +118,7 @@ class FlightResult(SavedFlight):
             If the folder exists and `force` is False.
         """
         target = Path(folder)
-        if target.exists() and not (target.is_dir() and force):
-            or_force = ", or give force=True to replace the run in it" if target.is_dir() else ""
-            raise FileExistsError(f"{target} exists and is not overwritten: choose another folder{or_force}")
-        with staged_folder(target) if target.exists() else new_folder(target) as staging:
+        with result_folder(target, replace=force) as staging:
             self.write_into(staging)
         return target
 

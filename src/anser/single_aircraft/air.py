@@ -6,13 +6,14 @@ from typing import Any, cast
 from pydantic import ValidationError
 
 from anser.config.errors import ScenarioError
-from anser.config.tables import Table, number, table, tables
+from anser.config.tables import Table, table, tables, whole_number
 from anser.config.validation_messages import validation_problems
 from anser.environment.environment import Environment, standard_environment
 from anser.environment.gusts import AbstractGusts
 from anser.scenario.build_environment import build_environment, build_gusts, build_wind
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.scenario.schema_tables import SEED_MAX
 from anser.shapes import ScalarLike
 
 
@@ -23,10 +24,12 @@ class Air(Table):
     wind: Wind = table("wind", "a table of wind", Wind())
     turbulence: Turbulence = table("gusts of the air", "a table of turbulence", Turbulence())
     gust: tuple[DiscreteGust, ...] = tables("single gusts", "a list of tables", at_least=0, default=())
-    seed: float = number("seed of the random numbers", 0, 2**53, "", 0)
+    seed: int = whole_number("seed of the random numbers", 0, SEED_MAX, 0)
 
-    name: str = "aircraft"
-    """Name of the aircraft, for gusts that are meant for one aircraft."""
+    @property
+    def name(self) -> str:
+        """Name of the aircraft, for gusts that are meant for one aircraft."""
+        return "aircraft"
 
     @property
     def is_random(self) -> bool:

@@ -21,8 +21,8 @@ from anser.compiling.options import compiled_by_older_generator, enable_compilat
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment
 from anser.environment.gusts import AbstractGusts, NoGusts
-from anser.files import new_folder, staged_folder
-from anser.numerics.arrays import as_array
+from anser.files import result_folder
+from anser.numerics.arrays import as_array, bucket_size
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
@@ -52,6 +52,8 @@ if TYPE_CHECKING:
 
 OPEN_LOOP = "none: open loop"
 """Attribute `controller` of a flight without one."""
+_ROWS = 512
+"""Least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many."""
 _COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
 
 
@@ -96,9 +98,7 @@ class AircraftFlight:
             If the folder exists and `force` is False.
         """
         target = Path(folder)
-        if target.exists() and not (target.is_dir() and force):
-            raise FileExistsError(f"{target} exists and is not overwritten: choose another folder, or give force=True")
-        with staged_folder(target) if target.exists() else new_folder(target) as staging:
+        with result_folder(target, replace=force) as staging:
             self.write_into(staging)
         return target
 
@@ -200,10 +200,12 @@ def simulate(
     airframe, (point,) = set_lags(airframe, [point], actuator_lag=actuator_lag, engine_lag=engine_lag)
     time_s = sample_times(duration_s, step_s)
     stride = _stride(record_period_s, step_s)
-    count = -(-time_s.size // stride) * stride
-    held_s = np.minimum(np.arange(count) * step_s, time_s[-1])
-    flight_controller = _controller(airframe, environment, point, controls, held_s, controller, step_s, increments)
-    guidance = _guidance(environment, point, command, held_s, controller)
+    rows = (time_s.size - 1) // stride + 1
+    count = bucket_size(rows, _ROWS) * stride  # few lengths are compiled; what is flown after the end is cut off
+    flight_controller = _controller(
+        airframe, environment, point, controls, time_s, count, controller, step_s, increments
+    )
+    guidance = _guidance(environment, point, command, time_s, count, controller)
     gusts = _gusts(air, airframe)
     history = _fly(
         airframe,
@@ -215,11 +217,10 @@ def simulate(
         flight_controller,
         point,
         as_array(step_s),
-        flight_randomness(seed) if air.is_random or sensors is not None else None,
+        flight_randomness(seed),
         History(stride=stride),
         count,
     )
-    rows = (time_s.size - 1) // stride + 1
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     attributes = {
         **identity,
@@ -245,7 +246,7 @@ def _fly(
     controller: AbstractController,
     start: TrimPoint,
     step: Scalar,
-    randomness: AbstractRandomness | None,
+    randomness: AbstractRandomness,
     recorder: History,
     count: int,
 ) -> dict[str, Array]:
@@ -302,6 +303,7 @@ def _controller(
     point: TrimPoint,
     controls: Any,
     time_s: Float[np.ndarray, " sample"],
+    count: int,
     controller: AbstractController | str | None,
     step_s: float,
     increments: bool,
@@ -314,6 +316,7 @@ def _controller(
             return feedback
         reference = reference_inputs(airframe, point.controls)
         table = sample_inputs({} if controls is None else controls, reference, time_s, increments=increments)
+        table = _padded(table, count)
         return PrescribedControls(as_array(table[:, :-1] * DEG_RAD), as_array(table[:, -1]))
     if controls is not None:
         raise ValueError(
@@ -367,6 +370,7 @@ def _guidance(
     point: TrimPoint,
     command: Mapping[str, Any] | AbstractGuidance | None,
     time_s: Float[np.ndarray, " sample"],
+    count: int,
     controller: Any,
 ) -> AbstractGuidance:
     if isinstance(command, AbstractGuidance):
@@ -374,10 +378,15 @@ def _guidance(
     if controller is None:
         if command is not None:
             raise ValueError("command: arrived without a controller; expected a controller that follows it")
-        return PrescribedCommand(jnp.full((time_s.size, 3), jnp.nan))
+        return PrescribedCommand(jnp.full((count, 3), jnp.nan))
     reference: dict[str, float] = dict(zip(_COMMANDS, air_path(environment, point), strict=True))
     table = sample_inputs(command or {}, reference, time_s, subject="command")
-    return PrescribedCommand(as_array(table * np.array([1.0, DEG_RAD, DEG_RAD])))
+    return PrescribedCommand(as_array(_padded(table, count) * np.array([1.0, DEG_RAD, DEG_RAD])))
+
+
+def _padded(table: Float[np.ndarray, "sample column"], count: int) -> Float[np.ndarray, "count column"]:
+    """Repeat the last row of a table up to `count` rows."""
+    return np.pad(table, ((0, count - len(table)), (0, 0)), mode="edge")
 
 
 def _gusts(air: Air, airframe: AbstractAirframe) -> AbstractGusts:

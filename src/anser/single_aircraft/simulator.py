@@ -10,9 +10,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from anser.aircraft.airframe import AbstractAirframe, Controls
-from anser.aircraft.motion import to_motion_state
-from anser.compiling.options import enable_compilation_cache
+from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
+from anser.aircraft.motion import MotionState, to_motion_state
+from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.environment.environment import Environment
 from anser.simulation.open_loop import dataset_variables
 from anser.simulation.vehicle import advance
@@ -106,12 +106,12 @@ class Simulator:
         self._input_indices = {name: index for index, name in enumerate(self.inputs)}
         self._count = len(starts) if isinstance(start, Sequence) else None
         self.step_s = float(step_s)
-        motions = [ravel_pytree(to_motion_state(environment, point.state))[0] for point in points]
-        states = [np.append(np.asarray(motion), 0.0) for motion in motions]
+        motions = [_to_motion(environment, point.state) for point in points]
+        states = [np.append(np.asarray(ravel_pytree(motion)[0]), 0.0) for motion in motions]
         inputs = [np.array(list(reference_inputs(airframe, point.controls).values())) for point in points]
         self._start_state, self._start_inputs = _stack(states, self._count), _stack(inputs, self._count)
         constants, self._programs = _prepare(
-            airframe, environment, to_motion_state(environment, points[0].state), self.step_s, self._count is not None
+            airframe, environment, motions[0], self.step_s, batched=self._count is not None
         )
         self._constants = constants
         self.reset()
@@ -196,37 +196,43 @@ class Simulator:
                 except (TypeError, ValueError):
                     each = "a number" if self._count is None else f"a number or {self._count} numbers"
                     raise ValueError(f"controls[{name!r}]: arrived {value!r:.60}; expected {each}") from None
-            if not np.isfinite(inputs).all():
-                raise ValueError(f"controls: arrived {dict(controls)}; expected finite numbers")
-            return inputs
+            return self._checked(inputs)
         inputs = np.asarray(controls, dtype=float)
         if inputs.shape != self._inputs.shape:
             raise ValueError(
                 f"controls: arrived an array of shape {inputs.shape}; expected {self._inputs.shape}, in the order "
                 f"{', '.join(self.inputs)}"
             )
+        return self._checked(inputs)
+
+    def _checked(self, inputs: np.ndarray) -> np.ndarray:
+        throttle = inputs[..., -1]
+        if not (np.isfinite(inputs).all() and 0.0 <= throttle.min() <= throttle.max() <= 1.0):
+            named = dict(zip(self.inputs, inputs.T.tolist(), strict=True)) if self._count is None else inputs
+            raise ValueError(f"controls: arrived {named!s:.200}; expected finite numbers, and a throttle from 0 to 1")
         return inputs
 
 
 class _Programs:
-    """Compiled functions of the simulators with one structure of aircraft and air, one step, alone or batched.
+    """Compiled functions of the simulators with one structure of aircraft and air, alone or batched.
 
-    All numbers of the aircraft and the air enter as one array, and the number of the sample is the last element of the
-    motion: a call with few arguments takes less time.
+    All numbers of the aircraft and the air enter as one array, which ends with the step; the last element of the motion
+    is the number of the sample. A call with few arguments takes less time.
     """
 
-    def __init__(self, unpack: Callable[[Array], Any], unravel: Callable[[Array], Any], step: float, batched: bool):
+    def __init__(self, unpack: Callable[[Array], Any], unravel: Callable[[Array], Any], batched: bool) -> None:
         self.indices: dict[str, int] = {}
 
         def variables(constants: Array, motion: Array, inputs: Array) -> Array:
-            airframe, environment = unpack(constants)
-            time, state = motion[-1] * step, unravel(motion[:-1])
+            airframe, environment = unpack(constants[:-1])
+            time, state = motion[-1] * constants[-1], unravel(motion[:-1])
             named = dataset_variables(airframe, environment, time, state, _controls(inputs))
             self.indices.update({name: index for index, name in enumerate(named)})
             return jnp.stack([jnp.asarray(value, dtype=float) for value in named.values()])
 
         def advance_once(constants: Array, motion: Array, inputs: Array) -> Array:
-            airframe, environment = unpack(constants)
+            airframe, environment = unpack(constants[:-1])
+            step = constants[-1]
             time, state = motion[-1] * step, unravel(motion[:-1])
             moved = advance(airframe, environment, time, state, _controls(inputs), step)
             return jnp.append(ravel_pytree(moved)[0], motion[-1] + 1.0)
@@ -253,25 +259,31 @@ _programs: dict[Any, _Programs] = {}
 """Programs by structure, shared by the simulators of a process."""
 
 
+@compiled_quickly
+def _to_motion(environment: Environment, state: AircraftState) -> MotionState:
+    return to_motion_state(environment, state)
+
+
 def _prepare(
-    airframe: AbstractAirframe, environment: Environment, motion: Any, step: float, batched: bool
+    airframe: AbstractAirframe, environment: Environment, motion: MotionState, step: float, *, batched: bool
 ) -> tuple[Array, _Programs]:
-    """Return the numbers of aircraft and air as one array, and the programs of their structure."""
+    """Return the numbers of aircraft, air and step as one array, and the programs of their structure."""
     leaves, structure = jax.tree.flatten((airframe, environment))
     is_number = [isinstance(leaf, jax.Array | np.ndarray) and leaf.dtype == float for leaf in leaves]
     rest = [leaf for leaf, flag in zip(leaves, is_number, strict=True) if not flag]
     constants, unravel_constants = ravel_pytree([leaf for leaf, flag in zip(leaves, is_number, strict=True) if flag])
     shapes = tuple(leaf.shape for leaf, flag in zip(leaves, is_number, strict=True) if flag)
     state, unravel = ravel_pytree(motion)
-    key = (structure, shapes, tuple(map(_static_key, rest)), jax.tree.structure(motion), state.size, step, batched)
+    key = (structure, shapes, tuple(map(_static_key, rest)), jax.tree.structure(motion), state.size, batched)
 
     def unpack(packed: Array) -> Any:
         numbers, others = iter(unravel_constants(packed)), iter(rest)
         return structure.unflatten([next(numbers if flag else others) for flag in is_number])
 
+    constants = jnp.append(constants, step)
     programs = _programs.get(key)
     if programs is None:
-        programs = _programs[key] = _Programs(unpack, unravel, step, batched)
+        programs = _programs[key] = _Programs(unpack, unravel, batched)
         # The names of the variables are known from a trace.
         inputs = np.zeros(len(airframe.actuators.names) + 1)
         motion_row = jnp.append(state, 0.0)
