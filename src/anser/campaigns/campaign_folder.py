@@ -88,7 +88,7 @@ def campaign(
     precision: str | None = None,
     outputs: Sequence[Mapping[str, Any]] = (),
     progress: Progress | None = None,
-    **own_parts: str,
+    **user_parts: str,
 ) -> Campaign:
     """Fly a study: one scenario many times, with dispersed parameters.
 
@@ -115,9 +115,9 @@ def campaign(
         such as `{"name": "bank", "expression": "abs(bank_deg)", "reduction": "greatest"}`.
     progress
         Called with a message and the completed fraction of the flights, 0..1.
-    **own_parts
-        Names of own parts of the closed loop, which the processes import: `controller="my_package:MyController"`, and
-        likewise `guidance`, `sensors`, `estimator`, `planner`; as the table `[parts]` of the scenario.
+    **user_parts
+        Names of user-defined parts, which the processes import: `controller="my_package:MyController"`, and likewise
+        `guidance`, `sensors`, `estimator`, `planner`; as the table `[parts]` of the scenario.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def campaign(
         The folder exists and `resume` is False.
     """
     store = open_campaign_store(
-        study, Path(out), resume=resume, precision=precision, own_parts=own_parts, outputs=outputs
+        study, Path(out), resume=resume, precision=precision, user_parts=user_parts, outputs=outputs
     )
     report = progress or no_progress
     if cluster is None:
@@ -157,13 +157,13 @@ def open_campaign_store(
     *,
     resume: bool,
     precision: str | None = None,
-    own_parts: Mapping[str, str] | None = None,
+    user_parts: Mapping[str, str] | None = None,
     outputs: Sequence[Mapping[str, Any]] = (),
 ) -> CampaignStore:
     """Create a new store, or with `resume` open the store to continue; raises the errors of `campaign`."""
     requested, scenario, table_columns = load_study(study)
-    if own_parts:
-        scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **own_parts})
+    if user_parts:
+        scenario = scenario.replace("parts", {**dict(scenario.parts or {}), **user_parts})
     values = requested.model_dump(mode="json", exclude_unset=True)
     if precision is not None:
         values["precision"] = precision

@@ -67,14 +67,14 @@ def record_published(planned: "PublishedFirstPlan") -> RecordedPlan:
     return _record(plan.trajectories, planned.arrivals_s, planned.flight.environment.gravity, details)
 
 
-def record_own(
+def record_user_plan(
     scenario: Scenario, paths: PlannedPath, arrivals_s: np.ndarray, gravity: Any, problems: tuple[str, ...]
 ) -> RecordedPlan:
-    """Sample and summarize a plan of an own planner; its paths are not compared with the limits."""
+    """Sample and summarize a plan of a user-defined planner; its paths are not compared with the limits."""
     count = len(scenario.aircraft)
     details = PlanDetails(
         scenario,
-        paths=("own planner",) * count,
+        paths=("user-defined planner",) * count,
         messages=(None,) * count,
         problems=problems,
         limits=_limits_by_key(scenario),

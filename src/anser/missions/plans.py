@@ -18,8 +18,8 @@ from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.files import write_file
 from anser.missions.consensus import DecentralisedFirstPlan
 from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan, PlanFileError, PrepareNext, PublishedFirstPlan
-from anser.missions.own_plans import OwnFirstPlan
 from anser.missions.saved_flights import PLAN
+from anser.missions.user_plans import UserFirstPlan
 from anser.numerics.arrays import as_array
 from anser.numerics.randomness import AbstractRandomness
 from anser.parts.planners import AbstractPlanner
@@ -31,8 +31,8 @@ from anser.results.documents import version_attributes
 from anser.scenario.build import build_flight
 from anser.scenario.files import as_scenario
 from anser.scenario.flight_checks import check_trimmable
-from anser.scenario.own_parts import OwnParts, attach_parts
 from anser.scenario.schema import Scenario
+from anser.scenario.user_parts import UserParts, attach_parts
 from anser.simulation.start import trimmed_fleet
 
 _trim_at_start = compiled_quickly(trimmed_fleet)
@@ -43,7 +43,7 @@ def plan(
     on_progress: Callable[[str], None] = lambda message: None,
     prepare_next: PrepareNext = lambda *_: None,
     randomness: AbstractRandomness | None = None,
-    **own_parts: Any,
+    **user_parts: Any,
 ) -> FirstPlan:
     """Trim every aircraft at its start and make the first plan of the scenario's planner, at time 0.
 
@@ -61,8 +61,8 @@ def plan(
     randomness
         Source of the random numbers; None: derived from the scenario's seed. Ignored for a fleet without a central
         planner.
-    **own_parts
-        Own parts of the closed loop: `controller`, `guidance`, `sensors`, `estimator`, `planner`, as for `anser.run`.
+    **user_parts
+        User-defined parts: `controller`, `guidance`, `sensors`, `estimator`, `planner`, as for `anser.run`.
 
     Returns
     -------
@@ -77,11 +77,11 @@ def plan(
         If the file cannot be read or is not a valid scenario, or an aircraft cannot be trimmed at its start.
     """
     enable_compilation_cache()
-    scenario = attach_parts(as_scenario(scenario), OwnParts(**own_parts))
+    scenario = attach_parts(as_scenario(scenario), UserParts(**user_parts))
     flight = build_flight(scenario, pad_fleet=True)
     if randomness is not None:
         flight = dataclasses.replace(flight, randomness=randomness)
-    plan_type = _FIRST_PLANS.get(type(flight.planner), OwnFirstPlan)
+    plan_type = _FIRST_PLANS.get(type(flight.planner), UserFirstPlan)
     return plan_type.make(scenario, flight, on_progress, prepare_next)
 
 
@@ -138,7 +138,7 @@ def read_plan(path: str | os.PathLike[str], scenario: Scenario) -> FirstPlan:
         path = path / PLAN
     enable_compilation_cache()
     flight = build_flight(scenario, pad_fleet=True)
-    plan_type = _FIRST_PLANS.get(type(flight.planner), OwnFirstPlan)
+    plan_type = _FIRST_PLANS.get(type(flight.planner), UserFirstPlan)
     try:
         _verify(path)
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:

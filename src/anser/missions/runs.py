@@ -24,15 +24,15 @@ from anser.missions.segments import fly_with_replanning, prepare_flight
 from anser.numerics.arrays import cast_to_precision
 from anser.scenario.build_aircraft import resolve_fleet
 from anser.scenario.files import as_scenario
-from anser.scenario.own_parts import OwnParts, attach_parts, own_parts
 from anser.scenario.schema import Scenario
+from anser.scenario.user_parts import UserParts, attach_parts, user_parts
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState
 from anser.simulation.precision import Precision, cast_flight, cast_state
 
 
 def needs_single_flight(scenario: Scenario) -> bool:
     """Whether a scenario must be flown alone: it stops for searches outside the loop, or its plans vary in size."""
-    is_central = scenario.fleet.is_central or own_parts(scenario).planner is not None
+    is_central = scenario.fleet.is_central or user_parts(scenario).planner is not None
     return bool(scenario.event) or not is_central
 
 
@@ -160,8 +160,8 @@ def run(
     precision
         Precision of the flight; planning always uses float64.
     controller, guidance, sensors, estimator, planner
-        Own parts in place of the scenario's: an object of a subclass of `anser.parts.AbstractController` and so on, its
-        name as text ("my_package:MyController"), or, but for the planner, a mapping by the aircraft's name.
+        User-defined parts in place of the scenario's: an object of a subclass of `anser.parts.AbstractController` and
+        so on, its name as text ("my_package:MyController"), or, but for the planner, a mapping by the aircraft's name.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def run(
     NoPlanError
         If no plan was found; the message contains the reasons.
     """
-    parts = OwnParts(controller, guidance, sensors, estimator, planner)
+    parts = UserParts(controller, guidance, sensors, estimator, planner)
     scenario, on_progress = attach_parts(as_scenario(scenario), parts), progress or no_progress
     check_precision(scenario, precision)
     start_time = clock.perf_counter()
@@ -244,6 +244,6 @@ def _attributes(scenario: Scenario) -> dict[str, Any]:
         "earth_model": scenario.earth.model,
         "reference_latitude_deg": scenario.earth.latitude_deg,
         "reference_longitude_deg": scenario.earth.longitude_deg,
-        **({"own_parts": json.dumps(parts.describe())} if (parts := own_parts(scenario)) else {}),
+        **({"user_parts": json.dumps(parts.describe())} if (parts := user_parts(scenario)) else {}),
         **separation_attributes(scenario),
     }

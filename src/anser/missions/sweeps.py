@@ -18,8 +18,8 @@ from anser.results.flight_rows import FLEET_QUANTITIES, FlightRow, tabulate_flig
 from anser.results.variable_labels import unit_attributes
 from anser.scenario.files import as_scenario
 from anser.scenario.flight_checks import refuse_unused_keys
-from anser.scenario.own_parts import OwnParts, attach_parts
 from anser.scenario.schema import Scenario
+from anser.scenario.user_parts import UserParts, attach_parts
 
 
 def sweep_dataset(
@@ -69,7 +69,7 @@ def sweep(
     scenario: Scenario | str | os.PathLike[str],
     swept: Mapping[str, Sequence[object]],
     progress: Progress | None = None,
-    **own_parts: Any,
+    **user_parts: Any,
 ) -> "xr.Dataset":
     """Fly a scenario with every combination of values of some of its keys.
 
@@ -84,8 +84,8 @@ def sweep(
         Values by path, as in `Scenario.replace`: `{"wind.speed_m_s": [0, 5, 10]}`.
     progress
         Called with a description of the current work and the share of finished flights, 0..1.
-    **own_parts
-        Own parts of the closed loop: `controller`, `guidance`, `sensors`, `estimator`, `planner`, as for `anser.run`.
+    **user_parts
+        User-defined parts: `controller`, `guidance`, `sensors`, `estimator`, `planner`, as for `anser.run`.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def sweep(
     ValueError
         If `swept` is empty, or a path has no values or duplicate values.
     """
-    scenario = attach_parts(as_scenario(scenario), OwnParts(**own_parts))
+    scenario = attach_parts(as_scenario(scenario), UserParts(**user_parts))
     scenarios = swept_scenarios(scenario, swept)
     flight_rows = fly_many([FlightCase(variant) for variant in scenarios], progress)
 

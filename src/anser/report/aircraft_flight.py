@@ -120,7 +120,7 @@ def write_aircraft_report(dataset: xr.Dataset, path: Path, *, overwrite: bool = 
         title=_title(dataset),
         figure=Markup(svg[svg.index("<svg") :]),
         rows=rows,
-        conditions={key.removesuffix("_s"): str(value) for key, value in conditions.items() if value != ""},
+        conditions={key.replace("step_s", "step (s)"): str(value) for key, value in conditions.items() if value != ""},
         versions=versions,
     )
     write_file(path, page, overwrite=overwrite)

@@ -27,10 +27,10 @@ from anser.scenario.build_aircraft import ResolvedAircraft, build_flight_limits,
 from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
-from anser.scenario.own_parts import check_own_parts, own_parts
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import Event
+from anser.scenario.user_parts import check_user_parts, user_parts
 from anser.simulation.flight import Flight, assemble
 from anser.simulation.vehicle import Faults, Mission, Vehicle
 from anser.steady.trim import TrimTarget, trim_target
@@ -104,14 +104,14 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
     resolved = resolve_fleet(scenario)
     fleet = [*resolved, *resolved[-1:] * (-len(resolved) % _FLEET if pad_fleet else 0)]
     goals = _goals([scenario.goal_of(aircraft.table) for aircraft in fleet], scenario.event)
-    own = own_parts(scenario).resolved(scenario)
+    own = user_parts(scenario).resolved(scenario)
     environment = build_environment(scenario)
     vehicles = [
         own.replace_in(_vehicle(scenario, aircraft, goal), aircraft.table.name)
         for aircraft, goal in zip(fleet, goals, strict=True)
     ]
     for vehicle, aircraft in zip(vehicles, resolved, strict=False):
-        check_own_parts(vehicle, environment, timing.step_s, aircraft.table.name, own)
+        check_user_parts(vehicle, environment, timing.step_s, aircraft.table.name, own)
     return assemble(
         environment,
         [

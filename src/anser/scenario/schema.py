@@ -92,7 +92,7 @@ class Scenario(ScenarioTables):
     seed, the air is turbulent, and a flight must keep its aircraft separated.
     """
 
-    _attached_parts: Any = PrivateAttr(None)  # objects of `anser.scenario.own_parts.attach_parts`
+    _attached_parts: Any = PrivateAttr(None)  # objects of `anser.scenario.user_parts.attach_parts`
 
     @model_validator(mode="after")
     def _holds_together(self) -> Self:

@@ -244,7 +244,7 @@ def _part(description: str) -> Any:
 
 
 class Parts(Table):
-    """Own parts of the closed loop, imported by name when the flight is built: see the page on own parts."""
+    """User-defined parts of the closed loop, imported by name when the flight is built."""
 
     controller: str | None = _part("controller of every aircraft, in place of the autopilot")
     guidance: str | None = _part("guidance of every aircraft, in place of path following")

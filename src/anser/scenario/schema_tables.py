@@ -70,9 +70,9 @@ class ScenarioTables(Table):
 
     parts: Parts | None = Field(
         None,
-        description="own parts of the closed loop, of all aircraft",
+        description="user-defined parts of the closed loop, of all aircraft",
         json_schema_extra=expects("a table [parts]"),
-        exclude_if=lambda parts: parts is None,  # scenarios without own parts keep their hash
+        exclude_if=lambda parts: parts is None,  # scenarios without user-defined parts keep their hash
     )
 
     @property

@@ -151,7 +151,7 @@ def dataset_variables(
 
 
 def believed_variables(belief: Belief) -> dict[str, Array]:
-    """Return an aircraft's own estimate of its motion by dataset name (`alpha_deg`, `course_deg`), for own parts.
+    """Return an aircraft's own estimate of its motion by dataset name, such as `alpha_deg`, for user-defined parts.
 
     The throttle is not part of an estimate, and is NaN.
     """

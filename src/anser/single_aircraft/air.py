@@ -36,6 +36,18 @@ class Air(Table):
         """Whether the flight depends on the seed."""
         return self.turbulence.intensity != "none"
 
+    def describe(self) -> str:
+        """Return the air in a sentence: Earth, wind, turbulence with its seed, gusts."""
+        earth = "flat Earth, standard gravity" if self.earth is None else f"Earth {self.earth.model}"
+        uniform = f"wind {self.wind.speed_m_s:g} m/s from {self.wind.from_deg:g} deg, {self.wind.up_m_s:g} m/s up"
+        wind = "wind by layers" if self.wind.layers is not None else uniform
+        is_calm = self.wind.speed_max_m_s == 0.0
+        turbulence = f"{self.turbulence.intensity} turbulence, seed {self.seed}"
+        parts = [earth, "no wind" if is_calm else wind]
+        parts += [turbulence] if self.is_random else []
+        parts += [f"{len(self.gust)} gusts"] if self.gust else []
+        return "; ".join(parts)
+
     def environment(self) -> Environment:
         """Build atmosphere, wind and Earth; without an Earth, a flat one with standard gravity."""
         if self.earth is None:

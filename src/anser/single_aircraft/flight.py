@@ -229,7 +229,8 @@ def simulate(
         "command": describe_inputs(command or {}) if controller is not None else "",
         "step_s": step_s,
         "seed": seed,
-        "air": air.model_dump_json(),
+        "air": air.describe(),
+        "air_tables": air.model_dump_json(),
         **version_attributes(),
     }
     return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))

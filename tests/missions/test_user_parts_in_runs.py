@@ -1,4 +1,4 @@
-"""Own parts through `anser.run`: every planner, by object, by aircraft, by name in a file; and the refusals."""
+"""User-defined parts through `anser.run`: every planner, by object, by aircraft, by name in a file; and the refusals."""
 
 from pathlib import Path
 
@@ -45,8 +45,8 @@ def lines(arrival_s=60.0):
 def test_an_own_planner_and_sensor_give_the_ordinary_results(tmp_path):
     flight = anser.run(THREE, planner=lines(), sensors={"aircraft-1": Biased()})
     assert flight.summary["aircraft"][0]["arrival_s"] == pytest.approx(60.0, abs=0.1)
-    assert "StraightLines" in flight.dataset.attrs["own_parts"]
-    assert "Biased" in flight.dataset.attrs["own_parts"]
+    assert "StraightLines" in flight.dataset.attrs["user_parts"]
+    assert "Biased" in flight.dataset.attrs["user_parts"]
     folder = flight.save(tmp_path / "run")
     assert (folder / "report.html").stat().st_size > 10_000
     sight = np.asarray(flight.dataset.sight_range_m)[0, 0] - np.asarray(flight.dataset.clearance_m)[0, 0]
@@ -56,7 +56,7 @@ def test_an_own_planner_and_sensor_give_the_ordinary_results(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("planner", ["published", "certified", "decentralised"])
 def test_an_own_controller_flies_with_every_planner(planner):
-    """The inversion itself as an own controller: the flight is the same."""
+    """The inversion itself as a user-defined controller: the flight is the same."""
     scenario = anser.load(THREE).replace("fleet.planner", planner)
     ordinary = anser.run(scenario)
     parts = dict(zip([aircraft.name for aircraft in scenario.aircraft], _controllers(scenario), strict=True))
@@ -73,7 +73,7 @@ def _controllers(scenario):
 
 
 @pytest.mark.long
-def test_own_parts_fly_in_a_sweep_and_in_a_campaign(tmp_path, monkeypatch):
+def test_user_parts_fly_in_a_sweep_and_in_a_campaign(tmp_path, monkeypatch):
     module = "import jax.numpy as jnp\nfrom support.straight_lines import StraightLines\n"
     (tmp_path / "my_lines.py").write_text(module + "lines = StraightLines(jnp.asarray(60.0), jnp.zeros(3))\n")
     monkeypatch.syspath_prepend(tmp_path)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class PathThroughAir(eqx.Module):
-    """Trajectory of an own planner, with the velocity relative to the air."""
+    """Trajectory of a user-defined planner, with the velocity relative to the air."""
 
     trajectory: AbstractReference
     wind: AbstractWind
@@ -42,15 +42,15 @@ class PathThroughAir(eqx.Module):
 
 
 @dataclass(frozen=True, repr=False)
-class OwnFirstPlan(FirstPlan):
-    """The first plan of a scenario by an own planner; it never refuses: `problems` lists the obstacles."""
+class UserFirstPlan(FirstPlan):
+    """The first plan of a scenario by a user-defined planner; it never refuses: `problems` lists the obstacles."""
 
     state_type = type(None)
 
     @classmethod
     def make(
         cls, scenario: Scenario, flight: Flight, on_progress: OnProgress, prepare_next: PrepareNext
-    ) -> "OwnFirstPlan":
+    ) -> "UserFirstPlan":
         """Trim every aircraft at its start and plan, in one compiled program."""
         _check_plans(flight)
         state, fleet = trim_and_plan(scenario, flight, on_progress, prepare_next)
@@ -67,7 +67,7 @@ class OwnFirstPlan(FirstPlan):
         return np.broadcast_to(np.asarray(self.plan.arrival_time), len(self.scenario.aircraft))
 
     def notes(self) -> tuple[str, ...]:
-        """No notes: an own planner is not asked for them."""
+        """No notes: a user-defined planner is not asked for them."""
         return ()
 
     def problems(self) -> tuple[str, ...]:
@@ -88,19 +88,21 @@ class OwnFirstPlan(FirstPlan):
         return (type(self.flight.planner).__name__,) * len(self.scenario.aircraft)
 
     def saved_state(self) -> Any:
-        """Raise ValueError: the file of a plan does not tell how an own planner is built."""
-        raise ValueError("a plan by an own planner is not written to a file; plan again in the process that flies it")
+        """Raise ValueError: the file of a plan does not tell how a user-defined planner is built."""
+        raise ValueError(
+            "a plan by a user-defined planner is not written to a file; plan again in the process that flies it"
+        )
 
     def record(self) -> "RecordedPlan":
         """Sample and summarize the plan."""
-        from anser.missions.plan_output import record_own
+        from anser.missions.plan_output import record_user_plan
 
         paths = PathThroughAir(self.plan.trajectory, self.flight.environment.wind)
-        return record_own(self.scenario, paths, self.arrivals_s, self.flight.environment.gravity, self.problems())
+        return record_user_plan(self.scenario, paths, self.arrivals_s, self.flight.environment.gravity, self.problems())
 
 
 def _check_plans(flight: Flight) -> None:
-    """Trace an own planner on shapes alone, and refuse plans that are not stacked over the fleet.
+    """Trace a user-defined planner on shapes alone, and refuse plans that are not stacked over the fleet.
 
     Raises ScenarioError, with the planner and the method, what arrived and what is right.
     """
@@ -114,7 +116,7 @@ def _check_plans(flight: Flight) -> None:
             message = (str(error).strip() or type(error).__name__).splitlines()[0]
             arrived = f"{type(error).__name__}: {message}"
             raise problem_error(
-                "own parts", arrived, "a method that JAX can trace", f"planner {name}.{method}"
+                "user-defined parts", arrived, "a method that JAX can trace", f"planner {name}.{method}"
             ) from error
 
     state = trace("first_plan", planner.first_plan, jnp.zeros(()), fleet.reports, fleet.performance)
@@ -129,4 +131,4 @@ def _check_plans(flight: Flight) -> None:
                 break
     if wrong is not None:
         expected = f"an AircraftPlan with a leading axis of {flight.count} aircraft throughout, as jax.vmap makes it"
-        raise problem_error("own parts", wrong, expected, f"planner {name}.plans")
+        raise problem_error("user-defined parts", wrong, expected, f"planner {name}.plans")

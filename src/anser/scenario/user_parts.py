@@ -38,7 +38,7 @@ _BY_NAME = 'text "my_package:MyClass", with a class without arguments or an obje
 
 
 @dataclass(frozen=True)
-class OwnParts:
+class UserParts:
     """Parts of a user that replace those of a scenario: one for all aircraft, or a mapping by the aircraft's name.
 
     A part may be given as an object, or as text MODULE:NAME. The planner is one for the fleet.
@@ -53,7 +53,7 @@ class OwnParts:
     def __bool__(self) -> bool:
         return any(getattr(self, field.name) is not None for field in fields(self))
 
-    def resolved(self, scenario: Scenario) -> "OwnParts":
+    def resolved(self, scenario: Scenario) -> "UserParts":
         """Return the parts as objects.
 
         Raises
@@ -66,8 +66,8 @@ class OwnParts:
         problems: list[Problem] = []
         aircraft_names = [aircraft.name for aircraft in scenario.aircraft]
         if self.planner is not None and scenario.event:
-            arrived = f"an own planner with {len(scenario.event)} events"
-            expected = "no events, or no own planner: only the package's planners plan on after events"
+            arrived = f"a user-defined planner with {len(scenario.event)} events"
+            expected = "no events, or no user-defined planner: only the package's planners plan on after events"
             problems.append(Problem("parts.planner", arrived, expected))
 
         def resolve(kind: str) -> Any:
@@ -81,18 +81,18 @@ class OwnParts:
             )
             return {name: _resolve_part(part, kind, f"parts.{kind}.{name}", problems) for name, part in given.items()}
 
-        parts = OwnParts(*(resolve(field.name) for field in fields(self)))
+        parts = UserParts(*(resolve(field.name) for field in fields(self)))
         if problems:
-            raise ScenarioError("own parts", problems)
+            raise ScenarioError("user-defined parts", problems)
         return parts
 
     def part_of(self, kind: str, aircraft: str) -> Any:
-        """Return an aircraft's own part of a kind; None if the scenario's part stays."""
+        """Return an aircraft's user-defined part of a kind; None if the scenario's part stays."""
         part = getattr(self, kind)
         return part.get(aircraft) if isinstance(part, Mapping) else part
 
     def replace_in(self, vehicle: Vehicle, aircraft: str) -> Vehicle:
-        """Return an aircraft of the closed loop with its own parts."""
+        """Return an aircraft of the closed loop with its user-defined parts."""
         changes = {kind: part for kind in _VEHICLE_PARTS if (part := self.part_of(kind, aircraft)) is not None}
         return replace(vehicle, **changes) if changes else vehicle
 
@@ -108,8 +108,8 @@ class OwnParts:
         return described
 
 
-def attach_parts(scenario: Scenario, parts: OwnParts) -> Scenario:
-    """Return a scenario that is flown with own parts, beside or in place of those that its file names.
+def attach_parts(scenario: Scenario, parts: UserParts) -> Scenario:
+    """Return a scenario that is flown with user-defined parts, beside or in place of those that its file names.
 
     The parts stay with the scenario through `Scenario.replace`.
     """
@@ -120,14 +120,14 @@ def attach_parts(scenario: Scenario, parts: OwnParts) -> Scenario:
     return attached
 
 
-def own_parts(scenario: Scenario) -> OwnParts:
-    """Return the own parts of a scenario: attached objects, or else the names in its file."""
-    attached = scenario._attached_parts or OwnParts()
+def user_parts(scenario: Scenario) -> UserParts:
+    """Return the user-defined parts of a scenario: attached objects, or else the names in its file."""
+    attached = scenario._attached_parts or UserParts()
     named = scenario.parts
-    return OwnParts(
+    return UserParts(
         *(
             value if (value := getattr(attached, field.name)) is not None else getattr(named, field.name, None)
-            for field in fields(OwnParts)
+            for field in fields(UserParts)
         )
     )
 
@@ -169,8 +169,8 @@ def _import(module: str) -> Any:
             sys.path.remove(folder)
 
 
-def check_own_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: OwnParts) -> None:
-    """Trace one sample of an aircraft with own parts on shapes alone, and refuse wrong returns by part and method.
+def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, aircraft: str, own: UserParts) -> None:
+    """Trace one sample with user-defined parts on shapes alone, and refuse wrong returns by part and method.
 
     Raises
     ------
@@ -262,7 +262,7 @@ def _start_state(airframe: AbstractAirframe) -> AircraftState:
 
 def _part_error(vehicle: Vehicle, kind: str, method: str, arrived: str, expected: str) -> ScenarioError:
     name = type(getattr(vehicle, kind)).__qualname__
-    return ScenarioError("own parts", [Problem(f"{kind} {name}.{method}", arrived, expected)])
+    return ScenarioError("user-defined parts", [Problem(f"{kind} {name}.{method}", arrived, expected)])
 
 
 def _described(value: Any) -> str:
