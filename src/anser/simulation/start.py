@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from anser.aircraft.motion import flight_condition
+from anser.numerics.arrays import strongly_typed
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
@@ -89,4 +90,4 @@ def initialize_flight(flight: Flight, fleet: TrimmedFleet, planner: Any) -> Flig
         )
         for group, state in zip(flight.groups, vehicles, strict=True)
     )
-    return FlightState(vehicles, planner)
+    return strongly_typed(FlightState(vehicles, planner))
