@@ -208,25 +208,28 @@ class F16(AbstractF16):
         alpha_deg = air_data.alpha * RAD_DEG
         beta_deg = air_data.beta * RAD_DEG
         deflection_deg = surfaces * RAD_DEG
-        e, a, r = (deflection_deg[k] / self.surface_reference[k] for k in range(3))
-        p = rates_b[0] * self.span / (2 * V)
-        q = rates_b[1] * self.mean_chord / (2 * V)
-        y = rates_b[2] * self.span / (2 * V)
+        e, a, r = jnp.unstack(deflection_deg / self.surface_reference)
+        p, q, y = jnp.unstack(rates_b * jnp.stack([self.span, self.mean_chord, self.span]) / (2 * V))
         alpha_values, elevator_values, sideslip_values = self.tables(alpha_deg, beta_deg, deflection_deg[0])
-        CZ0, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = alpha_values
-        CX0, Cm0 = elevator_values
-        Clda, Cldr, Cnda, Cndr, Cl0, Cn0 = sideslip_values
+        # Strides of `TABLE_COEFFICIENTS`: derivatives of (CX, CZ, Cm) by q, of (CY, Cl, Cn) by r and p, and of (Cl, Cn)
+        # by aileron and rudder.
+        CXq, CZq, Cmq = jnp.unstack(alpha_values[1::3] * q)
+        yawing, rolling = alpha_values[2::3] * y, alpha_values[3::3] * p
+        side, aileron, rudder = jnp.unstack(self.side_force)
+        CX0, Cm0 = jnp.unstack(elevator_values)
         lever = self.x_cg_reference - self.x_cg
-        CX = CX0 + CXq * q
-        CY = self.side_force[0] * beta_deg + self.side_force[1] * a + self.side_force[2] * r + CYr * y + CYp * p
-        CZ = CZ0 * (1 - air_data.beta**2) + self.normal_force_elevator * e + CZq * q
+        CX = CX0 + CXq
+        CY = side * beta_deg + aileron * a + rudder * r + yawing[0] + rolling[0]
+        CZ = alpha_values[0] * (1 - air_data.beta**2) + self.normal_force_elevator * e + CZq
+        by_surfaces = sideslip_values[4:] + sideslip_values[0:4:2] * a + sideslip_values[1:4:2] * r
+        Cl, Cn = jnp.unstack(by_surfaces + yawing[1:] + rolling[1:])
         return F16Coefficients(
             CX=CX,
             CY=CY,
             CZ=CZ,
-            Cl=Cl0 + Clda * a + Cldr * r + Clr * y + Clp * p,
-            Cm=Cm0 + CZ * lever + Cmq * q,
-            Cn=Cn0 + Cnda * a + Cndr * r + Cnr * y + Cnp * p - CY * lever * self.mean_chord / self.span,
+            Cl=Cl,
+            Cm=Cm0 + CZ * lever + Cmq,
+            Cn=Cn - CY * lever * self.mean_chord / self.span,
         )
 
     def with_coefficients_scaled(self, factors: Float[Array, "22"]) -> "F16":

@@ -62,6 +62,16 @@ def is_elementary(jaxpr: Jaxpr) -> bool:
     return all(fits(equation) for equation in _equations(jaxpr))
 
 
+def _without_attributes(program: Callable[..., Any]) -> Callable[..., Any]:
+    """Return the program with ordinary calls inside: XLA would otherwise keep each `jnp.where` as a function."""
+
+    def call(*arrays: Any) -> Any:
+        with set_xla_metadata(inlineable=None, xla_cpu_small_call=None):
+            return program(*arrays)
+
+    return call
+
+
 def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function that is compiled as a single kernel if on a CPU and `is_elementary`; otherwise as usual.
 
@@ -81,7 +91,7 @@ def as_single_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
         if is_elementary(traced.jaxpr):
             # XLA attributes of calls that become one kernel; XLA sets them on small loops.
             with set_xla_metadata(inlineable="false", xla_cpu_small_call="true"):
-                results = jax.jit(program)(*arrays)
+                results = jax.jit(_without_attributes(program))(*arrays)
         else:
             results = program(*arrays)
         return eqx.combine(jax.tree.unflatten(jax.tree.structure(shapes), results), static_result)

@@ -57,7 +57,7 @@ def path_motion(
     s_mu, c_mu = jnp.sin(mu), jnp.cos(mu)
     cos_gamma = jnp.maximum(jnp.cos(gamma), 0.05)
     tb, t_gam = sb / cb, jnp.sin(gamma) / cos_gamma
-    X, Y, Z = slow_force_b
+    X, Y, Z = jnp.unstack(slow_force_b)
     mV = mass * V
     mu_drift = (
         -(gravity / V) * cos_gamma * c_mu * tb

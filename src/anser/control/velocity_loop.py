@@ -48,7 +48,7 @@ def thrust_demand(model: OnboardModel, engine_bandwidth: ScalarLike, V_dot: Scal
     engine = airframe.engine
     ca, sa = jnp.cos(motion.alpha), jnp.sin(motion.alpha)
     cb, sb = jnp.cos(motion.beta), jnp.sin(motion.beta)
-    X, Y, Z = condition.aerodynamic.force_b
+    X, Y, Z = jnp.unstack(condition.aerodynamic.force_b)
     force_along = X * ca * cb + Y * sb + Z * sa * cb
     mass = airframe.mass_properties.mass
     thrust = (mass * (V_dot + model.gravity * jnp.sin(motion.gamma)) - force_along) / jnp.maximum(ca * cb, 0.2)

@@ -53,8 +53,9 @@ class StandardAtmosphere(AbstractAtmosphere):
         derivatives are those of the layer above. Source: theory section 3; [USSA76] eq. (23), (33a), (33b), (42), (50).
         """
         h = geopotential_from_geometric(jnp.maximum(jnp.asarray(altitude), _LOWEST_M))
-        layer = jnp.asarray(_LAYERS, h.dtype)[jnp.sum(h >= jnp.asarray(_BASES_M[1:], h.dtype))]
-        base, temperature_base, lapse, relative_lapse, pressure_base, power, decay = (layer[i] for i in range(7))
+        number = jnp.sum(h >= jnp.asarray(_BASES_M[1:], h.dtype), dtype=jnp.int32)
+        layer = jnp.take(jnp.asarray(_LAYERS, h.dtype), number, axis=0, mode="clip")
+        base, temperature_base, lapse, relative_lapse, pressure_base, power, decay = jnp.unstack(layer)
         above = h - base
         temperature = temperature_base + lapse * above
         # One law for all layers: `decay` is zero in a layer with a lapse rate, `power` in an isothermal one.

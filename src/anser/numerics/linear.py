@@ -12,9 +12,11 @@ from anser.shapes import Count, Matrix33, Vector3
 _LEAST_SQUARE = 1e-100
 
 
-def cross(a: Vector3, b: Vector3) -> Vector3:
-    """Vector product of two vectors in the same frame, any unit."""
-    return jnp.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+def cross(a: Float[Array, "*batch 3"], b: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3"]:
+    """Vector product of two vectors, or of the rows of two arrays, in the same frame, any unit."""
+    a0, a1, a2 = jnp.unstack(a, axis=-1)
+    b0, b1, b2 = jnp.unstack(b, axis=-1)
+    return jnp.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
 
 
 def times3(matrix: Matrix33, vector: Vector3) -> Vector3:
@@ -39,8 +41,8 @@ def inverse3(matrix: Matrix33, floor: float = 1e-12) -> Matrix33:
     smallest_square = max(_LEAST_SQUARE, 1e8 * float(jnp.finfo(matrix.dtype).tiny))
     lengths = jnp.sqrt(jnp.sum(matrix * matrix, axis=0) + smallest_square)
     unit = matrix / lengths[None, :]
-    a, b, c = unit[:, 0], unit[:, 1], unit[:, 2]
-    unscaled_inverse = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
+    a, b, c = jnp.unstack(unit, axis=1)
+    unscaled_inverse = cross(jnp.stack([b, c, a]), jnp.stack([c, a, b]))
     determinant = jnp.sum(a * unscaled_inverse[0])
     bound = jnp.where(determinant < 0, -floor, floor)
     safe_determinant = jnp.where(jnp.abs(determinant) < floor, bound, determinant)

@@ -64,15 +64,16 @@ def bracketed_newton(
     width = 2.0 * (high - low)
     unknown = jnp.full_like(start, jnp.inf)
     root, residual = lax.fori_loop(0, steps, step, (start, low, high, width, width, start, unknown))[5:]
-    return Root(_implicit(function, parameters, root), residual)
+    return Root(implicit_root(function, parameters, root), residual)
 
 
 @eqx.filter_custom_jvp
-def _implicit(function: Callable, parameters: object, root: Scalar) -> Scalar:
+def implicit_root(function: Callable, parameters: object, root: Scalar) -> Scalar:
+    """Return a root of a function as for `bracketed_newton`, with its implicit derivative by the parameters."""
     return root
 
 
-@_implicit.def_jvp
+@implicit_root.def_jvp
 def _implicit_jvp(primals: tuple, tangents: tuple) -> tuple[Scalar, Scalar]:
     function, parameters, root = primals
     (_, slope), (change, _) = eqx.filter_jvp(lambda p: function(root, p), (parameters,), (tangents[1],))

@@ -104,7 +104,7 @@ class Tables(eqx.Module):
         cell_index = index[axis_indices[0]]
         for axis in axis_indices[1:]:
             cell_index = cell_index * (self.axes.sizes[axis] - 1) + index[axis]
-        value = cells[cell_index]
+        value = jnp.take(cells, cell_index, axis=0, mode="clip")  # the index is within the table
         for axis in axis_indices:
             value = value[0::2] + fraction[axis] * value[1::2]
         return value[0]

@@ -72,8 +72,9 @@ def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:
     all angles and rates are 0. Theory section 6, "Commands along a trajectory"; the path angle uses atan2, because asin
     loses digits and has no derivative near the vertical.
     """
-    north, east, up = velocity_n[0], velocity_n[1], -velocity_n[2]
-    north_dot, east_dot, up_dot = acceleration_n[0], acceleration_n[1], -acceleration_n[2]
+    north, east, down = jnp.unstack(velocity_n)
+    north_dot, east_dot, down_dot = jnp.unstack(acceleration_n)
+    up, up_dot = -down, -down_dot
     speed, level = norm(velocity_n), norm(velocity_n[:2])
     moving, turning = speed > 0.0, level > 0.0
     safe_speed, safe_level = jnp.where(moving, speed, 1.0), jnp.where(turning, level, 1.0)

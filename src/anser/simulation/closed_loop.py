@@ -107,16 +107,23 @@ def for_aircraft(instant: Instant, index: Count) -> Instant:
 
 def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0) -> VehicleState:
     """Return the initial state of an aircraft in the steady flight `trim`, with every part's state settled."""
+    return start_vehicle(vehicle, instant, trim, index)[0]
+
+
+def start_vehicle(
+    vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: ScalarLike = 0
+) -> tuple[VehicleState, Perception]:
+    """Return the state from `trimmed_vehicle`, and the result of `perceive` in this state at the same instant."""
     index = jnp.asarray(index, dtype=jnp.int32)
     instant = for_aircraft(instant, index)
     flow = air_flow(trim.state, instant)
     gusts = vehicle.gusts.init(_gust_normals(vehicle, instant, once=True), flow)
     truth = true_situation(vehicle, trim.state, instant, gusts, flow)
     sensors = vehicle.sensors.init(truth, instant)
-    reading, _ = vehicle.sensors.read(sensors, truth, instant)
+    reading, next_sensors = vehicle.sensors.read(sensors, truth, instant)
     estimator = vehicle.estimator.init(reading, vehicle.airframe, instant)
-    belief, _ = vehicle.estimator.estimate(estimator, reading, vehicle.airframe, instant)
-    return VehicleState(
+    belief, next_estimator = vehicle.estimator.estimate(estimator, reading, vehicle.airframe, instant)
+    state = VehicleState(
         aircraft=to_motion_state(instant.environment, trim.state),
         sensors=sensors,
         estimator=estimator,
@@ -127,6 +134,7 @@ def trimmed_vehicle(vehicle: Vehicle, instant: Instant, trim: TrimPoint, index: 
         stopped=jnp.asarray(False),
         index=index,
     )
+    return state, Perception(truth, belief, flow, next_sensors, next_estimator)
 
 
 def perceive(vehicle: Vehicle, state: VehicleState, instant: Instant) -> Perception:

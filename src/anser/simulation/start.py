@@ -11,7 +11,7 @@ from anser.numerics.arrays import strongly_typed
 from anser.parts.perception import Instant
 from anser.parts.planners import AircraftReport, Performance
 from anser.shapes import Flag, Vector3
-from anser.simulation.closed_loop import NO_TRIM, perceive, plan_status, trimmed_vehicle
+from anser.simulation.closed_loop import NO_TRIM, plan_status, start_vehicle
 from anser.simulation.flight import (
     Flight,
     FlightState,
@@ -43,11 +43,10 @@ def trimmed_fleet(flight: Flight) -> TrimmedFleet:
 
     def trim_one(vehicle: Vehicle, target: TrimTarget, position_n: Vector3, is_real: Flag, index: Array) -> Any:
         trim = solve_trim(vehicle.airframe, environment, target, position_n)
-        state = trimmed_vehicle(vehicle, instant, trim, index)
+        state, perception = start_vehicle(vehicle, instant, trim, index)
         is_untrimmed = ~trim.converged | (trim.excess > LIMIT_TOLERANCE)
         status = jnp.where(is_untrimmed, NO_TRIM, state.status).astype(jnp.int32)
         state = eqx.tree_at(lambda s: (s.status, s.stopped), state, (status, is_untrimmed | ~is_real))
-        perception = perceive(vehicle, state, instant)
         airframe, condition = perception.belief.airframe, perception.truth.condition
         if airframe is not vehicle.airframe:  # the planner uses the aircraft's own model
             condition = flight_condition(airframe, environment, instant.time, trim.state)

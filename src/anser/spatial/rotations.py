@@ -1,5 +1,6 @@
 """Rotation matrices, quaternions and Euler angles, and lengths and angles with finite gradients at zero."""
 
+import jax
 import jax.numpy as jnp
 
 from anser.shapes import Flag, Matrix33, Quaternion, Scalar, ScalarLike, Vector3
@@ -9,7 +10,7 @@ _TINY_SQUARED = 1e-290
 
 def safe_norm(v: Vector3) -> Scalar:
     """Return the length of a vector (3,), any unit; 0 with zero gradient at the zero vector."""
-    return _safe_sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return _safe_sqrt(jnp.sum(v * v))
 
 
 def safe_hypot(x: ScalarLike, y: ScalarLike) -> Scalar:
@@ -21,13 +22,20 @@ def safe_hypot(x: ScalarLike, y: ScalarLike) -> Scalar:
 def safe_atan2(y: ScalarLike, x: ScalarLike) -> Scalar:
     """Return the angle of the point (x, y), rad in [-pi, pi]; 0 with zero gradient at the origin."""
     x, y = jnp.asarray(x), jnp.asarray(y)
-    undefined = _is_zero(x * x + y * y)
-    return jnp.arctan2(jnp.where(undefined, 0.0, y), jnp.where(undefined, 1.0, x))
+    squared = x * x + y * y
+    undefined, zero, one = _is_zero(squared), jnp.zeros_like(squared), jnp.ones_like(squared)
+    return jnp.arctan2(_select(undefined, zero, y), _select(undefined, one, x))
 
 
 def _safe_sqrt(squared: Scalar) -> Scalar:
     zero = _is_zero(squared)
-    return jnp.where(zero, 0.0, jnp.sqrt(jnp.where(zero, 1.0, squared)))
+    root = jnp.sqrt(_select(zero, jnp.ones_like(squared), squared))
+    return _select(zero, jnp.zeros_like(squared), root)
+
+
+def _select(condition: Flag, chosen: Scalar, fallback: Scalar) -> Scalar:
+    """Return `jnp.where` of arrays of equal shape, with a third of the equations."""
+    return jax.lax.select(condition, chosen, fallback.astype(chosen.dtype))
 
 
 def _is_zero(squared: Scalar) -> Flag:
@@ -44,13 +52,13 @@ def rotation_from_quaternion(q: Quaternion) -> Matrix33:
 
     For a quaternion of another length, the matrix is scaled by the squared length.
     """
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
-    s0, s1, s2, s3 = q0 * q0, q1 * q1, q2 * q2, q3 * q3
+    products = jnp.unstack(jnp.reshape(q[:, None] * q[None, :], 16))
+    s0, q01, q02, q03, _, s1, q12, q13, _, _, s2, q23, _, _, _, s3 = products
     return jnp.stack(
         [
-            jnp.stack([s0 + s1 - s2 - s3, 2.0 * (q1 * q2 + q0 * q3), 2.0 * (q1 * q3 - q0 * q2)]),
-            jnp.stack([2.0 * (q1 * q2 - q0 * q3), s0 - s1 + s2 - s3, 2.0 * (q2 * q3 + q0 * q1)]),
-            jnp.stack([2.0 * (q1 * q3 + q0 * q2), 2.0 * (q2 * q3 - q0 * q1), s0 - s1 - s2 + s3]),
+            jnp.stack([s0 + s1 - s2 - s3, 2.0 * (q12 + q03), 2.0 * (q13 - q02)]),
+            jnp.stack([2.0 * (q12 - q03), s0 - s1 + s2 - s3, 2.0 * (q23 + q01)]),
+            jnp.stack([2.0 * (q13 + q02), 2.0 * (q23 - q01), s0 - s1 - s2 + s3]),
         ]
     )
 
@@ -62,7 +70,7 @@ def quaternion_from_rotation(R_bn: Matrix33) -> Quaternion:
     is proportional to the quaternion. Dividing by small numbers is thus avoided (Shepperd, J. Guidance and Control
     1(3), 1978).
     """
-    (r11, r12, r13), (r21, r22, r23), (r31, r32, r33) = ([R_bn[i, j] for j in range(3)] for i in range(3))
+    r11, r12, r13, r21, r22, r23, r31, r32, r33 = jnp.unstack(jnp.reshape(R_bn, 9))
     q0q1, q0q2, q0q3 = r23 - r32, r31 - r13, r12 - r21
     q1q2, q1q3, q2q3 = r12 + r21, r13 + r31, r23 + r32
     q0q0 = 1.0 + r11 + r22 + r33
@@ -158,8 +166,8 @@ def quaternion_derivative(q: Quaternion, rates_b: Vector3) -> Quaternion:
     ``rates_b`` is the angular velocity of the body relative to NED (3,), in body axes: P, Q, R in rad/s. The derivative
     is orthogonal to the quaternion.
     """
-    P, Q, R = rates_b[0], rates_b[1], rates_b[2]
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    P, Q, R = jnp.unstack(rates_b)
+    q0, q1, q2, q3 = jnp.unstack(q)
     return 0.5 * jnp.stack(
         [
             -P * q1 - Q * q2 - R * q3,
@@ -176,33 +184,38 @@ def quaternion_multiply(p: Quaternion, q: Quaternion) -> Quaternion:
     For quaternions from NED to body, the first rotation is the left factor: the product of ``q_ba`` and ``q_cb`` is
     ``q_ca``, with matrix ``R_cb @ R_ba``.
     """
+    p0, p1, p2, p3 = jnp.unstack(p)
+    q0, q1, q2, q3 = jnp.unstack(q)
     return jnp.stack(
         [
-            p[0] * q[0] - p[1] * q[1] - p[2] * q[2] - p[3] * q[3],
-            p[0] * q[1] + p[1] * q[0] + p[2] * q[3] - p[3] * q[2],
-            p[0] * q[2] - p[1] * q[3] + p[2] * q[0] + p[3] * q[1],
-            p[0] * q[3] + p[1] * q[2] - p[2] * q[1] + p[3] * q[0],
+            p0 * q0 - p1 * q1 - p2 * q2 - p3 * q3,
+            p0 * q1 + p1 * q0 + p2 * q3 - p3 * q2,
+            p0 * q2 - p1 * q3 + p2 * q0 + p3 * q1,
+            p0 * q3 + p1 * q2 - p2 * q1 + p3 * q0,
         ]
     )
 
 
 def normalize(q: Quaternion) -> Quaternion:
     """Scale a quaternion (4,) to unit length; a quaternion shorter than 1e-145 is returned unchanged."""
-    squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    squared = jnp.sum(q * q)
     no_attitude = squared < 1e-290
     return q / jnp.sqrt(jnp.where(no_attitude, 1.0, squared))
 
 
 def rotate(R_ba: Matrix33, v_a: Vector3) -> Vector3:
     """Transform a vector from frame a to frame b: ``R_ba @ v_a``, any unit."""
-    return R_ba[:, 0] * v_a[0] + R_ba[:, 1] * v_a[1] + R_ba[:, 2] * v_a[2]
+    first, second, third = jnp.unstack(R_ba * v_a[None, :], axis=1)
+    return first + second + third
 
 
 def rotate_back(R_ba: Matrix33, v_b: Vector3) -> Vector3:
     """Transform a vector from frame b to frame a: ``R_ba.T @ v_b``, any unit."""
-    return R_ba[0] * v_b[0] + R_ba[1] * v_b[1] + R_ba[2] * v_b[2]
+    first, second, third = jnp.unstack(R_ba * v_b[:, None])
+    return first + second + third
 
 
 def compose(R_cb: Matrix33, R_ba: Matrix33) -> Matrix33:
     """Chain two rotations: ``R_ca = R_cb @ R_ba``."""
-    return R_cb[:, 0:1] * R_ba[0:1, :] + R_cb[:, 1:2] * R_ba[1:2, :] + R_cb[:, 2:3] * R_ba[2:3, :]
+    first, second, third = jnp.unstack(R_cb[:, :, None] * R_ba[None, :, :], axis=1)
+    return first + second + third

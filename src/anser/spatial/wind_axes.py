@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from anser.shapes import Matrix33, Scalar, ScalarLike, Vector3
-from anser.spatial.rotations import compose, rotation_from_euler, safe_atan2, safe_hypot, safe_norm
+from anser.spatial.rotations import compose, rotate, rotation_from_euler, safe_atan2, safe_hypot, safe_norm
 
 
 def rotation_wind_from_body(alpha: ScalarLike, beta: ScalarLike) -> Matrix33:
@@ -27,7 +27,7 @@ def flow_angles(velocity_air_b: Vector3) -> tuple[Scalar, Scalar, Scalar]:
     V in m/s, alpha in [-pi, pi] and beta in [-pi/2, pi/2], rad. At rest V, alpha and beta are 0 with zero gradients.
     Beta is ``asin(V_y / V)`` written as an arctangent, with a finite gradient in a pure side flow.
     """
-    U, V_y, W = velocity_air_b[0], velocity_air_b[1], velocity_air_b[2]
+    U, V_y, W = jnp.unstack(velocity_air_b)
     return safe_norm(velocity_air_b), safe_atan2(W, U), safe_atan2(V_y, safe_hypot(U, W))
 
 
@@ -44,7 +44,7 @@ def path_angles(velocity_n: Vector3) -> tuple[Scalar, Scalar]:
     gamma in [-pi/2, pi/2], up positive, and chi in [-pi, pi], clockwise from north, rad. In vertical
     flight chi is 0, at rest both are, with zero gradients.
     """
-    v_N, v_E, v_D = velocity_n[0], velocity_n[1], velocity_n[2]
+    v_N, v_E, v_D = jnp.unstack(velocity_n)
     return safe_atan2(-v_D, safe_hypot(v_N, v_E)), safe_atan2(v_E, v_N)
 
 
@@ -58,10 +58,7 @@ def bank_about_velocity(R_bn: Matrix33, alpha: ScalarLike, beta: ScalarLike) -> 
     mu in [-pi, pi], rad, positive with the right wing down: ``atan2(R_wn[1, 2], R_wn[2, 2])`` with
     ``R_wn = R_wb @ R_bn``; 0 when the velocity is vertical.
     """
-    R_wb = rotation_wind_from_body(alpha, beta)
-    down_b = R_bn[:, 2]
-    side = R_wb[1, 0] * down_b[0] + R_wb[1, 1] * down_b[1] + R_wb[1, 2] * down_b[2]
-    under = R_wb[2, 0] * down_b[0] + R_wb[2, 2] * down_b[2]
+    _, side, under = jnp.unstack(rotate(rotation_wind_from_body(alpha, beta), R_bn[:, 2]))
     return safe_atan2(side, under)
 
 

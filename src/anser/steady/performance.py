@@ -36,10 +36,7 @@ def performance_at(
     is within 3 % and 0.06 m/s^2 (95 to 200 m/s, load factors 0.5 to 1).
     """
     data = condition.air_data
-    level, pushed_over = (
-        _idle_decelerations(airframe, environment, condition, surfaces, load_factor)
-        for load_factor in (1.0, _PUSH_OVER)
-    )
+    level, pushed_over = _idle_decelerations(airframe, environment, condition, surfaces)
     deceleration = -path_acceleration(airframe, condition, 0.0)
     share = jnp.maximum(deceleration, ACCELERATION_FLOOR)
     by_lift = jnp.maximum(level - pushed_over, 0.0) / (1.0 - _PUSH_OVER**2)
@@ -59,18 +56,14 @@ def path_acceleration(airframe: AbstractAirframe, condition: FlightCondition, po
 
 
 def _idle_decelerations(
-    airframe: AbstractAirframe,
-    environment: Environment,
-    condition: FlightCondition,
-    surfaces: Vector,
-    load_factor: float,
-) -> Float[Array, " entries"]:
-    """Compute (drag - idle thrust) / mass at each airspeed of the table for a load factor, m/s^2."""
+    airframe: AbstractAirframe, environment: Environment, condition: FlightCondition, surfaces: Vector
+) -> Float[Array, "2 entries"]:
+    """Compute (drag - idle thrust) / mass at each airspeed of the table, m/s^2, for load factors 1 and `_PUSH_OVER`."""
     trimmed_flow = condition.air_data
     air = environment.atmosphere.at(trimmed_flow.altitude)
     low, high = airframe.alpha_range
 
-    def at_speed(speed: Scalar) -> Scalar:
+    def deceleration_at(speed: Scalar, load_factor: Scalar) -> Scalar:
         def forces(alpha: Scalar) -> tuple[Scalar, Scalar]:
             """Return the force normal to the path (upwards) and along the path (backwards), both per mass, m/s^2."""
             velocity_b = speed * jnp.stack([jnp.cos(alpha), 0.0 * alpha, jnp.sin(alpha)])
@@ -80,14 +73,18 @@ def _idle_decelerations(
             across = force_b[0] * jnp.sin(alpha) - force_b[2] * jnp.cos(alpha)
             return across, -force_b[0] * jnp.cos(alpha) - force_b[2] * jnp.sin(alpha)
 
-        def nearer(_: object, alpha: Scalar) -> Scalar:
-            (across, _), (slope, _) = jax.jvp(forces, (alpha,), (jnp.ones(()),))
+        def nearer(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+            """Return the next angle of attack, and the deceleration at the present one: one copy of the forces."""
+            alpha = carry[0]
+            (across, along), (slope, _) = jax.jvp(forces, (alpha,), (jnp.ones(()),))
             step = (across - load_factor * environment.gravity) / jnp.where(slope == 0.0, 1.0, slope)
-            return jnp.clip(alpha - step, low, high)
+            return jnp.clip(alpha - step, low, high), along
 
-        return forces(jax.lax.fori_loop(0, _NEWTON_STEPS, nearer, trimmed_flow.alpha))[1]
+        return jax.lax.fori_loop(0, _NEWTON_STEPS + 1, nearer, (trimmed_flow.alpha, jnp.zeros(())))[1]
 
-    return jax.vmap(at_speed)(jnp.asarray(_SPEED_RATIOS) * trimmed_flow.V)
+    load_factors, ratios = np.meshgrid([1.0, _PUSH_OVER], _SPEED_RATIOS, indexing="ij")
+    speeds = jnp.asarray(ratios.ravel()) * trimmed_flow.V
+    return jax.vmap(deceleration_at)(speeds, jnp.asarray(load_factors.ravel())).reshape(load_factors.shape)
 
 
 _SPEEDS = 64

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int, Real
 from anser.numerics.arrays import select_rows, zeros_like_result
 from anser.numerics.roots import bracketed_newton
 from anser.parts.planners import Rendezvous, final_air_velocity, time_to_go
+from anser.planning.published.time_law import path_derivatives
 from anser.planning.published.trajectory import (
     Trajectory,
     arc_length,
@@ -276,17 +277,16 @@ def _continue_plan(
     duration = jnp.maximum(plan.arrival_time - time, DURATION_MIN_S)
 
     def continue_path(old_path: Trajectory, bend: Scalar, task: PlanningTask) -> tuple[Trajectory, Scalar]:
-        # From the planned velocity, not the flown one: a path from the flown speed and course would ignore the lag of
-        # the aircraft at every replanning and shift it to the last seconds.
         clock = old_path.clock(time)
-        task = eqx.tree_at(lambda t: t.air_velocity_n, task, old_path.path_derivative(clock.s, 1) * clock.s_dot)
         # The rest of a path, with s scaled to 0..1, is a path of the same family.
         s = jnp.clip(clock.s, 0.0, 1.0 - 1e-6)
         remaining = 1.0 - s
-        end_slopes = (
-            remaining * norm(old_path.path_derivative(s, 1)),
-            remaining * norm(old_path.path_derivative(1.0, 1)),
-        )
+        slopes_n = path_derivatives(old_path.coefficients_n, jnp.stack([clock.s, s, jnp.ones_like(s)]), (1,))[0]
+        # From the planned velocity, not the flown one: a path from the flown speed and course would ignore the lag of
+        # the aircraft at every replanning and shift it to the last seconds.
+        task = eqx.tree_at(lambda t: t.air_velocity_n, task, slopes_n[:, 0] * clock.s_dot)
+        slopes = remaining * norm(slopes_n[:, 1:], axis=0)
+        end_slopes = (slopes[0], slopes[1])
         nominal, _ = nominal_trajectory(task, time, duration, speed, end_slopes)
         remaining_bend = bend * remaining**4
         path = bend_trajectory(nominal, remaining_bend)

@@ -7,6 +7,9 @@ unless the path is steeper than the glide with the engine idle: the necessary pa
 speed. Both laws have the same arrival time and mean speed.
 """
 
+import math
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,9 +18,9 @@ from jaxtyping import Array, Float
 
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.numerics.integration import gauss_legendre
-from anser.numerics.roots import bracketed_newton
+from anser.numerics.roots import bracketed_newton, implicit_root
 from anser.parts.paths import time_rounding
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
 from anser.spatial.vectors import norm
 
 CELLS = 32
@@ -38,18 +41,47 @@ def _collocation() -> Float[np.ndarray, "rule rule"]:
     return (_RULE.nodes[:, None] * ascending / (powers + 1)) @ np.linalg.inv(ascending)
 
 
-_NODE_WEIGHTS = _collocation()
+# The start of a cell, the nodes and the end; weights of the integrals from the start to each node and to the end.
+_CELL_POINTS = np.concatenate([[0.0], _RULE.nodes, [1.0]])
+_LENGTH_WEIGHTS = np.vstack([_collocation(), _RULE.weights])
+
+_POWERS = 5
+# Factors of the coefficients in the derivatives of order 0 to 3, for ascending powers of the derivative.
+_FACTORS = np.array([[math.perm(power + order, order) for power in range(_POWERS)] for order in range(4)], dtype=float)
+
+
+PathPolynomials = Float[Array, "orders 3 powers"]
+"""Coefficients of a path's derivatives of several orders, for ascending powers of s, m."""
+
+
+def path_polynomials(coefficients_n: Float[Array, "3 5"], orders: Sequence[int]) -> PathPolynomials:
+    """Return the polynomials of the path's derivatives with respect to s, of the given orders: 0 (position) to 3."""
+    zero = jnp.zeros((), coefficients_n.dtype)
+    # Zeros above the highest power: one Horner scheme serves every order, exactly.
+    padded = jax.lax.pad(coefficients_n, zero, ((0, 0, 0), (0, max(orders), 0)))
+    shifted = jnp.stack([padded[:, order : order + _POWERS] for order in orders])
+    return jnp.asarray(_FACTORS[np.asarray(orders), None, :], coefficients_n.dtype) * shifted
+
+
+def evaluate(polynomials: PathPolynomials, s: Float[Array, " points"]) -> Float[Array, "orders 3 points"]:
+    """Evaluate the derivatives of a path at several values of s, m, by Horner's scheme."""
+    *lower, total = jnp.unstack(polynomials[..., None], axis=2)
+    s = jnp.broadcast_to(s, (*total.shape[:2], *s.shape))
+    for coefficient in reversed(lower):
+        total = total * s + coefficient
+    return total
+
+
+def path_derivatives(
+    coefficients_n: Float[Array, "3 5"], s: Float[Array, " points"], orders: Sequence[int]
+) -> Float[Array, "orders 3 points"]:
+    """Derivatives of the path with respect to s at several points, m, of several orders: 0 (position) to 3."""
+    return evaluate(path_polynomials(coefficients_n, orders), s)
 
 
 def path_derivative(coefficients_n: Float[Array, "3 5"], s: ScalarLike, order: int) -> Vector3:
     """Derivative of the path with respect to s, m, of order 0 (position) to 3."""
-    factors = np.ones(5 - order)
-    for reduction in range(order):
-        factors *= np.arange(order, 5) - reduction
-    *lower, total = jnp.unstack(jnp.asarray(factors, coefficients_n.dtype)[None, :] * coefficients_n[:, order:], axis=1)
-    for coefficient in reversed(lower):
-        total = total * s + coefficient
-    return total
+    return path_derivatives(coefficients_n, jnp.asarray(s, coefficients_n.dtype)[None], (order,))[0, :, 0]
 
 
 class Clock(eqx.Module):
@@ -61,17 +93,17 @@ class Clock(eqx.Module):
 
 
 class Cell(eqx.Module):
-    """Lengths and energy along one section of a path, from s to s + h, at the nodes of the quadrature rule."""
+    """One section of a path, from s to s + width; rows: the nodes of the quadrature rule, and the end of the cell."""
 
-    slopes: Float[Array, " rule"]  # |dr/ds| at the nodes, m
-    length_to_node: Float[Array, " rule"]  # length from the start of the cell to each node, m
-    # potential energy per mass released from the start of the cell to each node, m^2/s^2
-    energy_gain: Float[Array, " rule"]
-    length: Scalar  # length of the cell, m
+    slopes: Float[Array, " rows"]  # |dr/ds|, m
+    lengths: Float[Array, " rows"]  # length from the start of the cell, m
+    # potential energy per mass released from the start of the cell, m^2/s^2
+    energy_gain: Float[Array, " rows"]
 
-    def time(self, squares: Float[Array, " rule"], width: ScalarLike) -> Scalar:
-        """Flight time through the cell, s, for squared airspeeds at the nodes (m^2/s^2)."""
-        return width * jnp.sum(jnp.asarray(_RULE.weights, squares.dtype) * self.slopes / jnp.sqrt(squares))
+    def time(self, speeds: Float[Array, " rows"], width: ScalarLike) -> Scalar:
+        """Flight time through the cell, s, for the airspeeds of the rows, m/s."""
+        weighted = jnp.asarray(_RULE.weights, speeds.dtype) * self.slopes[:-1]
+        return width * jnp.sum(weighted / speeds[:-1])
 
 
 def _clip(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
@@ -79,16 +111,24 @@ def _clip(value: ScalarLike, low: ScalarLike, high: ScalarLike) -> Scalar:
     return jnp.where(value < low, low, jnp.where(value > high, high, value))
 
 
-def _cell(coefficients_n: Float[Array, "3 5"], s: ScalarLike, width: ScalarLike) -> Cell:
-    points = s + width * jnp.asarray(_RULE.nodes, coefficients_n.dtype)
-    slopes = jax.vmap(lambda x: norm(path_derivative(coefficients_n, x, 1)))(points)
-    down = jax.vmap(lambda x: path_derivative(coefficients_n, x, 0)[2])(points)
+def _cell(path: PathPolynomials, s: ScalarLike, width: ScalarLike) -> Cell:
+    """Return the section from s to s + width of a path, which is given by its polynomials of order 0 and 1."""
+    positions_n, slopes_n = evaluate(path, s + width * jnp.asarray(_CELL_POINTS, path.dtype))
+    slopes, down = norm(slopes_n[:, 1:], axis=0), positions_n[2]
     return Cell(
         slopes=slopes,
-        length_to_node=width * jnp.sum(jnp.asarray(_NODE_WEIGHTS, slopes.dtype) * slopes[None, :], axis=1),
-        energy_gain=STANDARD_GRAVITY_M_S2 * (down - path_derivative(coefficients_n, s, 0)[2]),
-        length=width * jnp.sum(jnp.asarray(_RULE.weights, slopes.dtype) * slopes),
+        lengths=width * jnp.sum(jnp.asarray(_LENGTH_WEIGHTS, slopes.dtype) * slopes[None, :-1], axis=1),
+        energy_gain=STANDARD_GRAVITY_M_S2 * (down[1:] - down[0]),
     )
+
+
+class _CellMotion(eqx.Module):
+    """Motion at an offset of s in a cell."""
+
+    slope: Scalar  # |dr/ds|, m
+    speed: Scalar  # airspeed, m/s
+    is_slowest: Flag  # whether the airspeed is the least
+    time: Scalar  # time since the start of the cell, s
 
 
 class TimeLaw(eqx.Module):
@@ -104,67 +144,78 @@ class TimeLaw(eqx.Module):
 
     def clock(self, coefficients_n: Float[Array, "3 5"], elapsed: ScalarLike, duration: ScalarLike) -> Clock:
         """Path parameter `elapsed` seconds after the start of a path of `duration` seconds."""
+        path = path_polynomials(coefficients_n, (0, 1, 2))
         clipped = _clip(elapsed, 0.0, self.times[-1])
         k = jnp.sum(clipped >= self.times[1:-1], dtype=jnp.int32)
-        offset = self._offset_in_cell(coefficients_n, k, clipped - self.times[k])
-        s = k.astype(offset.dtype) / CELLS + offset
-        slope_n, bend_n = path_derivative(coefficients_n, s, 1), path_derivative(coefficients_n, s, 2)
-        slope, speed, at_speed_min, _ = self._motion(coefficients_n, k, offset)
-        s_dot = speed / slope
-        exchange_acceleration = self.exchange * STANDARD_GRAVITY_M_S2 * slope_n[2] / slope
-        acceleration = jnp.where(at_speed_min, 0.0, exchange_acceleration - self.braking)
+        ends = jax.lax.dynamic_slice_in_dim(jnp.stack([self.times, self.squares, self.slopes]), k, 2, axis=1)
+        start, square = k.astype(ends.dtype) / CELLS, ends[1, 0]
+        offset = self._offset_in_cell(path[:2], start, ends, clipped - ends[0, 0])
+        s = start + offset
+        slope_n, bend_n = evaluate(path[1:], s[None])[..., 0]
+        motion = self._motion(path[:2], start, square, offset)
+        s_dot = motion.speed / motion.slope
+        exchange_acceleration = self.exchange * STANDARD_GRAVITY_M_S2 * slope_n[2] / motion.slope
+        acceleration = jnp.where(motion.is_slowest, 0.0, exchange_acceleration - self.braking)
         # Beyond the ends (by more than rounding), s continues linearly: a holding fleet has left its path.
         is_on_path = jnp.abs(elapsed - clipped) <= max(_SAME_INSTANT_S, time_rounding(clipped))
-        s_ddot = jnp.where(is_on_path, (acceleration - jnp.sum(slope_n * bend_n) / slope * s_dot**2) / slope, 0.0)
+        bend = jnp.sum(slope_n * bend_n) / motion.slope
+        s_ddot = jnp.where(is_on_path, (acceleration - bend * s_dot**2) / motion.slope, 0.0)
         return Clock(
             s=jnp.where(self.even, s + s_dot * (elapsed - clipped), elapsed / duration),
             s_dot=jnp.where(self.even, s_dot, 1.0 / duration),
             s_ddot=jnp.where(self.even, s_ddot, 0.0),
         )
 
-    def _demanded_square(self, k: Count, energy_gain: Array, length_to_node: Array) -> Array:
-        """Square of the demanded airspeed, m^2/s^2, after an energy gain (m^2/s^2) and a length (m) in cell `k`."""
-        return self.squares[k] + 2 * (self.exchange * energy_gain - self.braking * length_to_node)
-
-    def _motion(
-        self, coefficients_n: Float[Array, "3 5"], k: Count, offset: Scalar
-    ) -> tuple[Scalar, Scalar, Flag, Scalar]:
-        """Return |dr/ds| (m), airspeed (m/s), whether it is the least, and time (s), at an offset of s in cell `k`."""
-        start = k.astype(offset.dtype) / CELLS
-        cell = _cell(coefficients_n, start, offset)
-        slope = jnp.maximum(norm(path_derivative(coefficients_n, start + offset, 1)), _TINY)
-        down = path_derivative(coefficients_n, start + offset, 0) - path_derivative(coefficients_n, start, 0)
-        demanded = self._demanded_square(k, STANDARD_GRAVITY_M_S2 * down[2], cell.length)
-        time = cell.time(
-            jnp.maximum(self._demanded_square(k, cell.energy_gain, cell.length_to_node), self.slowest**2), offset
+    def _motion(self, path: PathPolynomials, start: Scalar, square: Scalar, offset: Scalar) -> _CellMotion:
+        """Motion at an offset from the start of a cell, where the square of the airspeed is `square` (m^2/s^2)."""
+        cell = _cell(path, start, offset)
+        demanded = square + 2 * (self.exchange * cell.energy_gain - self.braking * cell.lengths)
+        least = self.slowest**2
+        speeds = jnp.sqrt(jnp.maximum(demanded, least))
+        return _CellMotion(
+            slope=jnp.maximum(cell.slopes[-1], _TINY),
+            speed=speeds[-1],
+            is_slowest=demanded[-1] < least,
+            time=cell.time(speeds, offset),
         )
-        return slope, jnp.sqrt(jnp.maximum(demanded, self.slowest**2)), demanded < self.slowest**2, time
 
-    def _offset_in_cell(self, coefficients_n: Float[Array, "3 5"], k: Count, time_in_cell: ScalarLike) -> Scalar:
-        """Path parameter s minus its value at the start of cell `k`, `time_in_cell` seconds later; no unit.
+    def _offset_in_cell(
+        self, path: PathPolynomials, start: Scalar, ends: Float[Array, "3 2"], time_in_cell: ScalarLike
+    ) -> Scalar:
+        """Path parameter s minus its value at the start of a cell, `time_in_cell` seconds later; no unit.
 
-        The value follows from Newton steps. The initial guess is the Hermite cubic of s over time in the cell.
+        `ends` holds time, square of the airspeed and slope at both ends of the cell. The value follows from Newton
+        steps. The initial guess is the Hermite cubic of s over time in the cell.
         """
-        law, path, elapsed = jax.lax.stop_gradient((self, coefficients_n, jnp.asarray(time_in_cell)))
+        parameters = self, path, start, ends[1, 0], jnp.asarray(time_in_cell)
+        fixed, (times, squares, slopes) = jax.lax.stop_gradient((parameters, ends))
+        law, fixed_path, _, square, elapsed = fixed
         h = 1.0 / CELLS
-        span = jnp.maximum(law.times[k + 1] - law.times[k], _TINY)
-        speeds = jnp.sqrt(jnp.maximum(jnp.stack([law.squares[k], law.squares[k + 1]]), law.slowest**2))
-        m0, m1 = span * speeds[0] / law.slopes[k], span * speeds[1] / law.slopes[k + 1]
+        span = jnp.maximum(times[1] - times[0], _TINY)
+        m0, m1 = span * jnp.sqrt(jnp.maximum(squares, law.slowest**2)) / slopes
         u = elapsed / span
         offset = u * (m0 + u * (3 * h - 2 * m0 - m1 + u * (m0 + m1 - 2 * h)))
 
-        def newton_step(law: TimeLaw, path: Float[Array, "3 5"], elapsed: ScalarLike, offset: Scalar) -> Scalar:
+        def newton_step(_: object, offset: Scalar) -> Scalar:
             offset = jnp.clip(offset, 0.0, h)
-            slope, speed, _, time = law._motion(path, k, offset)
-            return offset - (time - elapsed) * jax.lax.stop_gradient(speed / slope)
+            motion = law._motion(fixed_path, start, square, offset)
+            return offset - (motion.time - elapsed) * (motion.speed / motion.slope)
 
-        offset = jax.lax.fori_loop(0, _CLOCK_STEPS - 1, lambda _, x: newton_step(law, path, elapsed, x), offset)
-        return newton_step(self, coefficients_n, time_in_cell, offset)
+        return implicit_root(_lateness_in_cell, parameters, jax.lax.fori_loop(0, _CLOCK_STEPS, newton_step, offset))
 
     @property
     def speeds(self) -> Float[Array, "*fleet nodes"]:
         """Airspeed at s = k / CELLS, m/s."""
         return jnp.sqrt(jnp.maximum(self.squares, self.slowest[..., None] ** 2))
+
+
+def _lateness_in_cell(
+    offset: Scalar, parameters: tuple[TimeLaw, PathPolynomials, Scalar, Scalar, Scalar]
+) -> tuple[Scalar, Scalar]:
+    """Time at an offset of s in a cell less a given time, s, and the derivative by the offset."""
+    law, path, start, square, elapsed = parameters
+    motion = law._motion(path, start, square, offset)
+    return motion.time - elapsed, motion.slope / motion.speed
 
 
 def published_law() -> TimeLaw:
@@ -193,8 +244,8 @@ class _Profile(eqx.Module):
         """Times at the ends of the cells, s after the start."""
 
         def time(cell: Cell, square: Scalar) -> Scalar:
-            squares = square + 2 * (self.exchange * cell.energy_gain - braking * cell.length_to_node)
-            return cell.time(jnp.maximum(squares, self.slowest**2), 1.0 / CELLS)
+            squares = square + 2 * (self.exchange * cell.energy_gain - braking * cell.lengths)
+            return cell.time(jnp.sqrt(jnp.maximum(squares, self.slowest**2)), 1.0 / CELLS)
 
         spans = jax.vmap(time)(self.cells, self.squares(braking)[:-1])
         return jnp.concatenate([jnp.zeros(1), jnp.cumsum(spans)])
@@ -220,10 +271,9 @@ def _solve_braking(profile: _Profile) -> Scalar:
 
 
 def _minimum_exchange(
-    coefficients_n: Float[Array, "3 5"],
     lengths: Float[Array, " nodes"],
     energy_gain: Float[Array, " nodes"],
-    slopes: Float[Array, " nodes"],
+    fall: Float[Array, " nodes"],  # sine of the path angle, down positive
     speed_0: Scalar,
     mean_speed: Scalar,
     deceleration: ScalarLike,
@@ -234,8 +284,7 @@ def _minimum_exchange(
     mean: without exchange the final speed differs from the mean as much as the initial speed; speed gained early is
     braked along the whole path.
     """
-    edges, total = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1)), jnp.maximum(lengths[-1], _TINY)
-    fall = jax.vmap(lambda s: path_derivative(coefficients_n, s, 1)[2])(edges) / slopes
+    total = jnp.maximum(lengths[-1], _TINY)
     steepest = STANDARD_GRAVITY_M_S2 * jnp.max(fall)
     base = 2 * mean_speed * (speed_0 - mean_speed) / total
     mean_gain = jnp.sum((lengths[1:] - lengths[:-1]) * (energy_gain[1:] + energy_gain[:-1])) / total
@@ -263,18 +312,20 @@ def even_law(
     """
     coefficients_n = jnp.asarray(coefficients_n)
     edges = jnp.asarray(np.linspace(0.0, 1.0, CELLS + 1))
-    cells = jax.vmap(lambda s: _cell(coefficients_n, s, 1.0 / CELLS))(edges[:-1])
-    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(cells.length)])
-    released = STANDARD_GRAVITY_M_S2 * jax.vmap(lambda s: path_derivative(coefficients_n, s, 0)[2])(edges)
+    path = path_polynomials(coefficients_n, (0, 1))
+    cells = jax.vmap(lambda s: _cell(path, s, 1.0 / CELLS))(edges[:-1])
+    lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(cells.lengths[:, -1])])
+    positions_n, slopes_n = evaluate(path, edges)
+    released = STANDARD_GRAVITY_M_S2 * positions_n[2]
     released = released - released[0]
-    slopes = jnp.maximum(jax.vmap(lambda s: norm(path_derivative(coefficients_n, s, 1)))(edges), _TINY)
+    slopes = jnp.maximum(norm(slopes_n, axis=0), _TINY)
     total = jnp.maximum(lengths[-1], _TINY)
     mean_speed = total / duration
     speed_0 = jnp.asarray(speed_0, dtype=float)
     if exchange is None:
         exchange = jnp.zeros(())
         if deceleration is not None:
-            exchange = _minimum_exchange(coefficients_n, lengths, released, slopes, speed_0, mean_speed, deceleration)
+            exchange = _minimum_exchange(lengths, released, slopes_n[2] / slopes, speed_0, mean_speed, deceleration)
     profile = _Profile(
         cells,
         lengths,

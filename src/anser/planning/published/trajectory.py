@@ -4,7 +4,6 @@ Also arc length, slowest descent, and the lateral bend for a required length.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -20,6 +19,7 @@ from anser.planning.published.time_law import (
     TimeLaw,
     even_law,
     path_derivative,
+    path_derivatives,
     published_law,
 )
 from anser.shapes import Flag, Scalar, ScalarLike, Vector3
@@ -59,9 +59,9 @@ class Trajectory(AbstractReference):
     def at(self, time: ScalarLike) -> PathPoint:
         """Motion over the ground at a time (s); in steady wind the acceleration is the same in both frames."""
         clock = self.clock(time)
-        slope_n, bend_n = self.path_derivative(clock.s, 1), self.path_derivative(clock.s, 2)
+        position_n, slope_n, bend_n = path_derivatives(self.coefficients_n, clock.s[None], (0, 1, 2))[..., 0]
         return PathPoint(
-            position_n=self.path_derivative(clock.s, 0) + self.wind_n * (time - self.start_time),
+            position_n=position_n + self.wind_n * (time - self.start_time),
             velocity_n=slope_n * clock.s_dot + self.wind_n,
             acceleration_n=bend_n * clock.s_dot**2 + slope_n * clock.s_ddot,
         )
@@ -156,7 +156,7 @@ def arc_length(
     """
 
     def path_speed(phases: Float[Array, " nodes"]) -> Float[Array, " nodes"]:
-        return jax.vmap(lambda phase: norm(trajectory.path_derivative(phase, 1)))(phases)
+        return norm(path_derivatives(trajectory.coefficients_n, phases, (1,))[0], axis=0)
 
     return integrate(path_speed, jnp.asarray(start_phase, dtype=float), 1.0, rule)
 
@@ -180,8 +180,8 @@ def slowest_mean_speed(path: Trajectory, speed_0: ScalarLike, deceleration: Scal
     """
     edges = np.linspace(0.0, 1.0, CELLS + 1)
     middles = jnp.asarray(0.5 * (edges[1:] + edges[:-1]))
-    segments = jax.vmap(lambda s: norm(path.path_derivative(s, 1)))(middles) / CELLS
-    down = jax.vmap(lambda s: path.path_derivative(s, 0)[2])(jnp.asarray(edges))
+    segments = norm(path_derivatives(path.coefficients_n, middles, (1,))[0], axis=0) / CELLS
+    down = path_derivatives(path.coefficients_n, jnp.asarray(edges), (0,))[0, 2]
     lengths = jnp.concatenate([jnp.zeros(1), jnp.cumsum(segments)])
     braking_work = (deceleration - BRAKING_RESERVE_M_S2) * lengths
     square = speed_0**2 + 2 * (STANDARD_GRAVITY_M_S2 * (down - down[0]) - braking_work)
