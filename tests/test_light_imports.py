@@ -1,4 +1,4 @@
-"""Imports: help, check and new run without JAX; float64 is enabled in any order of imports."""
+"""Imports: help, check and new run without JAX, a flight without unused libraries; float64 in any order of imports."""
 
 import subprocess
 import sys
@@ -45,3 +45,17 @@ def test_arrays_are_float64_in_either_order_of_import(first_import, tmp_path):
 def test_the_verbosity_of_xla_is_left_to_the_user(tmp_path, monkeypatch):
     monkeypatch.delenv("TF_CPP_MIN_LOG_LEVEL", raising=False)
     assert _run('import os, anser\nprint("TF_CPP_MIN_LOG_LEVEL" in os.environ)', tmp_path) == "False"
+
+
+def test_a_flight_imports_only_what_it_uses(tmp_path):
+    program = f"""
+import sys
+sys.argv = ["anser", "run", {SCENARIO!r}, "--out", "flight"]
+from anser.cli import main
+try:
+    main()
+except SystemExit as end:
+    assert not end.code, end.code
+print([name for name in ("scipy", "dask", "distributed", "matplotlib", "SALib", "zarr") if sys.modules.get(name)])
+"""
+    assert _run(program, tmp_path) == "[]"

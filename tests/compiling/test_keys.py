@@ -1,8 +1,12 @@
 """Keys of stored programs: an edit of a room invalidates only programs that may depend on the room."""
 
+import sys
+from types import ModuleType
+
 import pytest
 
 import anser.compiling.keys as keys
+import anser.spatial.rotations as rotations
 from anser.analysis.linear_models import _open_model
 from anser.analysis.loop_margins import analyse_rows
 from anser.analysis.trim_points import map_points
@@ -52,3 +56,13 @@ def test_programs_of_kernels_depend_on_kernels_only():
         assert keys._source_hash(keys.describe_value(program._function)) == keys._KERNEL_SOURCES
     for function in (to_dataset, (solve_trim, to_dataset), map_points._function):
         assert keys._source_hash(keys.describe_value(function)) == keys._ALL_SOURCES
+
+
+def test_the_key_depends_on_the_modules_behind_a_program_only(monkeypatch):
+    description = keys.describe_value(fly_segment._function)
+    former_hash = keys._hash_loaded_code(description)
+    monkeypatch.setitem(sys.modules, "anser.steady.unused", ModuleType("anser.steady.unused"))
+    monkeypatch.setattr(sys.modules["anser.steady.unused"], "NUMBER", 1.0, raising=False)
+    assert keys._hash_loaded_code(description) == former_hash
+    monkeypatch.setattr(rotations, "_EPSILON", 1.0, raising=False)  # two imports away
+    assert keys._hash_loaded_code(description) != former_hash

@@ -4,7 +4,6 @@ A group runs its first command if no command is named: `anser campaign STUDY`.
 """
 
 import difflib
-import gc
 import os
 import traceback
 from collections.abc import Callable, Sequence
@@ -147,7 +146,6 @@ def exit_code() -> int:
 
     Errors of the operating system for files and folders are reported in one message, as invalid input.
     """
-    gc.set_threshold(200_000)  # tracing creates many long-lived objects; frequent garbage collection costs 10 %
     try:
         app()
     except SystemExit as end:

@@ -59,6 +59,22 @@ class Interrupts:
 interrupts = Interrupts()
 
 
+@contextlib.contextmanager
+def without_dask() -> Iterator[None]:
+    """Make dask appear as not installed in the `with` block, except for a command with a cluster.
+
+    xarray otherwise imports an installed dask, which takes half a second, for every dataset.
+    """
+    hidden = "dask" not in sys.modules and not any(word.startswith("--cluster") for word in sys.argv)
+    if hidden:
+        sys.modules["dask"] = None  # pyright: ignore[reportArgumentType] - the documented way to forbid an import
+    try:
+        yield
+    finally:
+        if hidden and sys.modules.get("dask", sys) is None:
+            del sys.modules["dask"]
+
+
 class GuardedStream:
     """Text stream that discards everything after the first failed write, whose error is `failure`."""
 

@@ -12,6 +12,7 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import equinox as eqx
@@ -20,6 +21,7 @@ import jaxlib
 import numpy as np
 
 _FORMAT = 2
+_ROOT = "anser"
 _PACKAGE = Path(__file__).parents[1]
 _TRUSTED = {"anser", "equinox", "jax", "jaxlib", "jaxtyping", "numpy", "scipy"} | sys.stdlib_module_names
 _KERNELS = {
@@ -121,14 +123,33 @@ def _source_hash(description: str) -> str:
     return _KERNEL_SOURCES if all(itertools.starmap(_is_kernel, modules)) else _ALL_SOURCES
 
 
-def _hash_loaded_code(description: str) -> str:
-    """Hash the names and numbers in the loaded kernel modules, to detect functions or constants replaced at run time.
+def _modules_behind(description: str) -> list[ModuleType]:
+    """Return the loaded modules of the package that a program names, and those that they import, by name.
 
-    The `_KERNEL_MODULES`, which few processes load, count only for a program that uses one. Raises NotCacheableError if
-    a replacement comes from outside the trusted packages.
+    Other loaded modules are left out, so that the key of a program does not depend on what else a process imported.
+    """
+    modules: dict[str, ModuleType] = {}
+    names = set(re.findall(r"\banser(?:\.\w+)+", description))
+    while names:
+        name = names.pop()
+        module = sys.modules.get(name)
+        if module is None:  # a class or function: the module before the last dot
+            names.update({name.rpartition(".")[0]} - {_ROOT})
+        elif name not in modules and not hasattr(module, "__path__"):
+            modules[name] = module
+            for value in vars(module).values():
+                owner = value.__name__ if inspect.ismodule(value) else getattr(value, "__module__", None)
+                if isinstance(owner, str) and owner.startswith(f"{_ROOT}."):
+                    names.add(owner)
+    return [modules[name] for name in sorted(modules)]
+
+
+def _hash_loaded_code(description: str) -> str:
+    """Hash names and numbers in the modules behind a program, to detect functions or constants replaced at run time.
+
+    Raises NotCacheableError if a replacement comes from outside the trusted packages.
     """
     entries = []
-    uses_modules = any(f"anser.{name}." in description for name in _KERNEL_MODULES)
 
     def add(qualified_name: str, value: Any) -> None:
         if inspect.isfunction(value) or inspect.isclass(value):
@@ -138,16 +159,15 @@ def _hash_loaded_code(description: str) -> str:
         elif isinstance(value, bool | int | float | str):
             entries.append(f"{qualified_name}={value!r}")
 
-    for name, module in sorted(sys.modules.items()):
-        room, module_name = f"{name}..".split(".")[1:3]
-        if name.startswith("anser.") and (room in _KERNELS or (uses_modules and _is_kernel(room, module_name))):
-            for key, value in vars(module).items():
-                if not key.startswith("__"):
-                    add(f"{name}.{key}", value)
-                if inspect.isclass(value) and value.__module__ == name:
-                    for method_name, method in vars(value).items():
-                        if inspect.isfunction(method):
-                            add(f"{name}.{key}.{method_name}", method)
+    for module in _modules_behind(description):
+        name = module.__name__
+        for key, value in vars(module).items():
+            if not key.startswith("__"):
+                add(f"{name}.{key}", value)
+            if inspect.isclass(value) and value.__module__ == name:
+                for method_name, method in vars(value).items():
+                    if inspect.isfunction(method):
+                        add(f"{name}.{key}.{method_name}", method)
     return hashlib.sha256("\n".join(entries).encode()).hexdigest()
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from anser.missions.event_replanning import (
     NO_PLAN_MESSAGE,
@@ -117,6 +116,8 @@ def reassign_goals(
 
     def without_successor(departed: int) -> EventOutcome:
         return outcome(departed, False, f'no aircraft can take over its goal "{goals[departed]}" in time')
+
+    from scipy.optimize import linear_sum_assignment  # half a second, for flights with a departure only
 
     outcomes: list[EventOutcome] = []
     for departed in event_of:

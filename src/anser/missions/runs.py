@@ -96,7 +96,7 @@ _RESULT_FILES = (FLIGHT, SUMMARY, "report.html")
 def _prepare(precision: Precision, flight: Flight, state: FlightState) -> PreparedProgram:
     """Prepare the program of a flight's segments in a precision; import xarray and pandas in the meantime."""
     prepared = prepare_flight(cast_flight(flight, precision), cast_state(state, precision))
-    importlib.import_module("anser.results")
+    importlib.import_module("anser.results.dataset")
     return prepared
 
 

@@ -82,8 +82,12 @@ def _title(dataset: xr.Dataset) -> str:
 _TITLE_MAX = 110
 
 
-def write_aircraft_report(dataset: xr.Dataset, path: Path, *, overwrite: bool = False) -> None:
+def write_aircraft_report(
+    dataset: xr.Dataset, path: Path, figure: "Figure | None" = None, *, overwrite: bool = False
+) -> None:
     """Write the page of one aircraft's flight: figure, conditions, and start, end, least and greatest values.
+
+    `figure` is the flight's `aircraft_flight_figure` if already drawn.
 
     Raises
     ------
@@ -95,7 +99,7 @@ def write_aircraft_report(dataset: xr.Dataset, path: Path, *, overwrite: bool = 
     from markupsafe import Markup
 
     content = io.StringIO()
-    aircraft_flight_figure(dataset).savefig(content, format="svg", metadata={"Date": None})
+    (figure or aircraft_flight_figure(dataset)).savefig(content, format="svg", metadata={"Date": None})
     svg = content.getvalue()
     rows = [
         {

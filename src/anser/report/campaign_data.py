@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.report.derived_variables import evenly_spaced
 from anser.report.labels import printed_unit
 from anser.results.flight_rows import worst_of_fleet
 from anser.results.sampling_statistics import order_statistic_interval, quantile, wilson_interval
@@ -207,10 +208,3 @@ def _flights(report: CampaignReport, quantities: Sequence[Mapping[str, Any]]) ->
         "failed": (~succeeded[selected]).astype(int).tolist(),
         "drawn": [int(selected.size), int(succeeded.size)],
     }
-
-
-def evenly_spaced(indices: np.ndarray, count: int) -> np.ndarray:
-    """Return at most `count` of the indices, evenly spaced."""
-    if indices.size <= count:
-        return indices
-    return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

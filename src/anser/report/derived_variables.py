@@ -214,3 +214,10 @@ def _runs_of_equal_values(values: xr.DataArray, time: np.ndarray) -> list[list[A
         [int(codes[start]), round(float(time[start]), 4), round(float(time[stop]), 4)]
         for start, stop in zip(starts, stops, strict=True)
     ]
+
+
+def evenly_spaced(indices: np.ndarray, count: int) -> np.ndarray:
+    """Return at most `count` of the indices, evenly spaced."""
+    if indices.size <= count:
+        return indices
+    return indices[np.linspace(0, indices.size - 1, count).round().astype(int)] if count else indices[:0]

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from anser.report.campaign_data import CampaignReport, ReplayedFlight, evenly_spaced
-from anser.report.derived_variables import recorded_table
+from anser.report.derived_variables import evenly_spaced, recorded_table
 from anser.report.page_templates import render
 
 if TYPE_CHECKING:
     from markupsafe import Markup
+
+    from anser.report.campaign_data import CampaignReport, ReplayedFlight
 
 
 _STRIP_WIDTH, _FOOT_HEIGHT = 560, 34
@@ -209,7 +210,7 @@ _AFTER_S = 2.0
 """Time after its arrival up to which an aircraft is still drawn, s."""
 
 
-def campaign_map(report: CampaignReport) -> "Markup | str":
+def campaign_map(report: "CampaignReport") -> "Markup | str":
     """Draw the replayed flights, seen from above, as SVG; return an empty string without replayed flights."""
     if not report.replays:
         return ""
@@ -239,7 +240,7 @@ def campaign_map(report: CampaignReport) -> "Markup | str":
     )
 
 
-def _tracks(replay: ReplayedFlight, arrivals: np.ndarray) -> list[np.ndarray]:
+def _tracks(replay: "ReplayedFlight", arrivals: np.ndarray) -> list[np.ndarray]:
     """Return the track (east, north, m) of each aircraft until shortly after its arrival time, s, evenly thinned."""
     data, lines = replay.tracks, []
     time = data["time"].values

@@ -156,6 +156,8 @@ def _resolve_part(part: Any, kind: str, key_path: str, problems: list[Problem]) 
 
 def _import(module: str) -> Any:
     """Import a module that is installed, or lies in the working folder."""
+    if sys.modules.get("dask", sys) is None:  # hidden by the command line; user code may need it
+        del sys.modules["dask"]
     try:
         return importlib.import_module(module)
     except ModuleNotFoundError:

@@ -109,8 +109,9 @@ class AircraftFlight:
         from anser.results.netcdf import write_netcdf
 
         write_netcdf(self.dataset, folder / "flight.nc")
-        save_figure(self.plot(), [folder / "flight.png"])
-        write_aircraft_report(self.dataset, folder / "report.html")
+        figure = self.plot()
+        save_figure(figure, [folder / "flight.png"])
+        write_aircraft_report(self.dataset, folder / "report.html", figure)
 
     def report(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write the flight's page, one HTML file: figure, least and greatest values, conditions."""
