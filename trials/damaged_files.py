@@ -100,10 +100,11 @@ def copy_over(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
 
 
 def edit_json(files: Sequence[Path], draw: np.random.Generator) -> list[Path]:
-    """Change, remove or add one entry of a JSON document; the result is valid JSON."""
-    documents = [path for path in files if path.suffix == ".json" or path.name in (".zattrs", ".zarray", ".zmetadata")]
-    path = documents[draw.integers(len(documents))]
-    document = json.loads(path.read_text(encoding="utf-8"))
+    """Change or remove one entry of a JSON document that is not empty; the result is valid JSON."""
+    paths = [path for path in files if path.suffix == ".json" or path.name in (".zattrs", ".zarray", ".zmetadata")]
+    documents = [(path, json.loads(path.read_text(encoding="utf-8"))) for path in paths]
+    documents = [candidate for candidate in documents if candidate[1]]
+    path, document = documents[draw.integers(len(documents))]
     holder, key = _entry(document, draw)
     kind, value = draw.integers(4), holder[key]
     if kind == 0:

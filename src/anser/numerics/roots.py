@@ -112,19 +112,18 @@ def bracketed_secant(
         return jnp.where(inside, x, 0.5 * (a + b))
 
     def step(_: object, carry: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        a, b, fa, fb, best, least_residual = carry
+        a, b, fa, fb, best, residual = carry
         x = following(a, b, fa, fb)
         fx = function(x, fixed)
         across = fx * fb < 0.0
         a, fa = jnp.where(across, b, a), jnp.where(across, fb, 0.5 * fa)
-        better = jnp.abs(fx) < least_residual
-        return a, x, fa, fx, jnp.where(better, x, best), jnp.where(better, jnp.abs(fx), least_residual)
+        better = jnp.abs(fx) < jnp.abs(residual)
+        return a, x, fa, fx, jnp.where(better, x, best), jnp.where(better, fx, residual)
 
     a, b, fa, fb = begin
-    start = jnp.where(jnp.abs(fa) < jnp.abs(fb), a, b)
-    least_residual = jnp.minimum(jnp.abs(fa), jnp.abs(fb))
-    best_x = lax.fori_loop(0, steps, step, (a, b, fa, fb, start, least_residual))[4]
-    residual = function(best_x, fixed)
+    first_is_better = jnp.abs(fa) < jnp.abs(fb)
+    start, start_residual = jnp.where(first_is_better, a, b), jnp.where(first_is_better, fa, fb)
+    best_x, residual = lax.fori_loop(0, steps, step, (a, b, fa, fb, start, start_residual))[4:]
 
     @jax.custom_jvp
     def root(x: Scalar, values: Parameters) -> Scalar:

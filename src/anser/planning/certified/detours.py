@@ -6,6 +6,8 @@ angle: the lengths of its two groups of parallel legs follow linearly from the e
 target length. If the legs are long enough, turns are widened to reduce the bank angle.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ from jaxtyping import Array, Float
 from anser.numerics.roots import bracketed_secant
 from anser.planning.certified.routes import (
     PathEndpoints,
+    RollOut,
     TurnsAndLegs,
     chain_turns,
     cis,
@@ -48,7 +51,7 @@ _HEADING_COUNT = 48
 _HEADING_MARGIN = 1e-3  # rad
 _ANGLE_COUNT = 16
 _STEPS = 10
-_REAIM_STEPS, _LONGEST_STEP = 6, 0.3  # starting from a nearby path; rad
+_REAIM_STEPS, _LONGEST_STEP = 8, 0.3  # evaluations, starting from a nearby path; rad
 _LENGTH_TOLERANCE = 1e-6
 """Tolerance of a path's length, relative to the length; the airspeed absorbs the difference."""
 _LENGTH_MAX = 1e12
@@ -83,30 +86,34 @@ def _word_angles(
     return jnp.stack([first_turn, jnp.where(endpoints.end_free, 0.0, last_turn)])
 
 
-def _aim(
-    endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"]
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Compute the straight length, the miss distance and the whole length, m, of a direct path with given turns.
+class _Aim(NamedTuple):
+    """Lengths of a direct path with given turns, m."""
 
-    `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius. The
-    miss distance is positive if the end lies to the right of the path.
+    straight: Scalar  # straight part
+    miss: Scalar  # miss distance at the end; positive if the end lies to the right of the path
+    length: Scalar  # whole path
+
+
+def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], scales: Float[Array, "2"]) -> _Aim:
+    """Compute the lengths of a direct path with given turns after the roll-out `initial`.
+
+    `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius.
     """
-    initial = roll_out(endpoints)
-    turns, turn_length, headings = chain_turns(
-        endpoints, initial.heading, _four_values(angles), _four_values(scales, 1.0)
-    )
+    # Only the first and the last of the four turns of a detour; the two between them have no angle and no length.
+    turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
     remaining = (endpoints.end - initial.position - turns) * cis(-headings[0])
-    return jnp.real(remaining), jnp.imag(remaining), initial.length + turn_length + jnp.real(remaining)
+    return _Aim(jnp.real(remaining), jnp.imag(remaining), initial.length + turn_length + jnp.real(remaining))
 
 
-def _aim_error(angle: Scalar, data: tuple[PathEndpoints, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
-    endpoints, base, angle_rates = data
-    return _aim(endpoints, base + angle * angle_rates, jnp.ones(2))[1]
+def _aim_error(angle: Scalar, data: tuple[PathEndpoints, RollOut, Float[Array, "2"], Float[Array, "2"]]) -> Scalar:
+    endpoints, initial, base, angle_rates = data
+    return _aim(endpoints, initial, base + angle * angle_rates, jnp.ones(2)).miss
 
 
 def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath:
     """Find the shortest direct path of one word (senses of the first and of the last turn, +1 right)."""
-    start_heading = roll_out(endpoints).heading
+    initial = roll_out(endpoints)
+    start_heading = initial.heading
     width = FULL_TURN / _HEADING_COUNT
     # The grid starts slightly before the current heading, so that straight flight lies inside.
     headings = start_heading - _HEADING_MARGIN + width * jnp.arange(_HEADING_COUNT)
@@ -114,13 +121,15 @@ def direct_path(endpoints: PathEndpoints, word: Float[Array, "2"]) -> DirectPath
     # If a turn angle would wrap around within a step, it continues linearly instead, so that no path is lost.
     angle_rates = _angle_rates(endpoints)
     step_angles = jnp.stack([angles, angles + width * angle_rates[None, :]], axis=1)
-    straight, miss, length = jax.vmap(jax.vmap(lambda a: _aim(endpoints, a, jnp.ones(2))))(step_angles)
+    straight, miss, length = jax.vmap(jax.vmap(lambda a: _aim(endpoints, initial, a, jnp.ones(2))))(step_angles)
     crossing = (miss[:, 0] * miss[:, 1] <= 0.0) & jnp.any(straight >= 0.0, axis=1)
     k = jnp.argmin(jnp.where(crossing, jnp.min(length, axis=1), jnp.inf))
-    data = (endpoints, angles[k], angle_rates)
+    data = (endpoints, initial, angles[k], angle_rates)
     root = bracketed_secant(_aim_error, data, 0.0, width, miss[k, 0], miss[k, 1], _STEPS)
     solved = angles[k] + root.x * angle_rates
-    return _make_direct(endpoints, solved, jnp.ones(2), jnp.any(crossing) & (~endpoints.end_free | (word[1] > 0.0)))
+    tightest = jnp.ones(2)
+    may_exist = jnp.any(crossing) & (~endpoints.end_free | (word[1] > 0.0))
+    return _make_direct(initial, _aim(endpoints, initial, solved, tightest), solved, tightest, may_exist)
 
 
 def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
@@ -129,36 +138,32 @@ def _angle_rates(endpoints: PathEndpoints) -> Float[Array, "2"]:
 
 
 def _make_direct(
-    endpoints: PathEndpoints, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
+    initial: RollOut, aim: _Aim, angles: Float[Array, "2"], scales: Float[Array, "2"], may_exist: Flag
 ) -> DirectPath:
-    """Build the direct path with the given turn angles (rad) and scales; invalid if it misses its end."""
-    straight_length, miss, length = _aim(endpoints, angles, scales)
-    exists = may_exist & (jnp.abs(miss) <= _END_TOLERANCE * jnp.abs(length) + 1e-6) & (straight_length >= 0.0)
-    heading, straight = roll_out(endpoints).heading + angles[0], jnp.maximum(straight_length, 0.0)
-    return DirectPath(heading, angles, straight, jnp.where(exists, length, _LENGTH_MAX), exists, scales)
+    """Build the direct path with given turn angles (rad), scales and lengths; invalid if it misses its end."""
+    is_hit = jnp.abs(aim.miss) <= _END_TOLERANCE * jnp.abs(aim.length) + 1e-6
+    exists = may_exist & is_hit & (aim.straight >= 0.0)
+    heading, straight = initial.heading + angles[0], jnp.maximum(aim.straight, 0.0)
+    return DirectPath(heading, angles, straight, jnp.where(exists, aim.length, _LENGTH_MAX), exists, scales)
 
 
 def reaim(endpoints: PathEndpoints, base: DirectPath, scales: Float[Array, "2"]) -> DirectPath:
     """Adapt a direct path to other endpoints or turn scales; its heading follows from the secant method."""
-    angle_rates = _angle_rates(endpoints)
+    angle_rates, initial = _angle_rates(endpoints), roll_out(endpoints)
+    straight = jnp.maximum(base.straight, 1.0 / endpoints.curvature_max)
 
-    def miss(x: Scalar) -> Scalar:
-        return _aim(endpoints, base.angles + x * angle_rates, scales)[1]
-
-    def closer(_: object, carry: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        previous, x, previous_miss, start_miss = carry
-        gap = start_miss - previous_miss
-        step = jnp.where(gap == 0.0, 0.0, start_miss * (x - previous) / jnp.where(gap == 0.0, 1.0, gap))
-        corrected = x - jnp.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
-        return x, corrected, start_miss, miss(corrected)
+    def evaluate_and_step(k: Count, carry: tuple[Scalar, Scalar, _Aim]) -> tuple[Scalar, Scalar, _Aim]:
+        """Evaluate the path at the angle `x`, and choose the next angle."""
+        previous, x, former_aim = carry
+        aim = _aim(endpoints, initial, base.angles + x * angle_rates, scales)
+        gap = aim.miss - former_aim.miss
+        secant = -jnp.where(gap == 0.0, 0.0, aim.miss * (x - previous) / jnp.where(gap == 0.0, 1.0, gap))
+        step = jnp.where(k == 0, aim.miss / straight, secant)
+        return x, x + jnp.clip(step, -_LONGEST_STEP, _LONGEST_STEP), aim
 
     zero = jnp.zeros(())
-    start_miss = miss(zero)
-    first_step = jnp.clip(
-        start_miss / jnp.maximum(base.straight, 1.0 / endpoints.curvature_max), -_LONGEST_STEP, _LONGEST_STEP
-    )
-    _, x, _, _ = jax.lax.fori_loop(0, _REAIM_STEPS, closer, (zero, first_step, start_miss, miss(first_step)))
-    return _make_direct(endpoints, base.angles + x * angle_rates, scales, base.exists)
+    x, _, aim = jax.lax.fori_loop(0, _REAIM_STEPS, evaluate_and_step, (zero, zero, _Aim(zero, zero, zero)))
+    return _make_direct(initial, aim, base.angles + x * angle_rates, scales, base.exists)
 
 
 class Detour(eqx.Module):
@@ -188,10 +193,14 @@ def _turn_angles(base: DirectPath, detour: Detour, angle: ScalarLike, end_free: 
 
 
 def _legs(
-    endpoints: PathEndpoints, base: DirectPath, detour: Detour, scales: Float[Array, "4"], angle: ScalarLike
+    endpoints: PathEndpoints,
+    initial: RollOut,
+    base: DirectPath,
+    detour: Detour,
+    scales: Float[Array, "4"],
+    angle: ScalarLike,
 ) -> tuple[Float[Array, "3"], Scalar]:
     """Compute the lengths of a detour's three legs and of the whole path, m; a negative leg length is invalid."""
-    initial = roll_out(endpoints)
     angles = _turn_angles(base, detour, angle, endpoints.end_free)
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
     along = cis(headings[:3])
@@ -206,9 +215,9 @@ def _legs(
     return legs, initial.length + turn_length + jnp.sum(legs)
 
 
-def _excess(angle: Scalar, data: tuple[PathEndpoints, DirectPath, Detour, Array, Scalar]) -> Scalar:
-    endpoints, base, detour, scales, target_length = data
-    return _legs(endpoints, base, detour, scales, angle)[1] - target_length
+def _excess(angle: Scalar, data: tuple[PathEndpoints, RollOut, DirectPath, Detour, Array, Scalar]) -> Scalar:
+    *shape, target_length = data
+    return _legs(*shape, angle)[1] - target_length
 
 
 def solve_detour(
@@ -226,16 +235,17 @@ def solve_detour(
     target_length = jnp.asarray(target_length, dtype=float)
     scales = jnp.ones(4) if scales is None else scales
     grid = detour.angle_max * jnp.square(jnp.arange(1, _ANGLE_COUNT + 1) / _ANGLE_COUNT)
-    legs, lengths = jax.vmap(lambda a: _legs(endpoints, base, detour, scales, a))(grid)
+    shape = endpoints, roll_out(endpoints), base, detour, scales
+    legs, lengths = jax.vmap(lambda a: _legs(*shape, a))(grid)
     flyable = jnp.all(legs >= 0.0, axis=1)
     flyable = jnp.concatenate([base.exists[None], flyable])
     excess = jnp.concatenate([jnp.where(base.exists, base.length - target_length, 0.0)[None], lengths - target_length])
     crossing = flyable[1:] & flyable[:-1] & (excess[1:] * excess[:-1] <= 0.0)
     k = jnp.argmax(crossing)
     angles = jnp.concatenate([jnp.zeros(1), grid])
-    data = (endpoints, base, detour, scales, target_length)
-    angle = bracketed_secant(_excess, data, angles[k], angles[k + 1], excess[k], excess[k + 1], _STEPS).x
-    leg_lengths, length = _legs(endpoints, base, detour, scales, angle)
+    bracket = angles[k], angles[k + 1], excess[k], excess[k + 1]
+    angle = bracketed_secant(_excess, (*shape, target_length), *bracket, _STEPS).x
+    leg_lengths, length = _legs(*shape, angle)
     solved_within_tolerance = (
         jnp.any(crossing)
         & (jnp.abs(length - target_length) <= _LENGTH_TOLERANCE * target_length)

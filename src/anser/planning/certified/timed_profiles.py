@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from anser.environment.environment import AbstractWind
+from anser.numerics.arrays import zeros_like_result
 from anser.parts.paths import polar
 from anser.parts.planners import final_air_velocity
 from anser.planning.certified.detours import (
@@ -41,7 +42,7 @@ from anser.planning.certified.profile import (
 from anser.planning.certified.routes import PathEndpoints
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import side_force_max
-from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector3
 
 RACETRACK = DETOUR_KINDS
 # Choices of the airspeed. One change of airspeed, such that: the mean is the preferred airspeed; the direct path takes
@@ -187,7 +188,7 @@ def climb_acceleration(task: AircraftTask, wind: AbstractWind) -> Scalar:
 
 
 _SPEED_ROUNDS = 4
-_EXACT_ROUNDS, _LENGTH_TOLERANCE = 4, 3e-7  # relative difference of a profile's and its direct path's length
+_EXACT_ROUNDS, _LENGTH_TOLERANCE = 6, 3e-7  # relative difference of a profile's and its direct path's length
 # Of the preferred airspeed: the change accepted for a direct path of wide turns.
 _SPEED_FACTOR_MAX, _SPEED_FACTOR_MIN = 1.01, 0.999
 _GAIN, _LOSS = 0.8, 1.6  # m/s^2
@@ -321,39 +322,79 @@ def timed_profile(
     )
 
 
-def _match_direct_length(
-    task: AircraftTask, airspace: Airspace, timed: TimedProfile, mean: Scalar, with_wide_turns: bool
-) -> tuple[Scalar, Flag]:
-    """Find the mean airspeed (m/s) at which the shortest direct path takes the duration; and whether it exists.
+class _NearbyPath(NamedTuple):
+    """The shortest direct path near a mean airspeed, and the width of its turns (see `widen_direct`)."""
 
-    The search starts near the mean airspeed of `timed`. The path has the widest turns that lengthen it by no more than
-    `_SPEED_FACTOR_MAX`.
+    shortest: DirectPath
+    width: Scalar
+
+
+def _approach_direct_length(
+    task: AircraftTask,
+    airspace: Airspace,
+    duration: Scalar,
+    intervals: int,
+    mean: Scalar,  # initial mean airspeed, m/s
+    bounds: tuple[Scalar, Scalar],  # least and greatest mean airspeed, m/s
+    rounds: int,  # number of changes of the airspeed
+    with_wide_turns: bool,  # whether the path may have wide turns
+) -> tuple[Scalar, _NearbyPath]:
+    """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration; see its refinement.
+
+    The path has the widest turns that lengthen it by no more than `_SPEED_FACTOR_MAX`.
     """
-    duration, intervals = timed.table.profile.duration, timed.table.lengths.shape[0] - 1
-    shortest, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide_directs))
-    fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * timed.table.length) & with_wide_turns
-    width = jnp.where(jnp.any(fits), jnp.array(WIDTHS)[jnp.argmax(fits)], 0.0)
+
+    def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
+        speeds = speeds_for_mean(task, duration, mean)
+        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
+        shortest, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide_directs))
+        direct_length = jnp.where(shortest.exists, shortest.length, timed.table.length)
+        fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * timed.table.length) & with_wide_turns
+        width = jnp.where(jnp.any(fits), jnp.array(WIDTHS)[jnp.argmax(fits)], 0.0)
+        # Clipped, because radii grow with airspeed: for a path that is too long the iteration would diverge.
+        following = jnp.clip(mean * direct_length / jnp.maximum(timed.table.length, 1.0), *bounds)
+        return following, _NearbyPath(shortest, width)
+
+    if rounds == 0:
+        return mean, evaluate(mean)[1]
+
+    def iterate(k: Count, carry: tuple[Scalar, _NearbyPath]) -> tuple[Scalar, _NearbyPath]:
+        following, nearby = evaluate(carry[0])
+        return jnp.where(k < rounds, following, carry[0]), nearby
+
+    empty = zeros_like_result(evaluate, mean)[1]
+    return jax.lax.fori_loop(0, rounds + 1, iterate, (mean, empty))
+
+
+def _match_direct_length(
+    task: AircraftTask, airspace: Airspace, duration: Scalar, intervals: int, mean: Scalar, nearby: _NearbyPath
+) -> tuple[Scalar, Flag]:
+    """Find the mean airspeed (m/s) at which the direct path takes the duration; and whether it exists.
+
+    The search by the secant method starts at the mean airspeed `mean`, near which the direct path is `nearby`.
+    """
 
     def mismatch_at(mean: Scalar) -> Scalar:
         """Relative excess of the direct path's length over the profile's length."""
         profile, arrival = _profile(task, airspace, duration, speeds_for_mean(task, duration, mean), 0.0)
         table = tabulate(profile, airspace.wind, intervals)
         endpoints = _path_endpoints(task, airspace, table, arrival)
-        return widen_direct(endpoints, reaim(endpoints, shortest, jnp.ones(2)), width).length / table.length - 1.0
+        aimed = reaim(endpoints, nearby.shortest, jnp.ones(2))
+        return widen_direct(endpoints, aimed, nearby.width).length / table.length - 1.0
 
-    def closer(_: object, carry: tuple[Scalar, Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-        previous, current, previous_mismatch, mismatch = carry
+    def evaluate_and_step(k: Count, carry: tuple[Scalar, Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
+        """Evaluate the mismatch at the airspeed `current`, and choose the next airspeed."""
+        previous, current, previous_mismatch = carry
+        mismatch = mismatch_at(current)
         gap = mismatch - previous_mismatch
-        matched_mean = jnp.where(
+        secant = jnp.where(
             gap == 0.0, current, current - mismatch * (current - previous) / jnp.where(gap == 0.0, 1.0, gap)
         )
-        matched_mean = jnp.clip(matched_mean, 0.9 * mean, 1.1 * mean)
-        return current, matched_mean, mismatch, mismatch_at(matched_mean)
+        following = jnp.where(k == 0, mean * (1.0 + mismatch), secant)
+        return current, jnp.clip(following, 0.9 * mean, 1.1 * mean), mismatch
 
-    mismatch = mismatch_at(mean)
-    next_mean = jnp.clip(mean * (1.0 + mismatch), 0.9 * mean, 1.1 * mean)
-    _, matched_mean, _, final_mismatch = jax.lax.fori_loop(
-        0, _EXACT_ROUNDS, closer, (mean, next_mean, mismatch, mismatch_at(next_mean))
+    matched_mean, _, final_mismatch = jax.lax.fori_loop(
+        0, _EXACT_ROUNDS, evaluate_and_step, (mean, mean, jnp.zeros(()))
     )
     return matched_mean, jnp.abs(final_mismatch) <= _LENGTH_TOLERANCE
 
@@ -371,30 +412,34 @@ def timed_profiles(
     current_speed = jnp.clip(speed_0, low, high)
     preferred_speed = jnp.clip(preferred, low, high)
 
-    def iterate(_: object, mean: Scalar) -> Scalar:
-        speeds = speeds_for_mean(task, duration, mean)
-        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
-        direct_length = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
-        # Clipped, because radii grow with airspeed: for a path that is too long the iteration would diverge.
-        return jnp.clip(mean * direct_length / jnp.maximum(timed.table.length, 1.0), slowest, fastest)
+    def match(mean: Scalar, bounds: tuple[Scalar, Scalar], fallback_factor: Scalar) -> Scalar:
+        """Nearest mean airspeed (m/s) at which the direct path takes the duration; else the approximate one.
 
-    def match_or(mean: Scalar, fallback: Scalar) -> Scalar:
-        """Nearest mean airspeed (m/s) at which the direct path takes the given duration; else the fallback."""
-        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds_for_mean(task, duration, mean))
-        matched_mean, converged = _match_direct_length(task, airspace, timed, mean, candidate_set.with_wide_turns)
+        The airspeed stays within `bounds` in the approximation; the factor applies to an approximate airspeed.
+        """
+        where = task, airspace, duration, intervals
+        mean, nearby = _approach_direct_length(*where, mean, bounds, rounds, candidate_set.with_wide_turns)
+        matched_mean, converged = _match_direct_length(*where, mean, nearby)
         is_near = (matched_mean <= jnp.minimum(_SPEED_FACTOR_MAX * mean, high)) & (
             matched_mean >= jnp.maximum(_SPEED_FACTOR_MIN * mean, low)
         )
-        return jnp.where(converged & is_near, matched_mean, fallback)
+        return jnp.where(converged & is_near, matched_mean, fallback_factor * mean)
 
-    matched = preferred
+    # The preferred airspeed stays where it is in the approximation. The matched one is slightly faster than the
+    # approximation, so that a detour slightly longer than the direct path exists.
+    starts, lower, upper, factors = ([preferred_speed], [preferred_speed], [preferred_speed], [1.0])
     if MATCHED in kinds:
-        approximate = jax.lax.fori_loop(0, _SPEED_ROUNDS, iterate, preferred)
-        # Slightly faster, so that a detour slightly longer than the direct path exists.
-        matched = match_or(approximate, (1.0 + 2e-4) * approximate)
+        starts, lower, upper, factors = (
+            [*starts, preferred],
+            [*lower, slowest],
+            [*upper, fastest],
+            [*factors, 1.0 + 2e-4],
+        )
+    rounds = _SPEED_ROUNDS if MATCHED in kinds else 0
+    matched = jax.vmap(match)(jnp.stack(starts), (jnp.stack(lower), jnp.stack(upper)), jnp.asarray(factors))
     means = {
-        PREFERRED: match_or(preferred_speed, preferred_speed),
-        MATCHED: matched,
+        PREFERRED: matched[0],
+        MATCHED: matched[-1],
         SLOWER: 0.5 * (preferred_speed + slowest),
         FASTER: 0.5 * (preferred_speed + fastest),
     }
