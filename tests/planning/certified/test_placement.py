@@ -7,9 +7,22 @@ import pytest
 
 from anser.compiling.options import compiled_quickly
 from anser.planning import TimedPath
-from anser.planning.certified.candidates import fleet_candidates
+from anser.planning.certified.candidates import (
+    absent_candidates,
+    candidates_for_selected,
+    concatenate_candidates,
+    fleet_candidates,
+)
 from anser.planning.certified.certified_plan import choice_order, place_candidates
-from anser.planning.certified.timed_profiles import MATCHED, PREFERRED, SLOWEST, make_candidate_set
+from anser.planning.certified.timed_profiles import (
+    EXTRA_SETS,
+    MATCHED,
+    MINIMAL,
+    PREFERRED,
+    SLOWEST,
+    STANDARD,
+    make_candidate_set,
+)
 from trials.cases import random_case
 from trials.task import planner_task
 
@@ -19,14 +32,20 @@ pytestmark = pytest.mark.long
 INTERVALS = 64
 STANDARD_SET = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1))
 EXTRA_SET = make_candidate_set((MATCHED, SLOWEST), (0.0,), (0,), (0, 1))
-COMBINED_SET = STANDARD_SET._replace(extra=EXTRA_SET)
 NEEDY = np.array([True, False, True, True, False, False, True, False])
+
+
+def _combined(tasks, airspace, durations):
+    base = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, STANDARD_SET)
+    needy = jnp.asarray(NEEDY)
+    extra = candidates_for_selected(tasks, airspace, durations, INTERVALS, EXTRA_SET, needy)
+    return concatenate_candidates(base, extra)
 
 
 @compiled_quickly
 def _all_options(tasks, airspace, durations):
     extra = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, EXTRA_SET)
-    combined = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, COMBINED_SET, jnp.asarray(NEEDY))
+    combined = _combined(tasks, airspace, durations)
     placement = place_candidates(combined, airspace.separation, choice_order(combined))
     fleet = jnp.arange(8)
     chosen = combined.routes.profile[fleet, placement.chosen], combined.speed[fleet, placement.chosen]
@@ -56,7 +75,7 @@ def test_placeholders_are_not_chosen_even_without_a_valid_candidate():
 
     @compiled_quickly
     def placed(durations):
-        combined = fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, COMBINED_SET, jnp.asarray(NEEDY))
+        combined = _combined(tasks, airspace, durations)
         return combined, place_candidates(combined, airspace.separation, choice_order(combined))
 
     combined, placement = placed(jnp.full(8, 12.0))
@@ -78,3 +97,35 @@ def test_profile_indices_refer_to_both_sets_of_candidates(options):
     np.testing.assert_allclose(lengths[np.arange(8), profile][valid], mean[valid], rtol=0.02)
     flown = np.asarray(jax.vmap(TimedPath.air_length)(paths))
     np.testing.assert_allclose(flown[valid], mean[valid], rtol=0.02)
+
+
+def test_absent_candidates_have_the_shapes_of_generated_ones():
+    tasks, airspace, _ = planner_task(random_case(2))
+    durations = jnp.full(8, 260.0)
+    needy = jnp.asarray(NEEDY)
+    base = jax.eval_shape(lambda: fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, STANDARD))
+    for kind in EXTRA_SETS:
+        generated = jax.eval_shape(
+            lambda kind=kind: candidates_for_selected(tasks, airspace, durations, INTERVALS, kind, needy)
+        )
+        absent = absent_candidates(base, kind)
+        assert jax.tree.structure(absent) == jax.tree.structure(generated)
+        for stand_in, leaf in zip(jax.tree.leaves(absent), jax.tree.leaves(generated), strict=True):
+            assert (stand_in.shape, stand_in.dtype) == (leaf.shape, leaf.dtype)
+        assert np.all(absent.cost > 1e8)
+        assert not np.any(absent.valid)
+
+
+def test_the_smaller_set_is_a_part_of_the_standard_set():
+    tasks, airspace, _ = planner_task(random_case(2))
+    durations = jnp.full(8, 260.0)
+
+    @compiled_quickly
+    def generated(candidate_set):
+        return fleet_candidates(tasks, airspace, durations, INTERVALS, INTERVALS, candidate_set)
+
+    small, large = (generated(candidate_set) for candidate_set in (MINIMAL, STANDARD))
+    members = STANDARD.members_of(MINIMAL)
+    assert members.shape == large.cost.shape[1:]
+    np.testing.assert_array_equal(large.valid[:, members], small.valid)
+    np.testing.assert_allclose(large.cost[:, members], small.cost, rtol=1e-9)  # rounding of the airspeeds

@@ -6,11 +6,12 @@ chosen candidates are delivered as timed paths.
 
 import functools
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.numerics.arrays import select_rows
@@ -24,8 +25,8 @@ from anser.planning.certified.detours import (
     widen_detour,
     widen_racetrack,
 )
-from anser.planning.certified.profile import TabulatedProfile, flown_between
-from anser.planning.certified.routes import PathEndpoints, Route, TurnsAndLegs, cis, route
+from anser.planning.certified.profile import KINKS, TabulatedProfile, flown_between
+from anser.planning.certified.routes import PIECES, PathEndpoints, Route, TurnsAndLegs, cis, route
 from anser.planning.certified.spline_search import find_splines
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.certified.timed_profiles import RACETRACK, CandidateSet, TimedProfile, timed_profiles
@@ -96,7 +97,9 @@ DETOUR, TURN_LEG_PATH, SPLINE = range(3)
 _REFINED_FRACTION = 0.4  # fraction of the starts of turn-and-leg paths that is refined
 _RACETRACK_COST, _TURN_LEG_COST, _SPLINE_COST = 2.0, 3.0, 6.0  # of unusual path shapes
 _BANK_COST = 1.0  # per radian of the greatest bank angle
-_INVALID, _NOT_SEARCHED = 1e6, 1e9
+_INVALID = 1e6
+ABSENT = 1e9
+"""Cost of an absent candidate, the highest: never chosen over a generated candidate, even an invalid one."""
 
 
 class Routes(NamedTuple):
@@ -292,38 +295,27 @@ def fleet_candidates(
     intervals: int,
     instants: int,
     candidate_set: CandidateSet,
-    # aircraft for which `candidate_set.extra` is generated too; None: every active aircraft
-    extra_for: Bool[Array, " aircraft"] | None = None,
 ) -> Candidates:
     """Generate all candidates of a fleet, with their tracks at common sample times up to the last arrival."""
-    times = jnp.max(durations) / instants * jnp.arange(instants + 1)
-
-    def generator_of(members: CandidateSet) -> Callable[[AircraftTask, Scalar], Candidates]:
-        return functools.partial(_aircraft_candidates, airspace, intervals, times, members)
-
-    candidates = jax.vmap(generator_of(candidate_set))(tasks, durations)
-    if candidate_set.extra is None:
-        return candidates
-    selected = tasks.active > 0.0 if extra_for is None else extra_for
-    return _concatenate_candidates(
-        candidates, _candidates_for_selected(jax.jit(generator_of(candidate_set.extra)), tasks, durations, selected)
-    )
+    return jax.vmap(_generator(airspace, durations, intervals, instants, candidate_set))(tasks, durations)
 
 
-def _candidates_for_selected(
-    generate: Callable[[AircraftTask, Scalar], Candidates],
+def candidates_for_selected(
     tasks: AircraftTask,
+    airspace: Airspace,
     durations: Float[Array, " aircraft"],
+    intervals: int,
+    candidate_set: CandidateSet,
     selected: Bool[Array, " aircraft"],
 ) -> Candidates:
-    """Generate candidates for the selected aircraft only, one at a time; the other rows hold invalid candidates."""
+    """Generate candidates for the selected aircraft only, one at a time; the other rows hold absent candidates."""
+    generate = jax.jit(_generator(airspace, durations, intervals, intervals, candidate_set))
     first_aircraft = jax.tree.map(lambda leaf: leaf[0], (tasks, durations))
     fleet = selected.shape[0]
     empty = jax.tree.map(
         lambda leaf: jnp.zeros((fleet, *leaf.shape), leaf.dtype), jax.eval_shape(generate, *first_aircraft)
     )
-    # The highest cost: never chosen over a generated candidate, even an invalid one.
-    empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, _NOT_SEARCHED))
+    empty = eqx.tree_at(lambda o: o.cost, empty, jnp.full_like(empty.cost, ABSENT))
     queue = jnp.argsort(~selected, stable=True)
 
     def add(k: Count, candidates: Candidates) -> Candidates:
@@ -333,9 +325,41 @@ def _candidates_for_selected(
     return jax.lax.fori_loop(0, jnp.sum(selected), add, empty)
 
 
-def _concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
-    """Append a second set of candidates for every aircraft; only the second set contains splines."""
+def _generator(
+    airspace: Airspace, durations: Float[Array, " aircraft"], intervals: int, instants: int, candidate_set: CandidateSet
+) -> Callable[[AircraftTask, Scalar], Candidates]:
+    times = jnp.max(durations) / instants * jnp.arange(instants + 1)
+    return functools.partial(_aircraft_candidates, airspace, intervals, times, candidate_set)
+
+
+def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidates:
+    """Absent candidates in the shape of a candidate set, for the fleet of the candidates `base`; NumPy arrays."""
+    routed, profiles, splines = candidate_set.routed_count, len(candidate_set.speeds), candidate_set.max_splines
+
+    def resize(tree: Any, count: int) -> Any:
+        return jax.tree.map(lambda leaf: np.zeros((leaf.shape[0], count, *leaf.shape[2:]), leaf.dtype), tree)
+
+    absent = resize(base, routed + splines)
+    knots = base.tracks.positions_n.shape[2] - 1 + PIECES + KINKS
+    rows, dtype = (base.cost.shape[0], splines, knots), base.cost.dtype
+    arrays: Any = np.zeros(rows, dtype), np.zeros((*rows, 3, 3), dtype), np.zeros((*rows, 3, 3), dtype)
+    paths = TimedPath(*arrays)
+    return eqx.tree_at(
+        lambda c: (c.cost, c.routes, c.profiles, c.splines),
+        absent,
+        (
+            np.full(absent.cost.shape, ABSENT),
+            resize(base.routes, routed),
+            resize(base.profiles, profiles),
+            paths if splines else None,
+        ),
+        is_leaf=lambda leaf: leaf is None,
+    )
+
+
+def concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
+    """Append a second set of candidates for every aircraft; only the second set may contain splines."""
     shifted = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + base.profiles.length.shape[1])
-    routed = eqx.tree_at(lambda c: c.splines, shifted, None)
+    routed = eqx.tree_at(lambda c: c.splines, shifted, None, is_leaf=lambda leaf: leaf is None)
     joined = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), base, routed)
     return eqx.tree_at(lambda c: c.splines, joined, extra.splines, is_leaf=lambda leaf: leaf is None)

@@ -4,16 +4,27 @@ Aircraft choose one after another: each takes its cheapest candidate that is cle
 still in conflict choose again, until no conflict is left or the rounds are used up.
 """
 
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Iterator
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from anser.compiling.options import compiled_by_older_generator
-from anser.numerics.arrays import first_rows, namespace, select_rows, zeros_like_result
-from anser.planning.certified.candidates import SPLINE, Candidates, fleet_candidates
+from anser.compiling.program import PreparedProgram
+from anser.numerics.arrays import as_array, first_rows, namespace, select_rows, zeros_like_result
+from anser.planning.certified.candidates import (
+    ABSENT,
+    SPLINE,
+    Candidates,
+    absent_candidates,
+    candidates_for_selected,
+    concatenate_candidates,
+    fleet_candidates,
+)
 from anser.planning.certified.clearance import (
     INTERVALS_PER_CYLINDER,
     BoundingCylinders,
@@ -27,7 +38,7 @@ from anser.planning.certified.clearance import (
 )
 from anser.planning.certified.path_bounds import PathBounds, excess, path_bounds
 from anser.planning.certified.task import AircraftTask, Airspace
-from anser.planning.certified.timed_profiles import CandidateSet
+from anser.planning.certified.timed_profiles import EXTRA_SETS, STANDARD, CandidateSet
 from anser.planning.limits import PathLimits
 from anser.planning.separation import Separation
 from anser.planning.timed_path import TimedPath
@@ -264,18 +275,55 @@ def plan_fleet_at(
     airspace: Airspace,
     durations: Float[Array, " aircraft"],
     intervals: int,  # number of equal intervals between the knots of a path
-    candidate_set: CandidateSet,  # candidates to generate for each aircraft
-    # aircraft for which `candidate_set.extra` is generated too; None: every active aircraft
-    extra_for: Bool[Array, " aircraft"] | None = None,
+    candidate_set: CandidateSet,  # candidates to generate for each aircraft, without `CandidateSet.extra`
     # fixed paths that the planned aircraft avoid; their aircraft may be inactive. None: every path is planned
     fixed_paths: FixedPaths | None = None,
 ) -> CertifiedPlan:
-    """Choose and certify candidates from a start time (s), each with its time to the rendezvous (`durations`, s)."""
+    """Choose and certify candidates from a start time (s), each with its time to the rendezvous (`durations`, s).
+
+    Traceable by JAX, for planning within another program; see `plan_at`.
+    """
+    candidates = _candidates(start_time, tasks, airspace, durations, intervals, candidate_set)
+    return _choose_and_certify(
+        start_time, tasks, airspace, durations, candidates, intervals, candidate_set.rounds, fixed_paths
+    )
+
+
+def _candidates(
+    start_time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    candidate_set: CandidateSet,
+    selected: Bool[Array, " aircraft"] | None = None,  # aircraft that get candidates; None: all, as one batch
+) -> Candidates:
     volumes = airspace.keep_outs
-    airspace_at_start = eqx.tree_at(
+    airspace = eqx.tree_at(
         lambda a: a.keep_outs.position_n, airspace, volumes.position_n + start_time * volumes.velocity_n
     )
-    candidates = fleet_candidates(tasks, airspace_at_start, durations, intervals, intervals, candidate_set, extra_for)
+    if selected is None:
+        return fleet_candidates(tasks, airspace, durations, intervals, intervals, candidate_set)
+    return candidates_for_selected(tasks, airspace, durations, intervals, candidate_set, selected)
+
+
+def _choose_and_certify(
+    start_time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    candidates: Candidates,
+    intervals: int,
+    rounds: ScalarLike,  # greatest number of rounds
+    fixed_paths: FixedPaths | None,
+    members: Bool[Array, " candidates"] | None = None,  # candidates to choose from; None: all
+    extra: tuple[Candidates, ...] = (),  # further candidates, the splines last
+) -> CertifiedPlan:
+    """Choose among candidates, and certify the plan."""
+    if members is not None:
+        present = candidates.valid & members[None], jnp.where(members[None], candidates.cost, ABSENT)
+        candidates = eqx.tree_at(lambda c: (c.valid, c.cost), candidates, present)
+    candidates = functools.reduce(concatenate_candidates, extra, candidates)
     fleet, distances_from = jnp.arange(durations.shape[0]), -jnp.inf
     if fixed_paths is not None:
         candidates = _with_fixed_paths(candidates, fixed_paths, airspace, start_time, durations, intervals)
@@ -300,14 +348,57 @@ def plan_fleet_at(
         )
         return plan, placement
 
-    if candidate_set.rounds == 1:
+    if isinstance(rounds, int) and rounds == 1:
         return place_and_certify(candidates.valid)[0]
     # Splines are certified already: after a rejection, an aircraft with splines loses its other candidates.
     uncertified = candidates.generator != SPLINE
     withdrawn = uncertified & jnp.any(candidates.valid & ~uncertified, axis=1, keepdims=True)
-    return _choose_best_placement(
-        place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, candidate_set.rounds
-    )
+    return _choose_best_placement(place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, rounds)
+
+
+_generate = compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))(_candidates)
+_choose = compiled_by_older_generator(static_argnames=("intervals",))(_choose_and_certify)
+
+
+def plan_at(
+    start_time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    durations: Float[Array, " aircraft"],
+    intervals: int,
+    candidate_set: CandidateSet,
+    extra_for: Bool[Array, " aircraft"]
+    | None = None,  # aircraft that get `candidate_set.extra`; None: every active one
+    fixed_paths: FixedPaths | None = None,
+) -> CertifiedPlan:
+    """Plan like `plan_fleet_at`, by compiled programs for the parts; arguments as there.
+
+    One program generates the candidates of `STANDARD`, of which smaller sets are members; one chooses and certifies.
+    Extra candidates are generated by a program for each kind, and chosen by another program.
+    """
+    arguments = as_array(start_time), tasks, airspace, durations
+    extra_set = candidate_set.extra
+    candidates = _generate(*arguments, intervals, STANDARD)
+    members = STANDARD.members_of(candidate_set)
+    extra: tuple[Candidates, ...] = ()
+    if extra_set is not None:
+        selected = np.asarray(tasks.active) > 0.0 if extra_for is None else np.asarray(extra_for)
+        generated = _generate(*arguments, intervals, extra_set, as_array(selected, bool))
+        # Absent candidates stand in for the other kind, so that one program chooses among all of them.
+        extra = tuple(generated if kind is extra_set else absent_candidates(candidates, kind) for kind in EXTRA_SETS)
+    rounds = as_array(candidate_set.rounds, np.int32)
+    return _choose(*arguments, candidates, intervals, rounds, fixed_paths, as_array(members, bool), extra)
+
+
+def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
+    """Yield the programs of `plan_at` without extra candidates, one at a time; the last one's shapes are the plan's."""
+    times = as_array(0.0), jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
+    arguments = times[0], tasks, airspace, times[1]
+    candidates = _generate.prepare(*arguments, intervals, STANDARD)
+    yield candidates
+    members = as_array(STANDARD.members_of(STANDARD), bool)
+    rounds = as_array(STANDARD.rounds, np.int32)
+    yield _choose.prepare(*arguments, candidates.shapes, intervals, rounds, None, members, ())
 
 
 def _with_fixed_paths(
@@ -342,7 +433,7 @@ def _choose_best_placement(
     valid: Bool[Array, "aircraft candidates"],
     withdrawn: Bool[Array, "aircraft candidates"],
     active: Bool[Array, " aircraft"],
-    rounds: int,
+    rounds: ScalarLike,
 ) -> CertifiedPlan:
     """Choose and certify repeatedly, and return the plan with the fewest failing aircraft.
 
@@ -367,10 +458,6 @@ def _choose_best_placement(
     empty, _ = zeros_like_result(place_and_certify, valid)
     begin = (jnp.asarray(0), valid, jnp.asarray(fleet.size + 1), empty, jnp.asarray(True))
     return jax.lax.while_loop(lambda c: (c[0] < rounds) & c[4], retry, begin)[3]
-
-
-plan_at = compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))(plan_fleet_at)
-"""`plan_fleet_at`, compiled."""
 
 
 def choose_interval_count(duration_s: float) -> int:

@@ -216,8 +216,8 @@ def _legs(
 
 
 def _excess(angle: Scalar, data: tuple[PathEndpoints, RollOut, DirectPath, Detour, Array, Scalar]) -> Scalar:
-    *shape, target_length = data
-    return _legs(*shape, angle)[1] - target_length
+    endpoints, initial, base, detour, scales, target_length = data
+    return _legs(endpoints, initial, base, detour, scales, angle)[1] - target_length
 
 
 def solve_detour(

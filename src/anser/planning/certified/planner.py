@@ -14,11 +14,15 @@ from anser.compiling.program import PreparedProgram
 from anser.control.guidance import GuidanceSettings
 from anser.numerics.arrays import any_in_batch, as_array
 from anser.parts.planners import AbstractPlanner, AircraftPlan, AircraftReport, IdleDeceleration, Performance
-from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, choose_interval_count, plan_at
+from anser.planning.certified.certified_plan import (
+    CertifiedPlan,
+    FixedPaths,
+    choose_interval_count,
+    prepare_plan_at,
+)
 from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_certified
 from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
-from anser.planning.certified.timed_profiles import STANDARD
 from anser.planning.holds.assignment import assign_holds
 from anser.planning.holds.hold_paths import PlannedHolds, broadcast_holds, choose_cell_count, move_with_goals
 from anser.planning.limits import PathLimits, acceleration_limits
@@ -186,10 +190,11 @@ class CertifiedPlanner(AbstractPlanner):
         """Yield the programs for plans and for holds of a search from time 0 to `end_time` (s), one at a time."""
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
-            durations = jax.ShapeDtypeStruct(tasks.active.shape, tasks.active.dtype)
-            planning_program = plan_at.prepare(0.0, tasks, self.airspace, durations, intervals, STANDARD, None)
-            yield planning_program
-            yield _assign_holds.prepare(*self._hold_arguments(planning_program.shapes.paths, tasks, 0.0, end_time))
+            shapes: Any = None
+            for program in prepare_plan_at(tasks, self.airspace, intervals):
+                yield program
+                shapes = program.shapes
+            yield _assign_holds.prepare(*self._hold_arguments(shapes.paths, tasks, 0.0, end_time))
 
     def replan(
         self, planner_state: CertifiedPlanState, time: ScalarLike, reports: AircraftReport

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Bool
 
 from anser.environment.environment import AbstractWind
 from anser.numerics.arrays import zeros_like_result
@@ -76,8 +77,21 @@ class CandidateSet(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Number of detours and turn-and-leg paths."""
+        """Number of generated detours and turn-and-leg paths."""
         return len(self.speeds) * (len(self.direct_ranks) * (1 + self.with_wide_turns) + self.turn_leg_starts)
+
+    @property
+    def routed_count(self) -> int:
+        """Number of retained detours and turn-and-leg paths."""
+        return self.size if self.max_candidates is None else min(self.size, self.max_candidates)
+
+    def members_of(self, smaller: "CandidateSet") -> Bool[np.ndarray, " candidates"]:
+        """Mask of the candidates that a smaller set of detours with wide turns contains too."""
+        profiles = set(zip(smaller.speeds, smaller.altitude_detours, strict=True))
+        detours = set(zip(smaller.direct_ranks, smaller.detour_kinds, smaller.sides, strict=True))
+        has_profile = [pair in profiles for pair in zip(self.speeds, self.altitude_detours, strict=True)]
+        has_detour = [row in detours for row in zip(self.direct_ranks, self.detour_kinds, self.sides, strict=True)]
+        return np.kron(np.kron(has_profile, has_detour), [True] * (1 + self.with_wide_turns)).astype(bool)
 
 
 def make_candidate_set(
@@ -113,6 +127,7 @@ _TURN_LEG_PATHS = make_candidate_set(
     max_candidates=320,
 )
 _SPLINES = make_candidate_set((PREFERRED,), (0.0,), (0,), (0,), splines=(48, 12))
+EXTRA_SETS = (_TURN_LEG_PATHS, _SPLINES)
 
 MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), with_wide_turns=True)
 STANDARD = make_candidate_set(
