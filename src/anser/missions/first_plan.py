@@ -447,6 +447,6 @@ def _start_programs(
         program.start().shapes for program in planner.prepare_programs(tasks, longest_s, scenario.timing.duration_s)
     ]
     if planned_shapes:
-        plan, holds = planned_shapes
+        *_, plan, holds = planned_shapes
         start = initialize_compiled.prepare(flight, fleet, certified_plan_state(plan, holds, tasks.limits)).start()
         start_next(prepare_next, flight, start.shapes)

@@ -187,7 +187,7 @@ class CertifiedPlanner(AbstractPlanner):
         longest: float,
         end_time: float,
     ) -> Iterator[PreparedProgram]:
-        """Yield the programs for plans and for holds of a search from time 0 to `end_time` (s), one at a time."""
+        """Yield the programs of a search from time 0 to `end_time` (s), one at a time: plans and, last, holds."""
         intervals = choose_interval_count(longest)
         if {choose_interval_count(0.95 * longest), choose_interval_count(1.2 * longest)} == {intervals}:
             shapes: Any = None
