@@ -379,15 +379,19 @@ def plan_at(
     arguments = as_array(start_time), tasks, airspace, durations
     extra_set = candidate_set.extra
     candidates = _generate(*arguments, intervals, STANDARD)
-    members = STANDARD.members_of(candidate_set)
-    extra: tuple[Candidates, ...] = ()
-    if extra_set is not None:
-        selected = np.asarray(tasks.active) > 0.0 if extra_for is None else np.asarray(extra_for)
-        generated = _generate(*arguments, intervals, extra_set, as_array(selected, bool))
-        # Absent candidates stand in for the other kind, so that one program chooses among all of them.
-        extra = tuple(generated if kind is extra_set else absent_candidates(candidates, kind) for kind in EXTRA_SETS)
+    members = as_array(STANDARD.members_of(candidate_set), bool)
     rounds = as_array(candidate_set.rounds, np.int32)
-    return _choose(*arguments, candidates, intervals, rounds, fixed_paths, as_array(members, bool), extra)
+    if extra_set is None:
+        return _choose(*arguments, candidates, intervals, rounds, fixed_paths, members, ())
+    selected = as_array(tasks.active if extra_for is None else extra_for, bool)
+    # Absent candidates stand in for the other kind, so that one program chooses among all of them.
+    extra = {kind: absent_candidates(candidates, kind) for kind in EXTRA_SETS}
+    # The programs compile at the same time; after one kind without success, the search tries the other.
+    for kind in (extra_set, *EXTRA_SETS):
+        _generate.prepare(*arguments, intervals, kind, selected).start()
+    _choose.prepare(*arguments, candidates, intervals, rounds, fixed_paths, members, tuple(extra.values())).start()
+    extra[extra_set] = _generate(*arguments, intervals, extra_set, selected)
+    return _choose(*arguments, candidates, intervals, rounds, fixed_paths, members, tuple(extra.values()))
 
 
 def prepare_plan_at(tasks: AircraftTask, airspace: Airspace, intervals: int) -> Iterator[PreparedProgram]:
