@@ -121,12 +121,16 @@ class Candidates(eqx.Module):
     speed: Float[Array, "*aircraft candidates"]
     tracks: Track  # positions at the sample times that are common to the fleet
     penetration: Float[Array, "*aircraft candidates"]  # depth inside keep-outs, m
-    routes: Routes  # routes of all candidates except the splines
-    profiles: TabulatedProfile  # altitude and airspeed over time, shape (aircraft, profile)
+    # routes of all candidates except the splines, and altitude and airspeed over time, shape (aircraft, profile); None
+    # without such candidates
+    routes: Routes | None
+    profiles: TabulatedProfile | None
     splines: TimedPath | None  # paths of the spline candidates, from time 0; None without a spline search
 
     def paths(self, start_time: ScalarLike, chosen: Int[Array, " aircraft"]) -> TimedPath:
         """Paths of one chosen candidate per aircraft, from a start time (s) on."""
+        if self.routes is None:
+            raise ValueError("paths are chosen among routes and splines, not among splines alone")
         fleet, routed = jnp.arange(chosen.shape[0]), self.routes.profile.shape[1]
         selected_routes = jax.tree.map(lambda leaf: leaf[fleet, jnp.minimum(chosen, routed - 1)], self.routes)
         profiles = jax.tree.map(lambda leaf: leaf[fleet, selected_routes.profile], self.profiles)
@@ -254,37 +258,41 @@ def _aircraft_candidates(
     duration: Scalar,
 ) -> Candidates:
     """Generate all candidates of one aircraft for a duration (s), with their tracks at the sample times `times` (s)."""
-    routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
+    parts: list[tuple[Any, ...]] = []
+    routes = profiles = splines = None
+    if candidate_set.speeds:
+        routed, profiles = routed_candidates(task, airspace, duration, intervals, candidate_set)
+        parts.append(_tracked(task, airspace, times, routed, profiles))
+        routes = routed.routes
+    if candidate_set.spline_starts:
+        found = find_splines(
+            task, airspace, duration, intervals, candidate_set.spline_starts, candidate_set.max_splines
+        )
+        splines = found.paths
+        # Sampled anew, because a path shorter than the longest one has shorter intervals than the grid.
+        tracks = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(splines, found.accelerations)
+        cost = jnp.where(found.valid, _SPLINE_COST + found.total_turn, _INVALID)
+        generator = jnp.full(candidate_set.max_splines, SPLINE)
+        parts.append((generator, found.valid, cost, found.total_turn, found.speeds, tracks))
+    generator, valid, cost, total_turn, speed, tracks = jax.tree.map(lambda *leaves: jnp.concatenate(leaves), *parts)
+    clearance = jax.vmap(lambda track: clearance_from_keep_outs(track, times, airspace.keep_outs))(tracks)
+    penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
+    return Candidates(generator, valid, cost, total_turn, speed, tracks, penetration, routes, profiles, splines)
+
+
+def _tracked(
+    task: AircraftTask, airspace: Airspace, times: Array, routed: _Routed, profiles: TabulatedProfile
+) -> tuple[Any, ...]:
+    """First fields of `Candidates` for detours and turn-and-leg paths, with tracks at the sample times (s)."""
     samples = jax.vmap(lambda profile: sample_profile(profile, times))(profiles)
 
-    def tracked(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
+    def track(routes: Routes, speed: Scalar) -> tuple[Track, Flag]:
         profile, sampled = jax.tree.map(lambda leaf: leaf[routes.profile], (profiles, samples))
         conditions = task.limits, airspace.gravity, task.active
         return route_track(routes.endpoints, routes.turns_and_legs, speed, profile, sampled, times, *conditions)
 
-    tracks, within_limits = jax.vmap(tracked)(routed.routes, routed.speed)
-    fields = (routed.generator, routed.valid & within_limits, routed.cost, routed.total_turn, routed.speed, tracks)
-    paths = None
-    if candidate_set.spline_starts:
-        start_count, spline_count = candidate_set.spline_starts, candidate_set.max_splines
-        splines = find_splines(task, airspace, duration, intervals, start_count, spline_count)
-        paths = splines.paths
-        # Sampled anew, because a path shorter than the longest one has shorter intervals than the grid.
-        spline_tracks = jax.vmap(lambda path, a: path_track(path, a, task.active, times))(paths, splines.accelerations)
-        cost = jnp.where(splines.valid, _SPLINE_COST + splines.total_turn, _INVALID)
-        spline_fields = (
-            jnp.full(spline_count, SPLINE),
-            splines.valid,
-            cost,
-            splines.total_turn,
-            splines.speeds,
-            spline_tracks,
-        )
-        fields = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), fields, spline_fields)
-    generator, valid, cost, total_turn, speed, tracks = fields
-    clearance = jax.vmap(lambda track: clearance_from_keep_outs(track, times, airspace.keep_outs))(tracks)
-    penetration = jnp.sum(jnp.maximum(-clearance, 0.0), axis=-1)
-    return Candidates(generator, valid, cost, total_turn, speed, tracks, penetration, routed.routes, profiles, paths)
+    tracks, within_limits = jax.vmap(track)(routed.routes, routed.speed)
+    return routed.generator, routed.valid & within_limits, routed.cost, routed.total_turn, routed.speed, tracks
 
 
 def fleet_candidates(
@@ -339,27 +347,32 @@ def absent_candidates(base: Candidates, candidate_set: CandidateSet) -> Candidat
     def resize(tree: Any, count: int) -> Any:
         return jax.tree.map(lambda leaf: np.zeros((leaf.shape[0], count, *leaf.shape[2:]), leaf.dtype), tree)
 
-    absent = resize(base, routed + splines)
+    common: Any = resize(_common_fields(base), routed + splines)
     knots = base.tracks.positions_n.shape[2] - 1 + PIECES + KINKS
     rows, dtype = (base.cost.shape[0], splines, knots), base.cost.dtype
     arrays: Any = np.zeros(rows, dtype), np.zeros((*rows, 3, 3), dtype), np.zeros((*rows, 3, 3), dtype)
-    paths = TimedPath(*arrays)
-    return eqx.tree_at(
-        lambda c: (c.cost, c.routes, c.profiles, c.splines),
-        absent,
-        (
-            np.full(absent.cost.shape, ABSENT),
-            resize(base.routes, routed),
-            resize(base.profiles, profiles),
-            paths if splines else None,
-        ),
-        is_leaf=lambda leaf: leaf is None,
-    )
+    routes: Any = (resize(base.routes, routed), resize(base.profiles, profiles)) if routed else (None, None)
+    fields: list[Any] = [*common, *routes, TimedPath(*arrays) if splines else None]
+    absent = Candidates(*fields)
+    return eqx.tree_at(lambda c: c.cost, absent, np.full(absent.cost.shape, ABSENT))
+
+
+def _common_fields(candidates: Candidates) -> tuple[Any, ...]:
+    """Return the fields that every candidate has, whatever its generator; the first ones of `Candidates`."""
+    c = candidates
+    return c.generator, c.valid, c.cost, c.total_turn, c.speed, c.tracks, c.penetration
 
 
 def concatenate_candidates(base: Candidates, extra: Candidates) -> Candidates:
     """Append a second set of candidates for every aircraft; only the second set may contain splines."""
-    shifted = eqx.tree_at(lambda c: c.routes.profile, extra, extra.routes.profile + base.profiles.length.shape[1])
-    routed = eqx.tree_at(lambda c: c.splines, shifted, None, is_leaf=lambda leaf: leaf is None)
-    joined = jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), base, routed)
-    return eqx.tree_at(lambda c: c.splines, joined, extra.splines, is_leaf=lambda leaf: leaf is None)
+
+    def joined(first: Any, second: Any) -> Any:
+        return jax.tree.map(lambda a, b: jnp.concatenate([a, b], axis=1), first, second)
+
+    common: Any = joined(_common_fields(base), _common_fields(extra))
+    routes: Any = base.routes, base.profiles
+    if extra.routes is not None and base.profiles is not None:
+        shifted = extra.routes._replace(profile=extra.routes.profile + base.profiles.length.shape[1])
+        routes = joined(routes, (shifted, extra.profiles))
+    fields: list[Any] = [*common, *routes, extra.splines]
+    return Candidates(*fields)

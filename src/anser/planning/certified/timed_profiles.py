@@ -103,18 +103,14 @@ def make_candidate_set(
     max_candidates: int | None = None,
     with_wide_turns: bool = False,
     rounds: int = 1,
-    splines: tuple[int, int] = (0, 0),
 ) -> CandidateSet:
-    """Build a candidate set: every profile with every detour, to both sides, turn-and-leg paths and splines.
-
-    `splines` are the number of starts and the number of retained splines.
-    """
+    """Build a candidate set: every profile with every detour, to both sides, and turn-and-leg paths."""
     profiles = [(speed, detour) for speed in speeds for detour in altitude_detours]
     detours = [(word, kind, side) for word in direct_ranks for kind in detour_kinds for side in (1, -1)]
     speed_column, altitude_column = zip(*profiles, strict=True)
     word_column, kind_column, side_column = zip(*detours, strict=True)
     columns = (speed_column, altitude_column, word_column, kind_column, side_column)
-    return CandidateSet(*columns, turn_leg_starts, max_candidates, with_wide_turns, rounds, *splines)
+    return CandidateSet(*columns, turn_leg_starts, max_candidates, with_wide_turns, rounds)
 
 
 _EVERY_SPEED = tuple(range(10))
@@ -126,7 +122,7 @@ _TURN_LEG_PATHS = make_candidate_set(
     turn_leg_starts=40,
     max_candidates=320,
 )
-_SPLINES = make_candidate_set((PREFERRED,), (0.0,), (0,), (0,), splines=(48, 12))
+_SPLINES = CandidateSet((), (), (), (), (), spline_starts=48, max_splines=12)
 EXTRA_SETS = (_TURN_LEG_PATHS, _SPLINES)
 
 MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), with_wide_turns=True)
@@ -140,7 +136,7 @@ WITH_SPLINES = STANDARD._replace(rounds=8, extra=_SPLINES)
 ALONE_STANDARD = make_candidate_set((PREFERRED, MATCHED, SLOWEST, FASTEST), (0.0,), (0, 1), (0, 1, 4, RACETRACK))
 """Candidates of an aircraft alone in its airspace: detours and speeds, no detour in altitude."""
 ALONE_TURN_LEG_PATHS = make_candidate_set(_EVERY_SPEED, (0.0,), (0,), (0, 1), turn_leg_starts=24, max_candidates=48)
-ALONE_SPLINES = make_candidate_set((PREFERRED,), (0.0,), (0,), (0,), splines=(32, 4))
+ALONE_SPLINES = CandidateSet((), (), (), (), (), spline_starts=32, max_splines=4)
 """Last candidates before an aircraft is reported as unable to arrive."""
 
 
