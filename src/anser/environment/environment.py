@@ -43,8 +43,7 @@ class LayeredWind(AbstractWind):
 
     def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
         """Return the velocity of the air (3,), NED, m/s, at the altitude of a position; the time has no effect."""
-        altitude = -position_n[2]
-        return jnp.stack([jnp.interp(altitude, self.altitudes, self.velocities_n[:, k]) for k in range(3)])
+        return jnp.sum(linear_weights(-position_n[2], self.altitudes)[:, None] * self.velocities_n, axis=0)
 
 
 class VaryingWind(AbstractWind):
@@ -66,9 +65,11 @@ class VaryingWind(AbstractWind):
 def linear_weights(at: Scalar, breakpoints: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return the weight of each breakpoint in a linear interpolation at `at`.
 
-    The breakpoints rise; beyond the first or last, that breakpoint has weight 1.
+    The breakpoints rise; beyond the first or last, that breakpoint has weight 1. At a breakpoint the derivative is that
+    of the interval above it.
     """
-    parts = jnp.clip((at - breakpoints[:-1]) / (breakpoints[1:] - breakpoints[:-1]), 0.0, 1.0)
+    lower, upper = breakpoints[:-1], breakpoints[1:]
+    parts = jnp.where(at >= upper, 1.0, jnp.where(at < lower, 0.0, (at - lower) / (upper - lower)))
     # in each interval the weights of the lower and the upper breakpoint sum to 1
     return jnp.concatenate([jnp.ones_like(breakpoints[:1]), parts]) - jnp.concatenate(
         [parts, jnp.zeros_like(breakpoints[:1])]
