@@ -151,7 +151,7 @@ def compute_defaults(
     return DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
 
 
-@compiled
+@compiled_quickly
 def _capability_and_bandwidths(
     airframe: AbstractAirframe,
     environment: Environment,

@@ -368,6 +368,7 @@ def _approach_direct_length(
 
     if rounds == 0:
         return mean, evaluate(mean)[1]
+    evaluate = jax.jit(evaluate)  # traced once, for its shapes and for the loop
 
     def iterate(k: Count, carry: tuple[Scalar, _NearbyPath]) -> tuple[Scalar, _NearbyPath]:
         following, nearby = evaluate(carry[0])
