@@ -19,7 +19,7 @@ import numpy as np
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.motion import flight_condition
 from anser.aircraft_files.library import airframe_of_table
-from anser.compiling.options import compiled, enable_compilation_cache
+from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.config.tables import content_hash
 from anser.control.gains import (
     AutopilotGains,
