@@ -22,8 +22,8 @@ from anser.planning.certified.timed_profiles import (
     ALONE_STANDARD,
     ALONE_TURN_LEG_PATHS,
     CandidateSet,
+    profile_paths,
     speeds_for_mean,
-    timed_profile,
 )
 from anser.planning.separation import separation_ratio
 from anser.shapes import Count, Scalar
@@ -215,9 +215,9 @@ def direct_times(
         def iterate(_: object, carry: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
             duration, _ = carry
             speeds = speeds_for_mean(task, duration, speed)
-            timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
-            required_length = jnp.where(timed.direct.exists[0], timed.direct.length[0], timed.table.length)
-            next_duration = duration * required_length / jnp.maximum(timed.table.length, 1.0)
+            paths = profile_paths(task, airspace, duration, intervals, 0.0, speeds)
+            required_length = jnp.where(paths.directs.exists[0], paths.directs.length[0], paths.table.length)
+            next_duration = duration * required_length / jnp.maximum(paths.table.length, 1.0)
             return jnp.clip(next_duration, duration / _STRETCH, duration * _STRETCH), jnp.abs(
                 next_duration / duration - 1.0
             )

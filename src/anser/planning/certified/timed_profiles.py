@@ -313,6 +313,30 @@ class TimedProfile(eqx.Module):
     within_limits: Flag
 
 
+class ProfilePaths(NamedTuple):
+    """A profile of altitude and airspeed, the conditions of its horizontal path, and its direct paths."""
+
+    table: TabulatedProfile
+    arrival: ArrivalMotion
+    endpoints: PathEndpoints
+    directs: DirectPath  # direct paths of the four words, the shortest first
+
+
+def profile_paths(
+    task: AircraftTask,
+    airspace: Airspace,
+    duration: Scalar,
+    intervals: int,
+    altitude_detour: ScalarLike,
+    speeds: tuple[Scalar, Scalar],
+) -> ProfilePaths:
+    """Make the profile with given middle and final airspeeds (m/s) and find its direct paths."""
+    profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
+    table = tabulate(profile, airspace.wind, intervals)
+    endpoints = _path_endpoints(task, airspace, table, arrival)
+    return ProfilePaths(table, arrival, endpoints, direct_paths(endpoints))
+
+
 def timed_profile(
     task: AircraftTask,
     airspace: Airspace,
@@ -321,16 +345,12 @@ def timed_profile(
     altitude_detour: Scalar,
     speeds: tuple[Scalar, Scalar],
 ) -> TimedProfile:
-    """Make the profile with given middle and final airspeeds (m/s) and find its direct paths."""
-    profile, arrival = _profile(task, airspace, duration, speeds, altitude_detour)
-    table = tabulate(profile, airspace.wind, intervals)
-    endpoints = _path_endpoints(task, airspace, table, arrival)
+    """Make the profile with given middle and final airspeeds (m/s), with direct paths and limits."""
+    table, arrival, endpoints, directs = profile_paths(task, airspace, duration, intervals, altitude_detour, speeds)
     excess = profile_excess(table, task.limits, airspace.gravity)
-    directs = direct_paths(endpoints)
     wide_directs = jax.vmap(widen_directs, in_axes=(None, 0))(endpoints, directs)
-    return TimedProfile(
-        table, endpoints, directs, wide_directs, profile.speed_mean, within_profile_limits(excess) & arrival.attainable
-    )
+    within_limits = within_profile_limits(excess) & arrival.attainable
+    return TimedProfile(table, endpoints, directs, wide_directs, table.profile.speed_mean, within_limits)
 
 
 class _NearbyPath(NamedTuple):
@@ -357,13 +377,14 @@ def _approach_direct_length(
 
     def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
         speeds = speeds_for_mean(task, duration, mean)
-        timed = timed_profile(task, airspace, duration, intervals, jnp.zeros(()), speeds)
-        shortest, wide = jax.tree.map(lambda leaf: leaf[0], (timed.direct, timed.wide_directs))
-        direct_length = jnp.where(shortest.exists, shortest.length, timed.table.length)
-        fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * timed.table.length) & with_wide_turns
+        paths = profile_paths(task, airspace, duration, intervals, 0.0, speeds)
+        shortest, length = jax.tree.map(lambda leaf: leaf[0], paths.directs), paths.table.length
+        wide = widen_directs(paths.endpoints, shortest)
+        direct_length = jnp.where(shortest.exists, shortest.length, length)
+        fits = wide.exists & (wide.length <= _SPEED_FACTOR_MAX * length) & with_wide_turns
         width = jnp.where(jnp.any(fits), jnp.array(WIDTHS)[jnp.argmax(fits)], 0.0)
         # Clipped, because radii grow with airspeed: for a path that is too long the iteration would diverge.
-        following = jnp.clip(mean * direct_length / jnp.maximum(timed.table.length, 1.0), *bounds)
+        following = jnp.clip(mean * direct_length / jnp.maximum(length, 1.0), *bounds)
         return following, _NearbyPath(shortest, width)
 
     if rounds == 0:
