@@ -8,6 +8,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import BPoly
 
 from anser.compiling.options import compiled_quickly
+from anser.compiling.single_kernel import as_single_kernel
 from anser.numerics.arrays import cast_to_precision
 from anser.planning import TimedPath
 from anser.planning.timed_path import hermite_quintic
@@ -102,6 +103,14 @@ def test_a_path_is_straight_before_the_start_and_after_the_arrival():
         np.testing.assert_array_equal(values[:, 2], 0.0)
         np.testing.assert_allclose(derivative, values[:, 1], rtol=1e-12)
         np.testing.assert_allclose(slope, np.tile(path.air_n[knot, 1], (3, 1)), rtol=1e-10)
+
+
+def test_a_path_in_a_single_kernel_has_the_same_cells():
+    """The single kernel searches the cell, the other programs compare the time with every knot."""
+    path, times = random_path(), jnp.asarray(np.concatenate([TIMES, np.linspace(9.0, 17.0, 81)]))
+    single = jax.jit(as_single_kernel(jax.vmap(lambda path, time: path.acceleration_n(time), in_axes=(None, 0))))
+    expected = jax.vmap(path.acceleration_n)(times)
+    np.testing.assert_allclose(single(path, times), expected, rtol=0.0, atol=1e-9 * float(jnp.max(jnp.abs(expected))))
 
 
 def test_a_start_time_rounded_in_float32_gives_the_start():
