@@ -182,12 +182,12 @@ def entered_by(keep_outs, length, position):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("endpoints", [BENT, FREE], ids=["bent", "free end"])
-def test_derivatives_are_those_of_the_residuals(endpoints):
+@pytest.mark.parametrize("all_endpoints", [BENT, FREE], ids=["bent", "free end"])
+def test_derivatives_are_those_of_the_residuals(all_endpoints):
     # Composed by hand: against automatic ones, with a volume that the path may be in and one that moves.
-    radii = 0.4 * np.abs(np.asarray(endpoints.end - endpoints.start))
+    radii = 0.4 * np.abs(np.asarray(all_endpoints.end - all_endpoints.start))
     for k, n in ((0, 3), (5, 11), (9, 30)):
-        endpoints = picked(endpoints, k)
+        endpoints = picked(all_endpoints, k)
         standing = standing_volume(0.5 * (endpoints.start + endpoints.end), jnp.asarray(radii[k]))
         moving = KeepOutsAlongPath(
             number(2000.0), *(jnp.stack([x[0, :1] + 200.0 * jnp.arange(60.0)]) for x in (standing.norths, standing.easts)),
@@ -197,12 +197,12 @@ def test_derivatives_are_those_of_the_residuals(endpoints):
             problem = TurnLegProblem(endpoints, SLOWING, keep_outs, number(1.4 * radii[k] / 0.4))
             senses, unknowns, _ = (jnp.asarray(leaf[n]) for leaf in INITIAL_VALUES)
             for circles in (jnp.zeros(4), jnp.array([0.0, 4.0 * jnp.pi, 0.0, 0.0])):
-                residuals = functools.partial(
-                    turn_leg_paths._path_and_residuals, problem=problem, senses=senses, circles=circles
+                evaluate = functools.partial(
+                    turn_leg_paths._evaluate_path, problem=problem, senses=senses, circles=circles
                 )
                 by_hand, automatic = (
-                    residuals(unknowns)[2],
-                    jax.jacfwd(lambda x, function=residuals: function(x)[1])(unknowns),
+                    evaluate(unknowns).jacobian,
+                    jax.jacfwd(lambda x, function=evaluate: function(x).residual)(unknowns),
                 )
                 np.testing.assert_allclose(by_hand, automatic, rtol=1e-9, atol=1e-12)
 

@@ -193,9 +193,22 @@ def _perpendicular(vector: Float[Array, "2"]) -> Float[Array, "2"]:
     return jnp.stack([-vector[1], vector[0]])
 
 
-def _path_and_residuals(
+class _EvaluatedPath(NamedTuple):
+    """A path for given unknowns, and the linearized equations there."""
+
+    residual: Float[Array, "*batch equations"]
+    jacobian: Float[Array, "*batch equations unknowns"]
+    path: TurnsAndLegs
+
+    @property
+    def cost(self) -> Float[Array, "*batch"]:
+        """Sum of squares of the residuals."""
+        return jnp.sum(self.residual**2, axis=-1)
+
+
+def _evaluate_path(
     x: Unknowns, problem: TurnLegProblem, senses: Float[Array, "4"], circles: Float[Array, "4"]
-) -> tuple[TurnsAndLegs, Float[Array, " equations"], Float[Array, "equations 11"]]:
+) -> _EvaluatedPath:
     """Compute the path for given unknowns, its residuals, and their derivatives.
 
     Residuals: miss distance and length, relative to the path's length; heading, in half turns; depth inside each
@@ -293,7 +306,7 @@ def _path_and_residuals(
         _VOLUME_WEIGHT * flown.penetration_by,
     ]
     solved = TurnsAndLegs(angles, scales, legs[:LEGS], jnp.asarray(True))
-    return solved, jnp.concatenate(residuals), jnp.concatenate(residuals_by)
+    return _EvaluatedPath(jnp.concatenate(residuals), jnp.concatenate(residuals_by), solved)
 
 
 def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int | None = None) -> TurnsAndLegs:
@@ -324,18 +337,19 @@ def solve_turn_leg_paths(problem: TurnLegProblem, starts: Starts, max_paths: int
         scaled_unknowns = unknowns.at[TURNS : TURNS + LEGS].multiply(jnp.sqrt(leg_fraction))
         return least_squares.start_search((senses, circles), scaled_unknowns, initial_value)
 
-    def residuals_at(context: tuple[Array, Array], x: Unknowns) -> least_squares.Linearized:
-        return least_squares.Linearized(*_path_and_residuals(x, problem, *context)[1:])
+    def evaluate(context: tuple[Array, Array], x: Unknowns) -> _EvaluatedPath:
+        return _evaluate_path(x, problem, *context)
 
-    initial_value = least_squares.Linearized(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS)))
+    no_path = TurnsAndLegs(jnp.zeros(TURNS), jnp.ones(TURNS), jnp.zeros(LEGS), jnp.asarray(False))
+    initial_value = _EvaluatedPath(jnp.full(count, 1e6), jnp.zeros((count, _UNKNOWNS)), no_path)
     step_rule = least_squares.minimum_norm_step(_LONGEST_STEP)
     searches = jax.vmap(initialize)(*(jnp.asarray(x) for x in starts))
-    searches = least_squares.search_steps(residuals_at, step_rule, _DAMPING, _FIRST_STEPS, searches)
+    searches = least_squares.search_steps(evaluate, step_rule, _DAMPING, _FIRST_STEPS, searches)
     if max_paths is not None and max_paths < searches.best.shape[0]:
         searches = least_squares.best_searches(searches, max_paths)
-    searches = least_squares.search_steps(residuals_at, step_rule, _DAMPING, _STEPS - _FIRST_STEPS, searches)
-    senses, circles = searches.context
-    solved, residuals, _ = jax.vmap(_path_and_residuals, (0, None, 0, 0))(searches.best, problem, senses, circles)
+    searches = least_squares.search_steps(evaluate, step_rule, _DAMPING, _STEPS - _FIRST_STEPS, searches)
+    _, circles = searches.context
+    residuals, _, solved = searches.at
     converged = jnp.max(jnp.abs(residuals[:, :4]), axis=1) <= _RESIDUAL_TOLERANCE
     turns_allowed = jnp.all(jnp.abs(solved.angles) - circles <= _TURN_MAX, axis=1)
     return eqx.tree_at(lambda s: s.exists, solved, converged & turns_allowed)
