@@ -3,6 +3,7 @@
 import logging
 import os
 import stat
+import threading
 
 import pytest
 
@@ -97,3 +98,30 @@ def test_links_and_special_files_are_not_read(store, tmp_path, caplog):
 def test_a_link_to_the_folder_works(store, tmp_path):
     (tmp_path / "link").symlink_to(store.folder)
     assert FolderStore(tmp_path / "link").load("a") == b"code of a"
+
+
+def test_a_reserved_key_is_waited_for_and_other_keys_are_not(tmp_path):
+    first, second = FolderStore(tmp_path / "programs"), FolderStore(tmp_path / "programs")
+    events = []
+
+    def wait_and_load():
+        with second.reserve("a"):
+            events.append(second.load("a"))
+
+    with first.reserve("a"):
+        waiting = threading.Thread(target=wait_and_load)
+        waiting.start()
+        with second.reserve("b"):
+            pass
+        waiting.join(0.2)
+        assert waiting.is_alive()
+        first.save("a", b"compiled")
+    waiting.join(10.0)
+    assert events == [b"compiled"]
+    assert not list((tmp_path / "programs").glob(".lock-*"))
+
+
+def test_a_reservation_in_an_unwritable_folder_waits_for_nobody(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with FolderStore(tmp_path / "file" / "programs").reserve("a"):
+        pass

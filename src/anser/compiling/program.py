@@ -72,6 +72,10 @@ class ProgramStore(Protocol):
     def save(self, key: str, content: bytes) -> None:
         """Save content under a key, or do nothing."""
 
+    def reserve(self, key: str) -> contextlib.AbstractContextManager[None]:
+        """Reserve a key for the `with` block; other processes that reserve the key wait for its end."""
+        ...
+
 
 _active_stores: list[ProgramStore] = []
 _watchers: list[Callable[[bool], None]] = []
@@ -459,12 +463,19 @@ class Program(Generic[_P, _R]):
                     # The operations identify a program only together with the arguments that they use.
                     used = sorted(lowered._lowering.compile_args["kept_var_idx"])
                     store_key = operations_key(f"{used}\n{lowered.as_text()}", options)
-            content = store.load(store_key) if store is not None and store_key is not None and key is None else None
-            if content is not None:
-                with contextlib.suppress(Exception):
-                    executable, stored_shapes = unpack_program(content, argument_count)
-                    if stored_shapes == shapes:
-                        return _load(executable, shapes, len(content))
+            if store is None or store_key is None:
+                return compile_and_save(None)
+            # Workers of a campaign need the same programs at the same time: one compiles, the others wait and load.
+            with store.reserve(store_key):
+                content = store.load(store_key)
+                if content is not None:
+                    with contextlib.suppress(Exception):
+                        executable, stored = unpack_program(content, argument_count)
+                        if key is not None or stored == shapes:
+                            return _load(executable, stored, len(content))
+                return compile_and_save(store_key)
+
+        def compile_and_save(store_key: str | None) -> _LoadedProgram:
             compiled, whole = _compile_serializable(lowered, options)
             content = b""
             if whole:

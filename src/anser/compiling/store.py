@@ -7,7 +7,13 @@ import os
 import stat
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:  # no POSIX system
+    fcntl = None
 
 _MARK = b"anser program 2\n"
 _ABANDONED_S = 3600.0  # age of an unfinished file from which an ended process is inferred
@@ -73,6 +79,23 @@ class FolderStore:
                 raise
             self._shrink()
 
+    @contextlib.contextmanager
+    def reserve(self, key: str) -> Iterator[None]:
+        """Reserve a key for the `with` block: other processes and threads that reserve the key wait for its end.
+
+        Without file locks, or in an unwritable folder, nobody waits.
+        """
+        with contextlib.ExitStack() as stack:
+            if fcntl is not None and self._trusted_folder():
+                with contextlib.suppress(OSError):
+                    self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                    path = self.folder / f".lock-{key}"
+                    handle = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+                    stack.callback(os.close, handle)
+                    stack.callback(path.unlink, missing_ok=True)
+                    fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+
     def distrust_reason(self) -> str | None:
         """Return the reason for not using the folder, or None if the folder is trusted or does not exist."""
         try:
@@ -99,14 +122,17 @@ class FolderStore:
                 break
             path.unlink(missing_ok=True)
             total -= size
-        for path in self.folder.glob(".new-*"):
+        for path in self._leftovers():
             if time.time() - path.lstat().st_mtime > _ABANDONED_S:
                 path.unlink(missing_ok=True)
+
+    def _leftovers(self) -> list[Path]:
+        return [*self.folder.glob(".new-*"), *self.folder.glob(".lock-*")]
 
     def clear(self) -> int:
         """Delete the programs and the leftovers of interrupted processes; return the number of deleted programs."""
         count = len(self.files())
-        for path in [*self.folder.glob("*.program"), *self.folder.glob(".new-*")]:
+        for path in [*self.folder.glob("*.program"), *self._leftovers()]:
             path.unlink(missing_ok=True)
         return count
 
