@@ -130,16 +130,16 @@ def hold(
 
     velocity, acceleration = jax.jvp(air_velocity, (relative_n,), (velocity_n - goal_velocity_n,))
     air_velocity_n = velocity_n - wind_n
-    return _limit_turn(_limit_pull(polar(velocity, acceleration), air_velocity_n), air_velocity_n, settings.hold_turn)
+    present = polar(air_velocity_n, jnp.zeros_like(air_velocity_n))
+    return _limit_turn(_limit_pull(polar(velocity, acceleration), present), present, settings.hold_turn)
 
 
-def _limit_pull(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
+def _limit_pull(command: PathCommand, present: PathCommand) -> PathCommand:
     """Limit the path angle to a pull or push of about half a g; the level speed of the command is kept.
 
     The path-angle loop turns an error e into an acceleration V e / (1 s) normal to the path, at the present airspeed.
     An arrival faster than the hold must therefore not command a steeper descent during the level-off.
     """
-    present = polar(velocity_air_n, jnp.zeros_like(velocity_air_n))
     change_max = _PULL_MAX_M_S2 / jnp.maximum(present.V, 1.0)
     change = command.gamma - present.gamma
     gamma = jnp.where(
@@ -154,18 +154,17 @@ def _limit_pull(command: PathCommand, velocity_air_n: Vector3) -> PathCommand:
     return eqx.tree_at(lambda c: (c.V, c.gamma, c.V_dot, c.gamma_dot), command, (V, gamma, V_dot, gamma_dot))
 
 
-def _limit_turn(command: PathCommand, velocity_air_n: Vector3, turn: ScalarLike) -> PathCommand:
+def _limit_turn(command: PathCommand, present: PathCommand, turn: ScalarLike) -> PathCommand:
     """Limit course changes to 45 deg, and fly large ones in the hold's direction, so that the turn never reverses.
 
     A course change of more than 120 deg against the hold's turn is flown in the direction of the hold. Changes are
     limited to 45 deg, without feed-forward, because the rate of the vector field is not the rate of the limited turn.
     """
-    course = polar(velocity_air_n, jnp.zeros_like(velocity_air_n)).chi
-    change = wrap_angle(command.chi - course)
+    change = wrap_angle(command.chi - present.chi)
     change = jnp.where(turn * change < -2 * jnp.pi / 3, change + turn * 2 * jnp.pi, change)
     limited_change = jnp.clip(change, -jnp.pi / 4, jnp.pi / 4)
     is_large = jnp.abs(change) > jnp.pi / 4
-    chi = jnp.where(is_large, course + limited_change, command.chi)
+    chi = jnp.where(is_large, present.chi + limited_change, command.chi)
     chi_dot = jnp.where(is_large, 0.0, command.chi_dot)
     return eqx.tree_at(lambda c: (c.chi, c.chi_dot), command, (chi, chi_dot))
 
