@@ -14,7 +14,7 @@ import pytest
 import anser
 from anser.config import ScenarioError
 from anser.missions.first_plan import _start_flight
-from anser.missions.segments import fly_segment, without_replanning
+from anser.missions.segments import fly_with_replanning
 from anser.results import read_netcdf
 from anser.scenario import build_flight, loads
 from anser.simulation import STATUS_MESSAGES
@@ -167,7 +167,7 @@ def test_changed_numbers_cause_no_recompilation(three, caplog):
     for scenario in (loads(THREE), loads(text)):
         flight = build_flight(scenario, pad_fleet=True)
         (state, _), at_start = trace(_start_flight, flight)
-        _, in_flight = trace(fly_segment, without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
+        _, in_flight = trace(fly_with_replanning, flight, state, 0)
         assert not {"start_flight", "fly"} & (at_start | in_flight)
 
 
@@ -247,7 +247,7 @@ def test_padding_aircraft_change_nothing():
     for pad_fleet in (False, True):
         flight = build_flight(loads(THREE), pad_fleet=pad_fleet)
         state, _ = _start_flight(flight)
-        _, _, history = fly_segment(without_replanning(flight), state, jnp.asarray(0, dtype=jnp.int32))
+        _, _, history = fly_with_replanning(flight, state, 0)
         histories.append(history)
     exact, padded = histories
     for key, values in exact.items():

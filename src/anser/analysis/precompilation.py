@@ -28,8 +28,9 @@ def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) 
     def fly(scenario: Scenario) -> None:
         planned = plan(scenario, prepare_next=prepare_flight)
         if not planned.refusals:
+            sample = as_array(0, np.int32)
             for flight in (without_replanning(planned.flight), planned.flight):
-                fly_segment.ready(flight, planned.initial_state(), as_array(0, np.int32))
+                fly_segment.ready(flight, planned.initial_state(), sample, active_steps=sample)
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [

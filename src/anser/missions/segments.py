@@ -14,7 +14,7 @@ import numpy as np
 from anser.compiling.options import compiled
 from anser.compiling.program import PreparedProgram
 from anser.numerics.arrays import as_array
-from anser.simulation.flight import Flight, FlightState, fly
+from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a single flight, compiled; see `anser.simulation.fly`."""
@@ -27,10 +27,11 @@ def without_replanning(flight: Flight) -> Flight:
 
 def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
     """Prepare the program of a flight's segments, for a state or the shapes of a state."""
-    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32))
+    steps = as_array(SEGMENT_STEPS, np.int32)
+    return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32), active_steps=steps)
 
 
-def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_count: int | None = None) -> Any:
+def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_count: int = SEGMENT_STEPS) -> Any:
     """Fly a segment from sample `sample` on; repeat it with replanning if a new plan was needed.
 
     Parameters
@@ -38,17 +39,16 @@ def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_co
     flight, state, sample
         Flight, its state at the first sample, and the number of that sample.
     step_count
-        Number of steps to fly, for a program that can fly part of a segment; None: the whole segment.
+        Number of steps to fly; the rows of later steps are meaningless.
 
     Returns
     -------
     Result of `anser.simulation.fly`.
     """
-    number = as_array(sample, np.int32)
-    partial: dict[str, Any] = {} if step_count is None else {"active_steps": as_array(step_count, np.int32)}
-    segment = fly_segment(without_replanning(flight), state, number, **partial)
+    number, steps = as_array(sample, np.int32), as_array(step_count, np.int32)
+    segment = fly_segment(without_replanning(flight), state, number, active_steps=steps)
     if flight.planner.replan_needed(segment[0].planner):
-        segment = fly_segment(flight, state, number, **partial)
+        segment = fly_segment(flight, state, number, active_steps=steps)
     return segment
 
 

@@ -8,6 +8,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.extend.core import jaxpr_as_fun
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from anser.aircraft.airframe import Controls
@@ -342,23 +344,29 @@ def scan_steps(
         next_state, sample, instant = advance_step(state, number)
         return (next_state, recorder.update(recorder_state, sample, instant)), recorder.output(sample, instant)
 
-    if active_steps is not None and stride != 1:
-        raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
-    empty = None
-    if active_steps is not None or stride > 1:
-        empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
+    numbers = first_sample + jnp.arange(count, dtype=first_sample.dtype)
+    if active_steps is not None:
+        if stride != 1:
+            raise ValueError(f"a row every {stride} samples does not fit a number of steps that is not known")
+        # traced once, for its shapes and for the loop
+        traced, shapes = jax.make_jaxpr(step, return_shape=True)((state, recorder_state), first_sample)
+        empty, unpack_row = ravel_pytree(jax.tree.map(lambda row: jnp.zeros(row.shape, row.dtype), shapes[1]))
+
+        def step_if_active(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Array]:
+            def packed_step() -> tuple[tuple[Any, Any], Array]:
+                results = jaxpr_as_fun(traced)(*jax.tree.leaves((carry, number)))
+                next_carry, row = jax.tree.unflatten(jax.tree.structure(shapes), results)
+                # One array per row: a conditional copies each of its results.
+                return next_carry, ravel_pytree(row)[0]
+
+            return jax.lax.cond(number < first_sample + active_steps, packed_step, lambda: (carry, empty))
+
+        states, packed_rows = jax.lax.scan(step_if_active, (state, recorder_state), numbers)
+        return *states, jax.vmap(unpack_row)(packed_rows)
     if stride == 1:
-
-        def step_if_active(carry: tuple[Any, Any], number: Count) -> tuple[tuple[Any, Any], Any]:
-            if active_steps is None:
-                return step(carry, number)
-            is_active = number < first_sample + active_steps
-            return jax.lax.cond(is_active, lambda: step(carry, number), lambda: (carry, empty))
-
-        (state, recorder_state), records = jax.lax.scan(
-            step_if_active, (state, recorder_state), first_sample + jnp.arange(count, dtype=first_sample.dtype)
-        )
-        return state, recorder_state, records
+        states, records = jax.lax.scan(step, (state, recorder_state), numbers)
+        return *states, records
+    empty = zeros_like_result(lambda c, n: step(c, n)[1], (state, recorder_state), first_sample)
 
     def step_without_row(carry: tuple[Any, Any, Any], k: Count) -> tuple[tuple[Any, Any, Any], None]:
         state, recorder_state, number = carry[0], carry[1], carry[2][0]
