@@ -247,7 +247,7 @@ def test_padding_aircraft_change_nothing():
     for pad_fleet in (False, True):
         flight = build_flight(loads(THREE), pad_fleet=pad_fleet)
         state, _ = _start_flight(flight)
-        _, _, history = fly_with_replanning(flight, state, 0)
+        _, history = fly_with_replanning(flight, state, 0)
         histories.append(history)
     exact, padded = histories
     for key, values in exact.items():

@@ -19,24 +19,32 @@ from support.straight_lines import StraightLines
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 
-@pytest.mark.parametrize("needed", [False, True])
-@pytest.mark.parametrize("step_count", [500, 7])
-def test_the_program_gets_arguments_of_the_closed_loop(monkeypatch, needed, step_count):
-    calls = []
+@pytest.mark.parametrize("needs", [(), (500,), (507, 519), (500, 510, 524)])
+def test_a_flight_is_replanned_where_a_new_plan_is_needed(monkeypatch, needs):
+    """The program flies on after a need, with meaningless rows; the parts together are whole."""
+    replanned = []
 
-    def record(*arguments, **named):
-        calls.append(inspect.signature(fly).bind(*arguments, **named).arguments)
-        return SimpleNamespace(planner=None), None
+    def fly_part(*arguments, **named):
+        call = inspect.signature(fly).bind(*arguments, **named).arguments
+        assert call["flight"] == "without replanning"
+        first, state = int(call["first_step"]), call["state"]
+        end = first + int(call["active_steps"])
+        missing = [sample for sample in needs if first <= sample < end and sample not in replanned]
+        rows = np.where(np.arange(first, first + 500) < min([end, *missing]), np.arange(first, first + 500), -1)
+        sample = missing[0] if missing else state.replan_sample
+        return SimpleNamespace(replan_sample=sample, reached=end), None, {"sample": rows}
 
-    flight = SimpleNamespace(planner=SimpleNamespace(replan_needed=lambda state: needed))
-    monkeypatch.setattr(segments, "fly_segment", record)
+    def replan(flight, state, sample):
+        assert (flight, state.reached) == ("flight", sample)
+        replanned.append(sample)
+        return SimpleNamespace(replan_sample=sample, reached=sample)
+
+    monkeypatch.setattr(segments, "fly_segment", fly_part)
     monkeypatch.setattr(segments, "without_replanning", lambda flight: "without replanning")
-    fly_with_replanning(flight, "state", 500, step_count)
-    assert [call["flight"] for call in calls] == ["without replanning", flight][: 1 + needed]
-    for call in calls:
-        assert call["state"] == "state"
-        assert int(call["first_step"]) == 500
-        assert int(call["active_steps"]) == step_count
+    monkeypatch.setattr(segments, "replan_between_steps", replan)
+    state, rows = fly_with_replanning("flight", SimpleNamespace(replan_sample=-1), 500, 25)
+    assert (tuple(replanned), state.reached) == (needs, 525)
+    np.testing.assert_array_equal(rows["sample"], np.arange(500, 525))
 
 
 def test_batches_are_padded_to_one_size():

@@ -16,7 +16,7 @@ def started(flight):
 
 def segment(flight, state, number=0):
     """State after one segment, flown as in `anser.run`, and its history; `number` counts segments from the start."""
-    next_state, _, history = fly_with_replanning(flight, state, SEGMENT_STEPS * number)
+    next_state, history = fly_with_replanning(flight, state, SEGMENT_STEPS * number)
     return next_state, history
 
 

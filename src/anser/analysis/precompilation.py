@@ -4,16 +4,13 @@ import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from anser.analysis.linear_models import linearize
 from anser.analysis.step_flights import fly_steps
 from anser.analysis.step_tests import PUBLISHED_STEPS
 from anser.analysis.trim_points import trim
 from anser.missions.batches import Progress, no_progress
 from anser.missions.plans import plan
-from anser.missions.segments import fly_segment, prepare_flight, without_replanning
-from anser.numerics.arrays import as_array
+from anser.missions.segments import fly_with_replanning, prepare_flight, replan_between_steps
 from anser.scenario.schema import Scenario
 
 
@@ -28,9 +25,9 @@ def warm_cache(scenarios: Sequence[Scenario], progress: Progress | None = None) 
     def fly(scenario: Scenario) -> None:
         planned = plan(scenario, prepare_next=prepare_flight)
         if not planned.refusals:
-            sample = as_array(0, np.int32)
-            for flight in (without_replanning(planned.flight), planned.flight):
-                fly_segment.ready(flight, planned.initial_state(), sample, active_steps=sample)
+            flight, state = planned.flight, planned.initial_state()
+            fly_with_replanning(flight, state, 0, 1)
+            replan_between_steps(flight, state, 0)
 
     condition: dict[str, Any] = {"speed_m_s": 150.0, "altitude_m": 1000.0}
     tasks: list[tuple[str, Callable[[], Any]]] = [

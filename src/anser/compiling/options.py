@@ -54,11 +54,12 @@ def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
 
 
 def compiled_by_older_generator(
-    static_argnames: Sequence[str],
+    static_argnames: Sequence[str] | None,
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
     """Return a decorator that compiles with XLA's older code generator for the CPU, if still supported.
 
-    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are traced.
+    Large programs compile in half the time and run at the same speed. Arguments not in `static_argnames` are
+    traced; None: every argument with arrays.
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:

@@ -19,18 +19,19 @@ from jaxtyping import Array, Bool, Float
 
 from anser.compiling.options import compiled_quickly
 from anser.missions.first_plan import aircraft_planner
+from anser.missions.segments import sense_fleet
 from anser.numerics.arrays import as_array
-from anser.parts.perception import Instant
+from anser.parts.planners import AircraftReport
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import COMMITTED_S, REPLANNED, exit_path, interval_count, task_from_plan
-from anser.planning.certified.task import AircraftTask, ArrivalRequest, KeepOuts
+from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, KeepOuts
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_airspace import GOAL_EVENTS, Event
-from anser.shapes import Count
-from anser.simulation.flight import Flight, FlightState, fleet_reports
+from anser.shapes import Count, Scalar
+from anser.simulation.flight import Flight, FlightState
 
 EXIT_TURNS = (0.0, 0.25, -0.25, 0.5, -0.5, 0.8, -0.8, 1.2, -1.2, 1.6, -1.6, 2.2, -2.2, 3.1, -3.1)
 """Turns that are tried, in this order, for the exit path of a departing aircraft, rad, right positive."""
@@ -45,16 +46,14 @@ class FleetSnapshot(NamedTuple):
     flying_tasks: AircraftTask  # the same tasks with every flying aircraft active, departed aircraft included
 
 
-def take_snapshot(flight: Flight, state: FlightState, number: Count) -> FleetSnapshot:
-    """Collect the data with which the certified planner replans a fleet in flight at sample `number`.
+def take_snapshot(flight: Flight, state: FlightState, time: Scalar, reports: AircraftReport) -> FleetSnapshot:
+    """Collect the data with which the certified planner replans a fleet in flight at a time (s).
 
     These are the tasks of the aircraft that can be replanned, and the fixed paths of the others (arrived, about to
     arrive, or departed). `flight` must include the departures applied so far.
     """
-    instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
     planner, plan_state = aircraft_planner(flight), state.planner
-    _, reports = fleet_reports(flight, state, instant)
-    plan, time = plan_state.plan, instant.time
+    plan = plan_state.plan
     flying_tasks = planner.aircraft_tasks(reports, plan_state.limits)
     can_replan = reports.active & (plan.arrival_times - time > jnp.maximum(planner.freeze, COMMITTED_S))
     is_departed = has_departed(flight, state, time)
@@ -78,10 +77,10 @@ def has_departed(flight: Flight, state: FlightState, time: Array) -> Bool[Array,
 
 
 def plan_exit(
-    # the fleet at a sample
-    flight: Flight,
-    state: FlightState,
-    number: Count,
+    plan: CertifiedPlan,
+    tasks: AircraftTask,  # tasks of all flying aircraft
+    airspace: Airspace,
+    time: Scalar,  # current time, s
     aircraft: Count,  # index of the departing aircraft in the fleet
     end_time: Array,  # end of the flight, s
     turns: Float[Array, " turns"],  # turns from the present course, rad, in the order of preference
@@ -92,9 +91,6 @@ def plan_exit(
     path is the end of the flight; the certificate of the returned plan has the ratios of its distances from the other
     paths to the separation (at least 1: separated).
     """
-    planner, plan_state = aircraft_planner(flight), state.planner
-    plan, time = plan_state.plan, number * flight.timing.step
-    airspace, tasks = planner.airspace, take_snapshot(flight, state, number).flying_tasks
     local_path = jax.tree.map(lambda leaf: leaf[aircraft], plan.paths)
 
     def plan_turn(turn: Array) -> tuple[CertifiedPlan, Array]:
@@ -166,13 +162,13 @@ def apply_event(
     if event.kind in GOAL_EVENTS:
         return flight, state, outcome(True, "periodic replanning follows the estimated goal")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
-    sample = as_array(number, np.int32)
     if event.kind == "aircraft-leaves":
         departing = names.index(str(event.aircraft))
         plan = _plan_exit(
-            flight,
-            state,
-            sample,
+            state.planner.plan,
+            snapshot_at(flight, state, number).flying_tasks,
+            aircraft_planner(flight).airspace,
+            as_array(number * scenario.timing.step_s),
             as_array(departing, np.int32),
             as_array(scenario.timing.duration_s),
             _exit_turns(state, departing, event),
@@ -282,8 +278,9 @@ def _with_gentle_acceleration(limits: PathLimits) -> PathLimits:
 
 
 def snapshot_at(flight: Flight, state: FlightState, number: int) -> FleetSnapshot:
-    """Take the snapshot of a fleet in flight at a sample, by a compiled program."""
-    return _take_snapshot(flight, state, as_array(number, np.int32))
+    """Take the snapshot of a fleet in flight at a sample, by compiled programs."""
+    time, reports = as_array(number * float(flight.timing.step)), sense_fleet(flight, state, as_array(number, np.int32))
+    return _take_snapshot(flight, state, time, reports)
 
 
 def replan_fleet(

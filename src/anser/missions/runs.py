@@ -196,10 +196,10 @@ def run(
     while sample_index <= steps:
         flight, state = schedule.apply_due(flight, state, sample_index)
         step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
-        final_state, _, history = fly_with_replanning(flight, state, sample_index, step_count)
+        final_state, history = fly_with_replanning(flight, state, sample_index, step_count)
         sample_index += step_count
         state = schedule.check_replanning(flight, final_state, sample_index)
-        selection = slice(step_count), slice(len(scenario.aircraft))
+        selection = slice(None), slice(len(scenario.aircraft))
         segments.append(
             {key: np.asarray(values)[selection] for key, values in cast_to_precision(history, float).items()}
         )

@@ -1,7 +1,7 @@
-"""Segments of a flight: the steps that one compiled program flies.
+"""Segments of a flight: the steps that one compiled program flies, and replanning between two steps.
 
-A segment is first flown without replanning, by a smaller program; if a new plan was needed, it is repeated with
-replanning.
+The compiled loop corrects plans. Where a new plan is needed, the flight stops at this sample, and the plan is made by
+programs of its own: the program of the loop stays small, and the programs of a search serve here too.
 """
 
 import dataclasses
@@ -11,10 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from anser.compiling.options import compiled
+from anser.compiling.options import compiled, compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
-from anser.numerics.arrays import as_array
-from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fly
+from anser.numerics.arrays import as_array, cast_to_precision
+from anser.parts.perception import Instant
+from anser.parts.planners import AbstractPlanner, AircraftReport
+from anser.planning.certified.planner import CertifiedPlanner
+from anser.shapes import Count, Scalar
+from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
 fly_segment = compiled(functools.partial(fly, one_kernel=True))
 """One segment of a single flight, compiled; see `anser.simulation.fly`."""
@@ -31,25 +35,55 @@ def prepare_flight(flight: Flight, state: FlightState) -> PreparedProgram:
     return fly_segment.prepare(without_replanning(flight), state, as_array(0, np.int32), active_steps=steps)
 
 
-def fly_with_replanning(flight: Flight, state: FlightState, sample: int, step_count: int = SEGMENT_STEPS) -> Any:
-    """Fly a segment from sample `sample` on; repeat it with replanning if a new plan was needed.
+def fly_with_replanning(
+    flight: Flight, state: FlightState, sample: int, step_count: int = SEGMENT_STEPS
+) -> tuple[FlightState, dict[str, np.ndarray]]:
+    """Fly at most `SEGMENT_STEPS` steps from sample `sample` on, and replan between the steps where needed.
 
-    Parameters
-    ----------
-    flight, state, sample
-        Flight, its state at the first sample, and the number of that sample.
-    step_count
-        Number of steps to fly; the rows of later steps are meaningless.
-
-    Returns
-    -------
-    Result of `anser.simulation.fly`.
+    Returns the state after the last step, and the recorded rows by key, each (step, aircraft).
     """
-    number, steps = as_array(sample, np.int32), as_array(step_count, np.int32)
-    segment = fly_segment(without_replanning(flight), state, number, active_steps=steps)
-    if flight.planner.replan_needed(segment[0].planner):
-        segment = fly_segment(flight, state, number, active_steps=steps)
-    return segment
+    light_flight, end, parts = without_replanning(flight), sample + step_count, []
+    while sample < end:
+        next_state, rows = _fly_until(end, light_flight, state, sample)
+        reached = end
+        if int(next_state.replan_sample) != int(state.replan_sample):
+            reached = int(next_state.replan_sample)
+            next_state, rows = _fly_until(reached, light_flight, state, sample)
+            next_state = replan_between_steps(flight, next_state, reached)
+        parts.append(rows)
+        state, sample = next_state, reached
+    return state, {key: np.concatenate([rows[key] for rows in parts]) for key in parts[0]}
+
+
+def _fly_until(end: int, flight: Flight, state: FlightState, sample: int) -> tuple[FlightState, dict[str, np.ndarray]]:
+    steps = end - sample
+    final_state, _, rows = fly_segment(
+        flight, state, as_array(sample, np.int32), active_steps=as_array(steps, np.int32)
+    )
+    return final_state, {key: np.asarray(values)[:steps] for key, values in rows.items()}
+
+
+@compiled_quickly
+def sense_fleet(flight: Flight, state: FlightState, number: Count) -> AircraftReport:
+    """Reports of a fleet in flight to its planner at sample `number`, in fleet order, by a compiled program."""
+    instant = Instant(flight.environment, number, flight.timing.step, flight.randomness)
+    return cast_to_precision(fleet_reports(flight, state, instant)[1], float)
+
+
+@compiled_by_older_generator(None)
+def _replan(planner: AbstractPlanner, planner_state: Any, time: Scalar, reports: AircraftReport) -> Any:
+    return planner.replan(planner_state, time, reports)
+
+
+def replan_between_steps(flight: Flight, state: FlightState, sample: int) -> FlightState:
+    """Replan a fleet in flight before the step from sample `sample` on, as the planner does in a compiled loop."""
+    number, planner = as_array(sample, np.int32), flight.planner
+    reports, time_s = sense_fleet(flight, state, number), sample * float(flight.timing.step)
+    if isinstance(planner, CertifiedPlanner):
+        planner_state = planner.replan_between_steps(state.planner, time_s, reports)
+    else:
+        planner_state = _replan(planner, state.planner, as_array(time_s), reports)
+    return FlightState(state.vehicles, planner_state, number)
 
 
 def padded_batches(indices: np.ndarray, size: int) -> Iterator[np.ndarray]:

@@ -260,8 +260,8 @@ class AbstractPlanner(AbstractPart):
     Inactive aircraft are masked: they get no plan and do not constrain the others.
     """
 
-    #: Whether a new plan is made in flight if a correction of the present plan is not sufficient. Without replanning
-    #: the compiled program is much smaller, and `replan_needed` reports that the larger program is needed.
+    #: Whether `replan` makes a new plan if a correction of the present plan is not sufficient. Without replanning the
+    #: compiled loop is much smaller, and `replan_needed` reports that a new plan is needed.
     allow_replanning: bool = eqx.field(static=True, default=True, kw_only=True)
     #: Whether arrival times may be postponed in flight.
     arrival_is_free: Flag = eqx.field(default_factory=lambda: as_array(True, bool), kw_only=True)
@@ -281,9 +281,9 @@ class AbstractPlanner(AbstractPart):
         return plan_state
 
     def replan_needed(self, planner_state: Any) -> Flag:
-        """Whether a new plan was needed while `allow_replanning` is false; the steps are then repeated with replanning.
+        """Whether a new plan was needed while `allow_replanning` is false; stays true after the first need.
 
-        By default never.
+        A single flight then returns to this sample, and `replan` makes the plan between two steps. By default never.
         """
         return as_array(False, bool)
 

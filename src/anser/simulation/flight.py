@@ -106,6 +106,9 @@ class FlightState(eqx.Module):
 
     vehicles: tuple[VehicleState, ...]  #: States of the aircraft by group; leading axis members.
     planner: PyTree  #: State of the planner, with the current plan.
+    #: Sample of the latest plan made between two steps, at which the loop makes none; or sample at which such a plan is
+    #: needed first, because the planner may not make it in the loop. -1: none.
+    replan_sample: Count = eqx.field(default_factory=lambda: as_array(-1, np.int32))
 
 
 def assemble(
@@ -273,9 +276,11 @@ def _replan_if_due(
     # The same for all flights of a batch: with a batched condition, the costly planning would run at every step.
     is_due = (timing.replan_steps > 0) & (number % jnp.maximum(timing.replan_steps, 1) == 0) & any_in_batch(is_needed)
 
+    is_open = is_needed & (number != state.replan_sample)
+
     def replan() -> tuple[Any, Bool[Array, " aircraft"]]:
         replanned = planner.replan(state.planner, time, reports)
-        replanned = jax.tree.map(lambda new, old: jnp.where(is_needed, new, old), replanned, state.planner)
+        replanned = jax.tree.map(lambda new, old: jnp.where(is_open, new, old), replanned, state.planner)
         return replanned, is_needed & plans_too_near(flight, planner.plans(replanned), reports, time)
 
     return jax.lax.cond(is_due, replan, lambda: (state.planner, jnp.zeros(flight.count, dtype=bool)))
@@ -316,8 +321,10 @@ def step_fleet(
         for group, group_state, perception in zip(flight.groups, vehicles, perceptions, strict=True)
     ]
     step = cast_to_precision(flight.timing.step, float)
+    is_replan_missing = flight.planner.replan_needed(planner) & ~flight.planner.replan_needed(state.planner)
+    replan_sample = jnp.where(is_replan_missing, number, state.replan_sample)
     planner = flight.planner.observe(planner, reports, number, step, flight.randomness)
-    next_state = FlightState(tuple(states for states, _ in results), planner)
+    next_state = FlightState(tuple(states for states, _ in results), planner, replan_sample)
     return next_state, FleetSample(tuple(samples for _, samples in results), flight.members), instant
 
 

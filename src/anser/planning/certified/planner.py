@@ -20,7 +20,7 @@ from anser.planning.certified.certified_plan import (
     choose_interval_count,
     prepare_plan_at,
 )
-from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_certified
+from anser.planning.certified.replanning import FIRST_PLAN, REPLANNED, replan_between_steps, replan_certified
 from anser.planning.certified.search import SearchOutcome, search
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 from anser.planning.holds.assignment import assign_holds
@@ -227,6 +227,29 @@ class CertifiedPlanner(AbstractPlanner):
         holds = jax.tree.map(lambda new, old: jnp.where(planned_anew, new, old), holds, former)
         return CertifiedPlanState(result.plan, result.status, holds, planner_state.limits, replan_needed)
 
+    def replan_between_steps(
+        self, planner_state: CertifiedPlanState, time: float, reports: AircraftReport
+    ) -> CertifiedPlanState:
+        """`replan` outside of a compiled loop, with the compiled programs of a search; not traceable by JAX."""
+        tasks, correction_limits = _replanning_tasks(self, planner_state, reports)
+        plan, status = replan_between_steps(
+            planner_state.plan,
+            time,
+            tasks,
+            self.airspace,
+            self.arrival_is_free,
+            self.freeze,
+            self.latest_arrival,
+            reports.goal_covariance,
+            correction_limits,
+        )
+        holds = former = planner_state.holds
+        if former is not None and status == REPLANNED:
+            end_time = float(np.max(np.asarray(former.paths.times)))
+            holds = self.assign_holds(plan.paths, tasks, time, end_time, former)
+        status_index = as_array(status, planner_state.replanning.dtype)
+        return CertifiedPlanState(plan, status_index, holds, planner_state.limits, planner_state.replan_needed)
+
     def replan_needed(self, planner_state: CertifiedPlanState) -> Flag:
         """See `AbstractPlanner`."""
         return planner_state.replan_needed
@@ -260,3 +283,11 @@ class CertifiedPlanner(AbstractPlanner):
             roll_rate_max=self.roll_rates_max,
             active=jnp.where(reports.active, 1.0, 0.0),
         )
+
+
+@compiled_quickly
+def _replanning_tasks(
+    planner: CertifiedPlanner, planner_state: CertifiedPlanState, reports: AircraftReport
+) -> tuple[AircraftTask, PathLimits]:
+    limits = planner_state.limits
+    return planner.aircraft_tasks(reports, limits), planner.correction_limits(limits)

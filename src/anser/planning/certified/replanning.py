@@ -4,17 +4,26 @@ The compiled planner calls `replan_certified` periodically; the replanning after
 `anser.missions.event_replanning`. Velocity and acceleration stay continuous throughout.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from anser.compiling.options import compiled_quickly
 from anser.environment.environment import AbstractWind
-from anser.numerics.arrays import select_rows
-from anser.planning.certified.certified_plan import CertifiedPlan, certify, fleet_bounds, plan_fleet_at, within_limits
+from anser.numerics.arrays import as_array, select_rows
+from anser.planning.certified.certified_plan import (
+    CertifiedPlan,
+    certify,
+    fleet_bounds,
+    plan_at,
+    plan_fleet_at,
+    within_limits,
+)
 from anser.planning.certified.path_bounds import PathBounds
 from anser.planning.certified.profile import KINKS
 from anser.planning.certified.routes import PIECES
@@ -174,6 +183,13 @@ class AttemptLadder(eqx.Module):
         )
         return is_success, plan, self.delays[jnp.maximum(count - 1, 0) % self.delay_count]
 
+    def attempts(self) -> Iterator[tuple[float, PathLimits]]:
+        """Yield the delay (s) and the limits of each attempt; not traceable by JAX."""
+        delays = np.asarray(self.delays)[: int(self.delay_count)]
+        for limits in (self.limits, self.relaxed_limits):
+            if limits is not None:
+                yield from ((float(delay), limits) for delay in delays)
+
 
 class ReplanningResult(eqx.Module):
     """Result of `replan_certified`."""
@@ -183,22 +199,132 @@ class ReplanningResult(eqx.Module):
     replan_needed: Flag  # whether a new plan was needed that `allow_replanning` forbids
 
 
-def replan_certified(
+def correct_plan(
     plan: CertifiedPlan,
     time: ScalarLike,
     # the fleet with its currently measured goals; position and motion come from the plan. An inactive aircraft keeps
     # its last path and arrival time; the other aircraft neither avoid it nor wait for it
     tasks: AircraftTask,
     airspace: Airspace,
-    arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
-    freeze: ScalarLike = 0.0,  # duration before the arrival in which a path is frozen, s
-    latest_arrival: ScalarLike = jnp.inf,  # latest allowed arrival time, s
-    allow_replanning: bool = True,  # whether a new plan is made if a correction is not feasible
+    freeze: ScalarLike,  # duration before the arrival in which a path is frozen, s
     # covariances of the goals' positions and velocities, NED, m and m/s: a goal without a significant shift
     # (`rendezvous_has_moved`) causes no new plan, and its path is retained if a correction is not feasible. None: the
     # goals are known exactly
+    covariances: Float[Array, "aircraft 6 6"] | None,
+    correction_limits: PathLimits | None,  # limits of a corrected path; None: those of the tasks
+) -> tuple[CertifiedPlan, Count, Flag]:
+    """Correct a plan to the expected rendezvous; returns plan, index into `REPLANNING_MESSAGES`, and feasibility."""
+    active = tasks.active > 0.0
+    under_way = active & (plan.arrival_times > time)
+    correction_tasks = _with_limits(tasks, correction_limits)
+    paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
+    paths = select_rows(active & (plan.arrival_times - time > freeze), paths, plan.paths)
+    bounds, awaiting = None, jnp.zeros_like(under_way)
+    if covariances is not None:
+        significant = jax.vmap(rendezvous_has_moved)(plan.paths, tasks, covariances, plan.arrival_times - time)
+        bounds = fleet_bounds(paths, airspace)
+        awaiting = under_way & ~significant & ~within_limits(bounds, correction_tasks.limits)
+        paths, bounds = select_rows(awaiting, (plan.paths, plan.certificate.bounds), (paths, bounds))
+    corrected = _recertify(plan, paths, plan.arrival_times, correction_tasks, airspace, time, under_way, bounds)
+    status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
+    return corrected, status, jnp.all(corrected.feasible | ~under_way)
+
+
+class ReplanningProblem(eqx.Module):
+    """Attempts at another plan, if a plan cannot be corrected to the expected rendezvous."""
+
+    plan: CertifiedPlan  # plan in force
+    paths: TimedPath  # its corrected paths
+    time: Scalar  # current time, s
+    tasks: AircraftTask  # tasks with the limits of a corrected path
+    planned_tasks: AircraftTask  # tasks from the planned positions, velocities and accelerations
+    airspace: Airspace
+    under_way: Bool[Array, " aircraft"]  # mask of the aircraft that have not arrived
+    replannable: Bool[Array, " aircraft"]  # mask of the aircraft that may get a new path
+    times_to_go: Float[Array, " aircraft"]  # durations of new paths without delay, s
+    ladder: AttemptLadder
+
+    def accept(self, new_plan: CertifiedPlan, durations: Float[Array, " aircraft"]) -> tuple[Flag, CertifiedPlan]:
+        """Certify a fleet's new plan with paths of given durations (s); returns feasibility and plan."""
+        # Aircraft with a fixed path keep its length, turn and speed.
+        new_plan = eqx.tree_at(
+            _plan_sizes, new_plan, select_rows(self.replannable, _plan_sizes(new_plan), _plan_sizes(self.plan))
+        )
+        arrivals = jnp.where(self.replannable, self.time + durations, self.plan.arrival_times)
+        fleet_plan = self._certified(new_plan, select_rows(self.replannable, new_plan.paths, self.paths), arrivals)
+        is_valid = jnp.all(jnp.where(self.replannable, new_plan.valid, True))
+        return is_valid & jnp.all(fleet_plan.feasible | ~self.under_way), fleet_plan
+
+    def correct_partly(self) -> tuple[Flag, CertifiedPlan]:
+        """Correct each path as far as its limits allow; returns whether this is feasible and a change, and the plan."""
+        plan, limits = self.plan, self.tasks.limits
+
+        def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
+            corrected_n = plan.paths.air_n + fraction * (self.paths.air_n - plan.paths.air_n)
+            trial_paths = eqx.tree_at(lambda p: p.air_n, plan.paths, corrected_n)
+            return trial_paths, within_limits(fleet_bounds(trial_paths, self.airspace), limits)
+
+        trial_paths, satisfies = jax.lax.map(correct_by, jnp.asarray(CORRECTION_FRACTIONS))
+        corrected_paths = jax.tree.map(
+            lambda leaf: leaf[jnp.argmax(satisfies, axis=0), jnp.arange(self.under_way.shape[0])], trial_paths
+        )
+        chosen = select_rows(jnp.any(satisfies, axis=0), corrected_paths, plan.paths)
+        candidate_plan = self._certified(plan, chosen, plan.arrival_times)
+        has_moved = jnp.any(chosen.air_n != plan.paths.air_n)
+        return has_moved & jnp.all(candidate_plan.feasible | ~self.under_way), candidate_plan
+
+    def _certified(self, plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]) -> CertifiedPlan:
+        return _recertify(plan, paths, arrivals, self.tasks, self.airspace, self.time, self.under_way)
+
+
+def replanning_problem(
+    plan: CertifiedPlan,
+    corrected_paths: TimedPath,  # paths from `correct_plan`
+    time: ScalarLike,
+    # as in `correct_plan`
+    tasks: AircraftTask,
+    airspace: Airspace,
+    freeze: ScalarLike,
+    correction_limits: PathLimits | None,
+    arrival_is_free: Flag,  # whether the arrival times may be postponed, see `arrival_delays`
+    latest_arrival: ScalarLike,  # latest allowed arrival time, s
+) -> ReplanningProblem:
+    """Collect the data of the attempts at another plan."""
+    active = tasks.active > 0.0
+    replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
+    planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
+    # Keep the planned mean airspeed: an idle engine may be unable to decelerate the aircraft in a descent.
+    speeds = jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed)
+    planned_tasks = eqx.tree_at(
+        lambda t: (t.active, t.speed), planned_tasks, (jnp.where(replannable, tasks.active, 0.0), speeds)
+    )
+    active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
+    delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
+    return ReplanningProblem(
+        plan,
+        corrected_paths,
+        jnp.asarray(time),
+        _with_limits(tasks, correction_limits),
+        planned_tasks,
+        airspace,
+        active & (plan.arrival_times > time),
+        replannable,
+        jnp.maximum(active_arrivals - time, COMMITTED_S),
+        AttemptLadder(delays, tries, tasks.limits, correction_limits),
+    )
+
+
+def replan_certified(
+    # as in `correct_plan` and `replanning_problem`
+    plan: CertifiedPlan,
+    time: ScalarLike,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    arrival_is_free: Flag,
+    freeze: ScalarLike = 0.0,
+    latest_arrival: ScalarLike = jnp.inf,
+    allow_replanning: bool = True,  # whether a new plan is made if a correction is not feasible
     covariances: Float[Array, "aircraft 6 6"] | None = None,
-    # limits of a corrected path, if wider than the limits of a new path; None: the same
     correction_limits: PathLimits | None = None,
 ) -> ReplanningResult:
     """Correct or replace a plan so that it leads to the currently measured goals.
@@ -211,74 +337,22 @@ def replan_certified(
     4. the current plan, with each path corrected as far as its limits allow;
     5. the current plan unchanged.
     """
-    intervals = interval_count(plan.paths)
-    active = tasks.active > 0.0
-    under_way = active & (plan.arrival_times > time)
-    correction_tasks = tasks if correction_limits is None else eqx.tree_at(lambda t: t.limits, tasks, correction_limits)
-    paths = jax.vmap(correct_path, in_axes=(0, 0, None))(plan.paths, tasks, time)
-    paths = select_rows(active & (plan.arrival_times - time > freeze), paths, plan.paths)
-    bounds, awaiting = None, jnp.zeros_like(under_way)
-    if covariances is not None:
-        significant = jax.vmap(rendezvous_has_moved)(plan.paths, tasks, covariances, plan.arrival_times - time)
-        bounds = fleet_bounds(paths, airspace)
-        awaiting = under_way & ~significant & ~within_limits(bounds, correction_tasks.limits)
-        paths, bounds = select_rows(awaiting, (plan.paths, plan.certificate.bounds), (paths, bounds))
-    corrected = _recertify(
-        plan, paths, plan.arrival_times, correction_tasks, airspace, intervals, time, under_way, bounds
-    )
-    is_feasible = jnp.all(corrected.feasible | ~under_way)
-    status = jnp.where(jnp.any(awaiting), AWAITING_GOAL, CORRECTED)
+    corrected, status, is_feasible = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits)
     if not allow_replanning:
         return ReplanningResult(corrected, status, ~is_feasible)
-
-    replannable = active & (plan.arrival_times - time > jnp.maximum(freeze, COMMITTED_S))
-    planned_tasks = jax.vmap(task_from_plan, in_axes=(0, 0, None))(plan.paths, tasks, time)
-    # Keep the planned mean airspeed: an idle engine may be unable to decelerate the aircraft in a descent.
-    speeds = jnp.where(plan.speeds > 0.0, plan.speeds, tasks.speed)
-    planned_tasks = eqx.tree_at(
-        lambda t: (t.active, t.speed), planned_tasks, (jnp.where(replannable, tasks.active, 0.0), speeds)
+    problem = replanning_problem(
+        plan, corrected.paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival
     )
 
-    active_arrivals = jnp.where(active, plan.arrival_times, -jnp.inf)
-    delays, tries = arrival_delays(active_arrivals, time, replannable | ~active, arrival_is_free, latest_arrival)
-    ladder = AttemptLadder(delays, tries, tasks.limits, correction_limits)
-
-    def certified(
-        candidate_plan: CertifiedPlan, paths: TimedPath, arrivals: Float[Array, " aircraft"]
-    ) -> CertifiedPlan:
-        return _recertify(candidate_plan, paths, arrivals, correction_tasks, airspace, intervals, time, under_way)
-
     def try_plan(delay: Scalar, limits: PathLimits) -> tuple[Flag, CertifiedPlan]:
-        durations = jnp.maximum(active_arrivals - time, COMMITTED_S) + delay
-        tasks_with_limits = eqx.tree_at(lambda t: t.limits, planned_tasks, limits)
-        new_plan = plan_fleet_at(time, tasks_with_limits, airspace, durations, intervals, MINIMAL)
-        # Aircraft with a fixed path keep its length, turn and speed.
-        new_plan = eqx.tree_at(
-            _plan_sizes, new_plan, select_rows(replannable, _plan_sizes(new_plan), _plan_sizes(plan))
-        )
-        arrivals = jnp.where(replannable, time + durations, plan.arrival_times)
-        fleet_plan = certified(new_plan, select_rows(replannable, new_plan.paths, paths), arrivals)
-        is_good = jnp.all(jnp.where(replannable, new_plan.valid, True)) & jnp.all(fleet_plan.feasible | ~under_way)
-        return is_good, fleet_plan
-
-    def correct_partly() -> tuple[Flag, CertifiedPlan]:
-        def correct_by(fraction: Scalar) -> tuple[TimedPath, Bool[Array, " aircraft"]]:
-            corrected_n = plan.paths.air_n + fraction * (paths.air_n - plan.paths.air_n)
-            trial_paths = eqx.tree_at(lambda p: p.air_n, plan.paths, corrected_n)
-            return trial_paths, within_limits(fleet_bounds(trial_paths, airspace), correction_tasks.limits)
-
-        trial_paths, satisfies = jax.lax.map(correct_by, jnp.asarray(CORRECTION_FRACTIONS))
-        corrected_paths = jax.tree.map(
-            lambda leaf: leaf[jnp.argmax(satisfies, axis=0), jnp.arange(active.shape[0])], trial_paths
-        )
-        chosen = select_rows(jnp.any(satisfies, axis=0), corrected_paths, plan.paths)
-        candidate_plan = certified(plan, chosen, plan.arrival_times)
-        has_moved = jnp.any(chosen.air_n != plan.paths.air_n)
-        return has_moved & jnp.all(candidate_plan.feasible | ~under_way), candidate_plan
+        durations = problem.times_to_go + delay
+        tasks_with_limits = _with_limits(problem.planned_tasks, limits)
+        new_plan = plan_fleet_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL)
+        return problem.accept(new_plan, durations)
 
     def replace_plan() -> ReplanningResult:
-        is_new, new_plan, _ = ladder.first_success(try_plan, plan)
-        is_corrected, corrected_plan = correct_partly()
+        is_new, new_plan, _ = problem.ladder.first_success(try_plan, plan)
+        is_corrected, corrected_plan = problem.correct_partly()
         final_plan = jax.tree.map(
             lambda a, b, c: jnp.where(is_new, a, jnp.where(is_corrected, b, c)), new_plan, corrected_plan, plan
         )
@@ -287,6 +361,73 @@ def replan_certified(
 
     not_needed = jnp.asarray(False)
     return jax.lax.cond(is_feasible, lambda: ReplanningResult(corrected, status, not_needed), replace_plan)
+
+
+@compiled_quickly
+def _correct_and_prepare(
+    plan: CertifiedPlan,
+    time: Scalar,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    arrival_is_free: Flag,
+    freeze: Scalar,
+    latest_arrival: Scalar,
+    covariances: Float[Array, "aircraft 6 6"] | None,
+    correction_limits: PathLimits | None,
+) -> tuple[tuple[CertifiedPlan, Count, Flag], ReplanningProblem]:
+    correction = correct_plan(plan, time, tasks, airspace, freeze, covariances, correction_limits)
+    paths = correction[0].paths
+    return correction, replanning_problem(
+        plan, paths, time, tasks, airspace, freeze, correction_limits, arrival_is_free, latest_arrival
+    )
+
+
+_accept = compiled_quickly(ReplanningProblem.accept)
+_correct_partly = compiled_quickly(ReplanningProblem.correct_partly)
+
+
+def replan_between_steps(
+    plan: CertifiedPlan,
+    time: float,
+    tasks: AircraftTask,
+    airspace: Airspace,
+    arrival_is_free: Flag,
+    freeze: Scalar,
+    latest_arrival: Scalar,
+    covariances: Float[Array, "aircraft 6 6"] | None = None,
+    correction_limits: PathLimits | None = None,
+) -> tuple[CertifiedPlan, int]:
+    """`replan_certified` outside of a compiled loop, with the compiled programs of a search; not traceable by JAX.
+
+    Returns the plan in force and the index into `REPLANNING_MESSAGES`.
+    """
+    (corrected, status, is_feasible), problem = _correct_and_prepare(
+        plan,
+        as_array(time),
+        tasks,
+        airspace,
+        arrival_is_free,
+        freeze,
+        latest_arrival,
+        covariances,
+        correction_limits,
+    )
+    if is_feasible:
+        return corrected, int(status)
+    times_to_go = np.asarray(problem.times_to_go)
+    for delay, limits in problem.ladder.attempts():
+        durations = as_array(times_to_go + delay)
+        tasks_with_limits = _with_limits(problem.planned_tasks, limits)
+        new_plan = plan_at(time, tasks_with_limits, airspace, durations, interval_count(plan.paths), MINIMAL, None)
+        is_new, new_plan = _accept(problem, new_plan, durations)
+        if is_new:
+            return new_plan, REPLANNED
+    is_corrected, corrected_plan = _correct_partly(problem)
+    return (corrected_plan, PARTLY_CORRECTED) if is_corrected else (plan, UNCHANGED)
+
+
+def _with_limits(tasks: AircraftTask, limits: PathLimits | None) -> AircraftTask:
+    return tasks if limits is None else eqx.tree_at(lambda t: t.limits, tasks, limits)
 
 
 def _plan_sizes(plan: CertifiedPlan) -> tuple[Array, Array, Array]:
@@ -299,14 +440,13 @@ def _recertify(
     arrivals: Float[Array, " aircraft"],
     tasks: AircraftTask,
     airspace: Airspace,
-    intervals: int,
     time: ScalarLike,
     under_way: Bool[Array, " aircraft"],
     bounds: PathBounds | None = None,
 ) -> CertifiedPlan:
     """Replace the paths and arrival times of a plan and certify it from the current time (s) on."""
     tasks_under_way = eqx.tree_at(lambda t: t.active, tasks, jnp.where(under_way, tasks.active, 0.0))
-    certificate = certify(paths, tasks_under_way, airspace, intervals, time, bounds)
+    certificate = certify(paths, tasks_under_way, airspace, interval_count(paths), time, bounds)
     remaining_lengths = jax.vmap(TimedPath.air_length, in_axes=(0, None))(paths, time)
     return eqx.tree_at(
         lambda p: (p.paths, p.arrival_times, p.certificate, p.valid, p.lengths),
