@@ -31,6 +31,7 @@ docs: .venv/.installed-docs
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --fresh-env --quiet -d build/doctrees docs build/docs
 
 bench: .venv/.installed-test
+	$(BIN)/anser cache measure $(addprefix --scenario ,$(sort $(wildcard scenarios/*.toml)))
 	$(BIN)/pytest benchmarks/bench_flight.py --benchmark-enable --benchmark-only -s -p no:xdist
 
 verification: .venv/.installed-test

@@ -1,6 +1,7 @@
 """The command cache."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -46,7 +47,7 @@ def test_the_programs_are_deleted(anser, store):
 def test_off_and_wrong_input(anser, store, monkeypatch, tmp_path):
     code, _, err = anser("cache", "show", "--scenario", "mine.toml")
     assert code == 2
-    assert "--scenario: arrived with show; expected only with warm" in err.replace("\n", " ")
+    assert "--scenario: arrived with show; expected only with warm or measure" in err.replace("\n", " ")
     code, _, err = anser("cache", "warm", "--scenario", tmp_path / "none.toml")
     assert code == 2
     assert "none.toml" in err
@@ -72,3 +73,15 @@ def test_warm_programs_are_loaded(anser, store, tmp_path):
     assert anser("run", tmp_path / "mine.toml", "--out", tmp_path / "run")[0] == 0
     new_programs = [path.name for path in store.files() if path.name not in warm_programs]
     assert len(new_programs) <= 3  # limits, places on the Earth: small
+
+
+@pytest.mark.long
+def test_a_measurement_prints_what_programs_cost(anser, store):
+    scenario = Path(__file__).parents[1] / "scenarios" / "climb-and-turn.toml"
+    code, out, err = anser("cache", "measure", "--scenario", scenario, "--json")
+    assert code == 0, err
+    (budget,) = json.loads(out)["scenarios"]
+    assert budget["equations"] == sum(program["equations"] for program in budget["programs"])
+    assert "flight" in {program["title"] for program in budget["programs"]}
+    assert budget["second_cpu_s"] < budget["first_cpu_s"]
+    assert len(store.files()) == 2  # the user's own store is untouched

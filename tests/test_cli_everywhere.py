@@ -2,6 +2,7 @@
 
 import functools
 import io
+import itertools
 import json
 import os
 import re
@@ -11,7 +12,6 @@ import sys
 import time
 from pathlib import Path
 
-import jax.numpy as jnp
 import pytest
 import rich.console
 import rich.progress
@@ -24,7 +24,8 @@ from anser.cli.app import help_epilog, register_command
 from anser.cli.arguments import complete_run, complete_scenario, complete_variant
 from anser.cli.commands import app
 from anser.cli.console import activity, print_document, print_line, print_note, print_problem, progress_bar
-from anser.compiling.options import compiled
+from anser.compiling import measuring
+from anser.compiling.measuring import Compilation
 from support.made_flight import make_flight
 
 ROOT = Path(__file__).parents[1]
@@ -358,8 +359,9 @@ def test_no_bar_without_a_screen_or_by_quiet(monkeypatch, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_log_gets_a_line_each_minute(monkeypatch, capsys):
+def test_a_log_gets_a_line_each_ten_seconds(monkeypatch, capsys):
     monkeypatch.setattr(console, "_LOG_PERIOD_S", 0.1)
+    monkeypatch.setattr(console, "_REFRESH_PERIOD_S", 0.05)
 
     def first_line():
         for _ in range(100):
@@ -391,35 +393,21 @@ def test_the_bar_shows_a_known_fraction_and_moves_otherwise(monkeypatch):
         updates.append((self.tasks[0].description, self.tasks[0].percentage if self.tasks[0].total else None))
 
     monkeypatch.setattr(console.Progress, "update", watch)
-    fresh = compiled(lambda x: 3.0 * x)
+    monkeypatch.setattr(console, "_REFRESH_PERIOD_S", 0.05)
+    record = Compilation("flight", {})
+    monkeypatch.setattr(measuring, "compilations", [record])
     with progress_bar() as tell:
         tell("planning", None)
         tell("flying", 0.25)
-        fresh(jnp.ones(3))
+        with measuring.waiting(), measuring.measured(record, "tracing"):
+            time.sleep(0.5)
         tell("flying", 0.5)
         tell("writing", None)
-    assert updates == [
+    assert [change for change, _ in itertools.groupby(updates)] == [
         ("starting", None),
         ("planning", None),
         ("flying", 25.0),
-        ("flying: compiling", None),
-        ("flying", 25.0),
+        ("compiling program 1 (flight)", None),
         ("flying", 50.0),
         ("writing", None),
     ]
-
-
-def test_the_progress_shows_compilation(monkeypatch):
-    said = []
-    monkeypatch.setattr(
-        console.Progress, "update", lambda self, task, **changes: said.append(changes.get("description"))
-    )
-    fresh = compiled(lambda x: 2.0 * x)
-    with progress_bar() as tell:
-        tell("flying", 0.5)
-        fresh(jnp.ones(3))
-        fresh(jnp.ones(3))
-    with activity("solving"):
-        fresh(jnp.ones(3))
-        fresh(jnp.ones(4))
-    assert said == ["starting", "flying", "flying: compiling", "flying", "solving", "solving: compiling", "solving"]

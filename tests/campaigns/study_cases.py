@@ -27,7 +27,7 @@ def text_of(scenario="three.toml", flights=4):
     )
 
 
-def made_up(cases, batch=None, series=None, precision="float64", outputs=None):
+def made_up(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
     """Synthetic rows as functions of the scenarios, including failed flights and a failed start."""
     return [_row(case, series, () if outputs is None else outputs.formulas) for case in cases]
 

@@ -56,7 +56,7 @@ def test_an_interrupted_campaign_is_resumed_bit_identically(tmp_path, monkeypatc
     while not store.chunk_is_complete.all():
         remaining = int(rng.integers(0, 3))
 
-        def sometimes(cases, batch=None, series=None, precision="float64", outputs=None):
+        def sometimes(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
             nonlocal remaining
             if remaining == 0:
                 raise KeyboardInterrupt
@@ -162,7 +162,7 @@ def test_a_replayed_flight_is_compared_with_its_row(tmp_path):
 def test_flights_are_flown_in_the_precision_of_the_study(tmp_path, monkeypatch):
     flown = []
 
-    def noted(cases, batch=None, series=None, precision="float64", outputs=None):
+    def noted(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
         flown.append(precision)
         return made_up(cases, series=series)
 

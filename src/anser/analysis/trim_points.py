@@ -35,7 +35,7 @@ from anser.variables import surface_label
 
 Inversion = Literal["model", "incremental"]
 
-compiled_trim = compiled_quickly(solve_trim)
+compiled_trim = compiled_quickly(solve_trim, "trim")
 
 
 class ConditionError(ValueError):

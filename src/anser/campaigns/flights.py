@@ -11,9 +11,11 @@ import numpy as np
 from anser.campaigns.cluster import fly_on_cluster
 from anser.campaigns.processes import (
     ProcessLimit,
+    WorkerReport,
     batch_size_for,
     fly_concurrently,
     process_limit,
+    report_share,
     worker_processes,
 )
 from anser.campaigns.sampling import flight_seeds, sample_study
@@ -106,18 +108,28 @@ def fly_campaign(
         progress(f"{flown_count} of {store.flights} flights", flown_count / store.flights)
         if store.converged_chunks is not None:
             return
-        folder = store.folder.resolve()
+        folder, shown_count = store.folder.resolve(), flown_count
+
+        def show(reports: Mapping[int, WorkerReport]) -> None:
+            nonlocal shown_count
+            shares = sum(report.share for report in reports.values())
+            shown_count = min(max(shown_count, flown_count + int(shares * store.chunk)), store.flights)
+            compiling = next((report.compiling for report in reports.values() if report.compiling), None)
+            text = f"{shown_count} of {store.flights} flights"
+            progress(f"{text}: {compiling}" if compiling else text, shown_count / store.flights)
+
         if cluster is not None:
             completed_chunks = fly_on_cluster(cluster, fly_chunk, folder, missing)
         else:
             processes = min(processes, len(missing))
             executor = stack.enter_context(worker_processes(processes))
             tasks = [(folder, chunk) for chunk in missing]
-            completed_chunks = (chunk for _, chunk in fly_concurrently(executor, fly_chunk, tasks, processes, folder))
+            completed = fly_concurrently(executor, fly_chunk, tasks, processes, folder, show)
+            completed_chunks = (chunk for _, chunk in completed)
         for chunk in stack.enter_context(contextlib.closing(completed_chunks)):
             flights = store.chunk_slice(chunk)
             flown_count += flights.stop - flights.start
-            progress(f"{flown_count} of {store.flights} flights", flown_count / store.flights)
+            show({})
             if store.converged_chunks is not None:
                 break
 
@@ -159,6 +171,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
             flight_rows[k] = FlightRow.failed_start("; ".join(map(str, error.problems)))
     flown = fly_many(
         list(cases.values()),
+        progress=report_share,
         batch=store.chunk,
         series=store.series_selection,
         precision=store.study.precision,
@@ -166,6 +179,7 @@ def fly_chunk(folder: Path, chunk: int) -> int:
     )
     flight_rows.update(zip(cases, flown, strict=True))
     store.write(chunk, [flight_rows[k] for k in range(seeds.size)])
+    report_share("", 0.0)  # the process waits for a task
     return chunk
 
 

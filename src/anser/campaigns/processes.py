@@ -5,7 +5,9 @@ import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Generator, Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import resource_tracker
@@ -14,6 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from anser.campaigns.machine import available_memory, usable_cores
 from anser.campaigns.store_integrity import StoreError
+from anser.compiling.measuring import compilation_message
 from anser.compiling.options import enable_compilation_cache
 from anser.missions.batches import Progress
 from anser.missions.series import SeriesSelection
@@ -98,7 +101,9 @@ def worker_processes(processes: int) -> Iterator[Executor | None]:
         yield None
         return
     former_children, context = set(multiprocessing.active_children()), multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_initialize_worker)
+    reports = context.SimpleQueue()
+    pool = ProcessPoolExecutor(processes, mp_context=context, initializer=_initialize_worker, initargs=(reports,))
+    _reports[:] = [reports]
     try:
         with _block_interrupts():
             pool.submit(os.getpid)  # starts every worker
@@ -126,8 +131,36 @@ def _block_interrupts() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, former_mask)
 
 
-def _initialize_worker() -> None:
+class WorkerReport(NamedTuple):
+    """Progress of a process: completed share of its task, 0..1, and the program that it waits for, if any."""
+
+    share: float
+    compiling: str | None
+
+
+_reports: list[Any] = []
+"""Queue of the worker processes' reports: pairs of process number and report."""
+_share = [0.0]
+_observers: list[Callable[[], None]] = []
+_REPORT_PERIOD_S = 2.0
+
+
+def report_share(_message: str, share: float | None) -> None:
+    """Record the completed share of this process's task; a `Progress` callback."""
+    _share[0] = share or 0.0
+    for notify in _observers:
+        notify()
+
+
+def _send_reports(reports: Any) -> None:
+    while True:
+        time.sleep(_REPORT_PERIOD_S)
+        reports.put((os.getpid(), WorkerReport(_share[0], compilation_message())))
+
+
+def _initialize_worker(reports: Any) -> None:
     """Initialize a worker process; the main process handles Ctrl-C."""
+    threading.Thread(target=_send_reports, args=(reports,), daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # XLA's threads: one process per core suffices, and further threads would compete for the cores
     os.environ.setdefault("NPROC", "1")
@@ -140,15 +173,22 @@ def fly_concurrently(
     tasks: Sequence[tuple[Any, ...]],  # arguments of `fly`, one tuple per task
     concurrency: int,  # number of tasks submitted at a time
     folder: Path,  # folder of the store, for messages
+    # called at least every two seconds with the last report of each process, by its number
+    on_reports: Callable[[Mapping[int, WorkerReport]], None] = lambda reports: None,
 ) -> Generator[tuple[int, Result], None, None]:
     """Evaluate `fly(*task)` for each task; yield each task's index and result, in order of completion.
 
     Raises StoreError if a worker was killed.
     """
     if executor is None:
-        for index, task in enumerate(tasks):
-            yield index, fly(*task)
+        _observers[:] = [lambda: on_reports({0: WorkerReport(_share[0], None)})]
+        try:
+            for index, task in enumerate(tasks):
+                yield index, fly(*task)
+        finally:
+            _observers.clear()
         return
+    reports: dict[int, WorkerReport] = {}
     futures: dict[Future[Result], int] = {}
     submitted = 0
     try:
@@ -156,7 +196,15 @@ def fly_concurrently(
             while submitted < len(tasks) and len(futures) < concurrency:
                 futures[executor.submit(fly, *tasks[submitted])] = submitted
                 submitted += 1
-            completed, _ = concurrent.futures.wait(futures, return_when=concurrent.futures.FIRST_COMPLETED)
+            completed, _ = concurrent.futures.wait(
+                futures, _REPORT_PERIOD_S, return_when=concurrent.futures.FIRST_COMPLETED
+            )
+            while not _reports[0].empty():
+                process, report = _reports[0].get()
+                reports[process] = report
+            on_reports(reports)
+            if completed:
+                reports.clear()  # of a task that is complete
             for future in completed:
                 yield futures.pop(future), future.result()
     except BrokenProcessPool:

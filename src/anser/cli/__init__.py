@@ -35,7 +35,7 @@ def main() -> None:
             )
             code = 2
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # the work is done: ignore later interrupts
-    gc.freeze()  # at the end of the process, a last collection of all objects takes half a second
+    atexit.register(gc.freeze)  # a last collection of all objects takes half a second
     sys.exit(code)
 
 

@@ -1,32 +1,53 @@
 """Command cache: the store of compiled programs."""
 
 import contextlib
+import tempfile
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from anser.cli.app import help_epilog
-from anser.cli.console import RefusedError, print_document, print_line, print_note, print_problem, progress_bar
-from anser.scenario.files import load, loads, starter_scenario
+from anser.cli.console import (
+    RefusedError,
+    activity,
+    print_document,
+    print_line,
+    print_note,
+    print_problem,
+    progress_bar,
+)
+from anser.scenario.files import load, loads, starter_scenario, write_starter
 
 _MIB = 1 << 20
 
 
-@help_epilog("anser cache", "anser cache warm", "anser cache warm --scenario mine.toml", "anser cache clear")
+@help_epilog(
+    "anser cache",
+    "anser cache warm",
+    "anser cache warm --scenario mine.toml",
+    "anser cache measure --scenario mine.toml",
+    "anser cache clear",
+)
 def cache(
     what: Annotated[
-        Literal["show", "warm", "clear"],
-        typer.Argument(help="show: where it is and how large; warm: compile what is needed first; clear: delete it."),
+        Literal["show", "warm", "measure", "clear"],
+        typer.Argument(
+            help="show: where it is and how large; warm: compile what is needed first; measure: fly each scenario "
+            "twice with an empty cache of its own, and print what its programs cost; clear: delete it."
+        ),
     ] = "show",
     scenario: Annotated[
         list[Path] | None,
-        typer.Option(help="Scenario whose programs are wanted; several times for several; left out: the starter's."),
+        typer.Option(help="Scenario for warm and measure; several times for several; left out: the starter."),
     ] = None,
 ) -> None:
     """Show, fill or clear the store of compiled programs, which saves repeated compilation."""
-    if scenario and what != "warm":
-        raise RefusedError(f"--scenario: arrived with {what}; expected only with warm")
+    if scenario and what not in ("warm", "measure"):
+        raise RefusedError(f"--scenario: arrived with {what}; expected only with warm or measure")
+    if what == "measure":
+        _measure(scenario)
+        return
     from anser.compiling.options import program_store
 
     store = program_store()
@@ -62,3 +83,16 @@ def cache(
         print_problem(f"{store.folder}: not used: {reason}")
     elif what == "warm" and not sizes:
         print_problem(f"{store.folder}: nothing could be written there")
+
+
+def _measure(scenarios: list[Path] | None) -> None:
+    from anser.cli.budget import measure_scenario, print_budgets
+
+    with tempfile.TemporaryDirectory(prefix="anser-") as folder, activity("measuring") as tell:
+        paths = scenarios or [write_starter(Path(folder) / "starter.toml")]
+        budgets = []
+        for path in paths:
+            tell(f"flying {path.stem} twice")
+            budgets.append(measure_scenario(path))
+    print_document(lambda: {"format_version": 1, "scenarios": budgets})
+    print_budgets(budgets)

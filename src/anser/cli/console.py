@@ -62,8 +62,8 @@ _RANGES = {
 _BAR_WIDTH = 16  # fits 80 columns with the longest description
 _SPEED_PERIOD_S = 3600.0
 """Period over which progress is averaged to estimate the remaining time, s: steps of a campaign are minutes apart."""
-_LOG_PERIOD_S = 60.0
-"""Time between progress lines if the output is not a terminal, s."""
+_REFRESH_PERIOD_S, _LOG_PERIOD_S = 1.0, 10.0
+"""Time between two looks at the compiler, and between progress lines if the output is not a terminal, s."""
 
 
 @dataclass
@@ -162,8 +162,8 @@ def _clock(seconds: float) -> str:
 def progress_bar() -> contextlib.AbstractContextManager[Callable[[str, float | None], None]]:
     """Return a context manager that shows a progress bar with elapsed and remaining time, removed at the end.
 
-    Without a terminal, a line is printed every minute. The context manager yields a function of a description and the
-    completed fraction, 0..1, or None for an unknown fraction.
+    Without a terminal, a line is printed every ten seconds. The context manager yields a function of a description and
+    the completed fraction, 0..1, or None for an unknown fraction.
     """
     columns = (_description_column(), BarColumn(_BAR_WIDTH), TaskProgressColumn(), _Times())
     return _progress_display("starting", 1.0, *columns)
@@ -187,9 +187,10 @@ def _progress_display(
 ) -> Iterator[Callable[..., None]]:
     """Show a progress line in the `with` block; the yielded function takes a description and a fraction.
 
-    While a program is being compiled, the line says so and shows no fraction.
+    While the process waits for a program to be compiled, the line says so and shows no fraction. Without a terminal, a
+    line is printed every ten seconds.
     """
-    from anser.compiling.program import watch_compilation  # late import: help needs no JAX
+    from anser.compiling.measuring import compilation_message
 
     disable = not note.is_terminal or note.quiet
     with Progress(
@@ -198,43 +199,44 @@ def _progress_display(
         task = bar.add_task("", total=None)
         description, fraction = first_description, None
 
-        def show(compiling: bool) -> None:
-            # the duration of compilation is unknown
+        def show() -> None:
+            compiling = compilation_message()
             bar.tasks[0].total = None if compiling or fraction is None else total
-            bar.update(task, description=f"{description}: compiling" if compiling else description, completed=fraction)
+            bar.update(task, description=compiling or description, completed=fraction)
 
         def tell(new_description: str, new_fraction: float | None = None) -> None:
             nonlocal description, fraction
             interrupts.check()
             description, fraction = new_description, new_fraction
-            show(compiling=False)
+            show()
 
-        show(compiling=False)
-        with watch_compilation(show), _log_progress(bar):
+        show()
+        with _refreshed(bar, show):
             yield tell
 
 
 @contextlib.contextmanager
-def _log_progress(bar: Progress) -> Iterator[None]:
-    """Print a progress line each minute in the `with` block, if the output is not a terminal."""
-    if note.is_terminal or note.quiet:
-        yield
-        return
+def _refreshed(bar: Progress, show: Callable[[], None]) -> Iterator[None]:
+    """Call `show` every second in the `with` block; without a terminal, print the line every ten seconds."""
     ended, began = threading.Event(), time.monotonic()
 
-    def tell() -> None:
-        while not ended.wait(_LOG_PERIOD_S):
-            task = bar.tasks[0]
-            percentage = "" if task.total is None else f", {task.percentage:.0f} %"
-            print_note(f"{task.description}{percentage}, {_clock(time.monotonic() - began)} gone")
+    def refresh() -> None:
+        printed = began
+        while not ended.wait(_REFRESH_PERIOD_S):
+            show()
+            now, task = time.monotonic(), bar.tasks[0]
+            if not note.is_terminal and now - printed >= _LOG_PERIOD_S:
+                printed = now
+                percentage = "" if task.total is None else f", {task.percentage:.0f} %"
+                print_note(f"{task.description}{percentage}, {_clock(now - began)} gone")
 
-    logger = threading.Thread(target=tell, daemon=True)
-    logger.start()
+    refresher = threading.Thread(target=refresh, daemon=True)
+    refresher.start()
     try:
         yield
     finally:
         ended.set()
-        logger.join()
+        refresher.join()
 
 
 class RefusedError(Exception):

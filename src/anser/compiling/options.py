@@ -40,21 +40,22 @@ def supported_options(requested: dict[str, bool | str]) -> dict[str, bool | str]
     return {option: value for option, value in requested.items() if _accepts(option, value)}
 
 
-def compiled(function: Callable[_P, _R]) -> Program[_P, _R]:
-    """Compile a function with the compiler's default options."""
-    return Program(function, dict)
+def compiled(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
+    """Compile a function with the compiler's default options; `title` names the program for the user."""
+    return Program(function, dict, title=title)
 
 
-def compiled_quickly(function: Callable[_P, _R]) -> Program[_P, _R]:
+def compiled_quickly(function: Callable[_P, _R], title: str | None = None) -> Program[_P, _R]:
     """Compile a function without XLA's optimizer, in a sixth to a half of the time (measured: trims, linear models).
 
     The function runs more slowly, and the results differ by rounding.
     """
-    return Program(function, lambda: supported_options(_UNOPTIMIZED))
+    return Program(function, lambda: supported_options(_UNOPTIMIZED), title=title)
 
 
 def compiled_by_older_generator(
     static_argnames: Sequence[str] | None,
+    title: str | None = None,  # name of the program for the user
 ) -> Callable[[Callable[_P, _R]], Program[_P, _R]]:
     """Return a decorator that compiles with XLA's older code generator for the CPU, if still supported.
 
@@ -63,7 +64,7 @@ def compiled_by_older_generator(
     """
 
     def decorate(function: Callable[_P, _R]) -> Program[_P, _R]:
-        return Program(function, lambda: supported_options(_OLDER_GENERATOR), static_argnames)
+        return Program(function, lambda: supported_options(_OLDER_GENERATOR), static_argnames, title)
 
     return decorate
 

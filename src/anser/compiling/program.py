@@ -27,6 +27,7 @@ from jax.core import Tracer
 
 from anser.compiling.executables import Executable, load_executable, pack_program, unpack_program
 from anser.compiling.keys import NotCacheableError, jax_settings, operations_key, program_key
+from anser.compiling.measuring import Compilation, compilations, count_equations, measured, waiting
 
 # A step by hand takes half the time without a hand-over between threads. JAX reads the setting with its first array.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
@@ -78,8 +79,6 @@ class ProgramStore(Protocol):
 
 
 _active_stores: list[ProgramStore] = []
-_watchers: list[Callable[[bool], None]] = []
-_announcing: list[None] = []
 _LoadedProgram: TypeAlias = tuple[Callable[..., list[Any]], int]
 """Function from a flat list of arrays to a flat list of results, and the size of the code in bytes."""
 _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
@@ -88,16 +87,6 @@ _programs: "weakref.WeakSet[Program[..., Any]]" = weakref.WeakSet()
 def use_program_store(store: ProgramStore | None) -> None:
     """Set the store for programs compiled from now on; None disables storing."""
     _active_stores[:] = [] if store is None else [store]
-
-
-@contextlib.contextmanager
-def watch_compilation(on_compiling: Callable[[bool], None]) -> Iterator[None]:
-    """Call `on_compiling` with True at the start and False at the end of each compilation within the block."""
-    _watchers.append(on_compiling)
-    try:
-        yield
-    finally:
-        _watchers.remove(on_compiling)
 
 
 @contextlib.contextmanager
@@ -110,21 +99,6 @@ def _pause_garbage_collection() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
-
-
-@contextlib.contextmanager
-def _announce() -> Iterator[None]:
-    """Notify the watchers of a compilation at start and end of the block; nested blocks notify once."""
-    watchers = [] if _announcing else list(_watchers)
-    _announcing.append(None)
-    for notify in watchers:
-        notify(True)
-    try:
-        yield
-    finally:
-        _announcing.pop()
-        for notify in watchers:
-            notify(False)
 
 
 def forget_programs() -> None:
@@ -285,7 +259,7 @@ class PreparedProgram:
     @functools.cached_property
     def function(self) -> Callable[[list[Any]], Any]:
         """The compiled function of a list of arrays; waits for the compilation."""
-        with _announce() if self._compiles else contextlib.nullcontext():
+        with waiting() if self._compiles else contextlib.nullcontext():
             loaded = self._make()
         self._make, self._started = (lambda: loaded), True  # releases the arrays of the first call
         self.size = loaded[1]
@@ -306,8 +280,11 @@ class Program(Generic[_P, _R]):
         # names of static arguments, as in `jax.jit`; other arguments are traced. None: every argument without arrays
         # is static
         static_argnames: Sequence[str] | None = None,
+        title: str | None = None,  # name for the user; default: the function's name in words
     ) -> None:
         functools.update_wrapper(self, function)
+        name = str(getattr(getattr(function, "func", function), "__name__", "program"))
+        self.title = title or name.strip("_").removesuffix("_compiled").replace("_", " ")
         self._function, self._options, self._static = function, options, static_argnames
         self._ready: dict[Any, PreparedProgram] = {}
         _programs.add(self)
@@ -338,7 +315,7 @@ class Program(Generic[_P, _R]):
         arrays, static = self._split_arguments(args, kwargs)
         prepared = self._find(arrays, static)
         if prepared is None:
-            with _announce():
+            with waiting():
                 return functools.partial(self._find_or_trace(arrays, static).function, arrays)
         return functools.partial(prepared.function, arrays)
 
@@ -397,7 +374,7 @@ class Program(Generic[_P, _R]):
         """Return the program for the given arguments, from memory or the store, or newly traced for compilation."""
         prepared = self._find(arrays, static)
         if prepared is None:
-            with _announce():
+            with waiting():
                 prepared = PreparedProgram(*self._trace_and_lower(arrays, static), compiles=True)
             self._ready[self._call_key(arrays, static)] = prepared
         return prepared
@@ -450,9 +427,18 @@ class Program(Generic[_P, _R]):
 
         options, store = self._options(), _active_stores[0] if _active_stores else None
         key = None if store is None else self._key(arrays, static, options)
-        # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
-        with _pause_garbage_collection():
-            lowered = jax.jit(flat).lower(arrays)
+        record = Compilation(self.title, options)
+        compilations.append(record)
+        try:
+            with _pause_garbage_collection(), measured(record, "tracing"):
+                traced = jax.jit(flat).trace(arrays)
+            # Unused arguments are left out of the lowered text: with them, XLA's older code generator ends the process.
+            with _pause_garbage_collection(), measured(record, "lowering"):
+                record.equations = count_equations(traced.jaxpr.jaxpr)
+                lowered = traced.lower()
+        except BaseException:
+            compilations.remove(record)
+            raise
         shapes, argument_count = list(filter(_is_shape, jax.tree.leaves(results[0]))), len(arrays)
 
         def make() -> _LoadedProgram:
@@ -472,16 +458,21 @@ class Program(Generic[_P, _R]):
                     with contextlib.suppress(Exception):
                         executable, stored = unpack_program(content, argument_count)
                         if key is not None or stored == shapes:
-                            return _load(executable, stored, len(content))
+                            loaded = _load(executable, stored, len(content))
+                            compilations.remove(record)
+                            return loaded
                 return compile_and_save(store_key)
 
         def compile_and_save(store_key: str | None) -> _LoadedProgram:
-            compiled, whole = _compile_serializable(lowered, options)
+            with measured(record, "compiling"):
+                compiled, whole = _compile_serializable(lowered, options)
+            record.is_compiled = True
             content = b""
             if whole:
                 # Programs that call back into Python, among others, cannot be serialized.
                 with contextlib.suppress(Exception):
                     content = pack_program(compiled, shapes if key is None else results[0])
+            record.code_bytes = len(content)
             if store is not None and store_key is not None and content:
                 store.save(store_key, content)
             _release_oldest(len(content))

@@ -180,7 +180,7 @@ def start_next(prepare_next: PrepareNext, flight: Flight, shapes: Any) -> None:
         following.start()
 
 
-_start_flight = compiled_quickly(start_flight)
+_start_flight = compiled_quickly(start_flight, "trim and first plan")
 
 
 def trim_and_plan(
@@ -301,7 +301,7 @@ def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[Tri
     return fleet, planner.aircraft_tasks(fleet.reports, planner.resolve_limits(fleet.performance))
 
 
-trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks)
+trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks, "trim")
 
 
 def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:

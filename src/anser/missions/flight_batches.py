@@ -69,7 +69,7 @@ def _initialize_flights(flights: _FlightBatch, fleets: TrimmedFleet, plans: Cert
     return flights.map(initialize_flight, fleets, plans)
 
 
-@compiled_by_older_generator(())  # its loops over a batch are a little faster too
+@compiled_by_older_generator((), "flights")  # its loops over a batch are a little faster too
 def _fly_segment(
     flights: _FlightBatch,
     states: FlightState,
@@ -151,7 +151,13 @@ def fly_many(
     for group, positions, flights in _group_cases([cases[k] for k in batched], batch):
         numbers = [batched[k] for k in positions]
         stacked = group.stacked(flights, min(batch, len(batched)))
-        deliver(numbers, _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision, outputs))
+        before, size = finished, len(numbers)
+
+        def on_share(share: float, before: int = before, size: int = size) -> None:
+            on_progress(f"flying {len(cases)} flights", (before + share * size) / len(cases))
+
+        flown = _fly_batch([cases[k] for k in numbers], stacked, flights, series, precision, outputs, on_share)
+        deliver(numbers, flown)
     for k in single:
         deliver([k], [_fly_alone(cases[k], series, outputs)])
     return cast(list[FlightRow], flight_rows)
@@ -247,8 +253,13 @@ def _fly_batch(
     series: SeriesSelection | None,
     precision: Precision,
     outputs: OutputRecording | None,
+    on_share: Callable[[float], None],
 ) -> list[FlightRow]:
-    """Trim, plan and fly one batch; the batch is padded beyond the cases."""
+    """Trim, plan and fly one batch; the batch is padded beyond the cases.
+
+    `on_share` is called with the completed share of the batch, 0..1; searches of plans count as half of the work.
+    """
+    searched = 0.0
     parts: list[tuple[list[int], _FlightBatch, FlightState, Sequence[int]]] = []
     if not isinstance(single_flights[0].planner, CertifiedPlanner):
         states, fleets = _start_flights(flights)
@@ -258,7 +269,8 @@ def _fly_batch(
     else:
         fleets, tasks = _trim_and_build_tasks(flights)
         refusals = _find_untrimmable(cases, single_flights, fleets)
-        plans = _search_plans(cases, single_flights, tasks, refusals)
+        plans = _search_plans(cases, single_flights, tasks, refusals, lambda share: on_share(0.5 * share))
+        searched = 0.5
         for selected in _group_by_structure(plans):
             indices = np.array([*selected, *[selected[-1]] * (_size_of(flights) - len(selected))])
             chosen_flights = Stacked(_select(flights.batched, indices), flights.shared)
@@ -268,13 +280,25 @@ def _fly_batch(
     flight_rows = {k: FlightRow.failed_start(reason) for k, reason in refusals.items()}
     for selected, part_flights, states, positions in parts:
         selected_cases = [cases[k] for k in selected]
-        finished_rows = _summarize_flights(selected_cases, part_flights, states, positions, series, precision, outputs)
+        share_before = searched + (1.0 - searched) * (len(flight_rows) - len(refusals)) / len(cases)
+        part_share = (1.0 - searched) * len(selected) / len(cases)
+
+        def on_part(share: float, before: float = share_before, part: float = part_share) -> None:
+            on_share(before + part * share)
+
+        finished_rows = _summarize_flights(
+            selected_cases, part_flights, states, positions, series, precision, outputs, on_part
+        )
         flight_rows |= dict(zip(selected, finished_rows, strict=True))
     return [flight_rows[k] for k in range(len(cases))]
 
 
 def _search_plans(
-    cases: Sequence[FlightCase], single_flights: Sequence[Flight], tasks: AircraftTask, refusals: dict[int, str]
+    cases: Sequence[FlightCase],
+    single_flights: Sequence[Flight],
+    tasks: AircraftTask,
+    refusals: dict[int, str],
+    on_share: Callable[[float], None],
 ) -> dict[int, CertifiedPlanState]:
     """Search the first plans of a batch, by index in the batch; adds the flights without a plan to `refusals`."""
     plans: dict[int, CertifiedPlanState | None] = {}
@@ -285,6 +309,7 @@ def _search_plans(
         input_hash = _content_hash((task, planner, arrival_request(scenario)))
         if input_hash not in plans_by_input:
             plans_by_input[input_hash] = _first_plan(scenario, planner, task)
+            on_share((k + 1) / len(cases))
         plans[k] = plans_by_input[input_hash]
     refusals |= {k: NO_PLAN for k, plan in plans.items() if plan is None}
     return {k: plan for k, plan in plans.items() if plan is not None}
@@ -317,6 +342,7 @@ def _summarize_flights(
     series: SeriesSelection | None,
     precision: Precision,
     outputs: OutputRecording | None,
+    on_share: Callable[[float], None],
 ) -> list[FlightRow]:
     """Fly a batch to the end of the flights and return the result rows of the cases.
 
@@ -356,6 +382,7 @@ def _summarize_flights(
                 lambda leaf, values, indices=indices: _replace_rows(leaf, indices, values), segment, replanned
             )
         states, summaries, recorded = segment
+        on_share(min(first_sample + SEGMENT_STEPS, steps) / steps)
         if series is not None:
             parts.append(series.segment_rows(recorded, first_sample, steps))
     final_summaries = jax.tree.map(np.asarray, summaries)

@@ -20,7 +20,7 @@ from anser.planning.certified.planner import CertifiedPlanner
 from anser.shapes import Count, Scalar
 from anser.simulation.flight import SEGMENT_STEPS, Flight, FlightState, fleet_reports, fly
 
-fly_segment = compiled(functools.partial(fly, one_kernel=True))
+fly_segment = compiled(functools.partial(fly, one_kernel=True), "flight")
 """One segment of a single flight, compiled; see `anser.simulation.fly`."""
 
 

@@ -237,7 +237,7 @@ def simulate(
     return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))
 
 
-@compiled_by_older_generator(("count",))
+@compiled_by_older_generator(("count",), "flight")
 def _fly(
     airframe: AbstractAirframe,
     environment: Environment,

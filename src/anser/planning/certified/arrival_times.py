@@ -198,7 +198,7 @@ COARSE_INTERVALS = 128
 """Number of intervals of the paths in the reachability test: a coarse first look, not a certificate."""
 
 
-@compiled_by_older_generator(static_argnames=("intervals",))
+@compiled_by_older_generator(("intervals",), "arrival times")
 def direct_times(
     tasks: AircraftTask, airspace: Airspace, speeds: Float[Array, " aircraft"], intervals: int
 ) -> tuple[Float[Array, " aircraft"], Bool[Array, " aircraft"]]:
@@ -228,7 +228,7 @@ def direct_times(
     return jax.vmap(solve_task)(tasks, speeds)
 
 
-@compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))
+@compiled_by_older_generator(("intervals", "candidate_set"), "reachable arrivals")
 def _reachable_at(
     tasks: AircraftTask,
     airspace: Airspace,

@@ -356,8 +356,8 @@ def _choose_and_certify(
     return _choose_best_placement(place_and_certify, candidates.valid, withdrawn, tasks.active > 0.0, rounds)
 
 
-_generate = compiled_by_older_generator(static_argnames=("intervals", "candidate_set"))(_candidates)
-_choose = compiled_by_older_generator(static_argnames=("intervals",))(_choose_and_certify)
+_generate = compiled_by_older_generator(("intervals", "candidate_set"), "paths")(_candidates)
+_choose = compiled_by_older_generator(("intervals",), "choice of paths")(_choose_and_certify)
 
 
 def plan_at(

@@ -1,0 +1,126 @@
+"""Measurement of compilation: size and CPU time of each program compiled in this process, and the time left."""
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(eq=False)
+class Compilation:
+    """Record of a program that this process traces and compiles."""
+
+    title: str
+    options: Mapping[str, bool | str]  # compiler options
+    equations: int = 0  # of the traced program with all that it calls; 0 until traced
+    code_bytes: int = 0  # size of the stored code; 0 until compiled
+    #: CPU time by stage (tracing, lowering, compiling), s; stages at work at the same time share the time equally.
+    cpu_s: dict[str, float] = field(default_factory=lambda: dict.fromkeys(("tracing", "lowering", "compiling"), 0.0))
+    start_s: float = 0.0  # reading of `time.monotonic` at the start of compiling
+    is_compiled: bool = False
+
+    @property
+    def estimate_s(self) -> float:
+        """Expected CPU time of compiling, s, from the equations and the programs compiled so far in this process."""
+        similar = [r for r in compilations if r.is_compiled and dict(r.options) == dict(self.options)]
+        equations = _PRIOR_EQUATIONS + sum(r.equations for r in similar)
+        seconds = _PRIOR_EQUATIONS * _prior_s(self.options) + sum(r.cpu_s["compiling"] for r in similar)
+        return self.equations * seconds / equations
+
+
+compilations: list[Compilation] = []
+"""Records of this process, in the order of tracing; programs loaded from the store are left out."""
+_PRIOR_EQUATIONS = 10_000
+"""Number of equations that the prior estimate of the compiling time counts as, beside measured programs."""
+_waits: list[None] = []
+_lock = threading.RLock()
+_at_work: list[tuple[Compilation, str]] = []
+_clock = [0.0]
+
+
+def _prior_s(options: Mapping[str, bool | str]) -> float:
+    """Return the CPU time of compiling per equation, s: two cores of a server of 2024, September 2026's XLA."""
+    return 0.5e-3 if "xla_backend_optimization_level" in options else 0.6e-3 if options else 1.1e-3
+
+
+def _share_time() -> None:
+    """Divide the process's CPU time since the last call equally among the stages at work."""
+    now = time.process_time()
+    for record, stage in _at_work:
+        record.cpu_s[stage] += (now - _clock[0]) / len(_at_work)
+    _clock[0] = now
+
+
+@contextlib.contextmanager
+def measured(record: Compilation, stage: str) -> Iterator[None]:
+    """Add the CPU time of the `with` block to a stage of a record."""
+    entry = (record, stage)
+    with _lock:
+        _share_time()
+        _at_work.append(entry)
+        record.start_s = time.monotonic()
+    try:
+        yield
+    finally:
+        with _lock:
+            _share_time()
+            _at_work[:] = [other for other in _at_work if other is not entry]
+
+
+@contextlib.contextmanager
+def waiting() -> Iterator[None]:
+    """Mark the `with` block as a wait for a program, about which `compilation_message` informs."""
+    _waits.append(None)
+    try:
+        yield
+    finally:
+        _waits.pop()
+
+
+def compilation_message() -> str | None:
+    """Return the program that the process waits for, and the time left if known; None if it waits for no program."""
+    with _lock:
+        _share_time()
+        if not _waits or not _at_work:
+            return None
+        record, stage = _at_work[0]
+        message = f"compiling program {compilations.index(record) + 1} ({record.title})"
+        if any(other != "compiling" for _, other in _at_work):
+            return message  # the size of a program is unknown before it is traced
+        wait_s = time.monotonic() - record.start_s
+        spent_s = sum(r.cpu_s[stage] for r, _ in _at_work)
+        left_s = sum(max(r.estimate_s - r.cpu_s[stage], 0.1 * r.estimate_s) for r, _ in _at_work)
+    cores = min(len(_at_work), os.cpu_count() or 1)
+    # seconds of CPU time per second: fewer beside other processes
+    pace = cores if wait_s < _PACE_AFTER_S else max(spent_s / wait_s, 0.2)
+    return f"{message}, {_time_left(left_s / pace)}"
+
+
+_PACE_AFTER_S = 3.0
+
+
+def _time_left(seconds: float) -> str:
+    return f"about {5 * round(seconds / 5)} s left" if seconds >= 7.5 else "a few seconds left"
+
+
+def count_equations(jaxpr: Any) -> int:
+    """Return the number of equations of a traced program, with those of each program that it calls."""
+    counts: dict[int, int] = {}
+
+    def count(program: Any) -> int:
+        if id(program) not in counts:
+            counts[id(program)] = sum(1 + sum(map(count, _called(equation))) for equation in program.eqns)
+        return counts[id(program)]
+
+    return count(jaxpr)
+
+
+def _called(equation: Any) -> Iterator[Any]:
+    for value in equation.params.values():
+        for item in value if isinstance(value, tuple | list) else (value,):
+            program = getattr(item, "jaxpr", item)
+            if hasattr(program, "eqns"):
+                yield program
