@@ -81,7 +81,9 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
         if needs_single_flight(scenario)
         else batch_size_for(BATCH, scenario, select_series(study.keep, scenario))
     )
-    return CampaignStore.create(folder, study, scenario, applied, seeds, min(chunk, seeds.size))
+    # Chunks of one size: each size of a batch is a program of its own.
+    chunk_count = -(-seeds.size // chunk)
+    return CampaignStore.create(folder, study, scenario, applied, seeds, -(-seeds.size // chunk_count))
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:

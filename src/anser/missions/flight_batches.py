@@ -150,7 +150,8 @@ def fly_many(
         deliver(list(refusals), [FlightRow.failed_start(reason) for reason in refusals.values()])
     for group, positions, flights in _group_cases([cases[k] for k in batched], batch):
         numbers = [batched[k] for k in positions]
-        stacked = group.stacked(flights, min(batch, len(batched)))
+        # Each size is a program of its own: a batch that is at least half full is padded.
+        stacked = group.stacked(flights, batch if 2 * len(batched) >= batch else len(batched))
         before, size = finished, len(numbers)
 
         def on_share(share: float, before: int = before, size: int = size) -> None:
