@@ -160,7 +160,7 @@ def test_a_report_with_flights_stays_without_new_flights(anser, study, tmp_path,
 def test_ctrl_c_leaves_estimates_and_report_of_the_flights(anser, study, tmp_path, monkeypatch):
     remaining = 1
 
-    def once(cases, batch=None, series=None, precision="float64", outputs=None):
+    def once(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
         nonlocal remaining
         if remaining == 0:
             raise KeyboardInterrupt
@@ -177,7 +177,7 @@ def test_ctrl_c_leaves_estimates_and_report_of_the_flights(anser, study, tmp_pat
 
 
 def test_ctrl_c_before_the_first_chunk_leaves_a_resumable_campaign(anser, study, tmp_path, monkeypatch):
-    def stopped(cases, batch=None, series=None, precision="float64", outputs=None):
+    def stopped(cases, progress=None, batch=None, series=None, precision="float64", outputs=None):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(flying, "fly_many", stopped)

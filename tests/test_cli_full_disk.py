@@ -126,4 +126,4 @@ def test_a_campaign_that_does_not_fit_on_the_disk_leaves_no_folder(anser, tmp_pa
     with full_disk(16):
         code, _, said = anser("campaign", study, "--out", tmp_path / "out", "--processes", 1)
     assert code == 2, said
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out").exists(), said

@@ -46,7 +46,7 @@ def replays(monkeypatch):
     def fly_many(cases, progress, batch, series, precision):
         numbers.extend(case.scenario for case in cases)
         progress("flying", 0.0)
-        return made_up(cases, batch, series)
+        return made_up(cases, batch=batch, series=series)
 
     monkeypatch.setattr(campaign_report, "fly_many", fly_many)
     monkeypatch.setattr(replay, "run", run)
@@ -146,7 +146,7 @@ def test_the_worst_flights_are_drawn_over_background_flights(tmp_path, replays):
 
 def test_flights_with_different_replays_are_listed(tmp_path, monkeypatch):
     def otherwise(cases, progress, batch, series, precision):
-        flight_rows = made_up(cases, batch, series)
+        flight_rows = made_up(cases, batch=batch, series=series)
         flight_rows[1].aircraft[0]["miss_m"] += 1.0
         return flight_rows
 

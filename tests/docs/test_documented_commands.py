@@ -107,6 +107,10 @@ COVERED = {
         '"--processes", 1, "--resume")',
     ),
     "anser run --campaign runs/how-surely --flight 17": ("tests/test_cli_campaign.py", '"--flight", 1'),
+    "anser cache measure --scenario mine.toml": (
+        "tests/test_cli_cache.py",
+        'anser("cache", "measure", "--scenario", scenario, "--json")',
+    ),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""

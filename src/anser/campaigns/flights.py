@@ -81,9 +81,7 @@ def create_store(folder: Path, study: Study, scenario: Scenario, table_columns: 
         if needs_single_flight(scenario)
         else batch_size_for(BATCH, scenario, select_series(study.keep, scenario))
     )
-    # Chunks of one size: each size of a batch is a program of its own.
-    chunk_count = -(-seeds.size // chunk)
-    return CampaignStore.create(folder, study, scenario, applied, seeds, -(-seeds.size // chunk_count))
+    return CampaignStore.create(folder, study, scenario, applied, seeds, min(chunk, seeds.size))
 
 
 def campaign_seeds(study: Study, applied: dict[str, np.ndarray]) -> np.ndarray:

@@ -65,7 +65,8 @@ def without_dask() -> Iterator[None]:
 
     xarray otherwise imports an installed dask, which takes half a second, for every dataset.
     """
-    hidden = "dask" not in sys.modules and not any(word.startswith("--cluster") for word in sys.argv)
+    # An xarray imported before has already seen dask.
+    hidden = not {"dask", "xarray"} & set(sys.modules) and not any(word.startswith("--cluster") for word in sys.argv)
     if hidden:
         sys.modules["dask"] = None  # pyright: ignore[reportArgumentType] - the documented way to forbid an import
     try:

@@ -92,7 +92,7 @@ def _fly_segment(
 def fly_many(
     cases: Sequence[FlightCase],
     progress: Progress | None = None,
-    batch: int = BATCH,
+    batch: int | None = None,
     on_rows: Callable[[list[int], list[FlightRow]], None] = lambda numbers, flight_rows: None,
     series: SeriesSelection | None = None,
     precision: Precision = "float64",
@@ -108,7 +108,8 @@ def fly_many(
     progress
         Called with a description of the current work and the share of finished flights, 0..1.
     batch
-        Number of flights in one compiled call.
+        Number of flights in one compiled call, to which a smaller rest is padded: each size is a program of its own.
+        None: at most `BATCH`, as many as there are.
     on_rows
         Called with the indices of finished flights in `cases` and their rows, after each batch.
     series
@@ -148,10 +149,9 @@ def fly_many(
     on_progress(f"flying {len(cases)} flights", 0.0)
     if refusals:
         deliver(list(refusals), [FlightRow.failed_start(reason) for reason in refusals.values()])
-    for group, positions, flights in _group_cases([cases[k] for k in batched], batch):
+    for group, positions, flights in _group_cases([cases[k] for k in batched], batch or BATCH):
         numbers = [batched[k] for k in positions]
-        # Each size is a program of its own: a batch that is at least half full is padded.
-        stacked = group.stacked(flights, batch if 2 * len(batched) >= batch else len(batched))
+        stacked = group.stacked(flights, min(BATCH, len(batched)) if batch is None else batch)
         before, size = finished, len(numbers)
 
         def on_share(share: float, before: int = before, size: int = size) -> None:
