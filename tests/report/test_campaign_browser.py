@@ -21,7 +21,9 @@ def page(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flights, "fly_many", made_up)
         patch.setattr(
-            campaign_report, "fly_many", lambda cases, tell, batch, series, **_: made_up(cases, batch=batch, series=series)
+            campaign_report,
+            "fly_many",
+            lambda cases, tell, batch, series, **_: made_up(cases, batch=batch, series=series),
         )
         study = study_of(sampling={"flights": 80}, vary=[WIND, BEND], description=EVIL, keep=KEEP)
         store = create_store(folder, study, THREE, {})

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from anser.compiling.options import compiled_quickly
+from anser.compiling.options import compiled_by_older_generator, compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.control.guidance import GuidanceSettings
 from anser.numerics.arrays import any_in_batch, as_array
@@ -31,7 +31,7 @@ from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.steady.performance import ACCELERATION_FLOOR
 
 
-@compiled_quickly
+@compiled_by_older_generator(None, "holds")
 def _assign_holds(
     paths: TimedPath,
     tasks: AircraftTask,
