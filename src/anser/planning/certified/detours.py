@@ -99,7 +99,7 @@ def _aim(endpoints: PathEndpoints, initial: RollOut, angles: Float[Array, "2"], 
 
     `angles` are the turn angles (rad, right positive), `scales` the radius of each turn over the tightest radius.
     """
-    # Only the first and the last of the four turns of a detour; the two between them have no angle and no length.
+    # A direct path has two turns; the four turns of a detour would add two of zero length.
     turns, turn_length, headings = chain_turns(endpoints, initial.heading, angles, scales)
     remaining = (endpoints.end - initial.position - turns) * cis(-headings[0])
     return _Aim(jnp.real(remaining), jnp.imag(remaining), initial.length + turn_length + jnp.real(remaining))

@@ -124,6 +124,7 @@ _TURN_LEG_PATHS = make_candidate_set(
 )
 _SPLINES = CandidateSet((), (), (), (), (), spline_starts=48, max_splines=12)
 EXTRA_SETS = (_TURN_LEG_PATHS, _SPLINES)
+"""Sets of extra candidates, each with a program of its own; the set with splines last."""
 
 MINIMAL = make_candidate_set((PREFERRED,), (0.0,), (0,), (0, 1, 2, 3, 4), with_wide_turns=True)
 STANDARD = make_candidate_set(
@@ -370,9 +371,10 @@ def _approach_direct_length(
     rounds: int,  # number of changes of the airspeed
     with_wide_turns: bool,  # whether the path may have wide turns
 ) -> tuple[Scalar, _NearbyPath]:
-    """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration; see its refinement.
+    """Approach the mean airspeed (m/s) at which the shortest direct path takes the duration.
 
-    The path has the widest turns that lengthen it by no more than `_SPEED_FACTOR_MAX`.
+    The path has the widest turns that lengthen it by no more than `_SPEED_FACTOR_MAX`. `_match_direct_length` refines
+    the airspeed.
     """
 
     def evaluate(mean: Scalar) -> tuple[Scalar, _NearbyPath]:
