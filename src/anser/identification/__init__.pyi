@@ -1,0 +1,3 @@
+from .estimates import Estimate
+
+__all__ = ["Estimate"]
