@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Complex, Float
+from jaxtyping import Float, Inexact
 from scipy import stats
 
 from anser.results.documents import notebook_table
 
-Samples = Float[np.ndarray, "sample response"] | Complex[np.ndarray, "sample response"]
+Samples = Inexact[np.ndarray, "sample response"]
 
 COLLINEARITY_MAX = 1000.0
 """Greatest condition number of regressors scaled to unit length; above, an estimate depends on the last digits."""
@@ -110,8 +110,9 @@ class Estimate:
 
         The variation of a response is about its mean; the transform of a response has no mean.
         """
-        middle = 0.0 if self.is_spectrum else np.mean(self.measured, axis=0)
-        return 1.0 - _squares(self.residuals) / _squares(self.measured - middle)
+        measured = np.asarray(self.measured)
+        middle = 0.0 if self.is_spectrum else np.mean(measured, axis=0)
+        return 1.0 - _squares(self.residuals) / _squares(measured - middle)
 
     @property
     def rms(self) -> Float[np.ndarray, " response"]:
@@ -199,7 +200,7 @@ class Estimate:
         for name, samples in (("measured", self.measured), ("fitted", self.fitted), ("residual", self.residuals)):
             label = {"long_name": f"{name.capitalize()} response"}
             if self.is_spectrum:
-                parts = np.stack([samples.real, samples.imag], axis=2)
+                parts = np.stack([np.real(samples), np.imag(samples)], axis=2)
                 data[name] = ((axis, "response", "part"), parts, label)
             else:
                 data[name] = ((axis, "response"), samples, label)
@@ -269,7 +270,7 @@ def collinearity(
     eigenvalues, vectors = np.linalg.eigh(scaled)
     condition_number = float(np.sqrt(eigenvalues[-1] / max(eigenvalues[0], 1e-16)))
     if condition_number > condition_max:
-        involved = ", ".join(names[k] for k in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[k, 0]) > 0.1)
+        involved = ", ".join(names[int(k)] for k in np.argsort(-np.abs(vectors[:, 0])) if abs(vectors[k, 0]) > 0.1)
         raise ValueError(
             f"{subject}: {involved} are collinear (condition number {condition_number:.3g}); expected at most "
             f"{condition_max:g}: a manoeuvre that moves them apart, fewer parameters, or prior values"
