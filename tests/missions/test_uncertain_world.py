@@ -86,6 +86,7 @@ def test_the_fleet_arrives_as_planned_after_a_departure():
         'kind = "arrival-put-off"\nlater_s = 15.0',
         'kind = "thrust-lost"\naircraft = "aircraft-1"\nthrust_left = 0.5',
         'kind = "goal-sensor-lost"\naircraft = "aircraft-1"',
+        'kind = "aircraft-changes"\naircraft = "aircraft-1"\ndeviation = { cg_shift = 0.03, drag = 1.2 }',
         'kind = "goal-turns"\ngoal = "boat-east"\ncourse_deg = 0.0',
         'kind = "keep-out-appears"\nkeep_out = { name = "cell", north_m = 2500.0, east_m = 3500.0, radius_m = 600.0 }',
     ],

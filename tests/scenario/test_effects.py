@@ -132,6 +132,10 @@ IDLE = {
         CERTIFIED + '[[event]]\ntime_s = 5.0\nkind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 1.0',
         "less than 1",
     ),
+    "event[0].deviation": (
+        PLAIN + '[[event]]\ntime_s = 5.0\nkind = "aircraft-changes"\naircraft = "alpha"\ndeviation = {}',
+        "a key that deviates",
+    ),
     "event[0].gaps": (
         CERTIFIED + '[[event]]\ntime_s = 5.0\nkind = "aircraft-leaves"\naircraft = "alpha"\ngaps = "keep"',
         '"sequence"',

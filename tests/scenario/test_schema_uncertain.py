@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from anser.config import ScenarioError
+from anser.config.key_paths import value_at
 from anser.environment import DiscreteGust, Turbulence
 from anser.environment.gusts import NoGusts, SummedGusts
+from anser.missions.runs import needs_single_flight
 from anser.scenario import build_flight, loads
 from anser.scenario.schema_sensing import PRESETS, Estimator, GoalSensor, Navigation, goal_sensor_presets, goal_sigma_m
 from anser.scenario.schema_settings import Fleet, Timing
@@ -77,6 +79,28 @@ def event(lines):
         (event('kind = "explodes"'), "event[0].kind", '"thrust-lost"'),
         (event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 1.5'), "event[0].thrust_left", "from 0 to 1"),
         (event('kind = "thrust-lost"\naircraft = "alpha"'), "event[0].thrust_left", "thrust_left"),
+        (event('kind = "aircraft-changes"\naircraft = "alpha"'), "event[0].deviation", "needs: aircraft, deviation"),
+        (
+            event('kind = "aircraft-changes"\naircraft = "alpha"\ndeviation = { drag = 0.0 }'),
+            "event[0].deviation.drag",
+            "from 0.1 to 10",
+        ),
+        (
+            event('kind = "aircraft-changes"\naircraft = "alpha"\ndeviation.surface_effectiveness.flap = 0.5'),
+            "event[0].deviation.surface_effectiveness.flap",
+            "elevator, aileron, rudder",
+        ),
+        (
+            event('kind = "aircraft-changes"\naircraft = "alpha"\ndeviation.coefficients.Cmq = 0.5'),
+            "event[0].deviation.coefficients",
+            "from the start on",
+        ),
+        (
+            event('kind = "goal-stops"\ngoal = "ship"\ndeviation = { drag = 1.1 }'),
+            "event[0].deviation",
+            "no deviation",
+        ),
+        (event('kind = "aircraft-changes"\naircraft = "charlie"\ndeviation.drag = 1.1'), "event[0].aircraft", "bravo"),
         (event('kind = "goal-stops"\ngoal = "island"'), "event[0].goal", '"ship", "buoy"'),
         (event('kind = "goal-stops"\ngoal = "ship"\nlater_s = 3.0'), "event[0].later_s", "no later_s"),
         (
@@ -140,6 +164,32 @@ def test_each_table_builds_its_part():
     lost = parts(TEXT + event('kind = "thrust-lost"\naircraft = "alpha"\nthrust_left = 0.4'))
     assert float(lost.faults.thrust(29.99)) == 1.0
     assert float(lost.faults.thrust(30.0)) == pytest.approx(0.4)
+
+
+CHANGE = event('kind = "aircraft-changes"\naircraft = "alpha"\ndeviation.cg_shift = 0.05')
+
+
+def test_a_change_of_an_aircraft_is_unknown_to_its_model_and_to_the_planner():
+    changed = parts(TEXT + CHANGE)
+    assert float(changed.changes.at(29.99).cg_shift) == 0.0
+    assert float(changed.changes.at(30.0).cg_shift) == 0.05
+    assert changed.estimator.model is not None
+    assert parts(TEXT).changes is None
+    assert parts(TEXT).estimator.model is None
+    healthy = build_flight(loads(TEXT + CHANGE)).aircraft(1)[0]
+    assert healthy.changes is None
+    scenario = loads(TEXT + CHANGE)
+    assert scenario.planned_events == ()
+    assert not needs_single_flight(scenario)
+    for planner in ("published", "decentralised"):
+        loads(TEXT.replace("[fleet]", f'[fleet]\nplanner = "{planner}"') + CHANGE)
+    assert loads(TEXT).hash == loads(TEXT + "\n").hash != scenario.hash
+    for dump in (loads(TEXT).model_dump_json(), loads(TEXT).hash):
+        assert "surface_effectiveness" not in dump  # earlier scenarios keep their hash
+    assert value_at(scenario, "aircraft[alpha].deviation.surface_effectiveness.rudder") == 1.0
+    sampled = scenario.replace("event[0].deviation.surface_effectiveness.elevator", 0.5, "event[0].time_s", 40.0)
+    assert sampled.event[0].deviation.surface_effectiveness.elevator == 0.5
+    assert sampled.event[0].deviation.cg_shift == 0.05
 
 
 def test_every_number_of_a_preset_has_its_source():

@@ -248,3 +248,40 @@ def test_own_controller_in_the_loop_of_one_aircraft():
     flight = anser.simulate(f16(), level(), controller=Hold(), duration_s=1.0).dataset
     assert flight.attrs["controller"].endswith("Hold")
     assert float(abs(flight.throttle - 0.15).max()) == 0.0
+
+
+def test_a_change_during_the_flight_is_flown_from_its_time_on():
+    """Until its time the flight is the unchanged one; afterwards open loop equals a start in the changed aircraft."""
+    change = {"time_s": 2.0, "surface_effectiveness": {"elevator": 0.5}, "thrust": 0.8, "mass": 1.1}
+    flown = anser.simulate(f16(), level(), duration_s=4.0, change=change).dataset
+    plain = anser.simulate(f16(), level(), duration_s=4.0).dataset
+    before = slice(0.0, 1.995)
+    for name in ("alpha_deg", "pitch_rate_deg_s", "airspeed_m_s", "load_factor"):
+        np.testing.assert_allclose(flown[name].sel(time=before), plain[name].sel(time=before), rtol=1e-9, atol=1e-9)
+    after = flown.sel(time=2.0)
+    np.testing.assert_allclose(after["thrust_n"], 0.8 * plain["thrust_n"].sel(time=2.0), rtol=1e-6)
+    # less download of the elevator on the trimmed aircraft changes the pitching moment at once
+    elevator_rad = np.radians(float(plain["elevator_deg"][0]))
+    linear = f16().linearize(level())
+    M_elevator = float(np.asarray(linear.model.B)[linear.model.states.index("Q"), 1])
+    slope = float(np.diff(flown["pitch_rate_deg_s"].sel(time=slice(2.0, 2.015)))[0]) / 0.01
+    assert slope == pytest.approx(np.degrees(-0.5 * M_elevator * elevator_rad), rel=0.1)
+    # the controller does not know: at the sample of the change the trimmed command stays, two samples later it moves
+    held = anser.simulate(f16(), level(), controller="inversion", duration_s=2.5, change=change).dataset
+    command = np.abs(held["elevator_command_deg"].values - float(held["elevator_command_deg"][0]))
+    assert command[200] < 1e-6
+    assert command[202] > 1e-2
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"drag": 1.2}, "time_s"),
+        ({"time_s": 1.0, "drag": "1.2"}, "drag"),
+        ({"time_s": 1.0, "surface_effectiveness": {"flap": 0.5}}, "elevator, aileron, rudder"),
+        ([{"time_s": 1.0, "coefficients": {"Cmq": 0.5}}], "do not change during the flight"),
+    ],
+)
+def test_a_change_that_is_not_valid_is_refused(change, message):
+    with pytest.raises(ScenarioError, match=message):
+        anser.simulate(f16(), level(), duration_s=1.0, change=change)

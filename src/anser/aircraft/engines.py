@@ -4,7 +4,7 @@ The first-order power lag of most engines, a missing engine, and a jet engine wi
 """
 
 import abc
-from typing import Any
+from typing import Any, Self
 
 import equinox as eqx
 import jax
@@ -102,6 +102,12 @@ class AbstractEngine(eqx.Module):
             )
         values = self.thrust_factor * thrust, self.point_b + shift_b  # pyright: ignore[reportAttributeAccessIssue]
         return eqx.tree_at(lambda e: (e.thrust_factor, e.point_b), self, values)
+
+    def with_point_shifted(self, shift_b: Vector3) -> Self:
+        """Return the same engine with its thrust point (field `point_b`, if any) moved by `shift_b` (m, body axes)."""
+        if not hasattr(self, "point_b"):
+            return self
+        return eqx.tree_at(lambda e: e.point_b, self, self.point_b + shift_b)  # pyright: ignore
 
 
 class NoEngine(AbstractEngine):
@@ -252,6 +258,10 @@ class InstantEngine(AbstractEngine):
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the flight condition is outside the valid range of the engine's data."""
         return self.engine.outside_tables(air_data)
+
+    def with_point_shifted(self, shift_b: Vector3) -> "InstantEngine":
+        """Return an engine without lag whose thrust point is moved by `shift_b` (m, body axes)."""
+        return InstantEngine(self.engine.with_point_shifted(shift_b))
 
 
 _BISECTIONS = 48

@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import overload
+from typing import Any, overload
 
 import jax
 import numpy as np
@@ -13,6 +13,7 @@ from jaxtyping import Array
 from anser.aircraft.actuators import AbstractActuators, FirstOrderActuators, SecondOrderActuators
 from anser.aircraft.air_data import Validity, air_data
 from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.changes import AirframeChange, AirframeChanges, changed_airframe
 from anser.aircraft.dave_ml_aircraft import (
     AERO_LENGTHS,
     AERO_OUTPUTS,
@@ -37,7 +38,7 @@ from anser.aircraft.engines import AbstractEngine, JetEngine, NoEngine
 from anser.aircraft.f16 import F16_COEFFICIENTS, AbstractF16
 from anser.aircraft.propellers import ElectricPropeller, PistonPropeller
 from anser.aircraft_files import schema_tables
-from anser.aircraft_files.deviations import Deviation
+from anser.aircraft_files.deviations import PRIMARY_SURFACES, Deviation
 from anser.aircraft_files.schema import DAVE_ML_PARTS, AirframeFile, DaveMlFile, coefficient_index
 from anser.airframe_data import (
     BODY_COEFFICIENTS,
@@ -46,13 +47,13 @@ from anser.airframe_data import (
     STATIC_ARGUMENTS,
     derivative_columns,
 )
-from anser.config.errors import Problem, describe_value
+from anser.config.errors import Problem, ScenarioError, describe_value, format_number
 from anser.config.tables import content_hash
 from anser.dave_ml.elements import DaveMlError
 from anser.dave_ml.model import Model, adapt_model, read_dave_ml
 from anser.dave_ml.standard_units import ANGLE, refuse_other_units
 from anser.environment.atmosphere import StandardAtmosphere
-from anser.numerics.arrays import as_array
+from anser.numerics.arrays import as_array, stack_rows
 from anser.numerics.tables import Tables, make_axes, make_tables
 from anser.shapes import Scalar
 from anser.units import DEG_RAD, RAD_DEG
@@ -415,14 +416,64 @@ def with_derivatives(
     return dataclasses.replace(airframe, derivatives=as_array(values), has_static_side_force=has_static_side_force)
 
 
+_BODY_KEYS = ("thrust", "mass", "second_moments", "actuator_bandwidth", "cg_shift")
+_FORCE_KEYS = ("drag", "lift_slope")
+
+
 def disperse_airframe(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
     """Build the airframe that flies: the nominal airframe with a scenario's deviations.
 
     The coefficient factors multiply the F-16's coefficients, `DerivativeAircraft.derivatives`, or CX to Cn of a DAVE-ML
     aircraft. Raises TypeError for an airframe whose coefficients are not known.
     """
-    keys = ("thrust", "mass", "second_moments", "actuator_bandwidth", "cg_shift")
-    body, factors_in_file = {key: as_array(getattr(deviation, key)) for key in keys}, deviation.coefficients
+    dispersed = _with_coefficients_and_body(nominal, deviation)
+    if not deviation.changes_forces:
+        return dispersed
+    forces = _change(dispersed, deviation, dict(zip(_BODY_KEYS, (1.0, 1.0, (1.0,) * 3, 1.0, 0.0), strict=True)))
+    return changed_airframe(dispersed, forces)
+
+
+def _change(airframe: AbstractAirframe, deviation: Deviation, body: Mapping[str, Any]) -> AirframeChange:
+    effectiveness = [getattr(deviation.surface_effectiveness, name, 1.0) for name in airframe.actuators.names]
+    values = {**body, **{key: getattr(deviation, key) for key in _FORCE_KEYS}}
+    return AirframeChange(
+        surface_effectiveness=as_array(effectiveness), **{key: as_array(value) for key, value in values.items()}
+    )
+
+
+def build_changes(
+    airframe: AbstractAirframe, deviations: Sequence[tuple[float, Deviation]], source: str
+) -> AirframeChanges:
+    """Build the changes of an airframe during a flight from times (s) and deviations.
+
+    Raises
+    ------
+    ScenarioError
+        The airframe has no mean chord for a shift of its centre of gravity, or no surface of a name; `source` names the
+        origin of the deviations.
+    """
+    problems = []
+    for index, (_, deviation) in enumerate(deviations):
+        if deviation.cg_shift != 0.0 and getattr(airframe, "mean_chord", None) is None:
+            expected = f"0: {type(airframe).__name__} has no attribute mean_chord, the unit of the shift"
+            problems.append(Problem(f"[{index}].cg_shift", format_number(deviation.cg_shift), expected))
+        for name in PRIMARY_SURFACES:
+            factor = getattr(deviation.surface_effectiveness, name)
+            if factor != 1.0 and name not in airframe.actuators.names:
+                expected = f"a surface of the aircraft: {', '.join(airframe.actuators.names)}"
+                problems.append(Problem(f"[{index}].surface_effectiveness.{name}", format_number(factor), expected))
+    if problems:
+        raise ScenarioError(source, problems)
+    changes = [
+        _change(airframe, deviation, {key: getattr(deviation, key) for key in _BODY_KEYS})
+        for _, deviation in deviations
+    ]
+    return AirframeChanges(as_array([time_s for time_s, _ in deviations]), stack_rows(changes))
+
+
+def _with_coefficients_and_body(nominal: AbstractAirframe, deviation: Deviation) -> AbstractAirframe:
+    body = {key: as_array(getattr(deviation, key)) for key in _BODY_KEYS}
+    factors_in_file = deviation.coefficients
 
     def factors_on(names: Sequence[str]) -> Array:
         return as_array([getattr(factors_in_file, name) for name in names])

@@ -71,6 +71,18 @@ else:
     )
 
 
+def _newer_factor(description: str, low: float) -> float:
+    return number(f"factor on {description}", low, 10, "", 1.0, omit_default=True)
+
+
+class SurfaceEffectiveness(Table):
+    """Factors on the deflections of the control surfaces as the air meets them; commands and stops are unchanged."""
+
+    elevator: float = _newer_factor("the effective deflection of the elevator", 0)
+    aileron: float = _newer_factor("the effective deflection of the aileron", 0)
+    rudder: float = _newer_factor("the effective deflection of the rudder", 0)
+
+
 class Deviation(Table):
     """Difference of the flying aircraft from its nominal model; default: none (factors of 1, no shift)."""
 
@@ -81,6 +93,14 @@ class Deviation(Table):
     thrust: float = _positive("the thrust")
     actuator_bandwidth: float = _positive("the bandwidth of all actuators")
     cg_shift: float = number("shift of the centre of mass, aft", -0.2, 0.2, "of the chord", 0.0)
+    drag: float = _newer_factor("the drag", 0.1)
+    lift_slope: float = _newer_factor("the lift, so on its slope by the angle of attack", 0.1)
+    surface_effectiveness: SurfaceEffectiveness = table(
+        "effectiveness of control surfaces",
+        "a table such as { elevator = 0.5 }",
+        SurfaceEffectiveness(),
+        omit_default=True,
+    )
     coefficients: CoefficientFactors = table(
         "factors on aerodynamic coefficients", "a table [aircraft.deviation.coefficients]", CoefficientFactors()
     )
@@ -89,6 +109,11 @@ class Deviation(Table):
     def second_moments(self) -> tuple[float, float, float]:
         """Return the factors on the second moments of mass along body x, y, z."""
         return self.second_moment_x, self.second_moment_y, self.second_moment_z
+
+    @property
+    def changes_forces(self) -> bool:
+        """Whether surfaces, drag or lift deviate as a whole, beside the coefficients."""
+        return self.surface_effectiveness != SurfaceEffectiveness() or (self.drag, self.lift_slope) != (1.0, 1.0)
 
     @model_validator(mode="before")
     @classmethod

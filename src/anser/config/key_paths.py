@@ -38,23 +38,32 @@ def value_at(scenario: Table, path: str) -> Any:
     """Return the value at a key path, including defaults; raises ScenarioError for an unknown path."""
     if not _PATH.fullmatch(path):
         raise problem_error("", f"{describe_value(path)} as a path", _READABLE)
-    node: Any = scenario.model_dump(mode="json")
+    node: Any = scenario
     path_so_far = ""
     for step in _steps(path):
+        node = _as_container(node)
         step_key = _resolve_step(node, step, path_so_far)
         path_so_far = _extend_path(path_so_far, step)
         if isinstance(step_key, str) and step_key not in node:
             expected = f"one of the keys {', '.join(node)}"
             raise problem_error("", f"the unknown key {describe_value(step_key)}", expected, path_so_far)
         node = node[step_key]
-    return node
+    return node.model_dump(mode="json") if isinstance(node, Table) else to_file_value(node)
+
+
+def _as_container(node: Any) -> Any:
+    """Return a table as a dictionary with its defaults, and a tuple as a list of such tables."""
+    if isinstance(node, Table):
+        return {key: getattr(node, key) for key in type(node).model_fields}
+    return [_as_container(item) for item in node] if isinstance(node, tuple | list) else node
 
 
 def indexed_path(scenario: Table, path: str) -> str:
     """Replace item names in a path by indices, ``aircraft[0].start``; raises ScenarioError for an unknown path."""
-    node: Any = scenario.model_dump(mode="json")
+    node: Any = scenario
     indexed = ""
     for step in _steps(path):
+        node = _as_container(node)
         step_key = _resolve_step(node, step, indexed)
         indexed = f"{indexed}[{step_key}]" if isinstance(step_key, int) else f"{indexed}.{step_key}".removeprefix(".")
         node = node.get(step_key) if isinstance(node, dict) else node[step_key]

@@ -124,6 +124,7 @@ def number(
     default: object = PydanticUndefined,
     *,
     exclusive_minimum: bool = False,
+    omit_default: bool = False,
 ) -> Any:
     """Declare a field for a finite number within a range.
 
@@ -139,11 +140,21 @@ def number(
         None for an optional key; without a default the key is required.
     exclusive_minimum
         Whether the number must exceed `low`.
+    omit_default
+        Whether the default is left out of a dump, so that files without a newer key keep their hash.
     """
     span = f"above {low:.10g} and at most {high:.10g}" if exclusive_minimum else f"from {low:.10g} to {high:.10g}"
     expected = f"a number {span} {unit}".rstrip()
     lower: dict[str, Any] = {"gt": low} if exclusive_minimum else {"ge": low}
-    return Field(default, **lower, le=high, description=description, json_schema_extra=expects(expected, unit))
+    exclude_if = (lambda value: value == default) if omit_default else None
+    return Field(
+        default,
+        **lower,
+        le=high,
+        description=description,
+        json_schema_extra=expects(expected, unit),
+        exclude_if=exclude_if,
+    )
 
 
 def whole_number(description: str, low: int, high: int, default: object = PydanticUndefined) -> Any:
@@ -164,19 +175,32 @@ def literal_options(annotation: object) -> str:
     return next(filter(None, map(literal_options, get_args(annotation))), "")
 
 
-def table(description: str, expected: str, default: object = PydanticUndefined) -> Any:
+def table(description: str, expected: str, default: object = PydanticUndefined, *, omit_default: bool = False) -> Any:
     """Declare a field for a table.
 
-    `expected` is the text of error messages; without a default the table is required.
+    `expected` is the text of error messages; without a default the table is required; `omit_default` as for `number`.
     """
-    return Field(default, description=description, json_schema_extra=expects(expected))
+    exclude_if = (lambda value: value == default) if omit_default else None
+    return Field(default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if)
 
 
-def tables(description: str, expected: str, *, at_least: int, default: object = PydanticUndefined) -> Any:
+def tables(
+    description: str,
+    expected: str,
+    *,
+    at_least: int,
+    default: object = PydanticUndefined,
+    omit_default: bool = False,
+) -> Any:
     """Declare a field for a list of `at_least` or more tables; see `table`."""
     # strict=False: a TOML list is a Python list, not a tuple; the items stay strict
     return Field(
-        default, min_length=at_least, strict=False, description=description, json_schema_extra=expects(expected)
+        default,
+        min_length=at_least,
+        strict=False,
+        description=description,
+        json_schema_extra=expects(expected),
+        exclude_if=(lambda value: value == default) if omit_default else None,
     )
 
 

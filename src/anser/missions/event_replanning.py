@@ -29,7 +29,7 @@ from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest
 from anser.planning.limits import PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.scenario.schema import Scenario
-from anser.scenario.schema_airspace import GOAL_EVENTS, Event
+from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, GOAL_EVENTS, Event
 from anser.shapes import Count, Scalar
 from anser.simulation.flight import Flight, FlightState
 
@@ -161,6 +161,8 @@ def apply_event(
     outcome = functools.partial(EventOutcome, event.time_s, event.kind, subject)
     if event.kind in GOAL_EVENTS:
         return flight, state, outcome(True, "periodic replanning follows the estimated goal")
+    if event.kind == AIRCRAFT_CHANGES:
+        return flight, state, outcome(True, "unknown to autopilot and planner: the plan in force stays")
     on_progress(f"replanning after {event.kind} at {event.time_s:g} s")
     if event.kind == "aircraft-leaves":
         departing = names.index(str(event.aircraft))

@@ -33,7 +33,7 @@ from anser.simulation.precision import Precision, cast_flight, cast_state
 def needs_single_flight(scenario: Scenario) -> bool:
     """Whether a scenario must be flown alone: it stops for searches outside the loop, or its plans vary in size."""
     is_central = scenario.fleet.is_central or user_parts(scenario).planner is not None
-    return bool(scenario.event) or not is_central
+    return bool(scenario.planned_events) or not is_central
 
 
 def _precision_problem(scenario: Scenario, precision: Precision) -> Problem | None:

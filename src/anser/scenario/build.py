@@ -1,8 +1,8 @@
 """Construction of a flight from a scenario, before it is flown.
 
-Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, and stops
-and turns of a goal become part of its motion. The planner's actions at an event are in
-`anser.missions.event_replanning`.
+Events of the scenario enter here too: thrust losses, sensor losses and departures become times in `Faults`, changes of
+an aircraft become `AirframeChanges`, and stops and turns of a goal become part of its motion. The planner's actions at
+an event are in `anser.missions.event_replanning`.
 
 Input units (degrees, altitude upwards) are converted to SI units and to arrays in this module and its neighbours.
 """
@@ -12,7 +12,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from anser.aircraft_files.build import disperse_airframe
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.changes import AirframeChanges
+from anser.aircraft_files.build import build_changes, disperse_airframe
 from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.library import span_of
 from anser.config.tables import Vector, velocity_on_course
@@ -132,11 +134,13 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
     guidance, limits = build_guidance(scenario, [resolved]), build_flight_limits(resolved.limits)
     is_dispersed = aircraft.deviation != Deviation()
     airframe = disperse_airframe(nominal_airframe, aircraft.deviation) if is_dispersed else nominal_airframe
+    changes = _build_changes(scenario, aircraft, airframe)
+    is_nominal = not is_dispersed and changes is None
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
         sensors=build_sensors(scenario),
-        estimator=build_estimator(scenario, goal, nominal_airframe if is_dispersed else None),
+        estimator=build_estimator(scenario, goal, None if is_nominal else nominal_airframe),
         guidance=FollowPlan(guidance),
         controller=InversionAutopilot(gains, limits),
         mission=Mission(
@@ -146,7 +150,20 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
             hold=HoldAroundGoal(guidance, limits, gains.velocity, as_array(scenario.speed_for(aircraft))),
         ),
         faults=build_faults(aircraft, scenario.event),
+        changes=changes,
     )
+
+
+def _build_changes(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAirframe) -> AirframeChanges | None:
+    """Build the changes of one aircraft by the events of the scenario; None without any."""
+    deviations = [
+        (event.time_s, event.deviation)
+        for event in scenario.event
+        if event.deviation is not None and event.aircraft == aircraft.name
+    ]
+    if not deviations:
+        return None
+    return build_changes(airframe, deviations, f"{scenario.name}, changes of {aircraft.label}")
 
 
 def _start(aircraft: Aircraft) -> TrimTarget:

@@ -313,6 +313,22 @@ class Aircraft(Table):
             problems.append(Problem("x_cg_over_c", format_number(self.x_cg_over_c), f"nothing: {expected_reason}"))
         return [*problems, *self._start_problems(), *self._deviation_problems()]
 
+    def change_problems(self, deviation: Deviation) -> list[Problem]:
+        """List keys of a deviation that need a surface or an engine that the aircraft does not have."""
+        file, problems = self.file, []
+        if file is None:  # the F-16 has all; an airframe in code is checked when it is built
+            return []
+        for name in PRIMARY_SURFACES:
+            factor = getattr(deviation.surface_effectiveness, name)
+            if factor != 1.0 and name not in file.surfaces:
+                expected = f"1: {file.name} has the surfaces {', '.join(file.surfaces)}"
+                problems.append(Problem(f"deviation.surface_effectiveness.{name}", format_number(factor), expected))
+        if not file.has_engine and deviation.thrust != 1.0:
+            problems.append(
+                Problem("deviation.thrust", format_number(deviation.thrust), f"1: {file.name} has no engine")
+            )
+        return problems
+
     def _start_problems(self) -> list[Problem]:
         problems, data_range = [], self.range
         for key, bounds, unit in (
@@ -342,11 +358,7 @@ class Aircraft(Table):
         problems = [
             Problem(f"deviation.coefficients.{key}", format_number(getattr(factors, key)), expected) for key in unknown
         ]
-        if file is not None and not file.has_engine and self.deviation.thrust != 1.0:
-            problems.append(
-                Problem("deviation.thrust", format_number(self.deviation.thrust), f"1: {file.name} has no engine")
-            )
-        return problems
+        return [*problems, *self.change_problems(self.deviation)]
 
 
 def _factor_names(file: AirframeFile | DaveMlFile) -> tuple[str, ...]:

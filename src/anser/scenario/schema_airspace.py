@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from anser.aircraft_files.deviations import CoefficientFactors, Deviation
 from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S
 from anser.config.errors import Problem, format_number, format_value
 from anser.config.tables import (
@@ -119,10 +120,13 @@ class KeepOut(Table):
 
 GOAL_EVENTS = ("goal-sensor-lost", "goal-stops", "goal-turns")
 """Events that change only a goal's motion or the estimate of it; periodic replanning follows the estimate."""
+AIRCRAFT_CHANGES = "aircraft-changes"
+"""Event that changes an aircraft without the knowledge of its autopilot and the planner: nothing is replanned."""
 _REQUIRED_KEYS: dict[str, tuple[str, ...]] = {
     "aircraft-leaves": ("aircraft",),
     "goal-sensor-lost": ("aircraft",),
     "thrust-lost": ("aircraft", "thrust_left"),
+    AIRCRAFT_CHANGES: ("aircraft", "deviation"),
     "goal-stops": ("goal",),
     "goal-turns": ("goal", "course_deg"),
     "keep-out-appears": ("keep_out",),
@@ -142,6 +146,7 @@ class Event(Table):
         "aircraft-leaves",
         "goal-sensor-lost",
         "thrust-lost",
+        "aircraft-changes",
         "goal-stops",
         "goal-turns",
         "keep-out-appears",
@@ -150,6 +155,13 @@ class Event(Table):
     aircraft: str | None = identifier("aircraft concerned", "the name of an aircraft", None)
     goal: str | None = identifier("goal concerned", "the name of a goal", None)
     thrust_left: float | None = number("fraction of the thrust that is left", 0, 1, "", None)
+    deviation: Deviation | None = table(
+        "deviation of the aircraft from then on, from its state until then (factors multiply, shifts add); unknown to "
+        "autopilot and planner",
+        "a table as of [aircraft.deviation], without coefficients",
+        None,
+        omit_default=True,
+    )
     course_deg: float | None = number(
         "new course: of a goal over the ground; of an aircraft that leaves, through the air (left out: the least turn "
         "that keeps clear of the others)",
@@ -185,4 +197,7 @@ class Event(Table):
             if value is not None:
                 arrived = f'{format_value(value)} with kind "{self.kind}"'
                 problems.append(Problem(key, arrived, f"no {key}; that kind knows {', '.join(allowed)}"))
+        if self.deviation is not None and self.deviation.coefficients != CoefficientFactors():
+            expected = "none: coefficients deviate from the start on, in aircraft.deviation.coefficients"
+            problems.append(Problem("deviation.coefficients", "a table", expected))
         return problems

@@ -10,6 +10,7 @@ from anser.config.errors import Problem, format_number, format_value, quoted_lis
 from anser.config.tables import Table, ordering_problems
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, STANDARD_GRAVITY_M_S2, SURFACE_STAND_OFF_MIN_M
 from anser.scenario.schema_aircraft import Aircraft
+from anser.scenario.schema_airspace import AIRCRAFT_CHANGES
 from anser.scenario.schema_sensing import goal_sigma_m
 from anser.scenario.schema_settings import Limits, Network, greatest_rate_range, is_multiple, multiple_message
 from anser.scenario.schema_tables import ScenarioTables
@@ -21,7 +22,7 @@ _SCOPE = "this is the scope of anser: a rendezvous is never the goal itself"
 _CERTIFIED_LIMITS = ("altitude_max_m", "roll_rate_max_deg_s", "acceleration_max_m_s2", "deceleration_max_m_s2")
 _CERTIFIED_AIRCRAFT_KEYS = ("speed_m_s", "arrive_s", "arrive_from_s", "arrive_to_s")
 _DECENTRALISED_RULES = ("together", "at", "times", "sequence")
-_DECENTRALISED_EVENTS = ("goal-sensor-lost", "thrust-lost", "goal-stops", "goal-turns")
+_DECENTRALISED_EVENTS = ("goal-sensor-lost", "thrust-lost", AIRCRAFT_CHANGES, "goal-stops", "goal-turns")
 
 
 def order_problems(scenario: ScenarioTables) -> list[Problem]:
@@ -294,9 +295,9 @@ def sensing_problems(scenario: ScenarioTables) -> list[Problem]:
 def event_problems(scenario: ScenarioTables) -> list[Problem]:
     """List events with unknown names, after the end of the flight, or without support by the planner."""
     events, duration_s, problems = scenario.event, scenario.timing.duration_s, []
-    if events and scenario.fleet.planner == "published":
+    if scenario.planned_events and scenario.fleet.planner == "published":
         expected = 'no events, or fleet.planner = "certified": only that planner plans on after them'
-        return [Problem("event", f'{len(events)} with fleet.planner = "published"', expected)]
+        return [Problem("event", f'{len(scenario.planned_events)} with fleet.planner = "published"', expected)]
     departures: dict[str, int] = {}
     for index, event in enumerate(events):
         path = f"event[{index}]"
@@ -313,6 +314,13 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
                 arrived = f'"{event.aircraft}", which leaves by event[{departures[event.aircraft]}] already'
                 problems.append(Problem(f"{path}.aircraft", arrived, "an aircraft that has not left"))
             departures[event.aircraft] = index
+        if event.deviation is not None:
+            changed = [aircraft for aircraft in scenario.aircraft if aircraft.name == event.aircraft]
+            problems += [
+                Problem(f"{path}.{problem.path}", problem.arrived, problem.expected, aircraft.label)
+                for aircraft in changed
+                for problem in aircraft.change_problems(event.deviation)
+            ]
     return problems
 
 

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
 from anser.scenario.schema_aircraft import Aircraft, Goal
-from anser.scenario.schema_airspace import Arrival, Event, KeepOut, Separation
+from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, Arrival, Event, KeepOut, Separation
 from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Parts, Requirements, Timing
@@ -74,6 +74,11 @@ class ScenarioTables(Table):
         json_schema_extra=expects("a table [parts]"),
         exclude_if=lambda parts: parts is None,  # scenarios without user-defined parts keep their hash
     )
+
+    @property
+    def planned_events(self) -> tuple[Event, ...]:
+        """Events to which the planner responds: all but changes of an aircraft, which nobody knows."""
+        return tuple(event for event in self.event if event.kind != AIRCRAFT_CHANGES)
 
     @property
     def is_random(self) -> bool:

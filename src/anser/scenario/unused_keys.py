@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from anser.aircraft_files.deviations import Deviation
 from anser.config.errors import Problem, format_number, format_value, quoted_list
 from anser.config.tables import Table
 from anser.scenario.schema import Scenario
@@ -159,6 +160,9 @@ def _unused_event_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
         path = f"event[{index}]"
         if event.kind == "thrust-lost" and event.thrust_left == 1.0:
             yield UnusedKeys(path, event, ("thrust_left",), "for a loss of thrust", "less than 1")
+        if event.deviation == Deviation():
+            remedy = "a key that deviates, such as deviation = { drag = 1.2 }"
+            yield UnusedKeys(path, event, ("deviation",), "without a deviation", remedy, is_whole=True)
         if event.kind == "aircraft-leaves" and scenario.arrival.rule != "sequence":
             cause = f'with arrival.rule "{scenario.arrival.rule}"'
             yield UnusedKeys(path, event, ("gaps",), cause, 'arrival.rule = "sequence"')

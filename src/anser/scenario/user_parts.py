@@ -65,8 +65,8 @@ class UserParts:
             return self
         problems: list[Problem] = []
         aircraft_names = [aircraft.name for aircraft in scenario.aircraft]
-        if self.planner is not None and scenario.event:
-            arrived = f"a user-defined planner with {len(scenario.event)} events"
+        if self.planner is not None and scenario.planned_events:
+            arrived = f"a user-defined planner with {len(scenario.planned_events)} events"
             expected = "no events, or no user-defined planner: only the package's planners plan on after events"
             problems.append(Problem("parts.planner", arrived, expected))
 

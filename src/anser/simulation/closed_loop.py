@@ -84,10 +84,11 @@ class Perception(eqx.Module):
 def true_situation(vehicle: Vehicle, state: AircraftState, instant: Instant, gusts: Any, flow: AirFlow) -> Truth:
     """Return the truth that the sensors measure: aircraft, air data, goal and disturbances at an instant."""
     time = instant.time
-    disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.faults.thrust(time))
-    condition = flight_condition(vehicle.airframe, instant.environment, time, state, disturbance=disturbance)
+    airframe = vehicle.airframe_at(time)
+    disturbance = Disturbance(vehicle.gusts.at(gusts, flow), vehicle.thrust_at(time))
+    condition = flight_condition(airframe, instant.environment, time, state, disturbance=disturbance)
     goal = None if vehicle.mission is None else vehicle.mission.goal_at(time)
-    return Truth(vehicle.airframe, state, condition, goal, vehicle.faults.goal_sensor_works(time), disturbance)
+    return Truth(airframe, state, condition, goal, vehicle.faults.goal_sensor_works(time), disturbance)
 
 
 def air_flow(state: AircraftState, instant: Instant) -> AirFlow:
@@ -195,8 +196,9 @@ def act(
         status=state.status if plan is None else plan_status(state.status, plan.status),
         flow=None if isinstance(vehicle.gusts, NoGusts) else perception.flow,
     )
+    airframe = vehicle.airframe_at(instant.time)
     aircraft = advance(
-        vehicle.airframe, instant.environment, instant.time, state.aircraft, controls, instant.step, truth.disturbance
+        airframe, instant.environment, instant.time, state.aircraft, controls, instant.step, truth.disturbance
     )
     gusts = vehicle.gusts.advance(state.gusts, _gust_normals(vehicle, instant), perception.flow, instant.step)
     part_states = perception.sensors, perception.estimator, guidance, controller, gusts

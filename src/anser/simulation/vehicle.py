@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from anser.aircraft.air_data import Disturbance
 from anser.aircraft.airframe import AbstractAirframe, Controls
+from anser.aircraft.changes import AirframeChanges, changed_airframe
 from anser.aircraft.motion import AnyMotionState, MotionState, motion_derivative
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, SURFACE_STAND_OFF_MIN_M
 from anser.environment.environment import Environment
@@ -128,7 +129,7 @@ class Vehicle(eqx.Module):
     Attributes
     ----------
     airframe
-        The true airframe.
+        The true airframe, as at the start.
     sensors, estimator
         Sensors measure the truth; the estimator computes the aircraft's belief from the readings.
     guidance
@@ -141,6 +142,8 @@ class Vehicle(eqx.Module):
         Gusts in addition to the mean wind.
     faults
         Thrust loss, sensor failure and departure, by time.
+    changes
+        Changes of the true airframe during the flight, unknown to estimator and controller; None: no changes.
     """
 
     airframe: AbstractAirframe
@@ -151,6 +154,16 @@ class Vehicle(eqx.Module):
     mission: Mission | None = None
     gusts: AbstractGusts = eqx.field(default_factory=NoGusts)
     faults: Faults = eqx.field(default_factory=no_faults)
+    changes: AirframeChanges | None = None
+
+    def airframe_at(self, time: ScalarLike) -> AbstractAirframe:
+        """Return the true airframe at a time, s."""
+        return self.airframe if self.changes is None else changed_airframe(self.airframe, self.changes.at(time))
+
+    def thrust_at(self, time: ScalarLike) -> Scalar:
+        """Return the fraction of the thrust that is available at a time, s."""
+        thrust = self.faults.thrust(time)
+        return thrust if self.changes is None else thrust * self.changes.at(time).thrust
 
 
 class VehicleState(eqx.Module):

@@ -1,6 +1,7 @@
 """Simulated flight of one aircraft: open loop under given controls, or with a controller under given commands."""
 
 import dataclasses
+import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.changes import AirframeChanges
 from anser.aircraft.engines import InstantEngine
 from anser.aircraft.motion import flight_condition
 from anser.analysis.trim_points import resolve_airframe
@@ -41,6 +43,7 @@ from anser.simulation.open_loop import (
 from anser.simulation.recorders import History
 from anser.simulation.vehicle import Vehicle
 from anser.single_aircraft.air import Air, read_air
+from anser.single_aircraft.changes import read_changes
 from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
 from anser.single_aircraft.starts import air_path, reference_inputs, resolve_start
 from anser.steady.trim import TrimPoint
@@ -138,6 +141,7 @@ def simulate(
     turbulence: str | Mapping[str, Any] | None = None,
     gust: Sequence[Mapping[str, Any]] = (),
     earth: str | Mapping[str, Any] | None = None,
+    change: Mapping[str, Any] | Sequence[Mapping[str, Any]] = (),
     seed: int = 0,
     actuator_lag: bool = True,
     engine_lag: bool = True,
@@ -170,10 +174,13 @@ def simulate(
         Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each like a control; or a guidance.
         Left out: those of the start.
     sensors, estimator
-        Parts between the truth and the controller; None: ideal.
+        Parts between the truth and the controller; None: ideal, with forces and moments of the unchanged aircraft.
     wind, turbulence, gust, earth
         Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`.
         None: still air, a flat Earth with standard gravity.
+    change
+        Change of the true aircraft during the flight, unknown to its controller, as of an event of a scenario:
+        `{"time_s": 20, "surface_effectiveness": {"elevator": 0.5}, "cg_shift": 0.05}`; or several.
     seed
         Seed of turbulence and sensor errors.
     actuator_lag, engine_lag
@@ -208,12 +215,15 @@ def simulate(
     )
     guidance = _guidance(environment, point, command, time_s, count, controller)
     gusts = _gusts(air, airframe)
+    changes = read_changes(airframe, change)
+    if estimator is None:
+        estimator = DirectEstimator() if changes is None else DirectEstimator(model=airframe)
     history = _fly(
         airframe,
         environment,
         gusts,
         IdealSensors() if sensors is None else sensors,
-        DirectEstimator() if estimator is None else estimator,
+        estimator,
         guidance,
         flight_controller,
         point,
@@ -221,6 +231,7 @@ def simulate(
         flight_randomness(seed),
         History(stride=stride),
         count,
+        changes,
     )
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     attributes = {
@@ -232,6 +243,7 @@ def simulate(
         "seed": seed,
         "air": air.describe(),
         "air_tables": air.model_dump_json(),
+        **({} if changes is None else {"change": json.dumps(change)}),
         **version_attributes(),
     }
     return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))
@@ -251,8 +263,9 @@ def _fly(
     randomness: AbstractRandomness,
     recorder: History,
     count: int,
+    changes: AirframeChanges | None = None,
 ) -> dict[str, Array]:
-    vehicle = Vehicle(airframe, sensors, estimator, guidance, controller, gusts=gusts)
+    vehicle = Vehicle(airframe, sensors, estimator, guidance, controller, gusts=gusts, changes=changes)
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step, randomness)
     state = trimmed_vehicle(vehicle, instant, start)
     return fly_alone(vehicle, environment, state, step, count, recorder, randomness)[2]

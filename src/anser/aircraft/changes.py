@@ -1,0 +1,159 @@
+"""Changed aircraft: effectiveness of surfaces, drag, lift, mass, actuators and centre of gravity differ by factors.
+
+The change of an aircraft during the flight (fault, ice, shifted load) is a function of time; the constant change of an
+aircraft is one from the start on. A changed airframe wraps any other airframe by the interface `AbstractAirframe`.
+"""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft.actuators import AbstractActuators
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.dispersions import dispersed_mass
+from anser.aircraft.engines import AbstractEngine
+from anser.numerics.linear import cross
+from anser.shapes import Flag, Scalar, ScalarLike, Vector, Vector3
+
+
+class AirframeChange(eqx.Module):
+    """Factors on properties of an airframe, and a shift of its centre of gravity; factors of 1 and a shift of 0: none.
+
+    Attributes
+    ----------
+    surface_effectiveness
+        Factor on the deflection of each surface as the air meets it; the actuators and their stops are unchanged.
+    drag, lift_slope
+        Factors on drag and lift (by the same zero-lift angle of attack, on the lift slope), in axes turned by the angle
+        of attack alone. The moments about the centre of gravity are unchanged.
+    thrust
+        Factor on force and moment of the engine; the simulation applies this one by the disturbance of a flight.
+    mass, second_moments, actuator_bandwidth
+        See `anser.aircraft.dispersions.BodyDispersion`.
+    cg_shift
+        Shift of the centre of gravity, fraction of the mean chord, positive aft.
+    """
+
+    surface_effectiveness: Vector
+    drag: Scalar
+    lift_slope: Scalar
+    thrust: Scalar
+    mass: Scalar
+    second_moments: Vector3
+    actuator_bandwidth: Scalar
+    cg_shift: Scalar
+
+
+class AirframeChanges(eqx.Module):
+    """Changes of an aircraft during the flight, each from its time on: factors multiply, shifts add.
+
+    Attributes
+    ----------
+    times
+        Time of each change, s.
+    changes
+        The changes, with a leading axis.
+    """
+
+    times: Float[Array, " changes"]
+    changes: AirframeChange
+
+    def at(self, time: ScalarLike) -> AirframeChange:
+        """Return the change in force at a time, s."""
+        is_active = jnp.asarray(time) >= self.times
+
+        def total(values: Array) -> Array:
+            mask = is_active.reshape(-1, *[1] * (values.ndim - 1))
+            return jnp.prod(jnp.where(mask, values, 1.0), axis=0)
+
+        shift = jnp.sum(jnp.where(is_active, self.changes.cg_shift, 0.0))
+        return eqx.tree_at(lambda c: c.cg_shift, jax.tree.map(total, self.changes), shift)
+
+
+class ChangedAirframe(AbstractAirframe):
+    """An airframe with a change; the thrust of the change is left to the caller."""
+
+    airframe: AbstractAirframe  #: The airframe without the change.
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    engine: AbstractEngine
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
+    surface_effectiveness: Vector
+    drag: Scalar
+    lift_slope: Scalar
+    shift_b: Vector3  #: Former centre of gravity relative to the new one, m.
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the side force of the airframe is zero without sideslip, rates and deflections."""
+        return self.airframe.symmetric
+
+    @property
+    def span(self) -> Any:
+        """Wing span, m, of an airframe that defines it."""
+        return self.airframe.span  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def wing_area(self) -> Any:
+        """Wing area, m^2, of an airframe that defines it."""
+        return self.airframe.wing_area  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def mean_chord(self) -> Any:
+        """Mean chord, m, of an airframe that defines it."""
+        return self.airframe.mean_chord  # pyright: ignore[reportAttributeAccessIssue]
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Compute the force (N) and the moment about the shifted centre of gravity (N m), body axes.
+
+        Drag and lift are D = -(X cos(alpha) + Z sin(alpha)) and L = X sin(alpha) - Z cos(alpha).
+        """
+        wrench = self.airframe.aerodynamics(air_data, rates_b, surfaces * self.surface_effectiveness)
+        X, _, Z = wrench.force_b
+        sine, cosine = jnp.sin(air_data.alpha), jnp.cos(air_data.alpha)
+        less_drag = (self.drag - 1.0) * (X * cosine + Z * sine)
+        more_lift = (self.lift_slope - 1.0) * (X * sine - Z * cosine)
+        added_b = jnp.stack(
+            [cosine * less_drag + sine * more_lift, jnp.zeros_like(X), sine * less_drag - cosine * more_lift]
+        )
+        force_b = wrench.force_b + added_b
+        return Wrench(force_b, wrench.moment_b + cross(self.shift_b, force_b))
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the flight condition is outside the valid range of the airframe's data."""
+        return self.airframe.outside_tables(air_data)
+
+
+def changed_airframe(airframe: AbstractAirframe, change: AirframeChange) -> ChangedAirframe:
+    """Return an airframe with a change in force.
+
+    Raises
+    ------
+    ValueError
+        The number of surfaces differs.
+    """
+    count = len(airframe.actuators.names)
+    if change.surface_effectiveness.shape != (count,):
+        raise ValueError(
+            f"surface_effectiveness: arrived shape {change.surface_effectiveness.shape}; expected ({count},), a factor "
+            f"for each of {', '.join(airframe.actuators.names)}"
+        )
+    forward = change.cg_shift * getattr(airframe, "mean_chord", 0.0)
+    shift_b = jnp.stack([forward, *jnp.zeros(2, forward.dtype)])
+    return ChangedAirframe(
+        airframe=airframe,
+        mass_properties=dispersed_mass(airframe.mass_properties, change.mass, change.second_moments),
+        actuators=airframe.actuators.with_bandwidth_scaled(change.actuator_bandwidth),
+        engine=airframe.engine.with_point_shifted(shift_b),
+        alpha_range=airframe.alpha_range,
+        beta_range=airframe.beta_range,
+        surface_effectiveness=change.surface_effectiveness,
+        drag=change.drag,
+        lift_slope=change.lift_slope,
+        shift_b=shift_b,
+    )

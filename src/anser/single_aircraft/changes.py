@@ -1,0 +1,51 @@
+"""Changes of an aircraft during the flight of one aircraft, in the keys of a scenario's event."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import ValidationError
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.changes import AirframeChanges
+from anser.aircraft_files.build import build_changes
+from anser.aircraft_files.deviations import CoefficientFactors, Deviation
+from anser.config.errors import Problem, ScenarioError
+from anser.config.tables import Table, number, tables
+from anser.config.validation_messages import validation_problems
+from anser.scenario.schema_settings import DURATION_MAX_S
+
+
+class Change(Deviation):
+    """Deviation of an aircraft from a time on."""
+
+    time_s: float = number("time of the change", 0, DURATION_MAX_S, "s")
+
+    def consistency_problems(self) -> list[Problem]:
+        """List factors on coefficients, which cannot change during the flight."""
+        if self.coefficients == CoefficientFactors():
+            return []
+        return [Problem("coefficients", "a table", "none: coefficients do not change during the flight")]
+
+
+class _Changes(Table):
+    change: tuple[Change, ...] = tables("changes of the aircraft", "a list of tables", at_least=0, default=())
+
+
+def read_changes(
+    airframe: AbstractAirframe, change: Mapping[str, Any] | Sequence[Mapping[str, Any]]
+) -> AirframeChanges | None:
+    """Validate changes of an aircraft and build them for the flight; None without any.
+
+    Raises
+    ------
+    ScenarioError
+        A change is not valid; the message names the key, the value that arrived and the values expected.
+    """
+    values = {"change": (change,) if isinstance(change, Mapping) else tuple(change)}
+    try:
+        changes = _Changes.model_validate(values).change
+    except ValidationError as error:
+        raise ScenarioError("change of the aircraft", validation_problems(error, _Changes, values)) from None
+    if not changes:
+        return None
+    return build_changes(airframe, [(item.time_s, item) for item in changes], "change of the aircraft")
