@@ -17,6 +17,7 @@ from anser.units import RAD_DEG
 __all__ = [
     "CATALOGUE",
     "DERIVED_KEYS",
+    "MEASUREMENT_VARIABLES",
     "OPTIONAL_KEYS",
     "PLAN_VARIABLES",
     "RECORDED_KEYS",
@@ -332,6 +333,13 @@ PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),
 )
 """Variables that plans contain and that no flight records."""
+
+MEASUREMENT_VARIABLES: tuple[Variable, ...] = (
+    _variable("specific_force_x", "m_s2", _BODY, "f_x", "Specific force along body x, from an accelerometer"),
+    _variable("specific_force_y", "m_s2", _BODY, "f_y", "Specific force along body y, from an accelerometer"),
+    _variable("specific_force_z", "m_s2", _BODY, "f_z", "Specific force along body z, from an accelerometer"),
+)
+"""Variables that flight-test recordings contain and that no simulated flight records; at rest f_z is -9.8 m/s^2."""
 
 SHAPE_VARIABLES: tuple[Variable, ...] = (
     _variable("lateral_shape", "m_s4", _NED, "b_4", "Lateral shape parameter"),

@@ -1,0 +1,188 @@
+"""Alignment of a record's channels in time, and detection of wrong units, by the kinematics of flight."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from anser.identification.kinematics import RATES, implied_rates, with_specific_force
+from anser.identification.records import FlightRecord
+from anser.identification.smoothing import integrate, noise_level, smooth
+from anser.units import FOOT_M, KNOT_M_S, RAD_DEG
+from anser.variables import catalogue
+
+DELAY_MAX_S = 0.5
+"""Longest delay that is searched, s."""
+_FIT_MIN = 0.8
+"""Share of a channel's variation that kinematics must explain before the channel is judged."""
+_FIT_OF_ALTITUDE = 0.98
+_SIGNIFICANCE = 5.0
+"""Delay, in standard errors, that is corrected."""
+_UNIT_TOLERANCE = 0.2
+_FACTORS = {
+    "radians that are declared as degrees": RAD_DEG,
+    "degrees that are declared as radians": 1.0 / RAD_DEG,
+    "feet that are declared as metres": FOOT_M,
+    "metres that are declared as feet": 1.0 / FOOT_M,
+    "knots that are declared as m/s": KNOT_M_S,
+    "the opposite sign": -1.0,
+}
+"""Factor of kinematics on a channel whose declared unit is wrong."""
+_COMPARED = ("pitch", "roll", "alpha", "beta", "airspeed")
+
+
+class ChannelMatch(NamedTuple):
+    """A channel against the integral of its derivative from kinematics."""
+
+    factor: float  # of the channel's variation to become that of the kinematics; 1 for consistent units
+    delay_s: float  # of the channel behind the kinematics, s
+    delay_error_s: float  # standard error of the delay, s
+    fit: float  # share of the channel's variation that is explained, 0..1
+
+
+def match_channel(
+    measured: Float[np.ndarray, " sample"],
+    integral: Float[np.ndarray, " sample"],
+    step_s: float,
+    delay_max_s: float = DELAY_MAX_S,
+) -> ChannelMatch:
+    """Find factor and delay of a channel: measured(t) = c0 + c1 t + c2 t^2 + integral(t - delay) / factor.
+
+    The polynomial absorbs the drift from biases of inertial sensors. The delay minimizes the sum of squares over whole
+    samples, refined by a parabola.
+    """
+    shift_max = min(round(delay_max_s / step_s), (measured.size - 1) // 4)
+    count = measured.size - 2 * shift_max
+    windows = np.lib.stride_tricks.sliding_window_view(integral, count)[::-1]  # rows: delay -max .. max
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, count), 3))[0]
+    return _match_windows(measured[shift_max : shift_max + count], windows, basis, step_s)
+
+
+def _match_windows(
+    values: Float[np.ndarray, " sample"],
+    windows: Float[np.ndarray, "delay sample"],
+    basis: Float[np.ndarray, "sample column"],
+    step_s: float,
+) -> ChannelMatch:
+    """Match values with one of several windows, beside any combination of the columns of an orthonormal basis."""
+    y = values - basis @ (basis.T @ values)
+    Y = windows - (windows @ basis) @ basis.T
+    products, powers = Y @ y, np.sum(Y**2, axis=1)
+    total = max(float(y @ y), 1e-300)
+    # Windows that the basis reproduces explain nothing.
+    usable = powers > 1e-6 * np.sum((windows - windows.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    explained = np.where(usable, products**2 / np.maximum(powers, 1e-300), 0.0)
+    best = int(np.argmax(explained))
+    centre = (len(windows) - 1) // 2
+    factor = float(powers[best] / products[best]) if products[best] != 0.0 else np.inf
+    fit = float(explained[best]) / total
+    if not 0 < best < len(windows) - 1:
+        return ChannelMatch(factor, (best - centre) * step_s, np.inf, fit)
+    before, at, after = explained[best - 1 : best + 2]
+    curvature = before - 2.0 * at + after
+    if curvature >= 0.0:
+        return ChannelMatch(factor, (best - centre) * step_s, np.inf, fit)
+    peak = at - 0.125 * (before - after) ** 2 / curvature
+    variance = max(total - float(peak), 0.0) / (values.size - basis.shape[1] - 2)
+    delay = (best - centre + 0.5 * (before - after) / curvature) * step_s
+    return ChannelMatch(factor, float(delay), float(np.sqrt(2.0 * variance / -curvature)) * step_s, fit)
+
+
+def align_record(record: FlightRecord, delay_max_s: float = DELAY_MAX_S) -> FlightRecord:
+    """Return the record with constant delays of its channels removed, with a note for each.
+
+    Flow angles, airspeed and attitude are compared with the integrals of the body rates and specific forces, surfaces
+    with the angular acceleration. Channels are shifted by interpolation, and the ends are cut.
+
+    Raises
+    ------
+    ValueError
+        A channel contradicts the kinematics by the factor of a wrong unit or sign, or a delay is longer than
+        `delay_max_s`.
+    """
+    if not all(key in record for key in RATES):
+        return record
+    names = {variable.key: variable.name for variable in catalogue(record.surfaces)}
+    try:
+        inertial = with_specific_force(record)
+    except ValueError:
+        inertial = record  # without forces, attitude alone is compared
+    matches = {}
+    for key, rate in implied_rates(inertial).items():
+        if key in _COMPARED:
+            match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
+            if match.fit >= _FIT_MIN:
+                _refuse_unit(names[key], match.factor)
+                matches[key] = match
+        elif key == "altitude":  # errors of the path angle add up in the altitude: no delay follows from it
+            match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
+            if match.fit >= _FIT_OF_ALTITUDE:
+                _refuse_unit(f"{names[key]} or {names['airspeed']}", match.factor)
+    matches |= _surface_matches(record, delay_max_s)
+    delays = {}
+    for key, match in matches.items():
+        if np.isinf(match.delay_error_s):
+            raise ValueError(
+                f"record: arrived {names[key]} with a delay of {delay_max_s:g} s or more; expected less, or "
+                "the channel shifted before"
+            )
+        threshold = record.step_s if key in record.surfaces else 0.25 * record.step_s
+        if abs(match.delay_s) > max(threshold, _SIGNIFICANCE * match.delay_error_s):
+            delays[key] = match.delay_s
+    return _shifted(record, delays, names)
+
+
+def _refuse_unit(name: str, factor: float) -> None:
+    for text, expected in _FACTORS.items():
+        if abs(factor / expected - 1.0) < _UNIT_TOLERANCE:
+            raise ValueError(
+                f"record: arrived {name} with values that kinematics multiplies by {factor:.3g}: {text}; expected the "
+                'unit of the name, or a map with the unit, such as { column = "AOA", unit = "rad" }'
+            )
+
+
+def _surface_matches(record: FlightRecord, delay_max_s: float) -> dict[str, ChannelMatch]:
+    """Match each surface with the angular acceleration that it moves most, beside flow angles and rates."""
+    present = [key for key in ("alpha", "beta", *RATES) if key in record]
+    moving = [
+        name for name in record.surfaces if name in record and np.ptp(record[name]) > 20.0 * noise_level(record[name])
+    ]
+    accelerations = smooth(record.stack(*RATES), record.step_s).rate
+    matches = {}
+    for name in moving:
+        remaining = [record[other] for other in moving if other != name]
+        basis = _basis(np.stack([np.ones(record.time_s.size), *(record[key] for key in present), *remaining]))
+        candidates = [_match_surface(record[name], row, basis, record.step_s, delay_max_s) for row in accelerations]
+        match = max(candidates, key=lambda candidate: candidate.fit)
+        if match.fit >= _FIT_MIN:
+            matches[name] = match
+    return matches
+
+
+def _basis(rows: Float[np.ndarray, "row sample"]) -> Float[np.ndarray, "sample row"]:
+    return np.linalg.qr(rows.T)[0]
+
+
+def _match_surface(
+    surface: np.ndarray, acceleration: np.ndarray, basis: np.ndarray, step_s: float, delay_max_s: float
+) -> ChannelMatch:
+    """Match a surface: the acceleration less its part along the basis is proportional to the surface at t + delay."""
+    shift_max = min(round(delay_max_s / step_s), (surface.size - 1) // 4)
+    count = surface.size - 2 * shift_max
+    inner = slice(shift_max, shift_max + count)
+    windows = np.lib.stride_tricks.sliding_window_view(surface, count)  # rows: delay -max .. max
+    return _match_windows(acceleration[inner], windows, _basis(basis[inner].T), step_s)
+
+
+def _shifted(record: FlightRecord, delays: dict[str, float], names: dict[str, str]) -> FlightRecord:
+    if not delays:
+        return record
+    time_s = record.time_s
+    channels = {key: np.interp(time_s + delay, time_s, record[key]) for key, delay in delays.items()}
+    notes = [
+        f"{names[key]} {'lags' if delay > 0.0 else 'leads'} by {abs(delay):.3f} s and is shifted."
+        for key, delay in delays.items()
+    ]
+    start = time_s[0] + max(0.0, *(-delay for delay in delays.values()))
+    end = time_s[-1] - max(0.0, *delays.values())
+    return record.with_channels(notes, **channels).window(start, end)

@@ -1,0 +1,234 @@
+"""Aerodynamic coefficients along a record, from specific forces, body rates, mass properties and thrust."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from anser.aircraft.air_data import AirData
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.engines import NoEngine
+from anser.aircraft.motion import moment_for_acceleration
+from anser.compiling.options import compiled_quickly
+from anser.environment.atmosphere import StandardAtmosphere
+from anser.identification.kinematics import RATES, SPECIFIC_FORCE, with_specific_force
+from anser.identification.records import FlightRecord
+from anser.identification.smoothing import smooth
+from anser.numerics.arrays import as_array, bucket_size, pad_to_multiple
+from anser.results.variable_labels import unit_attributes
+from anser.shapes import Scalar
+
+COEFFICIENT_NAMES: tuple[str, ...] = ("CL", "CD", "CY", "Cl", "Cm", "Cn", "CX", "CZ")
+"""Lift, drag (turned from body axes by alpha alone), side force; moments of roll, pitch, yaw; forces in body axes."""
+_INERTIAL_RATES = ("inertial_roll_rate", "inertial_pitch_rate", "inertial_yaw_rate")
+_QBAR = 4
+"""Index of the dynamic pressure in the air data."""
+_ROWS = 512
+
+
+class ReferenceLengths(eqx.Module):
+    """Wing span (m), wing area (m^2) and mean chord (m) of coefficients."""
+
+    span: Scalar
+    area: Scalar
+    chord: Scalar
+
+
+@dataclasses.dataclass(frozen=True)
+class CoefficientHistory:
+    """Non-dimensional coefficients and rates along a record.
+
+    Attributes
+    ----------
+    coefficients
+        Values by the names of `COEFFICIENT_NAMES`; the moments refer to the reference point.
+    arguments
+        Values by the endings of derivatives: `alpha`, `beta` (rad), `p`, `q`, `r` (p b/2V, q c/2V, r b/2V), and the
+        surfaces (rad).
+    air
+        Air data, in the order of the fields of `AirData`.
+    record
+        Record with the specific force at the centre of gravity.
+    """
+
+    coefficients: dict[str, Float[np.ndarray, " sample"]]
+    arguments: dict[str, Float[np.ndarray, " sample"]]
+    air: Float[np.ndarray, "7 sample"]
+    record: FlightRecord
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Coefficients and arguments over `time`; angles in rad."""
+        data: dict[str, Any] = {
+            name: ("time", values, unit_attributes("1", f"Coefficient {name}"))
+            for name, values in self.coefficients.items()
+        }
+        for name, values in self.arguments.items():
+            unit = "1" if name in ("p", "q", "r") else "rad"
+            data[name] = ("time", values, unit_attributes(unit, f"Argument {name}"))
+        return xr.Dataset(data, {"time": ("time", self.record.time_s, unit_attributes("s", "Time"))})
+
+
+def compute_coefficients(
+    record: FlightRecord,
+    airframe: AbstractAirframe,
+    *,
+    accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> CoefficientHistory:
+    """Compute the coefficients of the aerodynamic forces and moments along a record.
+
+    Force: m f less the thrust; moment: J w' + w x (J w + h) less that of the engine, with mass properties, spin
+    momentum and engine of the airframe. The angular acceleration is the derivative of the smoothed body rates. Source:
+    V. Klein and E. A. Morelli, *Aircraft System Identification* (2006), section 5.2.
+
+    Parameters
+    ----------
+    record
+        Record with airspeed, alpha, body rates, specific force or velocity, and engine power or thrust; sideslip left
+        out is zero.
+    airframe
+        Aircraft, of which mass properties, reference lengths and engine are used, not the aerodynamics.
+    accelerometer_m
+        Position of the accelerometers relative to the centre of gravity, body axes, m.
+    reference_m
+        Reference point of the moment coefficients relative to the centre of gravity, body axes, m.
+
+    Raises
+    ------
+    ValueError
+        The record lacks a channel.
+    """
+    record = with_specific_force(record, accelerometer_m)
+    record = record if "beta" in record else record.with_channels(beta=np.zeros_like(record["alpha"]))
+    motion = _evaluate(record, airframe)
+    force_b = float(airframe.mass_properties.mass) * record.stack(*SPECIFIC_FORCE) - motion.thrust_b
+    moment_b = motion.moment_b - motion.engine_moment_b
+    moment_b = moment_b - np.cross(np.asarray(reference_m, dtype=float)[:, None], force_b, axis=0)
+    lengths = reference_lengths(airframe)
+    scale = motion.air[_QBAR] * float(lengths.area)
+    CX, CY, CZ = force_b / scale
+    Cl, Cm, Cn = moment_b / scale / np.array([[lengths.span], [lengths.chord], [lengths.span]], dtype=float)
+    sa, ca = np.sin(record["alpha"]), np.cos(record["alpha"])
+    values = (CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn, CX, CZ)
+    coefficients = dict(zip(COEFFICIENT_NAMES, values, strict=True))
+    return CoefficientHistory(coefficients, _arguments(record, lengths), motion.air, record)
+
+
+class _Motion(NamedTuple):
+    """Air data (rows: fields of `AirData`), thrust and moment of the engine, and total moment along a record."""
+
+    air: Float[Any, "*dimensions"]
+    thrust_b: Float[Any, "*dimensions"]
+    engine_moment_b: Float[Any, "*dimensions"]
+    moment_b: Float[Any, "*dimensions"]
+
+
+def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
+    V, count = record["airspeed"], record.time_s.size
+    if not np.all(V > 1.0):
+        raise ValueError(f"record: arrived airspeed_m_s down to {np.min(V):g} m/s; expected more than 1 m/s")
+    if "altitude" not in record and not ("dynamic_pressure" in record and "mach" in record):
+        raise ValueError("record: arrived without altitude_m; expected it, or dynamic_pressure_pa with mach")
+    if "power" not in record and "thrust" not in record and not isinstance(airframe.engine, NoEngine):
+        raise ValueError(
+            "record: arrived without power_percent and thrust_n; expected one of them, to subtract the thrust (0 N "
+            "for a glide)"
+        )
+    rates_channels = _INERTIAL_RATES if all(key in record for key in _INERTIAL_RATES) else RATES
+    rates = smooth(record.stack(*rates_channels), record.step_s)
+    missing = np.full(count, np.nan)
+    air = [record.channels.get(key, missing) for key in ("altitude", "dynamic_pressure", "mach", "power")]
+    rows = np.stack([V, record["alpha"], record["beta"], *air, *rates.values, *rates.rate]).T
+    padded = pad_to_multiple(rows, bucket_size(count, _ROWS))
+    motion = jax.tree.map(lambda values: np.asarray(values)[:count].T, _motion(airframe, as_array(padded)))
+    if "power" in record:
+        return motion
+    zero = np.zeros(count)
+    thrust_b = np.stack([record.channels.get("thrust", zero), zero, zero])
+    point = np.asarray(getattr(airframe.engine, "point_b", np.zeros(3)), dtype=float)
+    return motion._replace(thrust_b=thrust_b, engine_moment_b=np.cross(point[:, None], thrust_b, axis=0))
+
+
+@compiled_quickly
+def _motion(airframe: AbstractAirframe, rows: Float[Array, "row 13"]) -> _Motion:
+    def evaluate(row: Float[Array, "13"]) -> _Motion:
+        V, alpha, beta, altitude, qbar, mach, power = row[:7]
+        air = StandardAtmosphere().at(jnp.nan_to_num(altitude))
+        qbar = jnp.where(jnp.isnan(qbar), 0.5 * air.density * V**2, qbar)
+        mach = jnp.where(jnp.isnan(mach), V / air.speed_of_sound, mach)
+        data = AirData(V, alpha, beta, 2.0 * qbar / V**2, qbar, mach, jnp.nan_to_num(altitude))
+        engine = airframe.engine.propulsion(jnp.nan_to_num(power), data)
+        moment_b = moment_for_acceleration(airframe.mass_properties, row[7:10], row[10:13])
+        return _Motion(jnp.stack(jax.tree.leaves(data)), engine.force_b, engine.moment_b, moment_b)
+
+    return jax.vmap(evaluate)(rows)
+
+
+def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
+    """Return the reference lengths of an airframe; raises ValueError if the airframe has none."""
+    names = ("span", "wing_area", "mean_chord")
+    missing = [name for name in names if not hasattr(airframe, name)]
+    if missing:
+        raise ValueError(f"aircraft: arrived {type(airframe).__name__} without {', '.join(missing)}; expected lengths")
+    return ReferenceLengths(*(jnp.asarray(getattr(airframe, name), float) for name in names))
+
+
+def model_coefficients(
+    airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: AirData
+) -> Float[Array, "6"]:
+    """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics.
+
+    `arguments`: alpha, beta (rad), p b/2V, q c/2V, r b/2V, then the surfaces (rad); airspeed, density and altitude are
+    those of `air`. Differentiable.
+    """
+    lengths = reference_lengths(airframe)
+    alpha, beta = arguments[0], arguments[1]
+    at = eqx.tree_at(lambda a: (a.alpha, a.beta), air, (alpha, beta))
+    scales = jnp.stack([lengths.span, lengths.chord, lengths.span])
+    wrench = airframe.aerodynamics(at, arguments[2:5] * 2.0 * air.V / scales, arguments[5:])
+    CX, CY, CZ = wrench.force_b / (air.qbar * lengths.area)
+    Cl, Cm, Cn = wrench.moment_b / (air.qbar * lengths.area * scales)
+    sa, ca = jnp.sin(alpha), jnp.cos(alpha)
+    return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn])
+
+
+@compiled_quickly
+def _own_coefficients(
+    airframe: AbstractAirframe, arguments: Float[Array, "row argument"], air: Float[Array, "row 7"]
+) -> Float[Array, "row 6"]:
+    return jax.vmap(lambda row, data: model_coefficients(airframe, row, AirData(*data)))(arguments, air)
+
+
+@compiled_quickly
+def _own_derivatives(
+    airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: Float[Array, "7"]
+) -> Float[Array, "6 argument"]:
+    return jax.jacfwd(lambda row: model_coefficients(airframe, row, AirData(*air)))(arguments)
+
+
+def airframe_coefficients(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 sample"]:
+    """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics along a record."""
+    count = history.record.time_s.size
+    rows = np.stack(list(history.arguments.values())).T, history.air.T
+    padded = [as_array(pad_to_multiple(array, bucket_size(count, _ROWS))) for array in rows]
+    return np.asarray(_own_coefficients(airframe, *padded))[:count].T
+
+
+def airframe_derivatives(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 argument"]:
+    """Return the derivatives of an airframe's own coefficients at the mean arguments and air data of a record."""
+    means = [np.mean(values) for values in history.arguments.values()], np.mean(history.air, axis=1)
+    return np.asarray(_own_derivatives(airframe, *map(as_array, means)))
+
+
+def _arguments(record: FlightRecord, lengths: ReferenceLengths) -> dict[str, Float[np.ndarray, " sample"]]:
+    V, span, chord = record["airspeed"], float(lengths.span), float(lengths.chord)
+    P, Q, R = record.stack(*RATES)
+    hats = {"p": P * span / (2.0 * V), "q": Q * chord / (2.0 * V), "r": R * span / (2.0 * V)}
+    surfaces = {name: record[name] for name in record.surfaces if name in record}
+    return {"alpha": record["alpha"], "beta": record["beta"], **hats, **surfaces}

@@ -1,0 +1,398 @@
+"""Records for identification: flights of this package and users' recordings as channels of the catalogue in SI units.
+
+A record has a constant sampling period; gaps and irregular samples are interpolated within limits, or refused.
+"""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+
+from anser.config.toml_text import parse_toml, read_text
+from anser.constants import STANDARD_GRAVITY_M_S2
+from anser.results.checksums import DamagedFileError
+from anser.results.netcdf import read_netcdf
+from anser.results.variable_labels import catalogue_attributes
+from anser.units import DEG_RAD, FOOT_M, KNOT_M_S, LBF_N, PSF_PA
+from anser.variables import MEASUREMENT_VARIABLES, STANDARD_SURFACES, Variable, catalogue
+
+GAP_MAX_S = 0.2
+"""Longest gap that is interpolated, s."""
+_SAMPLES_MIN = 50
+_JITTER = 1e-3
+"""Deviation of a sampling interval from the period, relative to the period, that counts as constant."""
+_ANGLES_OVER_A_TURN = ("roll", "yaw", "ground_course", "course", "bank")
+
+_UNITS: dict[str, tuple[str, float]] = {
+    "rad": ("angle", 1.0),
+    "deg": ("angle", DEG_RAD),
+    "rad/s": ("rate", 1.0),
+    "deg/s": ("rate", DEG_RAD),
+    "m": ("length", 1.0),
+    "ft": ("length", FOOT_M),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "m/s": ("speed", 1.0),
+    "ft/s": ("speed", FOOT_M),
+    "kt": ("speed", KNOT_M_S),
+    "km/h": ("speed", 1.0 / 3.6),
+    "m/s2": ("acceleration", 1.0),
+    "g": ("acceleration", STANDARD_GRAVITY_M_S2),
+    "ft/s2": ("acceleration", FOOT_M),
+    "Pa": ("pressure", 1.0),
+    "hPa": ("pressure", 100.0),
+    "psf": ("pressure", PSF_PA),
+    "N": ("force", 1.0),
+    "lbf": ("force", LBF_N),
+    "1": ("number", 1.0),
+    "percent": ("number", 0.01),
+}
+"""Units of a recording: quantity, and factor to SI units or radians."""
+_QUANTITIES = {
+    "degree": "angle",
+    "degree s-1": "rate",
+    "m": "length",
+    "s": "time",
+    "m s-1": "speed",
+    "m s-2": "acceleration",
+    "Pa": "pressure",
+    "N": "force",
+    "1": "number",
+    "percent": "number",
+}
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class FlightRecord:
+    """Channels of a flight at a constant sampling period.
+
+    Attributes
+    ----------
+    time_s
+        Times of the samples, s.
+    channels
+        Values by the keys of the catalogue, in SI units and radians; angles over a full turn are continuous.
+    surfaces
+        Names of the control surfaces.
+    notes
+        Sentences on what was done to the recording: interpolation, alignment.
+    attributes
+        Attributes of the dataset from which the record was made.
+    """
+
+    time_s: Float[np.ndarray, " sample"]
+    channels: Mapping[str, Float[np.ndarray, " sample"]]
+    surfaces: tuple[str, ...] = STANDARD_SURFACES
+    notes: tuple[str, ...] = ()
+    attributes: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        variables = _variables(self.surfaces)
+        names = ", ".join(variables[key].name for key in self.channels)
+        head = (
+            f"record of {self.time_s.size} samples, {self.time_s[0]:g} to {self.time_s[-1]:g} s, {1 / self.step_s:g} Hz"
+        )
+        return "\n".join([head, f"  {names}", *(f"  {note}" for note in self.notes)])
+
+    @property
+    def step_s(self) -> float:
+        """Sampling period, s."""
+        return float(self.time_s[-1] - self.time_s[0]) / (self.time_s.size - 1)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.channels
+
+    def __getitem__(self, key: str) -> Float[np.ndarray, " sample"]:
+        """Return a channel by its key; raises ValueError if the record lacks the channel."""
+        if key not in self.channels:
+            variables = _variables(self.surfaces)
+            present = ", ".join(variables[channel].name for channel in self.channels)
+            name = variables[key].name if key in variables else key
+            raise ValueError(f"record: arrived without {name}; expected it beside {present}")
+        return self.channels[key]
+
+    def stack(self, *keys: str) -> Float[np.ndarray, "channel sample"]:
+        """Return channels as rows of one array; raises ValueError if the record lacks one of the channels."""
+        return np.stack([self[key] for key in keys])
+
+    def window(self, start_s: float, end_s: float) -> "FlightRecord":
+        """Return the part of the record between two times; raises ValueError if the part is too short."""
+        inside = (self.time_s >= start_s - 1e-9) & (self.time_s <= end_s + 1e-9)
+        if np.count_nonzero(inside) < _SAMPLES_MIN:
+            raise ValueError(
+                f"window: arrived {start_s:g} to {end_s:g} s; expected at least {_SAMPLES_MIN} samples between "
+                f"{self.time_s[0]:g} and {self.time_s[-1]:g} s"
+            )
+        channels = {key: values[inside] for key, values in self.channels.items()}
+        return dataclasses.replace(self, time_s=self.time_s[inside], channels=channels)
+
+    def with_channels(self, notes: Sequence[str] = (), **channels: Float[np.ndarray, " sample"]) -> "FlightRecord":
+        """Return the record with channels added or replaced, and notes added."""
+        return dataclasses.replace(self, channels={**self.channels, **channels}, notes=(*self.notes, *notes))
+
+    def with_noise(self, sigma: Mapping[str, float], seed: int = 0) -> "FlightRecord":
+        """Return the record with white noise added, as sensors would have it.
+
+        Parameters
+        ----------
+        sigma
+            Standard deviations by the names of a dataset, in its units: `{"alpha_deg": 0.1}`.
+        seed
+            Seed of the random numbers.
+
+        Raises
+        ------
+        ValueError
+            The record lacks one of the channels.
+        """
+        variables = {variable.name: variable for variable in _variables(self.surfaces).values()}
+        random, noisy = np.random.default_rng(seed), {}
+        for name, deviation in sigma.items():
+            if name not in variables:
+                raise ValueError(f"sigma: arrived {name!r}; expected variables of the record, such as 'alpha_deg'")
+            variable = variables[name]
+            noise = random.standard_normal(self.time_s.size) * deviation / variable.factor
+            noisy[variable.key] = self[variable.key] + noise
+        return self.with_channels(**noisy)
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Channels over `time` by the names and in the units of the catalogue."""
+        variables = _variables(self.surfaces)
+        data = {
+            variables[key].name: ("time", values * variables[key].factor, catalogue_attributes(variables[key]))
+            for key, values in self.channels.items()
+        }
+        time = ("time", self.time_s, {"units": "s", "long_name": "Time", "symbol": "t"})
+        attributes = {**self.attributes, "surfaces": " ".join(self.surfaces), "notes": "; ".join(self.notes)}
+        return xr.Dataset(data, {"time": time}, attributes)
+
+
+def flight_record(
+    recording: Any,
+    columns: Mapping[str, Any] | None = None,
+    *,
+    aircraft_name: str | None = None,
+    surfaces: Sequence[str] | None = None,
+    gap_max_s: float = GAP_MAX_S,
+) -> FlightRecord:
+    """Make a record from a flight of this package, or from a recording of the user.
+
+    Parameters
+    ----------
+    recording
+        A dataset with variables of the catalogue over `time` (and `aircraft`), a flight with such a dataset, a
+        DataFrame, or the path of a folder with `flight.nc`, of a NetCDF file or of a CSV file.
+    columns
+        Columns of the recording by the names of the catalogue: `{"time_s": "t", "alpha_deg": "AOA", "pitch_rate_deg_s":
+        {"column": "Q", "unit": "rad/s"}}`; without a unit that of the name. A `factor` multiplies the values: -1 for an
+        opposite sign. Columns with names of the catalogue need no entry.
+    aircraft_name
+        Aircraft of a dataset with several.
+    surfaces
+        Names of the control surfaces; None: those of the dataset, or the standard ones.
+    gap_max_s
+        Longest interval between samples, or of missing values of a channel, that is interpolated, s.
+
+    Raises
+    ------
+    ValueError
+        The recording cannot be read, has no times or none of the catalogue's variables, or a gap is too long.
+    """
+    if isinstance(recording, FlightRecord):
+        return recording
+    table, attributes = _read(recording, aircraft_name)
+    if surfaces is None:
+        surfaces = str(attributes["surfaces"]).split() if "surfaces" in attributes else STANDARD_SURFACES
+    variables = {variable.name: variable for variable in _variables(surfaces).values() if variable.dtype == "float64"}
+    time_s, raw = _select(table, columns or {}, variables)
+    _check_times(time_s)
+    grid, notes = _regular_grid(time_s, gap_max_s)
+    channels = {}
+    for key, values in raw.items():
+        if key in _ANGLES_OVER_A_TURN:
+            present = np.isfinite(values)
+            values[present] = np.unwrap(values[present])
+        is_step = key == "throttle" or any(key in (name, f"{name}_command") for name in surfaces)
+        channels[key] = _resample(time_s, values, grid, gap_max_s, _name_of(key, variables), is_step, notes)
+    return FlightRecord(grid, channels, tuple(surfaces), tuple(notes), attributes)
+
+
+def read_columns(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read the columns of a recording from a TOML file: for `flight_record`.
+
+    Raises
+    ------
+    ScenarioError
+        The file cannot be read.
+    """
+    return parse_toml(read_text(path, "map"), os.fspath(path))
+
+
+def _variables(surfaces: Sequence[str]) -> dict[str, Variable]:
+    return {variable.key: variable for variable in (*catalogue(surfaces), *MEASUREMENT_VARIABLES)}
+
+
+def _name_of(key: str, variables: Mapping[str, Variable]) -> str:
+    return next(name for name, variable in variables.items() if variable.key == key)
+
+
+def _read(recording: Any, aircraft_name: str | None) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Return the columns of a recording by name, and its attributes."""
+    if isinstance(recording, str | os.PathLike):
+        recording = _read_file(Path(recording))
+    if hasattr(recording, "dataset"):
+        recording = recording.dataset
+    if isinstance(recording, pd.DataFrame):
+        return {str(name).strip(): _numbers(str(name), recording[name]) for name in recording.columns}, {}
+    if not isinstance(recording, xr.Dataset):
+        raise ValueError(
+            f"recording: arrived {type(recording).__name__}; expected a flight, a Dataset, a DataFrame, or the path of "
+            "a folder with flight.nc, a NetCDF file or a CSV file"
+        )
+    if "time" not in recording.coords:
+        raise ValueError("recording: arrived a dataset without the coordinate time; expected variables over time, s")
+    if "aircraft" in recording.dims:
+        names = [str(name) for name in recording["aircraft"].values]
+        if (aircraft_name is None and len(names) > 1) or (aircraft_name is not None and aircraft_name not in names):
+            arrived = f"{len(names)} aircraft" if aircraft_name is None else repr(aircraft_name)
+            raise ValueError(f"aircraft_name: arrived {arrived}; expected one of {', '.join(names)}")
+        recording = recording.isel(aircraft=0 if aircraft_name is None else names.index(aircraft_name))
+    columns = {str(n): np.asarray(v.values) for n, v in recording.data_vars.items() if v.dims == ("time",)}
+    return {"time_s": np.asarray(recording["time"].values), **columns}, dict(recording.attrs)
+
+
+def _read_file(path: Path) -> pd.DataFrame | xr.Dataset:
+    path = path / "flight.nc" if path.is_dir() else path
+    if not path.is_file():
+        raise ValueError(f"{path}: arrived no file; expected a folder with flight.nc, a NetCDF file or a CSV file")
+    try:
+        return read_netcdf(path) if path.suffix == ".nc" else pd.read_csv(path)
+    except DamagedFileError as error:
+        raise ValueError(str(error)) from None
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: arrived a file that cannot be read as CSV ({error}); expected columns") from None
+
+
+def _numbers(name: str, column: Any) -> np.ndarray:
+    if column.dtype.kind not in "fiub":
+        return np.asarray(column)
+    return np.array(column, dtype=float)
+
+
+def _select(
+    table: Mapping[str, np.ndarray], columns: Mapping[str, Any], variables: Mapping[str, Variable]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the times and the channels by key, converted to SI units."""
+    entries: dict[str, Any] = {name: name for name in table if name in variables or name == "time_s"}
+    entries |= {name: columns[name] for name in columns}
+    if "time_s" not in entries:
+        raise ValueError(
+            f"recording: arrived the columns {', '.join(table)}; expected a column time_s, or an entry time_s of the "
+            "map"
+        )
+    converted = {}
+    for name, entry in entries.items():
+        if name != "time_s" and name not in variables:
+            raise ValueError(
+                f"map: arrived {name!r}; expected names of the catalogue with their unit, such as alpha_deg, and "
+                f"surfaces among {', '.join(n for n in variables if n.endswith('_command_deg'))[:200]}".replace(
+                    "_command_deg", "_deg"
+                )
+            )
+        converted[name] = _convert(name, entry, table, variables.get(name))
+    if len(converted) < 2:
+        raise ValueError(
+            f"recording: arrived the columns {', '.join(table)}; expected names of the catalogue, such as alpha_deg, "
+            "or a map from these names to the columns"
+        )
+    times = converted.pop("time_s")
+    return times, {variables[name].key: values for name, values in converted.items() if np.isfinite(values).any()}
+
+
+def _convert(name: str, entry: Any, table: Mapping[str, np.ndarray], variable: Variable | None) -> np.ndarray:
+    settings = {"column": entry} if isinstance(entry, str) else entry
+    if not isinstance(settings, Mapping) or "column" not in settings or set(settings) - {"column", "unit", "factor"}:
+        raise ValueError(f"map, {name}: arrived {entry!r}; expected a column, or a table of column, unit and factor")
+    column, unit = settings["column"], settings.get("unit")
+    if column not in table:
+        raise ValueError(f"map, {name}: arrived the column {column!r}; expected one of {', '.join(table)}")
+    values = table[column]
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"recording: arrived text in the column {column!r}; expected numbers in every row")
+    quantity = "time" if variable is None else _QUANTITIES[variable.unit]
+    if unit is None:
+        factor = 1.0 if variable is None else 1.0 / variable.factor
+    elif unit in _UNITS and _UNITS[unit][0] == quantity:
+        factor = _UNITS[unit][1] * (100.0 if variable is not None and variable.unit == "percent" else 1.0)
+    else:
+        known = ", ".join(u for u, (q, _) in _UNITS.items() if q == quantity)
+        raise ValueError(f"map, {name}: arrived the unit {unit!r}; expected one of {known}")
+    return np.asarray(values, dtype=float) * factor * float(settings.get("factor", 1.0))
+
+
+def _check_times(time_s: np.ndarray) -> None:
+    if time_s.size < _SAMPLES_MIN:
+        raise ValueError(f"recording: arrived {time_s.size} samples; expected at least {_SAMPLES_MIN}")
+    if not np.all(np.isfinite(time_s)):
+        raise ValueError(f"recording: arrived {np.sum(~np.isfinite(time_s))} times without a value; expected all times")
+    backward = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if backward.size:
+        k = int(backward[0])
+        raise ValueError(
+            f"recording: arrived {time_s[k + 1]:g} s after {time_s[k]:g} s (row {k + 2}); expected times that rise"
+        )
+
+
+def _regular_grid(time_s: np.ndarray, gap_max_s: float) -> tuple[np.ndarray, list[str]]:
+    """Return times at a constant period over those of a recording, and notes; refuse gaps that are too long."""
+    intervals = np.diff(time_s)
+    period = float(np.median(intervals))
+    longest = int(np.argmax(intervals))
+    if intervals[longest] > max(gap_max_s, 1.5 * period):
+        raise ValueError(
+            f"recording: arrived a gap of {intervals[longest]:.3g} s after {time_s[longest]:g} s; expected gaps of at "
+            f"most {gap_max_s:g} s: the parts before and after it are records of their own"
+        )
+    mean = float(time_s[-1] - time_s[0]) / (time_s.size - 1)
+    if np.max(np.abs(intervals - mean)) <= _JITTER * mean:
+        return time_s[0] + mean * np.arange(time_s.size), []
+    grid = time_s[0] + period * np.arange(int((time_s[-1] - time_s[0]) / period + 1e-6) + 1)
+    gaps = int(np.count_nonzero(intervals > 1.5 * period))
+    shape = f"{gaps} gaps of at most {intervals[longest]:.3g} s" if gaps else "irregular samples"
+    return grid, [f"The recording has {shape}; it is resampled at {1.0 / period:g} Hz."]
+
+
+def _resample(
+    time_s: np.ndarray,
+    values: np.ndarray,
+    grid: np.ndarray,
+    gap_max_s: float,
+    name: str,
+    is_step: bool,
+    notes: list[str],
+) -> np.ndarray:
+    """Interpolate a channel at the times of the grid: commands and surfaces linearly, motion by cubic splines."""
+    present = np.isfinite(values)
+    if not present.all():
+        times = np.concatenate([[time_s[0]], time_s[present], [time_s[-1]]])
+        longest = int(np.argmax(np.diff(times)))
+        count, gap = int(np.sum(~present)), float(np.diff(times)[longest])
+        if gap > gap_max_s or not (present[0] and present[-1]):
+            raise ValueError(
+                f"recording: arrived {name} with {count} missing values (NaN), over {gap:.3g} s from "
+                f"{times[longest]:g} s; expected gaps of at most {gap_max_s:g} s, and values at both ends"
+            )
+        notes.append(f"{count} missing values of {name} are interpolated.")
+    if present.all() and time_s.size == grid.size and np.max(np.abs(time_s - grid)) <= _JITTER * (grid[1] - grid[0]):
+        return values
+    if is_step:
+        return np.interp(grid, time_s[present], values[present])
+    return make_interp_spline(time_s[present], values[present], k=3)(grid)
