@@ -3,10 +3,10 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test laws tests test-long docs bench verification plan-trials descent-trials autopilot clean
+.PHONY: demo test laws tests test-long docs bench verification plan-trials descent-trials autopilot release-check clean
 
 demo: .venv/.installed
-	$(BIN)/anser run scenarios/three-aircraft.toml --out $(OUT)
+	$(BIN)/anser demo --out $(OUT)
 
 test: .venv/.installed-test
 	$(BIN)/ruff check .
@@ -72,6 +72,10 @@ autopilot: .venv/.installed
 .venv/.installed-docs: .venv/.installed pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[docs]"
 	@touch $@
+
+# Builds the last commit in a clean clone and tries the wheel in fresh environments of every supported Python.
+release-check:
+	$(PYTHON) release/check.py $(RELEASE)
 
 clean:
 	rm -rf .venv

@@ -13,8 +13,10 @@ import xarray as xr
 from anser.cli.console import RefusedError
 from anser.cli.folders import make_next_folder
 from anser.scenario import load, validate
+from anser.scenario.files import SCENARIO_SCHEMA
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import AT_GROUND
+from anser.version import source_version
 from support.made_flight import make_flight
 
 SCENARIOS = Path(__file__).parents[1] / "scenarios"
@@ -150,6 +152,32 @@ def test_new_writes_a_scenario_that_checks_and_does_not_overwrite(anser, tmp_pat
     assert path.read_text() == "kept"
 
 
+def test_new_copies_what_comes_with_anser(anser, tmp_path):
+    path = tmp_path / "mine.toml"
+    code, printed, err = anser("new", path, "--from", "three-aircraft")
+    assert code == 0
+    assert f"Next: anser check {path}" in printed
+    assert str(tmp_path / SCENARIO_SCHEMA) in err
+    assert path.read_text().startswith(f"#:schema ./{SCENARIO_SCHEMA}\n")
+    assert load(path).hash == load(SCENARIOS / "three-aircraft.toml").hash
+    code, printed, err = anser("new", tmp_path / "study.toml", "--from", "how-surely")
+    assert f"Next: anser campaign {tmp_path / 'study.toml'}" in printed
+    assert str(tmp_path / "uncertain-world.toml") in err
+    code, printed, err = anser("new", tmp_path / "other.toml", "--from", "four-aircraft")
+    assert code == 2
+    assert '--from: arrived "four-aircraft"; expected one of' in err
+    assert "three-aircraft" in err
+
+
+def test_the_demo_flies_without_a_file_and_says_how_to_see_the_flight(anser, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, printed, err = anser("demo")
+    assert code == 0
+    assert "three-aircraft: 150 s flown" in printed
+    assert "open runs/three-aircraft/report.html in a browser" in err.replace("\n", " ")
+    assert (tmp_path / "runs" / "three-aircraft" / "report.html").is_file()
+
+
 def test_trim_and_its_diagnosis(anser):
     arguments = ("trim", "--aircraft", "f16", "--speed-m-s", "150", "--altitude-m", "1000")
     code, printed, _ = anser(*arguments)
@@ -242,4 +270,4 @@ def test_invalid_arguments_end_with_2(anser, arguments, part):
 def test_the_installed_command_prints_its_version():
     program = Path(sys.executable).with_name("anser")
     completed = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
-    assert completed.stdout.startswith("anser 0.")
+    assert completed.stdout == "anser {} (commit {})\n".format(*source_version())

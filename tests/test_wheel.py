@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from anser.config.shipped_files import SHIPPED
+from anser.version import BUILD_INFO
+
 ROOT = Path(__file__).parents[1]
 _ASK = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
 
@@ -59,9 +62,10 @@ def built(tmp_path_factory):
     # Only what belongs to the package: a build beside other tests must not read their leavings.
     sources = folder / "sources"
     sources.mkdir()
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "hatch_build.py", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, sources)
-    shutil.copytree(ROOT / "src", sources / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("src", "scenarios", "studies"):
+        shutil.copytree(ROOT / name, sources / name, ignore=shutil.ignore_patterns("__pycache__"))
     _run(sys.executable, *_PIP, "wheel", "--no-deps", "--wheel-dir", folder, sources, env=environment)
     (wheel,) = folder.glob("anser-*.whl")
     return wheel, environment
@@ -90,7 +94,24 @@ def test_the_wheel_contains_every_file_of_the_package(wheel):
         for path in (ROOT / "src" / "anser").rglob("*")
         if path.is_file() and "__pycache__" not in path.parts
     }
-    assert packed == contents
+    shipped = {
+        f"anser/{SHIPPED}/{path.relative_to(ROOT)}"
+        for name in ("scenarios", "studies")
+        for path in (ROOT / name).rglob("*")
+        if path.is_file()
+    }
+    assert packed == contents | shipped | {f"anser/{BUILD_INFO}"}
+
+
+def test_the_wheel_is_small(wheel):
+    assert wheel[0].stat().st_size <= 5e6
+
+
+@pytest.mark.long
+def test_the_wheel_flies_the_published_case(anser):
+    anser("demo", "--out", "demo", "--quiet")
+    summary = json.loads((anser.folder / "demo" / "summary.json").read_text())
+    assert [aircraft["status"] for aircraft in summary["aircraft"]] == ["arrived"] * 3
 
 
 @pytest.mark.long

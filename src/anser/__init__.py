@@ -20,8 +20,16 @@ if "jax" in sys.modules:
 else:
     os.environ["JAX_ENABLE_X64"] = "1"  # JAX reads it when it is imported
 
-__version__ = "0.1.0"
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public_object, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public object, imported on its first use, or the version, which a clone reads from git."""
+    if name == "__version__":
+        from anser.version import source_version
+
+        return source_version().version
+    return _public_object(name)
 
 
 class AircraftRoom(types.ModuleType):

@@ -46,4 +46,6 @@ def test_a_bare_name_suggests_a_shipped_scenario(tmp_path, monkeypatch):
     for name in ("three-aircraft", "three-aircraft.toml"):
         assert 'perhaps "scenarios/three-aircraft.toml"' in _refused(load, name)
     monkeypatch.chdir(tmp_path)
-    assert "perhaps" not in _refused(load, "three-aircraft")
+    elsewhere = _refused(load, "three-aircraft")
+    assert "perhaps" not in elsewhere
+    assert "anser new three-aircraft.toml --from three-aircraft" in elsewhere

@@ -64,7 +64,7 @@ def test_the_summary_has_exactly_the_keys_of_the_contract():
     assert summary["format_version"] == 1
     assert summary["scenario"] == {"name": "two", "hash": scenario().hash}
     assert summary["versions"] == software_versions()
-    assert set(software_versions()) == {"anser", "jax", "equinox", "numpy", "python"}
+    assert set(software_versions()) == {"anser", "anser_commit", "jax", "equinox", "numpy", "python"}
     assert set(summary["fleet"]) == {"arrival_spread_s", "separation_min_m", "wall_s", "simulated_s"}
     for entry in summary["aircraft"]:
         assert set(entry) == {

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from anser.aircraft_files.sources import AIRFRAMES, VARIANTS
+from anser.config.shipped_files import shipped_files
 from anser.files import read_file
 from anser.missions.saved_flights import RUN_FILES
 
@@ -31,6 +32,11 @@ def complete_aircraft(incomplete: str) -> list[str]:
     """Return airframe names, and aircraft files in this folder or two levels below, for the completion of a text."""
     names = [name for name in AIRFRAMES if name.startswith(incomplete)]
     return names + _matching_paths(incomplete, _is_airframe)
+
+
+def complete_shipped(incomplete: str) -> list[str]:
+    """Return the names of shipped scenarios, studies and aircraft that start with the typed text."""
+    return [name for name in shipped_files() if name.startswith(incomplete)]
 
 
 def complete_variant(context: typer.Context, incomplete: str) -> list[str]:

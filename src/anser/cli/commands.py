@@ -14,14 +14,13 @@ import typer
 from rich.markup import escape
 from typer.core import TyperGroup
 
-import anser
 from anser.cli import airframes
 from anser.cli.app import COMMAND_IMPLIED, register_command
 from anser.cli.cache import cache
 from anser.cli.campaigns import compare, fly, rare
 from anser.cli.campaigns import report as report_campaign
 from anser.cli.console import RefusedError, print_problem
-from anser.cli.flights import plan, run
+from anser.cli.flights import demo, plan, run
 from anser.cli.margins import margins
 from anser.cli.process import interrupts
 from anser.cli.reports import export, figures, report
@@ -33,6 +32,7 @@ from anser.cli.surveys import envelope, robustness
 from anser.cli.sweeps import sweep
 from anser.cli.verification import verify
 from anser.config.errors import ScenarioError
+from anser.version import source_version
 
 
 class DefaultCommandGroup(TyperGroup):
@@ -79,19 +79,23 @@ app = typer.Typer(
     context_settings={"help_option_names": ["--help", "-h"]},
     pretty_exceptions_enable=False,
     help="Fleets of fixed-wing aircraft that must be at moving places at the same time. Civil simulation only.",
-    epilog="First steps:\n  anser new mine.toml\n  anser check mine.toml\n  anser run mine.toml\n\n"
+    epilog="First steps:\n  anser demo\n  anser new mine.toml\n  anser check mine.toml\n  anser run mine.toml\n\n"
     "anser COMMAND --help shows examples and exit codes; anser --install-completion teaches the shell the commands.",
 )
 
 
 @app.callback(invoke_without_command=True)
-def _top(version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False) -> None:
+def _top(
+    version: Annotated[bool, typer.Option("--version", help="Print version and commit, and stop.")] = False,
+) -> None:
     if version:
-        typer.echo(f"anser {anser.__version__}")
+        source = source_version()
+        typer.echo(f"anser {source.version} (commit {source.commit})")
         raise typer.Exit
 
 
 for _command in (
+    demo,
     run,
     plan,
     sweep,

@@ -29,6 +29,7 @@ from anser.cli.console import (
 )
 from anser.cli.folders import Force, make_next_folder, note_if_written, open_output_folder
 from anser.cli.overrides import Overrides, PlannerName, load_with_overrides
+from anser.config.shipped_files import shipped_files
 from anser.missions.saved_flights import PLAN
 from anser.scenario.schema import Scenario
 
@@ -109,12 +110,27 @@ def run(
     print_note(f"{target}: flight.nc, summary.json, report.html written")
     if open_:
         _open_in_browser(target / "report.html")
+    else:
+        print_note(f"to see the flight, open {target / 'report.html'} in a browser (or add --open to the command)")
     if store is not None and flight is not None:
         report_replay(store, flight, flown)
     if not flown.met:
         for problem in flown.planned.problems():
             print_problem(f"planned beyond the limits: {problem}")
         _fail_unmet(flown.summary, stopped_s)
+
+
+@help_epilog("anser demo", "anser demo --open", unmet="flown, but a requirement is not met")
+def demo(
+    out: Annotated[Path | None, typer.Option(help="New folder for the results; left out: runs/three-aircraft.")] = None,
+    force: Force = False,
+    open_: Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")] = False,
+) -> None:
+    """Fly the published case, three aircraft to three moving points, from anywhere: no file is needed.
+
+    For a copy of its scenario: anser new mine.toml --from three-aircraft
+    """
+    run(shipped_files()["three-aircraft"], out=out, force=force, open_=open_)
 
 
 def _open_in_browser(page: Path) -> None:

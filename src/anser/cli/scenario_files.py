@@ -10,12 +10,13 @@ import typer
 
 from anser.aircraft_files.schema import AirframeFile
 from anser.cli.app import help_epilog
-from anser.cli.arguments import ScenarioPath
+from anser.cli.arguments import ScenarioPath, complete_shipped
 from anser.cli.console import RefusedError, print_document, print_line, print_note
 from anser.cli.folders import Force, must_be_new_file, open_output_file
 from anser.cli.overrides import load_with_overrides
-from anser.config.errors import ScenarioError
-from anser.config.file_schema import json_schema, schema_text, write_new_file
+from anser.config.errors import ScenarioError, describe_value
+from anser.config.file_schema import json_schema, schema_text, write_new_file, write_schema
+from anser.config.shipped_files import copy_shipped_file, shipped_files
 from anser.config.tables import Table
 from anser.config.toml_text import read_text
 from anser.files import write_file
@@ -100,10 +101,58 @@ def _model_of(kind: str) -> type[Table]:
     return {"scenario": Scenario, "aircraft": AirframeFile}[kind]
 
 
-@help_epilog("anser new mine.toml")
-def new(path: Annotated[Path, typer.Argument(help="File to write; it must not exist.")]) -> None:
-    """Write a commented starter scenario, and the schema for editors beside the file."""
-    write_starter_file(path, write_starter, SCENARIO_SCHEMA, "anser check")
+@help_epilog(
+    "anser new mine.toml",
+    "anser new mine.toml --from three-aircraft",
+    "anser new my-study.toml --from how-surely",
+)
+def new(
+    path: Annotated[Path, typer.Argument(help="File to write; it must not exist.")],
+    from_: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            help="Name of a scenario, study or aircraft that comes with anser, to be copied.",
+            autocompletion=complete_shipped,
+        ),
+    ] = None,
+) -> None:
+    """Write a commented starter scenario, or a copy of a scenario, study or aircraft that comes with anser.
+
+    A scenario gets the schema for editors beside it; a copied study gets its scenario.
+    """
+    if from_ is None:
+        write_starter_file(path, write_starter, SCENARIO_SCHEMA, "anser check")
+    else:
+        _copy_shipped(from_, path)
+
+
+_NEXT_COMMANDS = {
+    "[[aircraft]]": "anser check {}",
+    "[[surface]]": "anser aircraft check {}",
+    "[rare]": "anser rare {} --out FOLDER",
+    "[sampling]": "anser campaign {} --out FOLDER",
+}
+"""Command to run next, by a table that only files of its kind have."""
+
+
+def _copy_shipped(name: str, path: Path) -> None:
+    names = shipped_files()
+    if name not in names:
+        raise RefusedError(f"--from: arrived {describe_value(name)}; expected one of {', '.join(names)}")
+    text = read_text(names[name])
+    is_scenario = "[[aircraft]]" in text
+    header = f"#:schema ./{SCENARIO_SCHEMA}\n" if is_scenario else ""
+    companions = copy_shipped_file(name, path, lambda copied: header + copied)
+    if is_scenario:
+        companions.append(write_schema(path, SCENARIO_SCHEMA, Scenario, "anser scenario"))
+    print_document(
+        lambda: {"format_version": 1, "file": str(path), "from": name, "companions": list(map(str, companions))}
+    )
+    command = next(command for table, command in _NEXT_COMMANDS.items() if table in text)
+    print_line(f"{path}: written, a copy of {name}. Next: {command.format(path)}")
+    for companion in companions:
+        print_note(f"{companion}: beside it, for {'editors' if companion.name == SCENARIO_SCHEMA else path.name}")
 
 
 def write_starter_file(path: Path, write: Callable[[Path], Path], schema_name: str, check_command: str) -> None:

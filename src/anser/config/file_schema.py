@@ -138,11 +138,15 @@ def _default(node: Mapping[str, Any], required: bool) -> str:
     return f"`{format_value(value)}`"
 
 
-def write_schema(path: Path, name: str, model: type[Table], title: str) -> None:
-    """Write a model's JSON Schema into the folder of `path`, unless the file exists; raises as `write_new_file`."""
+def write_schema(path: Path, name: str, model: type[Table], title: str) -> Path:
+    """Write a model's JSON Schema into the folder of `path`, unless the file exists; return the schema's path.
+
+    Raises as `write_new_file`.
+    """
     target = path.with_name(name)
     if not target.exists():
         write_new_file(target, schema_text(model, title))
+    return target
 
 
 def schema_text(model: type[Table], title: str) -> str:

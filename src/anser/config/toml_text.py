@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from anser.config.errors import Problem, ScenarioError, describe_value, os_error_reason, problem_error
+from anser.config.shipped_files import shipped_files
 from anser.files import MIB, read_file
 
 DEPTH_MAX: Final = 32
@@ -203,6 +204,8 @@ def _similar_file_hint(path: Path) -> str:
     shipped = Path("scenarios", path.name).with_suffix(".toml")
     if path.parent == Path() and shipped.is_file():
         return f", perhaps {describe_value(str(shipped))}"
+    if path.parent == Path() and path.stem in shipped_files():
+        return f"; a copy of the shipped one is written by anser new {path.stem}.toml --from {path.stem}"
     try:
         file_names = [entry.name for entry in path.parent.iterdir() if entry.suffix == ".toml"]
     except OSError:

@@ -114,7 +114,8 @@ def write_aircraft_report(
         if values.dtype.kind == "f" and np.all(np.isfinite(values.values))
     ]
     conditions = {key: dataset.attrs[key] for key in ("controls", "controller", "command", "air", "step_s", "end")}
-    versions = {key: value for key, value in dataset.attrs.items() if key.endswith("version")}
+    attributes = {str(key): value for key, value in dataset.attrs.items()}
+    versions = {key.removeprefix("version_"): value for key, value in attributes.items() if key.startswith("version_")}
     page = render_page(
         "aircraft_flight.html",
         body_class="aircraft-flight",

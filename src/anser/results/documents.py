@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from anser.files import write_file
+from anser.version import source_version
 
 
 def finite_or_none(value: Any) -> float | None:
@@ -32,9 +33,15 @@ def write_json(document: Mapping[str, Any], path: Path, *, overwrite: bool = Fal
 
 
 def software_versions() -> dict[str, str]:
-    """Return the versions of anser and of the libraries that determine its numbers, by name."""
-    libraries = {name: version(name) for name in ("anser", "jax", "equinox", "numpy")}
-    return {**libraries, "python": platform.python_version()}
+    """Return the versions of anser, with its commit, and of the libraries that determine its numbers, by name."""
+    source = source_version()
+    libraries = {name: version(name) for name in ("jax", "equinox", "numpy")}
+    return {
+        "anser": source.version,
+        "anser_commit": source.commit,
+        **libraries,
+        "python": platform.python_version(),
+    }
 
 
 def version_attributes() -> dict[str, str]:
