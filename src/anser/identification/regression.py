@@ -5,8 +5,8 @@ follow from the autocorrelation of the residuals (E. A. Morelli, V. Klein, *Accu
 estimated from flight test data*, J. Guidance 20(1), 1997).
 """
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -16,6 +16,7 @@ from anser.identification.estimates import Collinearity, Estimate, autocovarianc
 CONSTANT = "constant"
 """Name of the parameter of the constant term."""
 Matrix = Float[np.ndarray, "sample parameter"]
+Square = Float[np.ndarray, "parameter parameter"]
 
 
 class Regression(NamedTuple):
@@ -26,18 +27,39 @@ class Regression(NamedTuple):
     z: Float[np.ndarray, " sample"]
     time_s: Float[np.ndarray, " sample"] | None  # times of a uniformly sampled record; None: independent samples
     response: str  # name of z
+    noise: Float[np.ndarray, " parameter"]  # standard deviation of the white noise in each regressor
 
-    def information(self) -> Float[np.ndarray, "parameter parameter"]:
-        """Return X^T X, with the constant term eliminated from the remaining parameters (deviations from the mean)."""
+    def information(self) -> Square:
+        """Return X^T X without its share of noise."""
+        return self.X.T @ self.X - len(self.X) * np.diag(self.noise**2)
+
+    def check_collinearity(self) -> Collinearity:
+        """Check the regressors, without noise and as deviations from the mean if there is a constant term.
+
+        Raises ValueError if a regressor does not vary or varies no more than its noise, or if regressors are collinear.
+        """
         X = self.X.copy()
         if self.names[-1] == CONSTANT:
             X[:, :-1] -= np.mean(X[:, :-1], axis=0)
             X[:, :-1][:, np.ptp(self.X[:, :-1], axis=0) == 0.0] = 0.0  # without the rounding of the mean
-        return X.T @ X
+        require_signal(self.names, np.sum(X**2, axis=0), len(X) * self.noise**2)
+        return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
 
     def subset(self, names: Sequence[str]) -> "Regression":
         """Return the problem with these parameters only."""
-        return self._replace(names=tuple(names), X=self.X[:, [self.names.index(name) for name in names]])
+        columns = [self.names.index(name) for name in names]
+        return self._replace(names=tuple(names), X=self.X[:, columns], noise=self.noise[columns])
+
+
+def require_signal(
+    names: Sequence[str], power: Float[np.ndarray, " parameter"], noise: Float[np.ndarray, " parameter"]
+) -> None:
+    """Raise ValueError if the power of the noise in a regressor is half of its power or more."""
+    weak = [
+        f"{name} ({100.0 * n / p:.0f} % noise)" for name, p, n in zip(names, power, noise, strict=True) if n > 0.5 * p
+    ]
+    if weak:
+        raise ValueError(f"regressors: no excitation of {', '.join(weak)}; expected a manoeuvre well above the noise")
 
 
 def prepare_regression(
@@ -47,6 +69,7 @@ def prepare_regression(
     *,
     response_name: str = "response",
     constant: bool = True,
+    noise: Mapping[str, float] | None = None,
 ) -> Regression:
     """Check the measured series and arrange a regression problem.
 
@@ -62,6 +85,9 @@ def prepare_regression(
         Name of the response, for labels.
     constant
         Whether a constant term, named `constant`, is added.
+    noise
+        Standard deviations of the white noise in measured regressors, by name; 0 if absent. Ordinary least squares
+        underestimates the parameter of a noisy regressor; with `noise` the share of the noise in X^T X is removed.
 
     Raises
     ------
@@ -92,7 +118,11 @@ def prepare_regression(
         raise ValueError(
             f"{response_name}: arrived {z.size} samples for {len(columns)} parameters; expected more samples"
         )
-    return Regression(tuple(columns), np.stack(list(columns.values()), axis=1), z, times, response_name)
+    noise = noise or {}
+    if not set(noise) <= set(columns) or not all(0.0 <= level < np.inf for level in noise.values()):
+        raise ValueError(f"noise: arrived {dict(noise)}; expected standard deviations of {', '.join(regressors)}")
+    levels = np.array([float(noise.get(name, 0.0)) for name in columns])
+    return Regression(tuple(columns), np.stack(list(columns.values()), axis=1), z, times, response_name, levels)
 
 
 def _uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]:
@@ -126,6 +156,7 @@ def regress(
     *,
     response_name: str = "response",
     constant: bool = True,
+    noise: Mapping[str, float] | None = None,
 ) -> Estimate:
     """Estimate parameters by ordinary least squares; arguments and errors as for `prepare_regression`.
 
@@ -134,18 +165,25 @@ def regress(
     Raises
     ------
     ValueError
-        The regressors are singular or nearly collinear; the message names the regressors concerned.
+        The regressors are singular, nearly collinear or no more than noise; the message names them.
     """
-    problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
-    return solve_ordinary(problem, "equation error, ordinary least squares")
+    problem = prepare_regression(
+        regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
+    )
+    method = "equation error, least squares without the noise of regressors" if noise else ORDINARY
+    return _solve(problem, method)
 
 
-def solve_ordinary(problem: Regression, method: str, notes: tuple[str, ...] = ()) -> Estimate:
-    """Solve a regression problem by ordinary least squares: see `regress`."""
-    checked = collinearity(problem.information(), problem.names)
-    values = np.linalg.lstsq(problem.X, problem.z, rcond=None)[0]
-    inverse = np.linalg.inv(problem.X.T @ problem.X)
-    errors = sandwich(problem, problem.X, problem.z - problem.X @ values, inverse)
+ORDINARY = "equation error, ordinary least squares"
+
+
+def _solve(problem: Regression, method: str, notes: tuple[str, ...] = ()) -> Estimate:
+    checked = problem.check_collinearity()
+    inverse = np.linalg.inv(problem.information())
+    values = inverse @ problem.X.T @ problem.z
+    if not problem.noise.any():
+        values = np.linalg.lstsq(problem.X, problem.z, rcond=None)[0]
+    errors = _sandwich(problem, problem.X, problem.z - problem.X @ values, inverse)
     return _estimate(problem, method, values, errors, checked, notes)
 
 
@@ -155,7 +193,7 @@ def _estimate(
     values: Float[np.ndarray, " parameter"],
     errors: "ErrorCovariance",
     checked: Collinearity,
-    notes: tuple[str, ...],
+    notes: tuple[str, ...] = (),
 ) -> Estimate:
     return Estimate(
         method=method,
@@ -173,18 +211,187 @@ def _estimate(
     )
 
 
+def regress_total(
+    regressors: Mapping[str, ArrayLike],
+    response: ArrayLike,
+    time_s: ArrayLike | None = None,
+    *,
+    noise: Mapping[str, float],
+    response_noise: float,
+    response_name: str = "response",
+    constant: bool = True,
+) -> Estimate:
+    """Estimate parameters by total least squares, for noise in response and regressors.
+
+    Only the ratios of the standard deviations `noise` and `response_noise` matter. Regressors without noise are
+    eliminated by orthogonal transformation. Source: S. Van Huffel, J. Vandewalle, *The Total Least Squares Problem*,
+    SIAM 1991, section 3.6. Arguments and errors as for `regress`.
+    """
+    problem = prepare_regression(
+        regressors, response, time_s, response_name=response_name, constant=constant, noise=noise
+    )
+    if not (np.any(problem.noise > 0.0) and 0.0 < response_noise < np.inf):
+        raise ValueError(
+            f"noise: arrived {dict(noise)}, and {response_noise!r} for the response; expected standard deviations"
+        )
+    checked = problem._replace(noise=np.zeros_like(problem.noise)).check_collinearity()
+    noisy, values = problem.noise > 0.0, np.zeros(problem.noise.size)
+    exact = problem.X[:, ~noisy]
+    joint = np.column_stack([problem.X[:, noisy] / problem.noise[noisy], problem.z / response_noise])
+    reduced = joint - exact @ np.linalg.lstsq(exact, joint, rcond=None)[0] if exact.size else joint
+    direction = np.linalg.svd(reduced, full_matrices=False)[2][-1]
+    values[noisy] = -direction[:-1] / direction[-1] * response_noise / problem.noise[noisy]
+    remainder = problem.z - problem.X[:, noisy] @ values[noisy]
+    values[~noisy] = np.linalg.lstsq(exact, remainder, rcond=None)[0]
+    residuals = problem.z - problem.X @ values
+    weight = response_noise**2 + np.sum((problem.noise * values) ** 2)
+    scale = residuals @ residuals / ((residuals.size - values.size) * weight)  # on the squares of the noise
+    scaled = problem._replace(noise=np.sqrt(scale) * problem.noise)
+    clean = problem.X + np.outer(residuals, problem.noise**2 * values / weight)  # the regressors' expected values
+    errors = _sandwich(problem, clean, residuals, np.linalg.inv(scaled.information()))
+    return _estimate(problem, "equation error, total least squares", values, errors, checked)
+
+
+def regress_stepwise(
+    candidates: Mapping[str, ArrayLike],
+    response: ArrayLike,
+    time_s: ArrayLike | None = None,
+    *,
+    criterion: Literal["F", "PSE"] = "F",
+    response_name: str = "response",
+) -> Estimate:
+    """Select regressors one by one, and estimate their parameters and a constant by ordinary least squares.
+
+    The candidate with the greatest partial correlation with the response enters; regressors that lost their
+    significance leave. The selection ends by the criterion: no partial F ratio of a candidate exceeds 20 or R^2 grows
+    by less than 0.5 %, or the predicted squared error (PSE) does not fall. Source: V. Klein, E. A. Morelli, *Aircraft
+    System Identification*, AIAA 2006, section 5.4. Arguments and errors as for `regress`; the notes of the estimate
+    list the steps.
+
+    Raises
+    ------
+    ValueError
+        No candidate is significant.
+    """
+    if criterion not in ("F", "PSE"):
+        raise ValueError(f"criterion: arrived {criterion!r}; expected 'F' (partial F ratio) or 'PSE'")
+    problem = prepare_regression(candidates, response, time_s, response_name=response_name)
+    z, count = problem.z, problem.z.size
+    variation = np.sum((z - np.mean(z)) ** 2)
+    selected: list[str] = []
+    steps: list[str] = []
+
+    def squares(names: Sequence[str]) -> float:
+        X = problem.subset([*names, CONSTANT]).X
+        return float(np.sum((z - X @ np.linalg.lstsq(X, z, rcond=None)[0]) ** 2))
+
+    def predicted_error(names: Sequence[str]) -> float:
+        return squares(names) / count + float(variation) / (count - 1) * (len(names) + 1) / count
+
+    def partial_f(name: str, names: Sequence[str]) -> float:
+        """Return the F ratio of one regressor of a model."""
+        full = squares(names)
+        return (squares([n for n in names if n != name]) / full - 1.0) * (count - len(names) - 1)
+
+    while len(selected) < len(candidates):
+        entrant = min(
+            (name for name in candidates if name not in selected), key=lambda name: squares([*selected, name])
+        )
+        trial = [*selected, entrant]
+        ratio, gain = partial_f(entrant, trial), (squares(selected) - squares(trial)) / variation
+        improves = ratio > _F_MIN and gain > 0.005
+        if criterion == "PSE":
+            improves = predicted_error(trial) < predicted_error(selected)
+        if not improves:
+            break
+        selected = [name for name in trial if partial_f(name, trial) > _F_MIN or criterion == "PSE"]
+        steps.append(f"{entrant} enters: R2 {1.0 - squares(trial) / variation:.4f}, F {ratio:.3g}")
+        steps += [f"{name} leaves" for name in trial if name not in selected]
+        if steps[-1] == f"{entrant} leaves":
+            break
+    if not selected:
+        raise ValueError(f"{response_name}: no candidate is significant; expected a response that depends on one")
+    return _solve(problem.subset([*selected, CONSTANT]), "equation error, stepwise regression", tuple(steps))
+
+
+_F_MIN = 20.0
+"""Partial F ratio of a significant regressor: chance reaches 20 in 1 of 100,000 cases with some hundred samples."""
+
+
+def regress_with_prior(
+    regressors: Mapping[str, ArrayLike],
+    response: ArrayLike,
+    prior: Mapping[str, tuple[float, float]],
+    time_s: ArrayLike | None = None,
+    *,
+    response_name: str = "response",
+    constant: bool = True,
+) -> Estimate:
+    """Estimate parameters from a record and prior values: mixed estimation (H. Theil, A. S. Goldberger, 1961).
+
+    Parameters
+    ----------
+    regressors, response, time_s, response_name, constant
+        As for `regress`; the regressors may be collinear where the prior values tell them apart.
+    prior
+        Prior value and standard error of parameters, by name.
+
+    Raises
+    ------
+    ValueError
+        As for `regress`, from the information of record and prior values together.
+    """
+    problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
+    if not set(prior) <= set(problem.names) or not all(0.0 < error < np.inf for _, error in prior.values()):
+        raise ValueError(f"prior: arrived {dict(prior)}; expected (value, standard error above 0) of a regressor")
+    X, z = problem.X, problem.z
+    fit = X @ np.linalg.lstsq(X, z, rcond=1e-10)[0]
+    inverse = np.linalg.pinv(X.T @ X, rcond=1e-10, hermitian=True)
+    errors = _sandwich(problem, X, z - fit, inverse)
+    # of white errors with the same information as the coloured ones
+    variance = np.trace(errors.covariance @ X.T @ X) / np.linalg.matrix_rank(X, tol=1e-10 * np.linalg.norm(X))
+    weights, targets = np.zeros(len(problem.names)), np.zeros(len(problem.names))
+    for name, (value, error) in prior.items():
+        weights[problem.names.index(name)], targets[problem.names.index(name)] = error**-2, value
+    information = X.T @ X / variance + np.diag(weights)
+    checked = collinearity(information, problem.names, "regressors and prior")
+    covariance = np.linalg.inv(information)
+    values = covariance @ (X.T @ z / variance + weights * targets)
+    middle = _sandwich(problem, X, z - fit, np.eye(len(values)) / variance).covariance + np.diag(weights)
+    errors = errors._replace(covariance=covariance @ middle @ covariance)
+    return _estimate(problem, "equation error, mixed estimation with prior values", values, errors, checked)
+
+
+def step_means(
+    regressors: Mapping[str, ArrayLike],
+    state: ArrayLike,
+    time_s: ArrayLike,
+    held: Collection[str] = (),
+) -> tuple[dict[str, Float[np.ndarray, " step"]], Float[np.ndarray, " step"], Float[np.ndarray, " step"]]:
+    """Return means over each step of the regressors, the rate of a state, and the times of the middles.
+
+    The mean rate is exact: the difference of the state over the step. Its errors and those of the means do not
+    correlate; white noise of standard deviation sigma in a sample becomes sigma / sqrt(2) in a mean, and
+    sqrt(2) sigma / step in the rate. An input that is `held` over the step after its sample is its own mean.
+    """
+    times = _uniform_times(time_s, np.asarray(time_s).size)
+    series = {name: np.asarray(values, dtype=float) for name, values in regressors.items()}
+    means = {name: x[:-1] if name in held else 0.5 * (x[1:] + x[:-1]) for name, x in series.items()}
+    return means, np.diff(np.asarray(state, dtype=float)) / np.diff(times), 0.5 * (times[1:] + times[:-1])
+
+
 class ErrorCovariance(NamedTuple):
     """Covariance of estimated parameters, and the degrees of freedom of the variance of the errors behind it."""
 
-    covariance: Float[np.ndarray, "parameter parameter"]
+    covariance: Square
     degrees_of_freedom: float
 
 
-def sandwich(
+def _sandwich(
     problem: Regression,
     X: Matrix,
     residuals: Float[np.ndarray, " sample"],
-    inverse: Float[np.ndarray, "parameter parameter"],
+    inverse: Square,
 ) -> ErrorCovariance:
     """Compute the covariance A^-1 X^T Gamma X A^-1, with the covariance Gamma of the errors from the residuals.
 

@@ -1,0 +1,222 @@
+"""Equation error in the frequency domain, by finite Fourier transforms with corrections for held inputs and ends."""
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike, Complex, Float
+from scipy.optimize import nnls
+
+from anser.identification.estimates import Estimate, collinearity
+from anser.identification.regression import prepare_regression, require_signal
+
+Transform = Complex[np.ndarray, "frequency sample"]
+RealMatrix = Float[np.ndarray, "part sample"]
+"""Rows: real parts, then imaginary parts, of the frequencies."""
+END_SAMPLES = 10
+"""Number of samples of the line that gives a signal at an end of the record."""
+
+
+class FourierTransforms(NamedTuple):
+    """Finite Fourier transforms of a record as matrices: the transform at the angular frequencies is matrix @ samples.
+
+    The integral over the record is the trapezoidal rule.
+    """
+
+    signal: Transform  # transform of a sampled signal
+    held: Transform  # transform of an input that is held over a step, of its value in the middle of the step
+    derivative: Transform  # transform of the time derivative of a sampled signal
+
+
+def fourier_transforms(
+    time_s: Float[np.ndarray, " sample"],
+    frequencies_hz: Float[np.ndarray, " frequency"],
+    *,
+    hold: str = "following",
+    steady_start: bool = False,
+    corrected: bool = True,
+) -> FourierTransforms:
+    """Build the transforms of a uniformly sampled record.
+
+    The derivative of x over [0, T] has the transform i w x~ + x(T) exp(-i w T) - x(0); x(T) and x(0) are values of
+    straight lines through the samples at the ends of the record. The transform of a held input has half a step more, or
+    less, of delay (theory, identification).
+
+    Parameters
+    ----------
+    time_s
+        Times, s, with equal steps.
+    frequencies_hz
+        Frequencies, Hz.
+    hold
+        `following`: the input of a sample acts over the step after it; `preceding`: over the step before it.
+    steady_start
+        True: signals are perturbations from steady flight, zero at the start of the record. False: the mean is taken
+        from every signal and from the derivative, so that constants drop out of an equation.
+    corrected
+        False: neither the half step nor the ends, as published in 2000 (E. A. Morelli, J. Guidance 23(5)).
+    """
+    count, step = time_s.size, float(time_s[1] - time_s[0])
+    omega = 2.0 * np.pi * np.asarray(frequencies_hz, dtype=float)[:, None]
+    t = (time_s - time_s[0])[None, :]
+    waves = np.exp(-1j * omega * t) * step
+    if not corrected:
+        return FourierTransforms(waves, waves, 1j * omega * waves)
+    first, last = _end_values(count)
+    end = np.exp(-1j * omega * t[0, -1])
+    signal = waves - 0.5 * step * (first + end * last)
+    derivative = 1j * omega * signal + end * last - first
+    sign = {"following": -1.0, "preceding": 1.0}[hold]
+    held = waves * np.exp(0.5j * sign * omega * step)
+    held[:, -1 if hold == "following" else 0] = 0.0  # its step is outside the record
+    if steady_start:
+        signal, derivative = signal + 0.5 * step * first, derivative + (1.0 + 0.5j * omega * step) * first
+        return FourierTransforms(signal, held, derivative)
+    mean = (step - 0.5 * step * (first + last)) / t[0, -1]
+    held_mean = np.where(held[0] == 0.0, 0.0, 1.0 / (count - 1))[None, :]
+    signal_of_1, held_of_1 = (np.sum(matrix, axis=1, keepdims=True) for matrix in (signal, held))
+    return FourierTransforms(
+        signal - signal_of_1 * mean, held - held_of_1 * held_mean, derivative - signal_of_1 * (last - first) / t[0, -1]
+    )
+
+
+def _end_values(count: int) -> tuple[Float[np.ndarray, "1 sample"], Float[np.ndarray, "1 sample"]]:
+    """Return the weights of the samples in the values at start and end of lines through `END_SAMPLES` samples."""
+    number = min(END_SAMPLES, count)
+    k = np.arange(number) - 0.5 * (number - 1)
+    line = 1.0 / number - 0.5 * (number - 1) * k / np.sum(k**2)
+    first, last = np.zeros((1, count)), np.zeros((1, count))
+    first[0, :number], last[0, -number:] = line, line[::-1]
+    return first, last
+
+
+def regress_spectra(
+    regressors: Mapping[str, ArrayLike],
+    response: ArrayLike,
+    time_s: ArrayLike,
+    frequencies_hz: ArrayLike | None = None,
+    *,
+    response_name: str = "response",
+    differentiate: bool = False,
+    held: Collection[str] = (),
+    hold: str = "following",
+    steady_start: bool = False,
+    noise: Mapping[str, float] | None = None,
+    corrected: bool = True,
+) -> Estimate:
+    """Estimate parameters by least squares on finite Fourier transforms: theta = Re(X* X)^-1 Re(X* z).
+
+    Sources: E. A. Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; the
+    covariance is derived in the theory, section identification.
+
+    Parameters
+    ----------
+    regressors, response, time_s, response_name, noise
+        Series of a uniformly sampled record: see `prepare_regression`.
+    frequencies_hz
+        Frequencies, Hz, above 0; None: the harmonics of the record from 0.1 to 1.5 Hz.
+    differentiate
+        Whether the equation is for the time derivative of the response.
+    held
+        Names of the regressors that are inputs held over a step; `hold`: see `fourier_transforms`.
+    steady_start
+        Whether the series are perturbations from steady flight at the start of the record: see `fourier_transforms`.
+    corrected
+        False: the transforms and the covariance as published in 2000, s^2 Re(X* X)^-1 with independent frequencies.
+
+    Raises
+    ------
+    ValueError
+        As for `prepare_regression` and `regress`, or a frequency is not between 0 and half the sampling rate.
+    """
+    problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=False, noise=noise)
+    if problem.time_s is None or not set(held) <= set(problem.names):
+        raise ValueError(f"held: arrived {sorted(held)}; expected names of regressors: {', '.join(problem.names)}")
+    frequencies = _check_frequencies(frequencies_hz, problem.time_s, len(problem.names))
+    transforms = fourier_transforms(
+        problem.time_s, frequencies, hold=hold, steady_start=steady_start, corrected=corrected
+    )
+    columns = zip(problem.names, problem.X.T, strict=True)
+    X = np.stack([(transforms.held if name in held else transforms.signal) @ x for name, x in columns], axis=1)
+    z = (transforms.derivative if differentiate else transforms.signal) @ problem.z
+    real_X, real_z = _real_parts(X), _real_parts(z[:, None])[:, 0]
+    noise_power = problem.noise**2 * np.sum(np.abs(transforms.signal) ** 2)
+    require_signal(problem.names, np.sum(real_X**2, axis=0), noise_power)
+    information = real_X.T @ real_X - np.diag(noise_power)
+    checked = collinearity(information, problem.names)
+    inverse = np.linalg.inv(information)
+    values = inverse @ real_X.T @ real_z
+    residuals = real_z - real_X @ values
+    if corrected:
+        components = [_real_parts(F) for F in (transforms.signal, transforms.derivative)]
+        covariance, freedom = _correlated_covariance(real_X, inverse, residuals, components)
+    else:
+        freedom = float(frequencies.size - values.size)
+        covariance = residuals @ residuals / freedom * inverse
+    return Estimate(
+        method="equation error in the frequency domain",
+        names=problem.names,
+        values=values,
+        covariance=covariance,
+        degrees_of_freedom=freedom,
+        responses=(f"{response_name} rate" if differentiate else response_name,),
+        measured=z[:, None],
+        fitted=(X @ values)[:, None],
+        sample_points=frequencies,
+        condition_number=checked.condition_number,
+        variance_inflation=checked.variance_inflation,
+        is_spectrum=True,
+    )
+
+
+def _check_frequencies(
+    frequencies_hz: ArrayLike | None, time_s: Float[np.ndarray, " sample"], parameters: int
+) -> Float[np.ndarray, " frequency"]:
+    duration, step = time_s[-1] - time_s[0], time_s[1] - time_s[0]
+    if frequencies_hz is None:
+        harmonics = np.arange(1, int(np.floor(1.5 * duration + 1e-9)) + 1)
+        frequencies = harmonics[harmonics >= 0.1 * duration - 1e-9] / duration
+    else:
+        frequencies = np.asarray(frequencies_hz, dtype=float)
+    greatest = 0.5 / step
+    if frequencies.ndim != 1 or not np.all((frequencies > 0.0) & (frequencies < greatest)):
+        raise ValueError(f"frequencies_hz: arrived {frequencies}; expected numbers above 0 and below {greatest:g} Hz")
+    if frequencies.size <= parameters:
+        raise ValueError(
+            f"frequencies_hz: arrived {frequencies.size} for {parameters} parameters in {duration:g} s; expected more "
+            "frequencies than parameters: a longer record, or a list of frequencies"
+        )
+    return frequencies
+
+
+def _real_parts(matrix: Complex[np.ndarray, "frequency n"]) -> RealMatrix:
+    return np.concatenate([np.real(matrix), np.imag(matrix)])
+
+
+def _correlated_covariance(
+    X: RealMatrix,
+    inverse: Float[np.ndarray, "parameter parameter"],
+    residuals: Float[np.ndarray, " part"],
+    components: list[RealMatrix],
+) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
+    """Return the covariance of the parameters and the degrees of freedom of the residuals.
+
+    The error is a sum of independent parts, white noise through the matrices `components`: its variances are fitted to
+    the squares of the residuals, which the regression has reduced by P = 1 - X (X^T X)^-1 X^T. The degrees of freedom
+    are those of a chi-square distribution with the mean and variance of the sum of squares (F. E. Satterthwaite, 1946).
+    """
+    P = np.eye(len(X)) - X @ inverse @ X.T
+    shapes = [F @ F.T for F in components]
+    powers = [np.sum(np.diag(P @ shape @ P).reshape(2, -1), axis=0) for shape in shapes]
+    expected, power = np.stack(powers, axis=1), np.sum(residuals.reshape(2, -1) ** 2, axis=0)
+    variances = 1.0 / np.sum(expected, axis=0)
+    for _ in range(5):
+        weight = 1.0 / np.maximum(expected @ variances, 1e-12 * np.max(expected @ variances))
+        weighted = weight[:, None] * expected
+        scale = np.linalg.norm(weighted, axis=0)
+        variances = nnls(weighted / scale, weight * power)[0] / scale
+    shape = sum(variance * shape for variance, shape in zip(variances, shapes, strict=True))
+    reduced = P @ shape
+    mean = np.trace(reduced)
+    shape = shape * (residuals @ residuals / mean)
+    return inverse @ X.T @ shape @ X @ inverse, float(mean**2 / np.sum(reduced * reduced.T))

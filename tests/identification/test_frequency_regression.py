@@ -1,0 +1,138 @@
+"""Regression of Fourier transforms: published cases with known truth, coverage of the intervals, exact transforms."""
+
+import numpy as np
+import pytest
+
+from anser.identification.frequency_regression import fourier_transforms, regress_spectra
+from support.identification_cases import SHORT_PERIOD_FREQUENCIES_HZ, short_period
+
+# Scatter over seeds of Z_alpha, Z_q, Z_delta, M_alpha, M_q, M_delta: the project's reference figures, section 1.
+CASES = {
+    "stable, doublet, 4 s": ((4.0, -4.3, "doublet"), (0.018, 0.021, 0.040, 0.032, 0.028, 0.054)),
+    "stable, doublet, 10 s": ((10.0, -4.3, "doublet"), (0.013, 0.014, 0.031, 0.030, 0.021, 0.045)),
+    "stable, 3-2-1-1, 20 s": ((20.0, -4.3, "3-2-1-1"), (0.008, 0.007, 0.019, 0.014, 0.013, 0.030)),
+    "unstable, doublet, 4 s": ((4.0, 1.0, "doublet"), (0.018, 0.014, 0.029, 0.023, 0.016, 0.037)),
+    "unstable, 3-2-1-1, 10 s": ((10.0, 1.0, "3-2-1-1"), (0.006, 0.007, 0.017, 0.006, 0.007, 0.018)),
+}
+
+
+def estimates_of(case, seeds=200, **options):
+    """Values, intervals and standard errors (seed, parameter) of both equations from measurements with noise of 0.1."""
+    record, rng, rows = short_period(*case), np.random.default_rng(0), []
+    for _ in range(seeds):
+        alpha, q = (record.states + 0.1 * rng.normal(size=record.states.shape)).T
+        regressors = {"alpha": alpha, "q": q, "elevator": record.inputs}
+        fits = [
+            regress_spectra(
+                *(regressors, rate_of, record.time_s, SHORT_PERIOD_FREQUENCIES_HZ),
+                **{"differentiate": True, "held": ["elevator"], "hold": "preceding", "steady_start": True, **options},
+            )
+            for rate_of in (alpha, q)
+        ]
+        rows.append([np.concatenate([getattr(fit, name) for fit in fits]) for name in ("values", "standard_errors")])
+        rows[-1].append(np.concatenate([fit.interval() for fit in fits]))
+    return record.truth.ravel(), *(np.array(column) for column in zip(*rows, strict=True))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_corrected_transforms_reach_the_reference(name):
+    case, scatter = CASES[name]
+    truth, values, _, intervals = estimates_of(case)
+    error = np.abs(np.mean(values, axis=0) - truth)
+    assert np.all((error < 0.005 * np.abs(truth)) | (error < 0.5 * np.std(values, axis=0)))
+    # 15 %, and twice the standard error of a scatter over 200 seeds, 5 %
+    assert np.all(np.std(values, axis=0) < 1.15 * np.array(scatter) * 1.10 + 0.0005)
+    coverage = np.mean((intervals[..., 0] <= truth) & (truth <= intervals[..., 1]), axis=0)
+    assert np.mean(coverage) == pytest.approx(0.96, abs=0.03)
+    assert np.min(coverage) >= 0.85  # a coverage of 0.90 over 200 seeds has a standard error of 0.02
+    assert np.max(coverage) <= 0.995
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+def test_intervals_cover_the_truth_over_two_thousand_seeds(name):
+    truth, _, _, intervals = estimates_of(CASES[name][0], 2000)
+    coverage = np.mean((intervals[..., 0] <= truth) & (truth <= intervals[..., 1]), axis=0)
+    assert np.min(coverage) >= 0.90
+    assert np.max(coverage) <= 0.99
+
+
+def test_uncorrected_transforms_have_the_bias_of_the_publication():
+    truth, values, _, _ = estimates_of(CASES["stable, doublet, 10 s"][0], corrected=False)
+    published = [-0.600, 0.949, -0.117, -4.361, -1.252, -5.250]
+    np.testing.assert_allclose(np.mean(values, axis=0), published, atol=0.008)
+    assert np.all(np.abs(np.mean(values, axis=0) - truth)[3:] > 1.0 * np.std(values, axis=0)[3:])
+
+
+def test_plain_covariance_fails_where_the_corrected_covariance_covers():
+    transforms_and_plain = []
+    for case, _ in CASES.values():
+        record = short_period(*case)
+        truth, values, errors, _ = estimates_of(case, 60)
+        plain = plain_errors(record)
+        transforms_and_plain.append(plain / np.std(values, axis=0))
+        np.testing.assert_allclose(np.mean(errors, axis=0) / np.std(values, axis=0), 1.0, atol=0.45)
+        assert truth.size == plain.size
+    ratios = np.array(transforms_and_plain)
+    # the published formula, s^2 (X* X)^-1: standard errors from 0.6 to more than twice the scatter
+    assert np.min(ratios) < 0.75
+    assert np.max(ratios) > 2.0
+
+
+def plain_errors(record):
+    """Mean standard errors by the published formula, with the corrected transforms."""
+    F = fourier_transforms(record.time_s, SHORT_PERIOD_FREQUENCIES_HZ, hold="preceding", steady_start=True)
+    rng, errors = np.random.default_rng(1), []
+    for _ in range(50):
+        x = record.states + 0.1 * rng.normal(size=record.states.shape)
+        X = np.column_stack([F.signal @ x, F.held @ record.inputs])
+        M, Z = np.real(X.conj().T @ X), F.derivative @ x
+        theta = np.linalg.solve(M, np.real(X.conj().T @ Z))
+        s2 = np.sum(np.abs(Z - X @ theta) ** 2, axis=0) / (len(X) - 3)
+        errors.append(np.sqrt(np.outer(s2, np.diag(np.linalg.inv(M)))).ravel())
+    return np.mean(errors, axis=0)
+
+
+def test_transforms_of_an_exponential_are_those_of_the_analysis():
+    # x = exp(-t / 2): transform (1 - exp(-(1/2 + i w) T)) / (1/2 + i w), and of its rate -1/2 of that
+    time_s, frequencies = np.arange(2001) * 0.005, np.array([0.13, 0.4, 1.0])
+    s = 0.5 + 2j * np.pi * frequencies
+    exact = (1.0 - np.exp(-s * 10.0)) / s
+    F = fourier_transforms(time_s, frequencies)
+    window = (1.0 - np.exp(-2j * np.pi * frequencies * 10.0)) / (2j * np.pi * frequencies)
+    x = np.exp(-0.5 * time_s)
+    mean = 0.2 * (1.0 - np.exp(-5.0))
+    np.testing.assert_allclose(F.signal @ x, exact - mean * window, atol=1e-4)
+    np.testing.assert_allclose(F.derivative @ x, -0.5 * (exact - mean * window), atol=1e-3)
+    # a constant and a constant rate drop out
+    np.testing.assert_allclose(F.signal @ np.ones(2001), 0.0, atol=1e-12)
+    np.testing.assert_allclose(F.held @ np.ones(2001), 0.0, atol=1e-12)
+    np.testing.assert_allclose(F.derivative @ time_s, 0.0, atol=1e-3)  # (w step)^2 / 12 times the transform of 1
+
+
+def test_transform_of_a_held_input_is_that_of_its_pulse_without_the_filter_of_the_hold():
+    # a pulse from 0.2 to 0.7 s: (exp(-0.2 i w) - exp(-0.7 i w)) / i w; the hold filters with sinc(w step / 2)
+    time_s, frequencies = np.arange(21) * 0.1, np.array([0.3, 1.0, 2.0])
+    s = 2j * np.pi * frequencies
+    for hold, first in (("following", 2), ("preceding", 3)):
+        pulse = np.zeros(21)
+        pulse[first : first + 5] = 1.0
+        F = fourier_transforms(time_s, frequencies, hold=hold, steady_start=True)
+        filtered = np.sinc(frequencies * 0.1) * (F.held @ pulse)
+        np.testing.assert_allclose(filtered, (np.exp(-0.2 * s) - np.exp(-0.7 * s)) / s, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"frequencies_hz": [0.0, 0.1, 0.2, 0.3]}, "frequencies_hz: arrived .*above 0 and below 25 Hz"),
+        ({"frequencies_hz": [0.1, 0.2, 0.3]}, "arrived 3 for 3 parameters"),
+        ({"held": ["rudder"]}, "held: arrived .*rudder.*; expected names of regressors: alpha, q, elevator"),
+        ({"noise": {"alpha": 5.0}}, "no excitation of alpha"),
+    ],
+)
+def test_transforms_that_tell_nothing_are_refused(options, message):
+    record = short_period(10.0)
+    alpha, q = record.states.T
+    with pytest.raises(ValueError, match=message):
+        regress_spectra({"alpha": alpha, "q": q, "elevator": record.inputs}, alpha, record.time_s, **options)
