@@ -1,9 +1,9 @@
 from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, load_campaign, rare
 from .missions import load_flight, plan, run, sweep
+from .parts.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
 from .scenario import load, loads
 from .single_aircraft.flight import simulate
-from .single_aircraft.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
 from .single_aircraft.model import aircraft
 from .single_aircraft.simulator import Simulator
 

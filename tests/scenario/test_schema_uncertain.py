@@ -55,6 +55,13 @@ def event(lines):
     return f"[[event]]\ntime_s = 30.0\n{lines}\n"
 
 
+def excitation(lines):
+    return f"[[excitation]]\namplitude = 2.0\n{lines}\n"
+
+
+SINES = 'inputs = ["elevator", "rudder"]\nsignal = "multisine"\nduration_s = 10.0\n'
+
+
 @pytest.mark.parametrize(
     ("lines", "path", "expected"),
     [
@@ -101,6 +108,33 @@ def event(lines):
             "no deviation",
         ),
         (event('kind = "aircraft-changes"\naircraft = "charlie"\ndeviation.drag = 1.1'), "event[0].aircraft", "bravo"),
+        (excitation('inputs = ["flap"]\nsignal = "step"'), "excitation[0].inputs[0]", "elevator, aileron, rudder"),
+        (excitation('inputs = ["elevator"]\nsignal = "chirp"'), "excitation[0].signal", '"sweep"'),
+        (excitation('inputs = ["elevator"]\nsignal = "sweep"'), "excitation[0].duration_s", "needs: duration_s"),
+        (
+            excitation('inputs = ["elevator"]\nsignal = "step"\nwidth_s = 1.0'),
+            "excitation[0].width_s",
+            "amplitude and start_s alone",
+        ),
+        (
+            excitation('inputs = ["aileron", "rudder"]\nsignal = "doublet"').replace("2.0", "[1.0, 2.0, 3.0]"),
+            "excitation[0].amplitude",
+            "a list of 2",
+        ),
+        (
+            excitation('aircraft = "charlie"\ninputs = ["bank"]\nsignal = "step"'),
+            "excitation[0].aircraft",
+            '"alpha", "bravo"',
+        ),
+        (
+            excitation('inputs = ["bank"]\nsignal = "step"\nstart_s = 200.0'),
+            "excitation[0].start_s",
+            "end of the flight",
+        ),
+        (excitation(SINES + "frequencies_hz = [1.0, 1.05]"), "excitation[0].frequencies_hz", "at least 2 multiples"),
+        (excitation(SINES + "frequencies_hz = [2.0, 1.0]"), "excitation[0].frequencies_hz", "not above the second"),
+        (excitation(SINES + "frequencies_hz = [1.0, 60.0]"), "excitation[0].frequencies_hz[1]", "at most 50 Hz"),
+        (excitation('inputs = []\nsignal = "step"'), "excitation[0].inputs", "a list of surfaces"),
         (event('kind = "goal-stops"\ngoal = "island"'), "event[0].goal", '"ship", "buoy"'),
         (event('kind = "goal-stops"\ngoal = "ship"\nlater_s = 3.0'), "event[0].later_s", "no later_s"),
         (
@@ -190,6 +224,23 @@ def test_a_change_of_an_aircraft_is_unknown_to_its_model_and_to_the_planner():
     sampled = scenario.replace("event[0].deviation.surface_effectiveness.elevator", 0.5, "event[0].time_s", 40.0)
     assert sampled.event[0].deviation.surface_effectiveness.elevator == 0.5
     assert sampled.event[0].deviation.cg_shift == 0.05
+
+
+def test_an_excitation_is_built_for_its_aircraft():
+    lines = f'aircraft = "alpha"\n{SINES}frequencies_hz = [0.2, 2.0]'
+    text = TEXT + excitation(lines).replace("amplitude = 2.0", "amplitude = [1.0, 3.0]")
+    excited = parts(text).excitation
+    assert excited.targets == ("elevator", "rudder")
+    greatest = [np.abs([float(signal.at(t)) for t in 1.0 + np.arange(1000) * 0.01]).max() for signal in excited.signals]
+    np.testing.assert_allclose(np.degrees(greatest), [1.0, 3.0], rtol=2e-3)
+    assert build_flight(loads(text)).aircraft(1)[0].excitation is None
+    assert parts(TEXT).excitation is None
+    louder = loads(text).replace("excitation[0].amplitude", 2.0)
+    assert louder.excitation[0].amplitude_of(1) == 2.0
+    for lines in ('signal = "doublet"', 'signal = "3-2-1-1"\nwidth_s = 0.5', 'signal = "step"'):
+        assert parts(TEXT + excitation(f'inputs = ["airspeed"]\n{lines}')).excitation.targets == ("airspeed",)
+    sweep = 'inputs = ["bank"]\nsignal = "sweep"\nduration_s = 9.0\nfrequencies_hz = [0.1, 1.0]'
+    assert len(parts(TEXT + excitation(sweep)).excitation.signals) == 1
 
 
 def test_every_number_of_a_preset_has_its_source():

@@ -8,6 +8,8 @@ S - T = 1 + 2 T_zw. Disk margin: P. Seiler, A. Packard, P. Gahinet, "An Introduc
 Systems* 40(5), 2020, with skew 0.
 """
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -27,13 +29,13 @@ from anser.analysis.linearization import (
     state_fields_of,
 )
 from anser.compiling.options import compiled
-from anser.control.autopilot import Excitation, velocity_control
+from anser.control.autopilot import velocity_control
 from anser.control.autopilot_state import AutopilotState
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.control.onboard_model import onboard_model
 from anser.environment.environment import Environment
-from anser.parts.paths import PathCommand
+from anser.parts.paths import LoopExcitation, PathCommand
 from anser.shapes import Scalar, ScalarLike
 from anser.simulation.response import LoopCase, believed_motion, exact_belief, trimmed_autopilot_state
 from anser.steady.trim import TrimPoint
@@ -103,10 +105,11 @@ def excited_loop(case: LoopCase, fields: StateFields) -> ExcitedLoop:
     def sampled(zw: Array) -> Array:
         state = state_at(environment, zw[:aircraft_size], trim.state)
         autopilot_state = eqx.tree_at(elements, start, split_like(zw[aircraft_size:-5], elements(start)))
-        excitation = Excitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
+        excitation = LoopExcitation(attitude=jnp.append(zw[-2:], 0.0), rates_b=zw[-5:-2])
+        excited_command = dataclasses.replace(command, excitation=excitation)
         belief = exact_belief(airframe, environment, state)
         model = onboard_model(belief, case.limits, case.gains, autopilot_state, case.step)
-        controls, signals, next_state = velocity_control(model, case.gains, autopilot_state, command, excitation)
+        controls, signals, next_state = velocity_control(model, case.gains, autopilot_state, excited_command)
         passed = [controls.surfaces, controls.throttle[None], signals.rates_b, signals.attitude.angles[:2]]
         thrust, attitude = signals.thrust.saturated, signals.attitude
         outer_limits = [thrust, attitude.alpha_saturated, attitude.bank_saturated]

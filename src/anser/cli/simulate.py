@@ -92,8 +92,8 @@ def simulate(
     must_be_in_range("--step-s", step_s, 1e-4, 1.0)
     if input_ and controls is not None:
         raise RefusedError("--controls: arrived with --input; expected one of the two")
+    from anser.parts.input_signals import parse_signal
     from anser.single_aircraft.flight import simulate as fly
-    from anser.single_aircraft.input_signals import parse_signal
     from anser.single_aircraft.model import aircraft as load_model
 
     model = load_model(aircraft, variant, x_cg_over_c=cg)

@@ -19,19 +19,8 @@ from anser.control.gains import AutopilotGains
 from anser.control.onboard_model import OnboardModel, PathMotion
 from anser.control.velocity_loop import AttitudeDemand, ThrustDemand, attitude_demand, limit_bank_rate, thrust_demand
 from anser.numerics.linear import solve3
-from anser.parts.paths import PathCommand
+from anser.parts.paths import LoopExcitation, PathCommand
 from anser.shapes import Flag, Scalar, Vector, Vector3
-
-
-class Excitation(eqx.Module):
-    """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
-
-    Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
-    """
-
-    attitude: Vector3  # addition to the commanded (mu, alpha, beta), rad
-    rates_b: Vector3  # addition to the commanded (P, Q, R), rad/s
-
 
 _YAW = np.array([0.0, 0.0, 1.0])
 _SAMPLED_GAIN_MAX = 1.5  # keeps the pole of the sampled surface loop above -0.5
@@ -163,14 +152,13 @@ def velocity_control(
     gains: AutopilotGains,
     controller_state: AutopilotState,
     path_command: PathCommand,
-    excitation: Excitation | None = None,
 ) -> tuple[Controls, AutopilotSignals, AutopilotState]:
     """All three loops: compute surfaces and throttle for a commanded airspeed, path angle and course through the air.
 
-    The signals are the commands before `excitation` is added.
+    The signals are the commands before the excitation of the command is added.
     """
     zero = jnp.zeros_like(controller_state.velocity_integral)
-    added = Excitation(zero, zero) if excitation is None else excitation
+    added = LoopExcitation(zero, zero) if path_command.excitation is None else path_command.excitation
     motion, limits = model.motion, model.limits
     V_command = jnp.clip(path_command.V, limits.speed_min, limits.speed_max)
     error = jnp.stack(

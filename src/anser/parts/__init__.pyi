@@ -1,4 +1,5 @@
 from .controllers import AbstractController, AbstractGuidance
+from .input_signals import InputSignal
 from .paths import AbstractReference, PathCommand, PathPoint
 from .perception import (
     AbstractEstimator,
@@ -25,6 +26,7 @@ __all__ = [
     "Belief",
     "GoalReading",
     "GoalState",
+    "InputSignal",
     "Instant",
     "LineOfSight",
     "PathCommand",

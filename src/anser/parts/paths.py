@@ -54,6 +54,16 @@ class AbstractReference(AbstractPart):
         return self.at(time).acceleration_n
 
 
+class LoopExcitation(eqx.Module):
+    """Test input that is added to the commands from the velocity loop to the attitude loop and on to the rate loop.
+
+    Flight tests excite a loop with test inputs to measure the loop's margins; `anser.analysis` does the same.
+    """
+
+    attitude: Vector3  #: Addition to the commanded (mu, alpha, beta), rad.
+    rates_b: Vector3  #: Addition to the commanded (P, Q, R), rad/s.
+
+
 class PathCommand(eqx.Module):
     """Command to the velocity loop: speed, path angle and course, with their time derivatives."""
 
@@ -63,6 +73,7 @@ class PathCommand(eqx.Module):
     V_dot: Scalar  #: Rate of the speed, m/s^2.
     gamma_dot: Scalar  #: Rate of the path angle, rad/s.
     chi_dot: Scalar  #: Rate of the course, rad/s.
+    excitation: LoopExcitation | None = None  #: Test input of the loops inside the velocity loop; None: without.
 
 
 def polar(velocity_n: Vector3, acceleration_n: Vector3) -> PathCommand:

@@ -27,6 +27,7 @@ from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypo
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
 from anser.scenario.build_aircraft import ResolvedAircraft, build_flight_limits, build_guidance, resolve_fleet
 from anser.scenario.build_environment import build_environment, build_gusts, ned
+from anser.scenario.build_excitation import build_aircraft_excitation
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
 from anser.scenario.schema import Scenario
@@ -151,6 +152,7 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
         ),
         faults=build_faults(aircraft, scenario.event),
         changes=changes,
+        excitation=build_aircraft_excitation(scenario, aircraft, airframe.actuators.names),
     )
 
 

@@ -72,6 +72,7 @@ _CHECKS = (
     checks.gust_problems,
     checks.sensing_problems,
     checks.event_problems,
+    checks.excitation_problems,
     checks.network_problems,
 )
 _CHECKS_WITH_GOALS = (

@@ -299,6 +299,12 @@ class Aircraft(Table):
             return self.airframe
         return library_file(self.type) if self.type in LIBRARY_FILES else None
 
+    @property
+    def surfaces(self) -> tuple[str, ...] | None:
+        """Names of the commanded surfaces; None if unknown before the airframe, in code, is built."""
+        file = self.file
+        return tuple(file.surfaces) if file is not None else PRIMARY_SURFACES if self.type == "f16" else None
+
     def consistency_problems(self) -> list[Problem]:
         """List an airframe that is unknown or defined twice, keys of other airframes, and a start outside the data."""
         if self.type not in AIRFRAMES and self.type not in aircraft_types():

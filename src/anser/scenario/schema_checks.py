@@ -11,6 +11,7 @@ from anser.config.tables import Table, ordering_problems
 from anser.constants import AIRBORNE_STAND_OFF_MIN_M, STANDARD_GRAVITY_M_S2, SURFACE_STAND_OFF_MIN_M
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES
+from anser.scenario.schema_excitation import EXCITED_INPUTS, LOOP_INPUTS
 from anser.scenario.schema_sensing import goal_sigma_m
 from anser.scenario.schema_settings import Limits, Network, greatest_rate_range, is_multiple, multiple_message
 from anser.scenario.schema_tables import ScenarioTables
@@ -321,6 +322,36 @@ def event_problems(scenario: ScenarioTables) -> list[Problem]:
                 for aircraft in changed
                 for problem in aircraft.change_problems(event.deviation)
             ]
+    return problems
+
+
+def excitation_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List test inputs of unknown aircraft or inputs, after the end of the flight, or too fast for the step."""
+    timing, problems = scenario.timing, []
+    names = [aircraft.name for aircraft in scenario.aircraft]
+    for index, excitation in enumerate(scenario.excitation):
+        path = f"excitation[{index}]"
+        if excitation.aircraft not in (None, *names):
+            expected = f"the name of an aircraft of this scenario ({quoted_list(names)})"
+            problems.append(Problem(f"{path}.aircraft", f'"{excitation.aircraft}"', expected))
+        excited = [aircraft for aircraft in scenario.aircraft if excitation.aircraft in (None, aircraft.name)]
+        for k, name in enumerate(excitation.inputs):
+            unfit = [a for a in excited if a.surfaces is not None and name not in (*a.surfaces, *EXCITED_INPUTS)]
+            if unfit:
+                expected = f"an input of it: {', '.join((*(unfit[0].surfaces or ()), *EXCITED_INPUTS))}"
+                problems.append(Problem(f"{path}.inputs[{k}]", f'"{name}"', expected, unfit[0].label))
+        if excitation.start_s >= timing.duration_s:
+            expected = f"a time before the end of the flight, timing.duration_s = {format_number(timing.duration_s)} s"
+            problems.append(Problem(f"{path}.start_s", format_number(excitation.start_s), expected))
+        highest_hz = 0.0 if excitation.frequencies_hz is None else excitation.frequencies_hz[1]
+        if highest_hz > 0.5 / timing.step_s:
+            expected = f"at most {format_number(0.5 / timing.step_s)} Hz, half the rate of the samples"
+            problems.append(Problem(f"{path}.frequencies_hz[1]", format_number(highest_hz), expected))
+        loops = [name for name in excitation.inputs if name in LOOP_INPUTS]
+        if loops and scenario.parts is not None and scenario.parts.controller is not None:
+            arrived = f'"{loops[0]}" beside a user-defined controller'
+            expected = "a surface, the throttle, or a command of the path: the controller may have no such loop"
+            problems.append(Problem(f"{path}.inputs", arrived, expected))
     return problems
 
 

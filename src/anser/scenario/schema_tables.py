@@ -8,6 +8,7 @@ from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, tab
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, Arrival, Event, KeepOut, Separation
 from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.scenario.schema_excitation import Excitation
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Parts, Requirements, Timing
 
@@ -66,6 +67,13 @@ class ScenarioTables(Table):
     )
     keep_out: tuple[KeepOut, ...] = tables(
         "volumes closed to all aircraft", "tables [[keep_out]], in double brackets", at_least=0, default=()
+    )
+    excitation: tuple[Excitation, ...] = tables(
+        "test inputs in the closed loop",
+        "tables [[excitation]], in double brackets",
+        at_least=0,
+        default=(),
+        omit_default=True,
     )
 
     parts: Parts | None = Field(

@@ -234,7 +234,8 @@ def check_user_parts(vehicle: Vehicle, environment: Environment, step_s: float, 
     guidance = trace("guidance", "init", lambda b: vehicle.guidance.init(b, instant), belief)
     del guidance  # its command needs a plan, which exists only in flight
     controller = trace("controller", "init", vehicle.controller.init, state, attitude)
-    command = jax.tree.map(lambda _: jax.ShapeDtypeStruct((), float), PathCommand(*(jnp.zeros(()),) * 6))
+    zero = jnp.zeros(())
+    command = jax.tree.map(lambda _: jax.ShapeDtypeStruct((), float), PathCommand(zero, zero, zero, zero, zero, zero))
     control = trace(
         "controller",
         "control",

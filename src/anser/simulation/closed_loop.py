@@ -184,7 +184,12 @@ def act(
             ),
             (command, reference_n),
         )
+    if vehicle.excitation is not None:
+        command = vehicle.excitation.excite_command(command, instant.time)
     controls, signals, controller = vehicle.controller.control(state.controller, belief, command, instant.step)
+    if vehicle.excitation is not None:
+        surfaces = vehicle.airframe.actuators.names
+        controls = vehicle.excitation.excite_controls(controls, surfaces, instant.time)
     sample = AircraftSample(
         truth=truth,
         belief=belief,

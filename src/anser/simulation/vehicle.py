@@ -16,6 +16,7 @@ from anser.environment.gusts import AbstractGusts, NoGusts
 from anser.numerics.arrays import as_array
 from anser.numerics.integration import rk4_step
 from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.excitation import Excitation
 from anser.parts.perception import AbstractEstimator, AbstractSensors, GoalState
 from anser.parts.planners import Rendezvous
 from anser.planning.goals import GoalMotion
@@ -144,6 +145,8 @@ class Vehicle(eqx.Module):
         Thrust loss, sensor failure and departure, by time.
     changes
         Changes of the true airframe during the flight, unknown to estimator and controller; None: no changes.
+    excitation
+        Test inputs added to the command and to the controls; None: no test inputs.
     """
 
     airframe: AbstractAirframe
@@ -155,6 +158,7 @@ class Vehicle(eqx.Module):
     gusts: AbstractGusts = eqx.field(default_factory=NoGusts)
     faults: Faults = eqx.field(default_factory=no_faults)
     changes: AirframeChanges | None = None
+    excitation: Excitation | None = None
 
     def airframe_at(self, time: ScalarLike) -> AbstractAirframe:
         """Return the true airframe at a time, s."""

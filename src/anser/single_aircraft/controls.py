@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from anser.single_aircraft.input_signals import InputSignal
+from anser.parts.input_signals import InputSignal
 
 _TIME = "time_s"
 

@@ -27,6 +27,8 @@ from anser.files import result_folder
 from anser.numerics.arrays import as_array, bucket_size
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
 from anser.parts.controllers import AbstractController, AbstractGuidance
+from anser.parts.excitation import Excitation
+from anser.parts.input_signals import InputSignal
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
@@ -45,6 +47,7 @@ from anser.simulation.vehicle import Vehicle
 from anser.single_aircraft.air import Air, read_air
 from anser.single_aircraft.changes import read_changes
 from anser.single_aircraft.controls import check_function, describe_inputs, sample_inputs, sample_times
+from anser.single_aircraft.excitation import read_excitation
 from anser.single_aircraft.starts import air_path, reference_inputs, resolve_start
 from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD
@@ -135,6 +138,7 @@ def simulate(
     increments: bool = False,
     controller: AbstractController | str | None = None,
     command: Mapping[str, Any] | AbstractGuidance | None = None,
+    excitation: Mapping[str, InputSignal] | None = None,
     sensors: AbstractSensors | None = None,
     estimator: AbstractEstimator | None = None,
     wind: Mapping[str, Any] | None = None,
@@ -173,6 +177,11 @@ def simulate(
     command
         Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each like a control; or a guidance.
         Left out: those of the start.
+    excitation
+        Test inputs in the closed loop, signals by name: of surfaces (deg) and `throttle`, added after the control law
+        and before the limits of the actuators; or of `airspeed_m_s`, `path_angle_deg`, `course_deg`, added to the
+        command; or, with the package's autopilot, of `bank_deg`, `alpha_deg`, `beta_deg`, `roll_rate_deg_s`,
+        `pitch_rate_deg_s`, `yaw_rate_deg_s`, added to the commands between its loops.
     sensors, estimator
         Parts between the truth and the controller; None: ideal, with forces and moments of the unchanged aircraft.
     wind, turbulence, gust, earth
@@ -215,6 +224,7 @@ def simulate(
     )
     guidance = _guidance(environment, point, command, time_s, count, controller)
     gusts = _gusts(air, airframe)
+    test_inputs = read_excitation(airframe.actuators.names, excitation, flight_controller)
     changes = read_changes(airframe, change)
     if estimator is None:
         estimator = DirectEstimator() if changes is None else DirectEstimator(model=airframe)
@@ -232,6 +242,7 @@ def simulate(
         History(stride=stride),
         count,
         changes,
+        test_inputs,
     )
     columns = {key: np.asarray(values)[:rows] for key, values in history.items()}
     attributes = {
@@ -244,6 +255,7 @@ def simulate(
         "air": air.describe(),
         "air_tables": air.model_dump_json(),
         **({} if changes is None else {"change": json.dumps(change)}),
+        **({} if test_inputs is None else {"excitation": describe_inputs(excitation)}),
         **version_attributes(),
     }
     return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))
@@ -264,8 +276,11 @@ def _fly(
     recorder: History,
     count: int,
     changes: AirframeChanges | None = None,
+    excitation: Excitation | None = None,
 ) -> dict[str, Array]:
-    vehicle = Vehicle(airframe, sensors, estimator, guidance, controller, gusts=gusts, changes=changes)
+    vehicle = Vehicle(
+        airframe, sensors, estimator, guidance, controller, gusts=gusts, changes=changes, excitation=excitation
+    )
     instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), step, randomness)
     state = trimmed_vehicle(vehicle, instant, start)
     return fly_alone(vehicle, environment, state, step, count, recorder, randomness)[2]

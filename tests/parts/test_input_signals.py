@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import anser
-from anser.single_aircraft.input_signals import parse_signal
+from anser.parts.input_signals import parse_signal
 
 TIME = np.arange(0.0, 12.0, 0.01)
 

@@ -1,12 +1,114 @@
 """Input signals of flight tests: step, doublet, 3-2-1-1, sine sweep and multisine, as functions of time."""
 
+import abc
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
+from anser.numerics.arrays import namespace
+from anser.numerics.multisine_phases import multisine_phases
+from anser.shapes import ScalarLike, Vector
+
 TimeHistory = Float[np.ndarray, " time"]
+
+
+class AbstractSignal(eqx.Module):
+    """Signal as a function of time, for compiled flights: of numbers alone, in any unit."""
+
+    @abc.abstractmethod
+    def at(self, time: Any) -> Any:
+        """Return the values at times (s), one or an array; NumPy for concrete times."""
+
+    @abc.abstractmethod
+    def scaled(self, factor: float) -> Self:
+        """Return the signal times a factor."""
+
+
+class PulseSignal(AbstractSignal):
+    """Piecewise constant signal: the value changes by `jumps` at the times `edges` (s), from 0 on."""
+
+    edges: Vector | np.ndarray
+    jumps: Vector | np.ndarray
+
+    def at(self, time: Any) -> Any:
+        """Return the values at times, s; a time within rounding of an edge counts as after the edge."""
+        xp = namespace(time, self)
+        t = xp.asarray(time)[..., None]
+        tolerance = xp.maximum(_EDGE_TOLERANCE_S, _ROUNDINGS * np.finfo(t.dtype).eps * xp.abs(t))
+        return xp.sum(xp.where(t + tolerance >= self.edges, self.jumps, 0.0), axis=-1)
+
+    def scaled(self, factor: float) -> "PulseSignal":
+        """Return the signal times a factor."""
+        return PulseSignal(self.edges, self.jumps * factor)
+
+
+class SweepSignal(AbstractSignal):
+    """Sine whose frequency rises exponentially by `rate` (1/s) from `frequency` (Hz) on, for a `duration` (s)."""
+
+    amplitude: ScalarLike
+    frequency: ScalarLike
+    rate: ScalarLike
+    start: ScalarLike
+    duration: ScalarLike
+
+    def at(self, time: Any) -> Any:
+        """Return the values at times, s."""
+        xp = namespace(time, self)
+        since = xp.asarray(time) - self.start
+        t = xp.clip(since, 0.0, self.duration)
+        rate = xp.where(self.rate == 0.0, 1.0, self.rate)
+        cycles = self.frequency * xp.where(self.rate == 0.0, t, xp.expm1(rate * t) / rate)
+        values = self.amplitude * xp.sin(2.0 * np.pi * cycles)
+        return xp.where((since >= 0.0) & (since <= self.duration), values, 0.0)
+
+    def scaled(self, factor: float) -> "SweepSignal":
+        """Return the signal times a factor."""
+        return eqx.tree_at(lambda s: s.amplitude, self, self.amplitude * factor)
+
+
+class SineSumSignal(AbstractSignal):
+    """Sum of cosines with amplitudes, frequencies (Hz) and phases (rad), from `start` on, for a `duration` (s)."""
+
+    amplitudes: Vector | np.ndarray
+    frequencies: Vector | np.ndarray
+    phases: Vector | np.ndarray
+    start: ScalarLike
+    duration: ScalarLike
+
+    def at(self, time: Any) -> Any:
+        """Return the values at times, s."""
+        xp = namespace(time, self)
+        since = xp.asarray(time) - self.start
+        angles = 2.0 * np.pi * since[..., None] * self.frequencies + self.phases
+        is_active = (since >= 0.0) & (since < self.duration)
+        return xp.where(is_active, xp.sum(self.amplitudes * xp.cos(angles), axis=-1), 0.0)
+
+    def scaled(self, factor: float) -> "SineSumSignal":
+        """Return the signal times a factor."""
+        return eqx.tree_at(lambda s: s.amplitudes, self, self.amplitudes * factor)
+
+
+class SignalSum(AbstractSignal):
+    """Sum of signals."""
+
+    terms: tuple[AbstractSignal, ...]
+
+    def at(self, time: Any) -> Any:
+        """Return the values at times, s."""
+        return functools.reduce(lambda total, term: total + term.at(time), self.terms[1:], self.terms[0].at(time))
+
+    def scaled(self, factor: float) -> "SignalSum":
+        """Return the sum times a factor."""
+        return SignalSum(tuple(term.scaled(factor) for term in self.terms))
+
+
+_EDGE_TOLERANCE_S = 1e-9
+_ROUNDINGS = 16
 
 
 @dataclass(frozen=True)
@@ -15,23 +117,23 @@ class InputSignal:
 
     Attributes
     ----------
-    values
-        Function from times, s, to increments, in the unit of the input: degrees for a surface, 0..1 for the throttle.
+    signal
+        The increment as a function of time, in the unit of the input: degrees for a surface, 0..1 for the throttle.
     description
         Text for labels and provenance.
     """
 
-    values: Callable[[TimeHistory], TimeHistory]
+    signal: AbstractSignal
     description: str
 
     def __call__(self, time_s: Sequence[float] | TimeHistory) -> TimeHistory:
         """Return the increments at times, s."""
-        return self.values(np.asarray(time_s, dtype=float))
+        return self.signal.at(np.asarray(time_s, dtype=float))
 
     def __add__(self, other: "InputSignal") -> "InputSignal":
         if not isinstance(other, InputSignal):
             return NotImplemented
-        return InputSignal(lambda t: self.values(t) + other.values(t), f"{self.description} + {other.description}")
+        return InputSignal(SignalSum((self.signal, other.signal)), f"{self.description} + {other.description}")
 
     def __neg__(self) -> "InputSignal":
         return -1.0 * self
@@ -42,7 +144,7 @@ class InputSignal:
     def __mul__(self, factor: float) -> "InputSignal":
         if not isinstance(factor, int | float | np.number):
             return NotImplemented
-        return InputSignal(lambda t: factor * self.values(t), f"{factor:g} ({self.description})")
+        return InputSignal(self.signal.scaled(float(factor)), f"{factor:g} ({self.description})")
 
     __rmul__ = __mul__
 
@@ -80,9 +182,9 @@ def _require_pulse(amplitude: float, start_s: float, width_s: float) -> None:
 
 def _pulses(amplitudes: Sequence[float], widths_s: Sequence[float], start_s: float, description: str) -> InputSignal:
     edges_s = start_s + np.concatenate([[0.0], np.cumsum(widths_s)])
-    levels = np.array([0.0, *amplitudes, 0.0])
-    # A time within rounding of an edge belongs to the pulse after the edge.
-    return InputSignal(lambda t: levels[np.searchsorted(edges_s, t + 1e-9, side="right")], description)
+    jumps = np.diff([0.0, *amplitudes, 0.0])
+    lasts = np.isfinite(edges_s)
+    return InputSignal(PulseSignal(edges_s[lasts], jumps[lasts]), description)
 
 
 def sine_sweep(
@@ -98,14 +200,9 @@ def sine_sweep(
     low, high = _frequencies(frequencies_hz)
     _require_finite("amplitude", amplitude)
     _require_positive("duration_s", duration_s)
-    rate = np.log(high / low) / duration_s
-
-    def values(time_s: TimeHistory) -> TimeHistory:
-        t = np.clip(time_s - start_s, 0.0, duration_s)
-        phase = 2.0 * np.pi * low * (t if rate == 0.0 else np.expm1(rate * t) / rate)
-        return np.where((time_s >= start_s) & (time_s <= start_s + duration_s), amplitude * np.sin(phase), 0.0)
-
-    return InputSignal(values, f"sweep of {amplitude:g} from {low:g} to {high:g} Hz in {duration_s:g} s")
+    numbers = np.array([amplitude, low, np.log(high / low) / duration_s, start_s, duration_s], dtype=float)
+    signal = SweepSignal(*numbers)
+    return InputSignal(signal, f"sweep of {amplitude:g} from {low:g} to {high:g} Hz in {duration_s:g} s")
 
 
 def multisine(
@@ -116,12 +213,13 @@ def multisine(
     *,
     channel: int = 0,
     channels: int = 1,
+    power_exponent: float = 0.0,
 ) -> InputSignal:
-    """Return a sum of harmonics of 1 / `duration_s` between two frequencies, with the phases of Schroeder (1970).
+    """Return a sum of harmonics of 1 / `duration_s` between two frequencies, with phases for a small peak factor.
 
     The harmonics are dealt out in turn to `channels` inputs; signals of different `channel` with the same duration are
     orthogonal, so that several surfaces can move at once. The sum is scaled to a greatest magnitude of `amplitude` and
-    shifted to a zero crossing, so that it starts near zero.
+    shifted to a zero crossing, so that it starts near zero. For the phases see `multisine_phases`.
 
     Parameters
     ----------
@@ -135,39 +233,49 @@ def multisine(
         Start of the signal.
     channel, channels
         Index of this input, from 0, and number of inputs that share the harmonics.
+    power_exponent
+        The power of a harmonic is proportional to this power of its frequency; 0: equal powers, -1: about equal power
+        in each octave.
     """
     low, high = _frequencies(frequencies_hz)
     _require_finite("amplitude", amplitude)
+    _require_finite("power_exponent", power_exponent)
     _require_positive("duration_s", duration_s)
     if not 0 <= channel < channels:
         raise ValueError(f"channel: arrived {channel} of {channels} channels; expected 0 to {channels - 1}")
-    first, last = int(np.ceil(low * duration_s - 1e-9)), int(np.floor(high * duration_s + 1e-9))
-    harmonics = np.arange(max(first, 1), last + 1)[channel::channels]
+    harmonics = multisine_harmonics((low, high), duration_s)[channel::channels]
     if harmonics.size == 0:
         raise ValueError(
             f"frequencies_hz: arrived {low:g} to {high:g} Hz with a duration of {duration_s:g} s; expected a range "
             f"with a harmonic of {1.0 / duration_s:g} Hz for each of {channels} channels"
         )
-    k = np.arange(1, harmonics.size + 1)
-    phases = -np.pi * k * (k - 1) / harmonics.size
-
-    def raw(t: TimeHistory) -> TimeHistory:
-        angles = 2.0 * np.pi * harmonics[:, None] * np.atleast_1d(t)[None, :] / duration_s + phases[:, None]
-        return np.sum(np.cos(angles), axis=0)
-
-    grid = np.linspace(0.0, duration_s, 64 * int(harmonics[-1]) + 1)
-    samples = raw(grid)
+    amplitudes = (harmonics / harmonics[0]) ** (0.5 * power_exponent)
+    phases = multisine_phases(tuple(harmonics.tolist()), tuple(amplitudes.tolist()))
+    # shares of the period
+    grid = np.linspace(0.0, 1.0, _SAMPLES_PER_PERIOD * int(harmonics[-1]) + 1)
+    samples = np.sum(amplitudes * np.cos(2.0 * np.pi * grid[:, None] * harmonics + phases), axis=1)
     rising = np.flatnonzero((samples[:-1] <= 0.0) & (samples[1:] > 0.0))[0]
     fraction = samples[rising] / (samples[rising] - samples[rising + 1])
     zero = grid[rising] + fraction * (grid[1] - grid[0])
-    scale = amplitude / np.max(np.abs(samples))
-
-    def values(time_s: TimeHistory) -> TimeHistory:
-        is_active = (time_s >= start_s) & (time_s < start_s + duration_s)
-        return np.where(is_active, scale * raw(time_s - start_s + zero), 0.0)
-
+    signal = SineSumSignal(
+        amplitudes * (amplitude / np.max(np.abs(samples))),
+        harmonics / duration_s,
+        np.asarray(phases) + 2.0 * np.pi * zero * harmonics,
+        float(start_s),
+        float(duration_s),
+    )
     lines = f"{harmonics[0] / duration_s:g} to {harmonics[-1] / duration_s:g} Hz"
-    return InputSignal(values, f"multisine of {amplitude:g}, {harmonics.size} harmonics from {lines}")
+    return InputSignal(signal, f"multisine of {amplitude:g}, {harmonics.size} harmonics from {lines}")
+
+
+def multisine_harmonics(frequencies_hz: tuple[float, float], duration_s: float) -> np.ndarray:
+    """Return the numbers of the harmonics of 1 / `duration_s` between two frequencies."""
+    first, last = (np.ceil(frequencies_hz[0] * duration_s - 1e-9), np.floor(frequencies_hz[1] * duration_s + 1e-9))
+    return np.arange(max(int(first), 1), int(last) + 1)
+
+
+_SAMPLES_PER_PERIOD = 64
+"""Samples per period of the highest harmonic, from which greatest magnitude and zero crossing are taken."""
 
 
 def _frequencies(frequencies_hz: tuple[float, float]) -> tuple[float, float]:

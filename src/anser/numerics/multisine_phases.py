@@ -1,0 +1,79 @@
+"""Phases of a sum of harmonics for which its range of values is small: multisines of flight tests."""
+
+import functools
+from collections.abc import Callable
+
+import numpy as np
+
+
+@functools.lru_cache(maxsize=256)
+def multisine_phases(harmonics: tuple[int, ...], amplitudes: tuple[float, ...]) -> tuple[float, ...]:
+    """Return phases (rad) of harmonics for which the relative peak factor of their sum is small.
+
+    The relative peak factor is (greatest - least value) / (2 sqrt(2) root mean square); 1 for a sine. Greatest and
+    least value are minimized as smooth functions that approach them (log-sum-exp) by a quasi-Newton method, from the
+    phases of Schroeder and from some random phases; the same harmonics always have the same phases.
+    Sources: M. R. Schroeder, IEEE Trans. Information Theory 16(1), 1970; E. A. Morelli, AIAA-2003-5371 (measure).
+    """
+    k, A = np.asarray(harmonics, dtype=float), np.asarray(amplitudes)
+    count = k.size
+    angles = 2.0 * np.pi * np.outer(np.arange(_OPTIMIZED_SAMPLES * int(k[-1])) / (_OPTIMIZED_SAMPLES * int(k[-1])), k)
+    scale = A / np.sqrt(0.5 * np.sum(A**2))
+    cosines, sines = np.cos(angles) * scale, np.sin(angles) * scale
+
+    # einsum: of matrices this small, the threads of a linear algebra library make the products slower
+    def total(phases: np.ndarray) -> np.ndarray:
+        return np.einsum("tk,k->t", cosines, np.cos(phases)) - np.einsum("tk,k->t", sines, np.sin(phases))
+
+    def smooth_range(phases: np.ndarray, sharpness: float) -> tuple[float, np.ndarray]:
+        """Return the smooth range of values, and its gradient by the phases."""
+        u, cosine, sine = total(phases), np.cos(phases), np.sin(phases)
+        high, low = np.exp(sharpness * (u - u.max())), np.exp(-sharpness * (u - u.min()))
+        value = np.ptp(u) + (np.log(high.sum()) + np.log(low.sum())) / sharpness
+        weights = high / high.sum() - low / low.sum()
+        gradient = sine * np.einsum("t,tk->k", weights, cosines) + cosine * np.einsum("t,tk->k", weights, sines)
+        return value, -gradient
+
+    number = np.arange(1, count + 1)
+    starts = [-np.pi * number * (number - 1) / count]
+    starts += list(np.random.default_rng(0).uniform(-np.pi, np.pi, (_RANDOM_STARTS, count)))
+    results = []
+    for start in starts:
+        phases = start
+        for sharpness in _SHARPNESS:
+            phases = _minimize(functools.partial(smooth_range, sharpness=sharpness), phases)
+        results.append((np.ptp(total(phases)), phases))
+    return tuple(min(results, key=lambda result: result[0])[1].tolist())
+
+
+def _minimize(function: Callable[[np.ndarray], tuple[float, np.ndarray]], start: np.ndarray) -> np.ndarray:
+    """Return a local minimum of a function that returns value and gradient: BFGS with a backtracking line search."""
+    x, (value, gradient) = start, function(start)
+    inverse_hessian = np.eye(x.size) * min(1.0, 0.3 / max(float(np.abs(gradient).max()), 1e-12))
+    for _ in range(_ITERATIONS):
+        direction = -np.einsum("jk,k->j", inverse_hessian, gradient)
+        slope = float(np.sum(direction * gradient))
+        if slope > -_SLOPE_MIN:
+            break
+        for step in _STEPS:
+            new_x = x + step * direction
+            new_value, new_gradient = function(new_x)
+            if new_value <= value + 1e-4 * step * slope:
+                break
+        else:
+            break
+        s, y = new_x - x, new_gradient - gradient
+        curvature = float(np.sum(s * y))
+        if curvature > 1e-14:
+            H_y = np.einsum("jk,k->j", inverse_hessian, y)
+            ratio = (1.0 + float(np.sum(y * H_y)) / curvature) / curvature
+            inverse_hessian = inverse_hessian + ratio * np.outer(s, s)
+            inverse_hessian -= (np.outer(H_y, s) + np.outer(s, H_y)) / curvature
+        x, value, gradient = new_x, new_value, new_gradient
+    return x
+
+
+_ITERATIONS, _SLOPE_MIN, _STEPS = 200, 1e-10, tuple(0.5**k for k in range(20))
+_OPTIMIZED_SAMPLES = 16
+"""Samples per period of the highest harmonic."""
+_RANDOM_STARTS, _SHARPNESS = 4, (4.0, 16.0, 64.0, 256.0)

@@ -1,0 +1,82 @@
+"""Excitation of a flight in the closed loop: test inputs added to controls and commands, as in a flight test.
+
+A signal is added to the commanded deflections and the throttle after the control law (before the limits of the
+actuators), or to a command before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from anser.aircraft.airframe import Controls
+from anser.numerics.arrays import as_array
+from anser.parts.input_signals import AbstractSignal, InputSignal
+from anser.parts.paths import LoopExcitation, PathCommand
+from anser.shapes import ScalarLike, Vector
+from anser.units import DEG_RAD
+
+PATH_INPUTS = ("airspeed", "path_angle", "course")
+"""Commands to the velocity loop, by their keys without unit; m/s and deg."""
+LOOP_INPUTS = ("bank", "alpha", "beta", "roll_rate", "pitch_rate", "yaw_rate")
+"""Commands from the velocity loop to the attitude loop (deg), and on to the rate loop (deg/s)."""
+
+
+class Excitation(eqx.Module):
+    """Test inputs of one aircraft: signals in SI units and rad, each added to the input named in `targets`.
+
+    Targets are surfaces, "throttle", `PATH_INPUTS` and `LOOP_INPUTS`; an input may have several signals.
+    """
+
+    signals: tuple[AbstractSignal, ...]
+    targets: tuple[str, ...] = eqx.field(static=True)
+
+    def _sums(self, names: Sequence[str], time: ScalarLike) -> Vector:
+        """Return the sum of the signals of each named input at a time, s."""
+        zero = jnp.zeros((), jnp.result_type(time))
+        values = [(target, signal.at(time)) for target, signal in zip(self.targets, self.signals, strict=True)]
+        return jnp.stack([sum((value for target, value in values if target == name), start=zero) for name in names])
+
+    def excite_controls(self, controls: Controls, surfaces: Sequence[str], time: ScalarLike) -> Controls:
+        """Return controls with the signals of surfaces (named `surfaces`) and throttle added."""
+        added = self._sums((*surfaces, "throttle"), time)
+        return Controls(controls.surfaces + added[:-1], controls.throttle + added[-1])
+
+    def excite_command(self, command: Any, time: ScalarLike) -> Any:
+        """Return a command with the signals of the path, attitude and rate loops added.
+
+        Raises
+        ------
+        ValueError
+            The command is no `PathCommand`.
+        """
+        targets = set(self.targets)
+        if targets.isdisjoint((*PATH_INPUTS, *LOOP_INPUTS)):
+            return command
+        if not isinstance(command, PathCommand):
+            raise ValueError(
+                f"excitation: arrived {type(command).__name__} as the command, for {', '.join(sorted(targets))}; "
+                "expected a PathCommand from the guidance, or an excitation of surfaces"
+            )
+        if not targets.isdisjoint(PATH_INPUTS):
+            V, gamma, chi = self._sums(PATH_INPUTS, time)
+            command = replace(command, V=command.V + V, gamma=command.gamma + gamma, chi=command.chi + chi)
+        if not targets.isdisjoint(LOOP_INPUTS):
+            added = self._sums(LOOP_INPUTS, time)
+            command = replace(command, excitation=LoopExcitation(added[:3], added[3:]))
+        return command
+
+
+def build_excitation(terms: Sequence[tuple[str, InputSignal]]) -> Excitation | None:
+    """Build the excitation of one aircraft from pairs of an input and a signal; None without any.
+
+    The signals are in m/s for the airspeed, in 0..1 for the throttle, otherwise in deg and deg/s.
+    """
+    if not terms:
+        return None
+    factors = {"airspeed": 1.0, "throttle": 1.0}
+    signals = [signal.signal.scaled(factors.get(name, DEG_RAD)) for name, signal in terms]
+    return Excitation(jax.tree.map(as_array, tuple(signals)), tuple(name for name, _ in terms))
