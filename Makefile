@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 OUT ?= runs/three-aircraft-$(shell date +%Y%m%d-%H%M%S)
 
-.PHONY: demo test laws tests test-long docs bench verification plan-trials descent-trials autopilot release-check clean
+.PHONY: demo test laws tests test-long copies docs bench verification plan-trials descent-trials autopilot release-check clean
 
 demo: .venv/.installed
 	$(BIN)/anser demo --out $(OUT)
@@ -24,6 +24,10 @@ tests: .venv/.installed-test
 # What `make test` leaves out: missions, studies, trials of the planner, programs of one test only.
 test-long: .venv/.installed-test
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
+
+# Copies of files and tables of keys in the pages, anew. A test says when they are old.
+copies: .venv/.installed
+	$(BIN)/python docs/copies.py
 
 # The documentation site, every example executed: open build/docs/index.html.
 docs: .venv/.installed-docs

@@ -15,11 +15,7 @@ jax.Array.__name__ = jax.Array.__qualname__ = "Array"  # as signatures are to sh
 jax.Array.__module__ = "jax"
 
 import anser  # noqa: E402 - its annotations take the name on
-from anser.aircraft_files.schema import AirframeFile  # noqa: E402
-from anser.campaigns.study import Study  # noqa: E402
 from anser.compiling.options import supported_options  # noqa: E402
-from anser.config.file_schema import key_tables  # noqa: E402
-from anser.scenario.schema import Scenario  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
 
@@ -122,17 +118,6 @@ def _prepare_kernels() -> None:
 
 
 _prepare_kernels()
-
-
-def _write_key_tables() -> None:
-    """Write the tables of keys that the pages of scenario, study and aircraft files include."""
-    folder = _ROOT / "docs" / "reference" / "generated"
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, model in (("scenario", Scenario), ("study", Study), ("aircraft", AirframeFile)):
-        (folder / f"{name}-keys.inc").write_text(key_tables(model), encoding="utf-8")
-
-
-_write_key_tables()
 
 
 def _escape_bars(_app: object, _what: str, _name: str, _of: object, _options: object, lines: list[str]) -> None:

@@ -116,8 +116,14 @@ def _try(environment: Environment, folder: Path, tools: Path, wheel: Path) -> bo
         _print(f"{environment.name}: no interpreter: {found.stderr.strip()}")
         return None
     python = home / "bin" / "python"
-    resolution = [] if environment.resolution == "highest" else ["--resolution", environment.resolution]
-    installed = _run([tools / "uv", "pip", "install", "--quiet", "--python", python, *resolution, wheel], check=False)
+    # pip compiles to bytecode too, so that the first command does not have to
+    options = ["--quiet", "--compile-bytecode"]
+    pinned = folder / f"{environment.name}.txt"
+    resolved = ["--resolution", environment.resolution, "--python-version", environment.python]
+    _run(
+        [tools / "uv", "pip", "compile", "--quiet", *resolved, "--output-file", pinned, folder / "clone/pyproject.toml"]
+    )
+    installed = _run([tools / "uv", "pip", "install", *options, "--python", python, "-c", pinned, wheel], check=False)
     if installed.returncode:
         _print(f"{environment.name}: not installed:\n{installed.stderr}")
         return False
@@ -125,6 +131,7 @@ def _try(environment: Environment, folder: Path, tools: Path, wheel: Path) -> bo
     (work / "study.toml").write_text(STUDY, encoding="utf-8")
     variables = {key: value for key, value in os.environ.items() if not key.startswith(("ANSER_", "PYTHON", "XLA_"))}
     variables["ANSER_COMPILATION_CACHE"] = str(work / "compiled")
+    problems: list[str] = []
     report = [environment.name, _versions(python, variables)]
     for name, arguments in COMMANDS.items():
         start = time.perf_counter()
@@ -134,10 +141,9 @@ def _try(environment: Environment, folder: Path, tools: Path, wheel: Path) -> bo
         too_slow = name == "demo" and seconds > DEMO_SECONDS_MAX
         if done.returncode or too_slow:
             reason = f"longer than {DEMO_SECONDS_MAX:g} s" if too_slow else f"exit code {done.returncode}"
-            _print(f"{', '.join(report)}: {reason}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}")
-            return False
-    _print(", ".join(report))
-    return True
+            problems.append(f"{name}: {reason}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}")
+    _print("\n".join([", ".join(report), *problems]))
+    return not problems
 
 
 def _versions(python: Path, variables: dict[str, str]) -> str:

@@ -60,10 +60,6 @@ COVERED = {
         "tests/test_cli_step.py",
         "test_step_prints_its_metrics_and_draws",
     ),
-    "anser step --loop velocity --channel chi --size 20 --at 150,1000": (
-        "tests/test_cli_step.py",
-        "test_step_prints_its_metrics_and_draws",
-    ),
     "anser gallery --out gallery": ("tests/test_cli_step.py", 'anser("gallery", "--out", out)'),
     # tested with the F-16, its steps and climb-and-turn in tests/analysis/test_step_cases.py
     "anser gallery --aircraft my-aircraft.toml --out gallery": (

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,15 @@ import xarray as xr
 
 import anser
 from anser.aircraft_files import AirframeFile
+from anser.analysis.step_tests import PUBLISHED_STEPS
 from anser.campaigns import Study
+from anser.config.file_schema import json_schema
 from anser.report.exports.geographic import _geodetic_deg
 from anser.report.flight_figures import FLIGHT_FIGURES
 from anser.scenario import Scenario
 
 DOCS = Path(__file__).parents[2] / "docs"
+with_copies = runpy.run_path(str(DOCS / "copies.py"))["with_copies"]
 PAGES = [path for path in sorted(DOCS.rglob("*.md")) if "generated" not in path.parts]
 TABLES = {*Scenario.model_fields, *Study.model_fields, *AirframeFile.model_fields}
 
@@ -28,6 +32,19 @@ def test_names_of_the_package_and_tables_of_files_exist(page):
         assert _exists(name), name
     tables = {table.partition(".")[0] for table in re.findall(r"`\[{1,2}([a-z_]+(?:\.[a-z_]+)*)\]{1,2}`", text)}
     assert tables <= TABLES | {"start", "network", "dave_ml"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def test_copies_in_the_pages_are_current(page):
+    text = page.read_text(encoding="utf-8")
+    assert with_copies(text) == text, "make copies"
+    for directive in ("{include}", "{literalinclude}"):
+        assert directive not in text, "a page must be whole in a clone: docs/copies.py"
+
+
+def test_the_copies_are_found():
+    count = sum(len(re.findall("<!-- copy of ", page.read_text(encoding="utf-8"))) for page in PAGES)
+    assert count >= 10
 
 
 def _exists(name):
@@ -54,6 +71,23 @@ def test_the_files_of_a_flights_figures_are_those_of_the_page():
     assert sorted(listed) == sorted(f"flight-{name}" for name in FLIGHT_FIGURES)
 
 
+def test_the_files_of_the_published_cases_are_those_of_the_page():
+    section = (DOCS / "figures.md").read_text(encoding="utf-8").partition("## The published cases\n")[2]
+    cells = [line.split("|")[1] for line in section.partition("\n## ")[0].splitlines() if line.startswith("| `")]
+    listed = [name for cell in cells for name in re.findall("`([^`]+)`", cell)]
+    steps = {f"step-{test.key}" for test in PUBLISHED_STEPS}
+    assert steps | {"step-overview", "climb-and-turn", "shape-b4", "shape-c4"} < set(listed)
+    assert {"step", "climb", "shape", "single", "three"} == {name.partition("-")[0] for name in listed}
+    assert set(listed) - steps == {
+        "step-overview",
+        "climb-and-turn",
+        "shape-b4",
+        "shape-c4",
+        "single-tracks",
+        "three-tracks",
+    }
+
+
 def test_the_deviation_of_exported_places_from_the_tangent_plane_is_that_of_the_page():
     stated = re.search(
         r"10 km North and 10 km East of the origin stands (\d+) m .*?: (\d+) m along the ground and (\d+) m below",
@@ -72,3 +106,19 @@ def test_the_page_for_newcomers_denies_nothing_that_a_scenario_has():
     assert {"`[turbulence]`", "`[[gust]]`", "`[[event]]`", "`[wind]`"} <= set(re.findall(r"`\[+[a-z]+\]+`", text))
     assert "none yet" not in text
     assert "with propeller" in text
+    # what it denies: no key of a file is about fuel, gear or terrain
+    denied = re.search(r"^\| ground, gear, fuel \|.*\| no \|$", text, re.MULTILINE)
+    assert denied is not None
+    keys = {key for model in (Scenario, AirframeFile) for key in _keys(json_schema(model, "file"))}
+    assert not [key for key in keys if re.search("fuel|gear|terrain|ground", key)]
+    wind = json_schema(Scenario, "file")["properties"]["wind"]["properties"]
+    assert "field" not in wind, "the pages say that no field is read: validity.md, questions.md, ROADMAP.md"
+    assert "atmosphere" not in Scenario.model_fields, "the pages say that the atmosphere is the standard one"
+
+
+def _keys(schema):
+    for name, value in schema.get("properties", {}).items():
+        yield name
+        yield from _keys(value)
+    if isinstance(schema.get("items"), dict):
+        yield from _keys(schema["items"])
