@@ -17,7 +17,7 @@ CASES = {
 
 
 def estimates_of(case, seeds=200, **options):
-    """Values, intervals and standard errors (seed, parameter) of both equations from measurements with noise of 0.1."""
+    """Values, errors, intervals and plain errors (seed, parameter) of both equations, with noise of 0.1."""
     record, rng, rows = short_period(*case), np.random.default_rng(0), []
     for _ in range(seeds):
         alpha, q = (record.states + 0.1 * rng.normal(size=record.states.shape)).T
@@ -31,13 +31,14 @@ def estimates_of(case, seeds=200, **options):
         ]
         rows.append([np.concatenate([getattr(fit, name) for fit in fits]) for name in ("values", "standard_errors")])
         rows[-1].append(np.concatenate([fit.interval() for fit in fits]))
+        rows[-1].append(np.concatenate([np.sqrt(np.diag(fit.white_covariance)) for fit in fits]))
     return record.truth.ravel(), *(np.array(column) for column in zip(*rows, strict=True))
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_corrected_transforms_reach_the_reference(name):
     case, scatter = CASES[name]
-    truth, values, _, intervals = estimates_of(case)
+    truth, values, _, intervals, _ = estimates_of(case)
     error = np.abs(np.mean(values, axis=0) - truth)
     assert np.all((error < 0.005 * np.abs(truth)) | (error < 0.5 * np.std(values, axis=0)))
     # 15 %, and twice the standard error of a scatter over 200 seeds, 5 %
@@ -51,46 +52,30 @@ def test_corrected_transforms_reach_the_reference(name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_intervals_cover_the_truth_over_two_thousand_seeds(name):
-    truth, _, _, intervals = estimates_of(CASES[name][0], 2000)
+    truth, _, _, intervals, _ = estimates_of(CASES[name][0], 2000)
     coverage = np.mean((intervals[..., 0] <= truth) & (truth <= intervals[..., 1]), axis=0)
     assert np.min(coverage) >= 0.90
     assert np.max(coverage) <= 0.99
 
 
 def test_uncorrected_transforms_have_the_bias_of_the_publication():
-    truth, values, _, _ = estimates_of(CASES["stable, doublet, 10 s"][0], corrected=False)
+    truth, values, *_ = estimates_of(CASES["stable, doublet, 10 s"][0], corrected=False)
     published = [-0.600, 0.949, -0.117, -4.361, -1.252, -5.250]
     np.testing.assert_allclose(np.mean(values, axis=0), published, atol=0.008)
     assert np.all(np.abs(np.mean(values, axis=0) - truth)[3:] > 1.0 * np.std(values, axis=0)[3:])
 
 
 def test_plain_covariance_fails_where_the_corrected_covariance_covers():
-    transforms_and_plain = []
+    ratios, corrected = [], []
     for case, _ in CASES.values():
-        record = short_period(*case)
-        truth, values, errors, _ = estimates_of(case, 60)
-        plain = plain_errors(record)
-        transforms_and_plain.append(plain / np.std(values, axis=0))
-        np.testing.assert_allclose(np.mean(errors, axis=0) / np.std(values, axis=0), 1.0, atol=0.45)
-        assert truth.size == plain.size
-    ratios = np.array(transforms_and_plain)
+        _, values, errors, _, plain = estimates_of(case, 60)
+        ratios.append(np.mean(plain, axis=0) / np.std(values, axis=0))
+        corrected.append(np.mean(errors, axis=0) / np.std(values, axis=0))
     # the published formula, s^2 (X* X)^-1: standard errors from 0.6 to more than twice the scatter
     assert np.min(ratios) < 0.75
     assert np.max(ratios) > 2.0
-
-
-def plain_errors(record):
-    """Mean standard errors by the published formula, with the corrected transforms."""
-    F = fourier_transforms(record.time_s, SHORT_PERIOD_FREQUENCIES_HZ, hold="preceding", steady_start=True)
-    rng, errors = np.random.default_rng(1), []
-    for _ in range(50):
-        x = record.states + 0.1 * rng.normal(size=record.states.shape)
-        X = np.column_stack([F.signal @ x, F.held @ record.inputs])
-        M, Z = np.real(X.conj().T @ X), F.derivative @ x
-        theta = np.linalg.solve(M, np.real(X.conj().T @ Z))
-        s2 = np.sum(np.abs(Z - X @ theta) ** 2, axis=0) / (len(X) - 3)
-        errors.append(np.sqrt(np.outer(s2, np.diag(np.linalg.inv(M)))).ravel())
-    return np.mean(errors, axis=0)
+    # the scatter over 60 seeds has a standard error of 9 %
+    np.testing.assert_allclose(corrected, 1.0, atol=0.4)
 
 
 def test_transforms_of_an_exponential_are_those_of_the_analysis():

@@ -55,6 +55,8 @@ class Estimate:
         length, and by parameter the factor on the variance from the correlation with the remaining parameters.
     is_spectrum
         Whether the samples are those of a Fourier transform.
+    white_covariance
+        Covariance as if the residuals were white: the published bound, for comparison.
     notes
         Remarks for the reader of the table.
     """
@@ -71,6 +73,7 @@ class Estimate:
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
     is_spectrum: bool = False
+    white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
     notes: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> float:
@@ -133,7 +136,8 @@ class Estimate:
         """Autocorrelation of the residuals up to a fifth of the record; None in the frequency domain."""
         if self.is_spectrum:
             return None
-        autocovariance = autocovariances(self.residuals, len(self.measured) // 5)
+        gamma = autocovariances(np.real(self.residuals), len(self.measured) // 5)
+        autocovariance = np.diagonal(gamma, axis1=1, axis2=2)
         return Whiteness(autocovariance[1:] / autocovariance[0], 1.96 / float(np.sqrt(len(self.measured))))
 
     def __repr__(self) -> str:
@@ -229,14 +233,73 @@ def _squares(samples: Samples) -> Float[np.ndarray, " response"]:
     return np.sum(np.abs(samples) ** 2, axis=0)
 
 
-def autocovariances(residuals: Float[np.ndarray, "sample response"], lag_max: int) -> Float[np.ndarray, "lag response"]:
-    """Return the autocovariances of residuals with mean zero at the lags 0 to `lag_max`, divided by the length.
+def autocovariances(
+    residuals: Float[np.ndarray, "sample response"], lag_max: int
+) -> Float[np.ndarray, "lag response response_2"]:
+    """Return the sums of v_i v_(i + lag)^T over a record of residuals v at the lags 0 to `lag_max`, over its length.
 
     The division by the length of the record keeps their Fourier transform, a spectrum, positive.
     """
     count = len(residuals)
-    products = [np.sum(residuals[: count - lag] * residuals[lag:], axis=0) for lag in range(lag_max + 1)]
-    return np.stack(products) / count
+    return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count
+
+
+class ErrorCovariance(NamedTuple):
+    """Covariance of estimated parameters, with white errors for comparison, and the degrees of freedom behind it."""
+
+    covariance: Float[np.ndarray, "parameter parameter"]
+    white_covariance: Float[np.ndarray, "parameter parameter"]
+    degrees_of_freedom: float
+
+
+def coloured_covariance(
+    sensitivities: Float[np.ndarray, "sample response parameter"],
+    residuals: Float[np.ndarray, "sample response"],
+    inverse: Float[np.ndarray, "parameter parameter"],
+    *,
+    is_record: bool = True,
+) -> ErrorCovariance:
+    """Compute the covariance of parameters with the errors A^-1 sum S_i^T v_i, for coloured v (theory, identification).
+
+    The autocovariances up to a greatest lag are estimated from the residuals and tapered to zero (M. S. Bartlett,
+    1950), so that the spectrum has 3 samples / lags degrees of freedom. The fit has removed the errors' spectrum near
+    the frequencies of the sensitivities from the residuals: each variance is divided by the share that would remain of
+    white errors. Source: E. A. Morelli, V. Klein, *Accuracy of aerodynamic model parameters estimated from flight test
+    data*, J. Guidance 20(1), 1997; the taper and the share are additions.
+
+    Parameters
+    ----------
+    sensitivities
+        S_i; of several responses, weighted so that their errors have about the same variance.
+    residuals
+        Estimated errors v, weighted likewise.
+    inverse
+        A^-1, the inverse of the sum of S_i^T S_i for least squares.
+    is_record
+        False: the samples are independent, and the covariance is that of white errors.
+    """
+    count, responses, parameters = sensitivities.shape
+    flat = sensitivities.reshape(-1, parameters)
+    square, freedom = flat.T @ flat, float(count * responses - parameters)
+    white_covariance = np.sum(residuals**2) / freedom * inverse @ square @ inverse
+    if not is_record:
+        return ErrorCovariance(white_covariance, white_covariance, freedom)
+    lag_max = min(count // 5, int(4.0 * np.sqrt(count)))
+    gamma = autocovariances(residuals, lag_max)
+    columns = sensitivities.reshape(count, -1)
+    total, remaining = np.zeros_like(square), np.zeros_like(square)
+    for lag in range(lag_max + 1):
+        products = columns[: count - lag].T @ columns[lag:]
+        products = products.reshape(responses, parameters, responses, parameters)
+        white = np.eye(responses) * (lag == 0) - np.einsum("apbq,pq->ab", products, inverse) / count
+        weight = (1.0 if lag else 0.5) * (1.0 - lag / (lag_max + 1))
+        for covariance, sums in ((gamma[lag], total), (white, remaining)):
+            part = weight * np.einsum("ab,apbq->pq", covariance, products)
+            sums += part + part.T
+    share = np.diag(inverse @ remaining @ inverse) / np.diag(inverse @ square @ inverse)
+    scale = 1.0 / np.sqrt(np.clip(share, 0.1, 1.0))
+    covariance = scale[:, None] * (inverse @ total @ inverse) * scale
+    return ErrorCovariance(covariance, white_covariance, min(freedom, 3.0 * count / max(lag_max, 1)))
 
 
 class Collinearity(NamedTuple):

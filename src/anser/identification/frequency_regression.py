@@ -147,12 +147,12 @@ def regress_spectra(
     inverse = np.linalg.inv(information)
     values = inverse @ real_X.T @ real_z
     residuals = real_z - real_X @ values
+    white_covariance = residuals @ residuals / (frequencies.size - values.size) * inverse
     if corrected:
         components = [_real_parts(F) for F in (transforms.signal, transforms.derivative)]
         covariance, freedom = _correlated_covariance(real_X, inverse, residuals, components)
     else:
-        freedom = float(frequencies.size - values.size)
-        covariance = residuals @ residuals / freedom * inverse
+        covariance, freedom = white_covariance, float(frequencies.size - values.size)
     return Estimate(
         method="equation error in the frequency domain",
         names=problem.names,
@@ -166,6 +166,7 @@ def regress_spectra(
         condition_number=checked.condition_number,
         variance_inflation=checked.variance_inflation,
         is_spectrum=True,
+        white_covariance=white_covariance,
     )
 
 

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from anser.identification.estimates import Collinearity, Estimate, autocovariances, collinearity
+from anser.identification.estimates import Collinearity, ErrorCovariance, Estimate, collinearity, coloured_covariance
 
 CONSTANT = "constant"
 """Name of the parameter of the constant term."""
@@ -44,6 +44,10 @@ class Regression(NamedTuple):
             X[:, :-1][:, np.ptp(self.X[:, :-1], axis=0) == 0.0] = 0.0  # without the rounding of the mean
         require_signal(self.names, np.sum(X**2, axis=0), len(X) * self.noise**2)
         return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
+
+    def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
+        """Return the covariance of parameters with errors inverse @ X^T v: see `coloured_covariance`."""
+        return coloured_covariance(X[:, None], residuals[:, None], inverse, is_record=self.time_s is not None)
 
     def subset(self, names: Sequence[str]) -> "Regression":
         """Return the problem with these parameters only."""
@@ -107,7 +111,7 @@ def prepare_regression(
         if not np.all(np.isfinite(values)):
             count = int(np.sum(~np.isfinite(values)))
             raise ValueError(f"{name}: arrived {count} samples of {values.size} that are not finite; expected numbers")
-    times = None if time_s is None else _uniform_times(time_s, z.size)
+    times = None if time_s is None else uniform_times(time_s, z.size)
     columns = {name: series[name] for name in regressors}
     if times is not None:
         for name, values in columns.items():
@@ -125,7 +129,8 @@ def prepare_regression(
     return Regression(tuple(columns), np.stack(list(columns.values()), axis=1), z, times, response_name, levels)
 
 
-def _uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]:
+def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]:
+    """Return `count` times (s) as an array; raises ValueError if the steps are not equal, to 0.1 %."""
     times = np.asarray(time_s, dtype=float)
     if times.shape != (count,) or not np.all(np.isfinite(times)):
         raise ValueError(f"time_s: arrived an array of shape {times.shape}; expected ({count},) finite times, s")
@@ -183,7 +188,7 @@ def _solve(problem: Regression, method: str, notes: tuple[str, ...] = ()) -> Est
     values = inverse @ problem.X.T @ problem.z
     if not problem.noise.any():
         values = np.linalg.lstsq(problem.X, problem.z, rcond=None)[0]
-    errors = _sandwich(problem, problem.X, problem.z - problem.X @ values, inverse)
+    errors = problem.error_covariance(problem.X, problem.z - problem.X @ values, inverse)
     return _estimate(problem, method, values, errors, checked, notes)
 
 
@@ -191,7 +196,7 @@ def _estimate(
     problem: Regression,
     method: str,
     values: Float[np.ndarray, " parameter"],
-    errors: "ErrorCovariance",
+    errors: ErrorCovariance,
     checked: Collinearity,
     notes: tuple[str, ...] = (),
 ) -> Estimate:
@@ -200,6 +205,7 @@ def _estimate(
         names=problem.names,
         values=values,
         covariance=errors.covariance,
+        white_covariance=errors.white_covariance,
         degrees_of_freedom=float(errors.degrees_of_freedom),
         responses=(problem.response,),
         measured=problem.z[:, None],
@@ -248,7 +254,7 @@ def regress_total(
     scale = residuals @ residuals / ((residuals.size - values.size) * weight)  # on the squares of the noise
     scaled = problem._replace(noise=np.sqrt(scale) * problem.noise)
     clean = problem.X + np.outer(residuals, problem.noise**2 * values / weight)  # the regressors' expected values
-    errors = _sandwich(problem, clean, residuals, np.linalg.inv(scaled.information()))
+    errors = problem.error_covariance(clean, residuals, np.linalg.inv(scaled.information()))
     return _estimate(problem, "equation error, total least squares", values, errors, checked)
 
 
@@ -347,7 +353,7 @@ def regress_with_prior(
     X, z = problem.X, problem.z
     fit = X @ np.linalg.lstsq(X, z, rcond=1e-10)[0]
     inverse = np.linalg.pinv(X.T @ X, rcond=1e-10, hermitian=True)
-    errors = _sandwich(problem, X, z - fit, inverse)
+    errors = problem.error_covariance(X, z - fit, inverse)
     # of white errors with the same information as the coloured ones
     variance = np.trace(errors.covariance @ X.T @ X) / np.linalg.matrix_rank(X, tol=1e-10 * np.linalg.norm(X))
     weights, targets = np.zeros(len(problem.names)), np.zeros(len(problem.names))
@@ -357,8 +363,8 @@ def regress_with_prior(
     checked = collinearity(information, problem.names, "regressors and prior")
     covariance = np.linalg.inv(information)
     values = covariance @ (X.T @ z / variance + weights * targets)
-    middle = _sandwich(problem, X, z - fit, np.eye(len(values)) / variance).covariance + np.diag(weights)
-    errors = errors._replace(covariance=covariance @ middle @ covariance)
+    scores = X.T @ X @ errors.covariance @ X.T @ X / variance**2 + np.diag(weights)
+    errors = errors._replace(covariance=covariance @ scores @ covariance, white_covariance=covariance)
     return _estimate(problem, "equation error, mixed estimation with prior values", values, errors, checked)
 
 
@@ -374,58 +380,7 @@ def step_means(
     correlate; white noise of standard deviation sigma in a sample becomes sigma / sqrt(2) in a mean, and
     sqrt(2) sigma / step in the rate. An input that is `held` over the step after its sample is its own mean.
     """
-    times = _uniform_times(time_s, np.asarray(time_s).size)
+    times = uniform_times(time_s, np.asarray(time_s).size)
     series = {name: np.asarray(values, dtype=float) for name, values in regressors.items()}
     means = {name: x[:-1] if name in held else 0.5 * (x[1:] + x[:-1]) for name, x in series.items()}
     return means, np.diff(np.asarray(state, dtype=float)) / np.diff(times), 0.5 * (times[1:] + times[:-1])
-
-
-class ErrorCovariance(NamedTuple):
-    """Covariance of estimated parameters, and the degrees of freedom of the variance of the errors behind it."""
-
-    covariance: Square
-    degrees_of_freedom: float
-
-
-def _sandwich(
-    problem: Regression,
-    X: Matrix,
-    residuals: Float[np.ndarray, " sample"],
-    inverse: Square,
-) -> ErrorCovariance:
-    """Compute the covariance A^-1 X^T Gamma X A^-1, with the covariance Gamma of the errors from the residuals.
-
-    In a record, Gamma has the autocovariances up to `lag_max`, tapered to zero (M. S. Bartlett, 1950), so that its
-    spectrum has 3 samples / lags degrees of freedom. The fit removes the errors' spectrum near the frequencies of the
-    regressors from the residuals: each variance is divided by the share that would remain of white errors. Without
-    times the errors are independent.
-
-    Parameters
-    ----------
-    problem
-        The regression.
-    X
-        Factors of the errors in the estimate; for ordinary least squares the regressors.
-    residuals
-        Estimated errors v.
-    inverse
-        A^-1, the inverse of X^T X for ordinary least squares.
-    """
-    count, parameters = X.shape
-    if problem.time_s is None:
-        variance = residuals @ residuals / (count - parameters)
-        return ErrorCovariance(variance * inverse @ (X.T @ X) @ inverse, count - parameters)
-    lag_max = min(count // 5, int(4.0 * np.sqrt(count)))
-    gamma = autocovariances(residuals[:, None], lag_max)[:, 0]
-    square = X.T @ X
-    total, white = gamma[0] * square, (1.0 - parameters / count) * square
-    for lag in range(1, lag_max + 1):
-        weight = 1.0 - lag / (lag_max + 1)
-        products = X[:-lag].T @ X[lag:]
-        products = weight * (products + products.T)
-        total = total + gamma[lag] * products
-        white = white - np.sum(inverse * products) / (2.0 * weight * count) * products
-    remaining = np.diag(inverse @ white @ inverse) / np.diag(inverse @ square @ inverse)
-    scale = 1.0 / np.sqrt(np.clip(remaining, 0.1, 1.0))
-    covariance = scale[:, None] * (inverse @ total @ inverse) * scale
-    return ErrorCovariance(covariance, min(count - parameters, 3.0 * count / lag_max))

@@ -1,0 +1,234 @@
+"""Models with unknown parameters, recorded manoeuvres, and the outputs that a model predicts for a manoeuvre."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from anser.compiling.options import compiled_quickly
+from anser.identification.regression import uniform_times
+from anser.numerics.integration import rk4_step
+from anser.shapes import Scalar
+
+Parameters = Mapping[str, Scalar]
+"""Parameters of a model by name."""
+Equations = Callable[[Array, Array, Parameters], tuple[Array, Array]]
+"""Function of state x, input u and parameters that returns the rate of the state and the outputs; JAX."""
+Values = Float[np.ndarray, " parameter"]
+Gain = Float[np.ndarray, "state output"]
+
+
+@dataclass(frozen=True)
+class DynamicModel:
+    """A model x_dot, y = equations(x, u, theta) with the names of its states, inputs and outputs.
+
+    `equations` is a function of JAX: `theta["M_alpha"]` is a parameter. For example, with the angle of attack and the
+    pitch rate as states and outputs::
+
+        def equations(x, u, theta):
+            alpha, q = x
+            alpha_dot = theta["Z_alpha"] * alpha + q + theta["Z_elevator"] * u[0]
+            q_dot = theta["M_alpha"] * alpha + theta["M_q"] * q + theta["M_elevator"] * u[0]
+            return jnp.stack([alpha_dot, q_dot]), x
+    """
+
+    equations: Equations
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """One recorded manoeuvre with equal steps.
+
+    Attributes
+    ----------
+    time_s
+        Times of the samples, s.
+    inputs, outputs
+        Recorded inputs (sample, input) and measured outputs (sample, output), in the model's units.
+    initial_state
+        State at the first sample, shape (state,).
+    held
+        Whether the input of a sample is held over the step after it; False: straight lines between the samples.
+    """
+
+    time_s: Float[np.ndarray, " sample"]
+    inputs: Float[np.ndarray, "sample input"]
+    outputs: Float[np.ndarray, "sample output"]
+    initial_state: Float[np.ndarray, " state"]
+    held: bool = True
+
+    @property
+    def step_s(self) -> float:
+        """Sampling period, s."""
+        return float(self.time_s[-1] - self.time_s[0]) / (self.time_s.size - 1)
+
+
+def make_manoeuvre(
+    model: DynamicModel,
+    time_s: ArrayLike,
+    inputs: ArrayLike,
+    outputs: ArrayLike,
+    initial_state: ArrayLike | None = None,
+    *,
+    held: bool = True,
+) -> Manoeuvre:
+    """Check the arrays of a manoeuvre against a model; see `Manoeuvre`. Without `initial_state`, the state is zero.
+
+    Raises
+    ------
+    ValueError
+        A shape does not fit the model, a number is not finite, or the steps are not equal.
+    """
+    time = uniform_times(time_s, np.size(time_s))
+    start = np.zeros(len(model.states)) if initial_state is None else np.asarray(initial_state, dtype=float)
+    arrays = [np.asarray(values, dtype=float) for values in (inputs, outputs)]
+    arrays = [values[:, None] if values.ndim == 1 else values for values in arrays]
+    shapes = {
+        "inputs": (arrays[0], (time.size, len(model.inputs)), model.inputs),
+        "outputs": (arrays[1], (time.size, len(model.outputs)), model.outputs),
+        "initial_state": (start, (len(model.states),), model.states),
+    }
+    for name, (values, shape, labels) in shapes.items():
+        if values.shape != shape:
+            raise ValueError(f"{name}: arrived shape {values.shape}; expected {shape}: {', '.join(labels)}")
+        if not np.all(np.isfinite(values)):
+            count = int(np.sum(~np.isfinite(values)))
+            raise ValueError(f"{name}: arrived {count} numbers of {values.size} that are not finite; expected numbers")
+    return Manoeuvre(time, arrays[0], arrays[1], start, held)
+
+
+class Prediction(NamedTuple):
+    """Predicted outputs of a manoeuvre, and their sensitivities: derivatives by the parameters."""
+
+    outputs: Float[np.ndarray, "sample output"]
+    sensitivities: Float[np.ndarray, "sample output parameter"]
+
+
+class StateSpace(NamedTuple):
+    """Derivatives of next states and outputs by the state at the start of a manoeuvre, and of its rates."""
+
+    transition: Float[np.ndarray, "state state"]  # over one step
+    C: Float[np.ndarray, "output state"]
+    A: Float[np.ndarray, "state state"]
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Estimated and fixed parameters of a model.
+
+    Attributes
+    ----------
+    names
+        Names of the estimated parameters; `STATE(0)` is the initial value of a state.
+    fixed
+        Values of the remaining parameters by name.
+    """
+
+    model: DynamicModel
+    names: tuple[str, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    def predict(self, values: Values, manoeuvre: Manoeuvre, gain: Gain | None = None) -> Prediction:
+        """Predict outputs with their sensitivities by forward differentiation.
+
+        Before each step the state is corrected by `gain` times the difference of measured and predicted outputs; None:
+        the pure response of the model.
+        """
+        gain = np.zeros((len(self.model.states), len(self.model.outputs))) if gain is None else gain
+        return Prediction(*map(np.asarray, _predict(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(gain))))
+
+    def linearize(self, values: Values, manoeuvre: Manoeuvre) -> StateSpace:
+        """Linearize the model at the start of a manoeuvre, with the mean inputs."""
+        return StateSpace(*map(np.asarray, _linearize(self.case(manoeuvre), jnp.asarray(values))))
+
+    def case(self, manoeuvre: Manoeuvre) -> "Case":
+        """Return the model with a manoeuvre, for compiled functions."""
+        arrays = (manoeuvre.initial_state, manoeuvre.inputs, manoeuvre.outputs, np.asarray(manoeuvre.step_s))
+        fixed = {name: jnp.asarray(float(value)) for name, value in self.fixed.items()}
+        return Case(
+            self.model.equations, self.model.states, self.names, manoeuvre.held, fixed, *map(jnp.asarray, arrays)
+        )
+
+
+class Case(NamedTuple):
+    """A model with a manoeuvre, as an argument of compiled functions."""
+
+    equations: Equations
+    states: tuple[str, ...]
+    names: tuple[str, ...]  # of the estimated parameters
+    held: bool
+    fixed: Parameters
+    initial_state: Float[Array, " state"]
+    inputs: Float[Array, "sample input"]
+    measured: Float[Array, "sample output"]
+    step_s: Scalar
+
+    @property
+    def samples(self) -> tuple[Array, Array, Array]:
+        """Inputs, next inputs and measured outputs of the samples."""
+        return self.inputs, jnp.concatenate([self.inputs[1:], self.inputs[-1:]]), self.measured
+
+    def start(self, values: Array) -> tuple[dict[str, Array], Array]:
+        """Return the parameters by name, and the initial state with its estimated values."""
+        theta = {**self.fixed, **dict(zip(self.names, values, strict=True))}
+        initial = [theta.get(f"{name}(0)", self.initial_state[k]) for k, name in enumerate(self.states)]
+        return theta, jnp.stack(initial)
+
+    def advance(self, x: Array, u: Array, u_next: Array, theta: Parameters) -> Array:
+        """Advance the state by a Runge-Kutta step."""
+
+        def rate(t: Any, state: Array) -> Array:
+            return self.equations(state, u if self.held else u + t / self.step_s * (u_next - u), theta)[0]
+
+        return rk4_step(rate, 0.0, x, self.step_s)
+
+
+def prepare_parameters(
+    model: DynamicModel,
+    manoeuvre: Manoeuvre,
+    start: Mapping[str, float],
+    fixed: Mapping[str, float] | None,
+    initial_states: Sequence[str],
+) -> tuple[ParameterSet, Values]:
+    """Check start values and fixed values, and return the parameters with their start values."""
+    fixed = dict(fixed or {})
+    numbers = {**start, **fixed}
+    if not start or len(numbers) < len(start) + len(fixed) or not all(np.isfinite(list(numbers.values()))):
+        raise ValueError(f"start: arrived {dict(start)}, fixed: {fixed}; expected finite numbers, each name once")
+    if not set(initial_states) <= set(model.states):
+        raise ValueError(f"initial_states: arrived {list(initial_states)}; expected some of {', '.join(model.states)}")
+    values = {**start, **{f"{name}(0)": manoeuvre.initial_state[model.states.index(name)] for name in initial_states}}
+    return ParameterSet(model, tuple(values), fixed), np.array([float(value) for value in values.values()])
+
+
+@compiled_quickly
+def _predict(case: Case, values: Array, gain: Array) -> tuple[Array, Array]:
+    def predict(values: Array) -> tuple[Array, Array]:
+        theta, start = case.start(values)
+
+        def proceed(x: Array, sample: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+            u, u_next, z = sample
+            y = case.equations(x, u, theta)[1]
+            return case.advance(x + gain @ (z - y), u, u_next, theta), y
+
+        outputs = jax.lax.scan(proceed, start, case.samples)[1]
+        return outputs, outputs
+
+    sensitivities, outputs = jax.jacfwd(predict, has_aux=True)(values)
+    return outputs, sensitivities
+
+
+@compiled_quickly
+def _linearize(case: Case, values: Array) -> tuple[Array, Array, Array]:
+    theta, start = case.start(values)
+    u = jnp.mean(case.inputs, axis=0)
+    transition = jax.jacfwd(lambda x: case.advance(x, u, u, theta))(start)
+    A, C = jax.jacfwd(lambda x: case.equations(x, u, theta))(start)
+    return transition, C, A

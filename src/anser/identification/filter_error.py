@@ -1,0 +1,166 @@
+"""Filter error: maximum likelihood for a model with process noise, by the innovations of a Kalman filter.
+
+The gain varies in time; for nonlinear models the filter is the extended one. Source: R. V. Jategaonkar, *Flight Vehicle
+System Identification*, 2nd edition, AIAA 2015, chapter 5.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from anser.compiling.options import compiled_quickly
+from anser.identification.dynamic_models import Case, DynamicModel, Manoeuvre, prepare_parameters
+from anser.identification.estimates import Estimate, collinearity, coloured_covariance
+from anser.identification.likelihood import LikelihoodPoint, Values, maximize_likelihood
+from anser.identification.smoothing import noise_level
+
+
+def estimate_filter_error(
+    model: DynamicModel,
+    manoeuvre: Manoeuvre,
+    start: Mapping[str, float],
+    process_noise: Mapping[str, float],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    initial_states: Sequence[str] = (),
+    noise: Sequence[float] | None = None,
+) -> Estimate:
+    """Estimate parameters and process noise: maximum likelihood of the innovations, with exact derivatives.
+
+    The initial state has the uncertainty of a state that is computed from the first outputs.
+
+    Parameters
+    ----------
+    model, manoeuvre, start, fixed, initial_states
+        As for `estimate_output_error`.
+    process_noise
+        Start values of the spectral density of white noise in the rates of states, by the name of the state, in the
+        unit of the rate squared times s. The estimate is the parameter `noise(STATE)`, at least 0.
+    noise
+        Standard deviations of the measured outputs; None: estimated with the parameters.
+
+    Raises
+    ------
+    ValueError
+        The filter diverges, the search does not converge, or the outputs do not depend on a parameter, or only on a
+        combination of parameters; the message names the parameters.
+    """
+    parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
+    if (
+        not process_noise
+        or not set(process_noise) <= set(model.states)
+        or not all(0.0 <= q < np.inf for q in process_noise.values())
+    ):
+        raise ValueError(
+            f"process_noise: arrived {dict(process_noise)}; expected spectral densities for some of {model.states}"
+        )
+    noisy = tuple(model.states.index(name) for name in process_noise)
+    levels = noise_level(manoeuvre.outputs.T) if noise is None else np.asarray(noise, dtype=float)
+    if levels.shape != (len(model.outputs),) or not np.all(levels > 0.0):
+        raise ValueError(f"noise: arrived {levels.tolist()}; expected positive numbers for {', '.join(model.outputs)}")
+    count, names = values.size, (*parameters.names, *(f"noise({name})" for name in process_noise))
+    first = 2.0 * np.log(levels)
+    unknown = np.concatenate([values, list(process_noise.values()), first if noise is None else []])
+    lower = np.full(unknown.size, -np.inf)
+    lower[count : len(names)] = 0.0
+
+    case = parameters.case(manoeuvre)
+
+    def evaluate(unknown: Values) -> LikelihoodPoint:
+        logs = unknown[len(names) :] if noise is None else first
+        parts = (jnp.asarray(part) for part in (unknown[:count], unknown[count : len(names)], logs))
+        cost, gradient, information, *rest = map(np.asarray, _likelihood(case, noisy, *parts))
+        finite = np.isfinite(cost) and np.all(np.isfinite(information))
+        selected = slice(None) if noise is None else slice(len(names))
+        return LikelihoodPoint(
+            float(cost) if finite else np.inf, gradient[selected], information[selected, selected], rest
+        )
+
+    if not np.isfinite(evaluate(unknown).cost):
+        raise ValueError(f"start: the filter diverges with {dict(start)}; expected start values nearer to the solution")
+    optimum = maximize_likelihood(evaluate, unknown, lower)
+    if optimum is None:
+        raise ValueError("filter error: the search did not converge; expected start values nearer to the solution")
+    values, point = optimum
+    return _estimate(parameters.names, names, values, point, manoeuvre, model.outputs)
+
+
+def _estimate(
+    parameter_names: tuple[str, ...],
+    names: tuple[str, ...],
+    values: Values,
+    point: LikelihoodPoint,
+    manoeuvre: Manoeuvre,
+    outputs: tuple[str, ...],
+) -> Estimate:
+    """Return the estimate; innovations that are not white widen the intervals of the model's parameters."""
+    innovations, whitened, sensitivities = point.prediction
+    count = len(parameter_names)
+    checked = collinearity(point.information[: len(names), : len(names)], names, "parameters")
+    inverse = np.linalg.inv(point.information)
+    covariance = inverse[: len(names), : len(names)].copy()
+    white_covariance = covariance.copy()
+    errors = coloured_covariance(sensitivities[..., :count], whitened, covariance[:count, :count])
+    covariance[:count, :count] = errors.covariance
+    return Estimate(
+        method="filter error",
+        names=names,
+        values=values[: len(names)],
+        covariance=covariance,
+        degrees_of_freedom=errors.degrees_of_freedom,
+        responses=outputs,
+        measured=manoeuvre.outputs,
+        fitted=manoeuvre.outputs - innovations,
+        sample_points=manoeuvre.time_s,
+        condition_number=checked.condition_number,
+        variance_inflation=checked.variance_inflation,
+        white_covariance=white_covariance,
+    )
+
+
+@compiled_quickly
+def _likelihood(case: Case, noisy: tuple[int, ...], values: Array, densities: Array, logs: Array) -> tuple[Array, ...]:
+    """Return cost, gradient and information by (values, densities, logs), innovations, and whitened sensitivities.
+
+    The outputs of a sample correct the state one after the other, which is equivalent and leaves scalar variances.
+    """
+    indices = np.asarray(noisy, dtype=int)
+
+    def innovate(unknown: tuple[Array, Array, Array]) -> tuple[tuple[Array, Array], tuple[Array, Array, Array]]:
+        """Run the filter; return innovations and their variances, twice, and the errors of the predicted outputs."""
+        values, densities, logs = unknown
+        theta, start = case.start(values)
+        R, size = jnp.exp(logs), start.size
+        Q = jnp.zeros((size, size)).at[indices, indices].set(densities)
+        C = jax.jacfwd(lambda x: case.equations(x, case.inputs[0], theta)[1])(start)
+        P = jnp.linalg.inv(C.T @ (C / R[:, None]) + 1e-6 * jnp.eye(size))
+
+        def proceed(carry: tuple[Array, Array], sample: tuple[Array, Array, Array]) -> tuple[tuple, tuple]:
+            (x, P), (u, u_next, z) = carry, sample
+            C, y = jax.jacfwd(lambda x: 2 * (case.equations(x, u, theta)[1],), has_aux=True)(x)
+            errors, predicted, innovations, variances = z - y, x, [], []
+            for k in range(R.size):
+                cross = P @ C[k]
+                variance = C[k] @ cross + R[k]
+                innovation = errors[k] - C[k] @ (x - predicted)
+                x, P = x + cross * (innovation / variance), P - jnp.outer(cross, cross) / variance
+                innovations.append(innovation)
+                variances.append(variance)
+            transition, next_state = jax.jacfwd(lambda x: 2 * (case.advance(x, u, u_next, theta),), has_aux=True)(x)
+            P = transition @ (P + 0.5 * case.step_s * Q) @ transition.T + 0.5 * case.step_s * Q
+            return (next_state, P), (jnp.stack(innovations), jnp.stack(variances), errors)
+
+        innovations, variances, errors = jax.lax.scan(proceed, (start, P), case.samples)[1]
+        return (innovations, variances), (innovations, variances, errors)
+
+    (v_by, s_by), (v, s, errors) = jax.jacfwd(innovate, has_aux=True)((values, densities, logs))
+    v_by, s_by = (jnp.concatenate(parts, axis=-1) for parts in (v_by, s_by))
+    whitened, v_by = v / jnp.sqrt(s), v_by / jnp.sqrt(s)[..., None]
+    s_by = s_by / s[..., None]
+    cost = 0.5 * jnp.sum(whitened**2 + jnp.log(s))
+    gradient = jnp.einsum("ia,iap->p", whitened, v_by) + 0.5 * jnp.einsum("ia,iap->p", 1.0 - whitened**2, s_by)
+    information = jnp.einsum("iap,iaq->pq", v_by, v_by) + 0.5 * jnp.einsum("iap,iaq->pq", s_by, s_by)
+    return cost, gradient, information, errors, whitened, -v_by

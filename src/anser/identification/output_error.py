@@ -1,0 +1,181 @@
+"""Output error: maximum likelihood for a model without process noise, plain or stabilised by measured outputs.
+
+Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapter 6.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import solve_discrete_are
+
+from anser.identification.dynamic_models import (
+    DynamicModel,
+    Gain,
+    Manoeuvre,
+    ParameterSet,
+    Prediction,
+    Values,
+    prepare_parameters,
+)
+from anser.identification.estimates import Estimate, collinearity, coloured_covariance
+from anser.identification.likelihood import LikelihoodPoint, maximize_likelihood
+from anser.identification.smoothing import noise_level
+
+_GROWTH_NOTABLE = 10.0
+
+
+def estimate_output_error(
+    model: DynamicModel,
+    manoeuvre: Manoeuvre,
+    start: Mapping[str, float],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    initial_states: Sequence[str] = (),
+    noise: Sequence[float] | None = None,
+    stabilized: bool = False,
+) -> Estimate:
+    """Estimate parameters by output error: Gauss-Newton steps with exact sensitivities and Levenberg's damping.
+
+    Parameters
+    ----------
+    model, manoeuvre
+        The model, and the record of inputs and outputs (`make_manoeuvre`).
+    start
+        Start values of the estimated parameters by name, such as those of a regression.
+    fixed
+        Values of the remaining parameters of the model.
+    initial_states
+        Names of states whose initial value is estimated too, as the parameter `STATE(0)`.
+    noise
+        Standard deviations of the measured outputs; None: estimated with the parameters.
+    stabilized
+        Whether measured outputs correct the state, by the least constant gain that makes the prediction stable: for
+        unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
+
+    Returns
+    -------
+    The covariance is the Cramer-Rao bound corrected for coloured residuals; `white_covariance` is the plain bound. A
+    note tells if the model is unstable, which makes the plain method fail.
+
+    Raises
+    ------
+    ValueError
+        The predicted outputs diverge, the search does not converge, or the outputs do not depend on a parameter, or
+        only on a combination of parameters; the message names the parameters.
+    """
+    parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
+    levels = noise_level(manoeuvre.outputs.T) if noise is None else np.asarray(noise, dtype=float)
+    if levels.shape != (len(model.outputs),) or not np.all(levels > 0.0):
+        raise ValueError(f"noise: arrived {levels.tolist()}; expected positive numbers for {', '.join(model.outputs)}")
+    growth = "" if stabilized else describe_growth(parameters, values, manoeuvre)
+    gain: Gain | None = None
+    try:
+        for _ in range(1 + stabilized):  # the gain follows from the start values, then from their estimates
+            if stabilized:
+                gain = _stabilizing_gain(parameters, values, manoeuvre, levels)
+            values, prediction = _search(parameters, values, manoeuvre, gain, None if noise is None else levels)
+            levels = _levels(prediction, manoeuvre) if noise is None else levels
+        prediction = parameters.predict(values, manoeuvre, gain)
+        growth = growth or ("" if stabilized else describe_growth(parameters, values, manoeuvre))
+        method = "output error, stabilised" if stabilized else "output error"
+        return _estimate(parameters, values, prediction, manoeuvre, levels, method, (growth,) if growth else ())
+    except ValueError as error:
+        raise ValueError(f"{error}. {growth}" if growth else str(error)) from error
+
+
+def _levels(prediction: Prediction, manoeuvre: Manoeuvre) -> Float[np.ndarray, " output"]:
+    return np.sqrt(np.mean((manoeuvre.outputs - prediction.outputs) ** 2, axis=0))
+
+
+def _search(
+    parameters: ParameterSet,
+    start: Values,
+    manoeuvre: Manoeuvre,
+    gain: Gain | None,
+    noise: Float[np.ndarray, " output"] | None,
+) -> tuple[Values, Prediction]:
+    """Minimize the negative log likelihood; with estimated noise, of the residuals' own variances."""
+
+    def evaluate(values: Values) -> LikelihoodPoint:
+        prediction = parameters.predict(values, manoeuvre, gain)
+        levels = _levels(prediction, manoeuvre)
+        cost = np.sum(np.log(levels)) if noise is None else 0.5 * np.sum((levels / noise) ** 2)
+        levels = levels if noise is None else noise
+        S = (prediction.sensitivities / levels[:, None]).reshape(-1, values.size)
+        residuals = ((manoeuvre.outputs - prediction.outputs) / levels).ravel()
+        finite = np.all(np.isfinite(S)) and np.isfinite(cost)
+        return LikelihoodPoint(
+            len(manoeuvre.outputs) * float(cost) if finite else np.inf, -S.T @ residuals, S.T @ S, prediction
+        )
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        if not np.isfinite(evaluate(start).cost):
+            raise ValueError("start: the predicted outputs diverge; expected start values nearer to the solution")
+        optimum = maximize_likelihood(evaluate, start, np.full(start.size, -np.inf))
+    if optimum is None:
+        raise ValueError("output error: the search did not converge; expected start values nearer to the solution")
+    return optimum[0], optimum[1].prediction
+
+
+def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre) -> str:
+    """Return a remark on an unstable model whose errors grow over the manoeuvre; empty for a harmless model."""
+    A = parameters.linearize(values, manoeuvre).A
+    rate = float(np.max(np.linalg.eigvals(A).real)) if np.all(np.isfinite(A)) else np.nan
+    duration = float(manoeuvre.time_s[-1] - manoeuvre.time_s[0])
+    if not rate * duration > np.log(_GROWTH_NOTABLE):
+        return ""
+    return (
+        f"The model is unstable (eigenvalue {rate:+.3g} 1/s): integrated over {duration:.3g} s, it amplifies every "
+        f"error of start, input and parameters {np.exp(min(rate * duration, 500.0)):.2g} times, so that plain output "
+        "error is biased or diverges; use stabilised output error, filter error or equation error"
+    )
+
+
+def _stabilizing_gain(
+    parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre, levels: Float[np.ndarray, " output"]
+) -> Gain:
+    """Return the steady Kalman gain for vanishing process noise: it mirrors unstable eigenvalues to stable ones."""
+    linear = parameters.linearize(values, manoeuvre)
+    C, R = linear.C / levels[:, None], np.eye(len(levels))
+    Q = 1e-9 * np.diag(1.0 / np.maximum(np.sum(C**2, axis=0), 1e-12))
+    try:
+        P = solve_discrete_are(linear.transition.T, C.T, Q, R)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ValueError(
+            "stabilized: no gain from the outputs makes the model stable; expected outputs in which every unstable "
+            "state is seen"
+        ) from error
+    return P @ C.T @ np.linalg.inv(C @ P @ C.T + R) / levels
+
+
+def _estimate(
+    parameters: ParameterSet,
+    values: Values,
+    prediction: Prediction,
+    manoeuvre: Manoeuvre,
+    levels: Float[np.ndarray, " output"],
+    method: str,
+    notes: tuple[str, ...],
+) -> Estimate:
+    S = prediction.sensitivities / levels[:, None]
+    flat = S.reshape(-1, values.size)
+    information = flat.T @ flat
+    checked = collinearity(information, parameters.names, "parameters")
+    residuals = (manoeuvre.outputs - prediction.outputs) / levels
+    errors = coloured_covariance(S, residuals, np.linalg.inv(information))
+    return Estimate(
+        method=method,
+        names=parameters.names,
+        values=values,
+        covariance=errors.covariance,
+        degrees_of_freedom=errors.degrees_of_freedom,
+        responses=parameters.model.outputs,
+        measured=manoeuvre.outputs,
+        fitted=prediction.outputs,
+        sample_points=manoeuvre.time_s,
+        condition_number=checked.condition_number,
+        variance_inflation=checked.variance_inflation,
+        white_covariance=errors.white_covariance,
+        notes=notes,
+    )
