@@ -66,7 +66,7 @@ def test_estimate_is_a_stationary_point_of_an_independent_likelihood():
 def test_process_noise_is_estimated_and_output_error_misses_the_truth_more_often():
     rng, covered, plain_covered, densities = np.random.default_rng(1), [], [], []
     truth = np.array([TRUTH["a"], TRUTH["b"]])
-    for _ in range(60):
+    for _ in range(40):
         y = gusty_record(rng)
         fit = estimate(y)
         plain = estimate_output_error(FIRST_ORDER, make_manoeuvre(FIRST_ORDER, TIME_S, INPUT, y), {"a": 1.0, "b": 1.0})

@@ -16,7 +16,7 @@ CASES = {
 }
 
 
-def estimates_of(case, seeds=200, **options):
+def estimates_of(case, seeds=100, **options):
     """Values, errors, intervals and plain errors (seed, parameter) of both equations, with noise of 0.1."""
     record, rng, rows = short_period(*case), np.random.default_rng(0), []
     for _ in range(seeds):
@@ -41,18 +41,23 @@ def test_corrected_transforms_reach_the_reference(name):
     truth, values, _, intervals, _ = estimates_of(case)
     error = np.abs(np.mean(values, axis=0) - truth)
     assert np.all((error < 0.005 * np.abs(truth)) | (error < 0.5 * np.std(values, axis=0)))
-    # 15 %, and twice the standard error of a scatter over 200 seeds, 5 %
-    assert np.all(np.std(values, axis=0) < 1.15 * np.array(scatter) * 1.10 + 0.0005)
+    # 15 %, and twice the standard error of a scatter over 100 seeds, 7 %
+    assert np.all(np.std(values, axis=0) < 1.15 * np.array(scatter) * 1.14 + 0.0005)
     coverage = np.mean((intervals[..., 0] <= truth) & (truth <= intervals[..., 1]), axis=0)
     assert np.mean(coverage) == pytest.approx(0.96, abs=0.03)
-    assert np.min(coverage) >= 0.85  # a coverage of 0.90 over 200 seeds has a standard error of 0.02
-    assert np.max(coverage) <= 0.995
+    assert np.min(coverage) >= 0.84  # a coverage of 0.90 over 100 seeds has a standard error of 0.03
+    assert np.mean(coverage) <= 0.99
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
-def test_intervals_cover_the_truth_over_two_thousand_seeds(name):
-    truth, _, _, intervals, _ = estimates_of(CASES[name][0], 2000)
+def test_reference_over_two_thousand_seeds(name):
+    case, scatter = CASES[name]
+    truth, values, _, intervals, _ = estimates_of(case, 2000)
+    error = np.abs(np.mean(values, axis=0) - truth)
+    assert np.all((error < 0.005 * np.abs(truth)) | (error < 0.5 * np.std(values, axis=0)))
+    # 15 %; the reference has 100 to 200 seeds (standard error 5 to 7 %) and three decimals
+    assert np.all(np.std(values, axis=0) < 1.15 * np.array(scatter) * 1.07 + 0.0005)
     coverage = np.mean((intervals[..., 0] <= truth) & (truth <= intervals[..., 1]), axis=0)
     assert np.min(coverage) >= 0.90
     assert np.max(coverage) <= 0.99
@@ -61,7 +66,9 @@ def test_intervals_cover_the_truth_over_two_thousand_seeds(name):
 def test_uncorrected_transforms_have_the_bias_of_the_publication():
     truth, values, *_ = estimates_of(CASES["stable, doublet, 10 s"][0], corrected=False)
     published = [-0.600, 0.949, -0.117, -4.361, -1.252, -5.250]
-    np.testing.assert_allclose(np.mean(values, axis=0), published, atol=0.008)
+    # of 100 seeds here and 200 there
+    tolerance = 3.0 * np.std(values, axis=0) * np.sqrt(1.0 / 100.0 + 1.0 / 200.0)
+    assert np.all(np.abs(np.mean(values, axis=0) - published) < tolerance)
     assert np.all(np.abs(np.mean(values, axis=0) - truth)[3:] > 1.0 * np.std(values, axis=0)[3:])
 
 
