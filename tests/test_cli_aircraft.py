@@ -72,6 +72,7 @@ def test_a_new_file_is_checked_and_errors_are_reported(anser, tmp_path):
     code, out, err = anser("aircraft", "check", path)
     assert (code, err) == (0, "")
     assert "1 of 1 numbers of its check data agree" in out
+    assert "a positive deflection: elevator nose down, aileron rolls left, rudder nose left" in out
     path.write_text(
         path.read_text().replace("Cm_q = -14.32", "Cm_q = 14.32").replace("alpha_deg = 0.0", "alpha_deg = 3.0")
     )
@@ -84,6 +85,7 @@ def test_a_new_file_is_checked_and_errors_are_reported(anser, tmp_path):
     assert code == 1
     document = json.loads(out)
     assert [item["place"] for item in document["findings"]] == ["aerodynamics.Cm_q"]
+    assert document["positive_deflections"]["elevator"] == "nose down"
     assert [item["agrees"] for item in document["checks"]] == [False]
     path.write_text(path.read_text().replace("Cm_q", "Cm_qq"))
     code, _, err = anser("aircraft", "check", path)

@@ -177,10 +177,15 @@ def check(aircraft: _Aircraft, variant: VariantName = "textbook") -> None:
     if find_aircraft_file(aircraft) is None and aircraft not in VARIANTS:
         expected = "an aircraft file, or the name of one of the library or of the F-16"
         raise RefusedError(f"AIRCRAFT: arrived {aircraft!r}, an airframe in code; expected {expected}")
+    from anser.single_aircraft.model import aircraft as load_aircraft
+    from anser.single_aircraft.model import surface_effects
+
     with activity("computing"):
         checked_values, findings = check_airframe(aircraft, variant)
+        airframe = load_aircraft(aircraft, variant).airframe
+        effects = dict(zip(airframe.actuators.names, surface_effects(airframe), strict=True))
     name = Path(aircraft).stem if aircraft not in VARIANTS else f"{aircraft} ({variant})"
-    _report(name, aircraft, checked_values, findings, {})
+    _report(name, aircraft, checked_values, findings, {}, effects)
 
 
 def _report(
@@ -189,8 +194,12 @@ def _report(
     checked_values: "tuple[CheckedValue, ...]",
     findings: "tuple[Finding, ...]",
     signals: "Mapping[str, tuple[Variable, ...]]",
+    effects: "Mapping[str, str] | None" = None,
 ) -> None:
-    """Print an aircraft file's check data and findings; `signals` are the inputs and outputs of a DAVE-ML file."""
+    """Print an aircraft file's check data and findings.
+
+    `signals` are the inputs and outputs of a DAVE-ML file, `effects` what a positive deflection of each surface does.
+    """
     failed = [item for item in checked_values if not item.passed]
     print_document(
         lambda: {
@@ -209,10 +218,14 @@ def _report(
                 for item in checked_values
             ],
             "findings": [{"place": item.location, "text": item.text} for item in findings],
+            **({"positive_deflections": dict(effects)} if effects else {}),
             **{key: [_signal_entry(item) for item in variables] for key, variables in signals.items()},
         }
     )
     print_line(_count(name, checked_values, failed))
+    if effects:
+        signs = ", ".join(f"{surface} {effect}" for surface, effect in effects.items())
+        print_line(f"sign conventions, a positive deflection: {signs}")
     if not checked_values:
         for key, variables in signals.items():
             listed = [f"{item.name} ({', '.join(filter(None, (item.id, item.units)))})" for item in variables]
