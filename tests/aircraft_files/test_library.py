@@ -42,5 +42,5 @@ def test_the_centre_of_gravity_can_be_set():
 def test_unknown_names_are_refused_with_the_known_ones():
     with pytest.raises(ValueError, match=r"aircraft type 'f61': perhaps \"f16\"; one of f16, aerosonde"):
         load_airframe("f61")
-    with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding"):
+    with pytest.raises(ValueError, match=r"variant 's191': known are textbook, s119, founding, tp1538, global"):
         load_airframe("f16", "s191")

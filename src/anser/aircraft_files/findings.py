@@ -392,7 +392,12 @@ _SURFACE_NAMES = {"dh": "elevator"}  # name of the horizontal tail in TP-1538
 
 
 def f16_findings(variant: str) -> tuple[Finding, ...]:
-    """Find suspect points in the tables of an F-16 variant, worst first; see `anser.aircraft.suspect_points`."""
+    """Find suspect points in the tables of an F-16 variant, worst first; see `anser.aircraft.suspect_points`.
+
+    The global model has no tables.
+    """
+    if variant == "global":
+        return ()  # a model without tables
     names, tables = _tp1538() if variant == "tp1538" else _reduced(variant)
     findings = []
     for point in suspect_points(tables):

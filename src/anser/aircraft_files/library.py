@@ -10,6 +10,7 @@ from typing import Any
 from anser.aircraft.airframe import AbstractAirframe, refuse_impossible_body
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
 from anser.aircraft.f16 import F16, AbstractF16, f16_engine_from_data, f16_from_data
+from anser.aircraft.global_model import F16Global, global_f16_from_data
 from anser.aircraft.simple_body import SimpleBody, body_from_data
 from anser.aircraft.tp1538 import F16TP1538, tp1538_from_data
 from anser.aircraft_files.build import build_airframe
@@ -34,7 +35,7 @@ def library_data(name: str) -> dict[str, Any]:
 
 @functools.cache
 def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16:
-    """Load a reduced F-16 model of the library: a variant of `VARIANTS["f16"]` except "tp1538" (`load_tp1538`).
+    """Load a reduced F-16 model by tables: a variant of `VARIANTS["f16"]` except "tp1538" and "global".
 
     `x_cg_over_c` is the centre of gravity as a fraction of the mean chord; default: the variant's. Raises ValueError if
     the variant is unknown; the message lists the known variants.
@@ -46,6 +47,16 @@ def load_f16(variant: str = "textbook", x_cg_over_c: float | None = None) -> F16
 def load_tp1538(x_cg_over_c: float | None = None) -> F16TP1538:
     """Load the complete F-16 of NASA TP-1538; `x_cg_over_c` as a fraction of the mean chord (default: the source's)."""
     return tp1538_from_data(library_data("tp1538"), f16_engine_from_data(library_data("f16")), x_cg_over_c)
+
+
+@functools.cache
+def load_global_f16(x_cg_over_c: float | None = None) -> F16Global:
+    """Load the F-16 with the global aerodynamic model, with actuators and engine of the textbook's F-16.
+
+    `x_cg_over_c` as a fraction of the mean chord (default: the source's).
+    """
+    textbook = load_f16()
+    return global_f16_from_data(library_data("f16-global"), textbook.actuators, textbook.engine, x_cg_over_c)
 
 
 def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: float | None = None) -> AbstractAirframe:
@@ -69,7 +80,8 @@ def load_airframe(name: str = "f16", variant: str = "textbook", x_cg_over_c: flo
     if name == "f16":
         if variant not in VARIANTS[name]:
             raise ValueError(f"F-16 variant {variant!r}: known are {', '.join(VARIANTS[name])}")
-        return load_tp1538(x_cg_over_c) if variant == "tp1538" else load_f16(variant, x_cg_over_c)
+        loaders = {"tp1538": load_tp1538, "global": load_global_f16}
+        return loaders[variant](x_cg_over_c) if variant in loaders else load_f16(variant, x_cg_over_c)
     if x_cg_over_c is not None:
         raise ValueError(f"x_cg_over_c: arrived {x_cg_over_c} with {name!r}; expected None: the F-16 alone has it")
     if is_aircraft_path(name):

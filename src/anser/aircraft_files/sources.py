@@ -29,7 +29,7 @@ LIBRARY_FILES = {"aerosonde": "aircraft/data", "nasa-f16": "dave_ml/nasa"}
 """Library airframes defined by aircraft files: folder of each within this package."""
 AIRFRAMES = ("f16", *LIBRARY_FILES)
 BODIES = ("dragless-sphere", "sphere", "undamped-brick", "brick")
-VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538")}
+VARIANTS = {"f16": ("textbook", "s119", "founding", "tp1538", "global")}
 """Variants by airframe."""
 
 

@@ -100,7 +100,8 @@ AircraftName = Annotated[
 VariantName = Annotated[
     str,
     typer.Option(
-        help="Published set of tables of the F-16: textbook, s119, founding or tp1538.", autocompletion=complete_variant
+        help="Published set of tables of the F-16: textbook, s119, founding, tp1538, or the smooth model global.",
+        autocompletion=complete_variant,
     ),
 ]
 CentreOfGravity = Annotated[

@@ -254,8 +254,8 @@ class Aircraft(Table):
         json_schema_extra=expects(f"the name of an airframe: {', '.join(AIRFRAMES)}, or that of an entry point"),
     )
     airframe: _Airframe = table("an aircraft file in the place of type", _AIRFRAME_PATH, None)
-    variant: Literal["textbook", "s119", "founding", "tp1538"] = Field(
-        default="textbook", description="published set of the F-16's aerodynamic tables"
+    variant: Literal["textbook", "s119", "founding", "tp1538", "global"] = Field(
+        default="textbook", description="published set of the F-16's aerodynamic tables, or its smooth global model"
     )
     x_cg_over_c: float | None = number("centre of mass; left out: the variant's own", 0.1, 0.5, "of the chord", None)
     goal: str = identifier("name of the goal to meet")
