@@ -1,5 +1,6 @@
 from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, load_campaign, rare
+from .identification.identify import identify
 from .missions import load_flight, plan, run, sweep
 from .parts.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
 from .scenario import load, loads
@@ -14,6 +15,7 @@ __all__ = [
     "campaign",
     "compare_campaigns",
     "doublet",
+    "identify",
     "linearize",
     "load",
     "load_campaign",

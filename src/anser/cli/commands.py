@@ -21,6 +21,7 @@ from anser.cli.campaigns import compare, fly, rare
 from anser.cli.campaigns import report as report_campaign
 from anser.cli.console import RefusedError, print_problem
 from anser.cli.flights import demo, plan, run
+from anser.cli.identify import identify
 from anser.cli.margins import margins
 from anser.cli.process import interrupts
 from anser.cli.reports import export, figures, report
@@ -103,6 +104,7 @@ for _command in (
     check,
     trim,
     simulate,
+    identify,
     linearize,
     deep_stall,
     step,

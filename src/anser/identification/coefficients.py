@@ -105,7 +105,6 @@ def compute_coefficients(
         The record lacks a channel.
     """
     record = with_specific_force(record, accelerometer_m)
-    record = record if "beta" in record else record.with_channels(beta=np.zeros_like(record["alpha"]))
     motion = _evaluate(record, airframe)
     force_b = float(airframe.mass_properties.mass) * record.stack(*SPECIFIC_FORCE) - motion.thrust_b
     moment_b = motion.moment_b - motion.engine_moment_b
@@ -117,7 +116,9 @@ def compute_coefficients(
     sa, ca = np.sin(record["alpha"]), np.cos(record["alpha"])
     values = (CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn, CX, CZ)
     coefficients = dict(zip(COEFFICIENT_NAMES, values, strict=True))
-    return CoefficientHistory(coefficients, _arguments(record, lengths), motion.air, record)
+    arguments = _arguments_of(airframe, record)
+    present = {name: x for name, x in arguments.items() if name in record or name not in airframe.actuators.names}
+    return CoefficientHistory(coefficients, present, motion.air, record)
 
 
 class _Motion(NamedTuple):
@@ -130,11 +131,8 @@ class _Motion(NamedTuple):
 
 
 def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
-    V, count = record["airspeed"], record.time_s.size
-    if not np.all(V > 1.0):
-        raise ValueError(f"record: arrived airspeed_m_s down to {np.min(V):g} m/s; expected more than 1 m/s")
-    if "altitude" not in record and not ("dynamic_pressure" in record and "mach" in record):
-        raise ValueError("record: arrived without altitude_m; expected it, or dynamic_pressure_pa with mach")
+    count = record.time_s.size
+    air = _air_rows(record)
     if "power" not in record and "thrust" not in record and not isinstance(airframe.engine, NoEngine):
         raise ValueError(
             "record: arrived without power_percent and thrust_n; expected one of them, to subtract the thrust (0 N "
@@ -142,9 +140,8 @@ def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
         )
     rates_channels = _INERTIAL_RATES if all(key in record for key in _INERTIAL_RATES) else RATES
     rates = smooth(record.stack(*rates_channels), record.step_s)
-    missing = np.full(count, np.nan)
-    air = [record.channels.get(key, missing) for key in ("altitude", "dynamic_pressure", "mach", "power")]
-    rows = np.stack([V, record["alpha"], record["beta"], *air, *rates.values, *rates.rate]).T
+    power = record.channels.get("power", np.zeros(count))
+    rows = np.stack([*air, power, *rates.values, *rates.rate]).T
     padded = pad_to_multiple(rows, bucket_size(count, _ROWS))
     motion = jax.tree.map(lambda values: np.asarray(values)[:count].T, _motion(airframe, as_array(padded)))
     if "power" in record:
@@ -158,16 +155,38 @@ def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
 @compiled_quickly
 def _motion(airframe: AbstractAirframe, rows: Float[Array, "row 13"]) -> _Motion:
     def evaluate(row: Float[Array, "13"]) -> _Motion:
-        V, alpha, beta, altitude, qbar, mach, power = row[:7]
-        air = StandardAtmosphere().at(jnp.nan_to_num(altitude))
-        qbar = jnp.where(jnp.isnan(qbar), 0.5 * air.density * V**2, qbar)
-        mach = jnp.where(jnp.isnan(mach), V / air.speed_of_sound, mach)
-        data = AirData(V, alpha, beta, 2.0 * qbar / V**2, qbar, mach, jnp.nan_to_num(altitude))
-        engine = airframe.engine.propulsion(jnp.nan_to_num(power), data)
+        data, power = _air_of_row(row[:6]), row[6]
+        engine = airframe.engine.propulsion(power, data)
         moment_b = moment_for_acceleration(airframe.mass_properties, row[7:10], row[10:13])
         return _Motion(jnp.stack(jax.tree.leaves(data)), engine.force_b, engine.moment_b, moment_b)
 
     return jax.vmap(evaluate)(rows)
+
+
+def _air_of_row(row: Float[Array, "6"]) -> AirData:
+    """Return the air data of airspeed, alpha, beta, altitude, dynamic pressure and Mach number.
+
+    Where one of the last two is NaN, the standard atmosphere at the altitude gives it; where both are given, the
+    altitude may be NaN.
+    """
+    V, alpha, beta, altitude, qbar, mach = row
+    air = StandardAtmosphere().at(jnp.nan_to_num(altitude))
+    qbar = jnp.where(jnp.isnan(qbar), 0.5 * air.density * V**2, qbar)
+    mach = jnp.where(jnp.isnan(mach), V / air.speed_of_sound, mach)
+    return AirData(V, alpha, beta, 2.0 * qbar / V**2, qbar, mach, jnp.nan_to_num(altitude))
+
+
+def _air_rows(record: FlightRecord) -> Float[np.ndarray, "6 sample"]:
+    V = record["airspeed"]
+    if not np.all(V > 1.0):
+        raise ValueError(f"record: arrived airspeed_m_s down to {np.min(V):g} m/s; expected more than 1 m/s")
+    if "altitude" not in record and not ("dynamic_pressure" in record and "mach" in record):
+        raise ValueError("record: arrived without altitude_m; expected it, or dynamic_pressure_pa with mach")
+    zero, missing = np.zeros_like(V), np.full_like(V, np.nan)
+    beta = record.channels.get("beta", zero)
+    return np.stack(
+        [V, record["alpha"], beta, *(record.channels.get(k, missing) for k in ("altitude", "dynamic_pressure", "mach"))]
+    )
 
 
 def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
@@ -207,28 +226,42 @@ def _own_coefficients(
 
 @compiled_quickly
 def _own_derivatives(
-    airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: Float[Array, "7"]
-) -> Float[Array, "6 argument"]:
-    return jax.jacfwd(lambda row: model_coefficients(airframe, row, AirData(*air)))(arguments)
+    airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: Float[Array, "6"]
+) -> tuple[Float[Array, "6"], Float[Array, "6 argument"]]:
+    def coefficients(row: Float[Array, " argument"]) -> Float[Array, "6"]:
+        return model_coefficients(airframe, row, _air_of_row(air))
+
+    return coefficients(arguments), jax.jacfwd(coefficients)(arguments)
 
 
 def airframe_coefficients(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 sample"]:
     """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics along a record."""
     count = history.record.time_s.size
-    rows = np.stack(list(history.arguments.values())).T, history.air.T
+    rows = np.stack(list(_arguments_of(airframe, history.record).values())).T, history.air.T
     padded = [as_array(pad_to_multiple(array, bucket_size(count, _ROWS))) for array in rows]
     return np.asarray(_own_coefficients(airframe, *padded))[:count].T
 
 
-def airframe_derivatives(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 argument"]:
-    """Return the derivatives of an airframe's own coefficients at the mean arguments and air data of a record."""
-    means = [np.mean(values) for values in history.arguments.values()], np.mean(history.air, axis=1)
-    return np.asarray(_own_derivatives(airframe, *map(as_array, means)))
+def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, float]:
+    """Return the derivatives of an airframe's own coefficients at the means of a record, named as in `CL_alpha`.
+
+    The constants, named as in `CL0`, give the airframe's coefficients at the means.
+    """
+    arguments = _arguments_of(airframe, record)
+    means = np.array([np.mean(values) for values in arguments.values()])
+    program = _own_derivatives(airframe, as_array(means), as_array(np.mean(_air_rows(record), axis=1)))
+    values, table = map(np.asarray, program)
+    named = {f"{row}0": float(c) for row, c in zip(COEFFICIENT_NAMES, values - table @ means, strict=False)}
+    for row, slopes in zip(COEFFICIENT_NAMES, table, strict=False):
+        named |= {f"{row}_{name}": float(slope) for name, slope in zip(arguments, slopes, strict=True)}
+    return named
 
 
-def _arguments(record: FlightRecord, lengths: ReferenceLengths) -> dict[str, Float[np.ndarray, " sample"]]:
-    V, span, chord = record["airspeed"], float(lengths.span), float(lengths.chord)
-    P, Q, R = record.stack(*RATES)
-    hats = {"p": P * span / (2.0 * V), "q": Q * chord / (2.0 * V), "r": R * span / (2.0 * V)}
-    surfaces = {name: record[name] for name in record.surfaces if name in record}
-    return {"alpha": record["alpha"], "beta": record["beta"], **hats, **surfaces}
+def _arguments_of(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Return alpha, beta, non-dimensional rates and all surfaces of an airframe; an unrecorded surface is neutral."""
+    lengths, V = reference_lengths(airframe), record["airspeed"]
+    scales = np.array([[lengths.span], [lengths.chord], [lengths.span]], dtype=float)
+    hats = dict(zip(("p", "q", "r"), record.stack(*RATES) * scales / (2.0 * V), strict=True))
+    zero = np.zeros_like(V)
+    surfaces = {name: record.channels.get(name, zero) for name in airframe.actuators.names}
+    return {"alpha": record["alpha"], "beta": record.channels.get("beta", zero), **hats, **surfaces}

@@ -119,14 +119,18 @@ def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"
         "pitch": Q * np.cos(roll) - R * np.sin(roll),
         "yaw": turning / np.cos(pitch),
     }
-    if all(key in record for key in ("airspeed", "alpha", *SPECIFIC_FORCE)):
+    if "airspeed" in record and "alpha" in record:
         V, alpha = record.stack("airspeed", "alpha")
         beta = record.channels.get("beta", np.zeros_like(alpha))
         (sa, sb), (ca, cb) = np.sin((alpha, beta)), np.cos((alpha, beta))
-        ax, ay, az = record.stack(*SPECIFIC_FORCE) + gravity_b(record)
-        derivatives["airspeed"] = ax * ca * cb + ay * sb + az * sa * cb
-        derivatives["alpha"] = Q - np.tan(beta) * (P * ca + R * sa) + (az * ca - ax * sa) / (V * cb)
-        derivatives["beta"] = P * sa - R * ca + (ay * cb - sb * (ax * ca + az * sa)) / V
         climb = [ca * cb * np.sin(pitch), -sb * np.sin(roll) * np.cos(pitch), -sa * cb * np.cos(roll) * np.cos(pitch)]
         derivatives["altitude"] = V * np.sum(climb, axis=0)
+        if all(key in record for key in SPECIFIC_FORCE):
+            ax, ay, az = record.stack(*SPECIFIC_FORCE) + gravity_b(record)
+            derivatives["airspeed"] = ax * ca * cb + ay * sb + az * sa * cb
+            derivatives["alpha"] = Q - np.tan(beta) * (P * ca + R * sa) + (az * ca - ax * sa) / (V * cb)
+            derivatives["beta"] = P * sa - R * ca + (ay * cb - sb * (ax * ca + az * sa)) / V
+        elif "altitude" in record:  # wings nearly level: the pitch less the path angle
+            path = np.clip(smooth(record["altitude"], record.step_s).rate / V, -1.0, 1.0)
+            derivatives["alpha"] = np.gradient(pitch - np.arcsin(path), record.step_s)
     return {key: rate for key, rate in derivatives.items() if key in record}

@@ -25,7 +25,7 @@ class Smoothed(NamedTuple):
     noise: Float[np.ndarray, "*channel"]
 
 
-def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float) -> Smoothed:
+def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float, *, shared: bool = False) -> Smoothed:
     """Smooth and differentiate measured time histories.
 
     A line through the ends is subtracted, and the remainder is a sine series (odd about both ends), whose coefficients
@@ -40,6 +40,8 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float) -> Smoot
         Samples at a constant period, along the last axis; any unit.
     step_s
         Period, s.
+    shared
+        True: the filter of the first channel is applied to all, as both sides of an equation need it.
 
     Raises
     ------
@@ -62,7 +64,8 @@ def smooth(values: Float[np.ndarray, "*channel sample"], step_s: float) -> Smoot
     noise = np.sqrt(noise_power * intervals / 2.0)
     weights = _wiener(power, noise_power, numbers)
     clean = noise < _NEGLIGIBLE_NOISE * np.std(values, axis=-1)
-    kept = coefficients * np.where(clean[..., None], 1.0, weights)
+    weights = np.where(clean[..., None], 1.0, weights)
+    kept = coefficients * (weights[0] if shared else weights)
     smoothed = line + _padded(0.5 * _sine_sums(kept))
     # derivative of sin(k pi t / T) at all samples, ends included, by a cosine transform
     frequency = np.pi * numbers / (intervals * step_s)

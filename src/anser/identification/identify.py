@@ -1,0 +1,377 @@
+"""Identification of an aircraft from a recorded flight: model, parameters with intervals, fit, validation, files."""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft_files.library import is_aircraft_path
+from anser.aircraft_files.schema import AirframeFile
+from anser.aircraft_files.sources import LIBRARY_FILES, library_file, read_airframe
+from anser.airframe_data import COEFFICIENTS
+from anser.compiling.options import enable_compilation_cache
+from anser.files import result_folder, write_file
+from anser.identification.aircraft_file import aircraft_file_text, slug
+from anser.identification.alignment import align_record
+from anser.identification.coefficients import airframe_derivatives
+from anser.identification.estimates import Estimate
+from anser.identification.estimation import METHODS, Fit, estimate, fit_model
+from anser.identification.models import LATERAL, LONGITUDINAL, MODELS, ModelData, arrange
+from anser.identification.records import FlightRecord, flight_record, read_columns
+from anser.results.documents import notebook_table, software_versions, version_attributes, write_json
+from anser.results.netcdf import write_netcdf
+from anser.results.variable_labels import unit_attributes
+from anser.single_aircraft.model import AircraftModel
+from anser.single_aircraft.model import aircraft as load_aircraft
+
+_MASKED = "NaN between parameters of different equations, whose errors are not related"
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Identification:
+    """An aircraft, identified from a flight; printed as a table of the parameters with their 95 % intervals.
+
+    Attributes
+    ----------
+    model, method
+        Model structure and method of the estimate.
+    estimates
+        Estimate of each equation of the model.
+    fit, validation
+        Measured and modelled responses over time, of the flight of the estimate and of another; None: no other.
+    data
+        Record of the flight, and its equations.
+    aircraft
+        Aircraft of the mass properties, lengths and engine; None: not needed by the model.
+    """
+
+    model: str
+    method: str
+    estimates: tuple[Estimate, ...]
+    fit: Fit
+    validation: Fit | None
+    data: ModelData
+    aircraft: AircraftModel | None
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter by its name."""
+        if name not in self.parameters:
+            raise KeyError(f"{name!r} is not estimated; the names are {', '.join(self.parameters)}")
+        return self.parameters[name]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Values of all parameters by name, in SI units and radians."""
+        return {name: value for solution in self.estimates for name, value in solution.parameters.items()}
+
+    @property
+    def record(self) -> FlightRecord:
+        """Record of the flight, aligned."""
+        return self.data.record
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on the record, on what is not estimated, and on the estimates."""
+        return (*self.record.notes, *self.data.notes, *(note for e in self.estimates for note in e.notes))
+
+    @property
+    def title(self) -> str:
+        """Model, aircraft and length of the record."""
+        name = "" if self.aircraft is None else f"{self.aircraft.identity['aircraft']}: "
+        return f"{name}{self.model} from {self.record.time_s[-1] - self.record.time_s[0]:g} s ({self.method})"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: value, 95 % interval, standard error, variance inflation."""
+        rows = []
+        for solution in self.estimates:
+            columns = solution.values, solution.interval(), solution.standard_errors, solution.variance_inflation
+            rows += [
+                {
+                    "name": name,
+                    "estimate": float(value),
+                    "low": float(low),
+                    "high": float(high),
+                    "standard_error": float(error),
+                    "variance_inflation": float(inflation),
+                }
+                for name, value, (low, high), error, inflation in zip(solution.names, *columns, strict=True)
+            ]
+        return rows
+
+    def fit_rows(self) -> list[dict[str, Any]]:
+        """Return a row for each response: R^2 and Theil's inequality coefficient, of fit and validation."""
+        rows = [
+            {"response": name, "r_squared": float(r2), "theil_inequality": float(tic)}
+            for name, r2, tic in zip(self.fit.responses, self.fit.r_squared, self.fit.theil_inequality, strict=True)
+        ]
+        if self.validation is not None:
+            measures = zip(self.validation.r_squared, self.validation.theil_inequality, strict=True)
+            others = dict(zip(self.validation.responses, measures, strict=True))
+            for row in rows:
+                r2, tic = others.get(row["response"], (None, None))
+                row |= {"validation_r_squared": None if r2 is None else float(r2)}
+                row |= {"validation_theil_inequality": None if tic is None else float(tic)}
+        return rows
+
+    def __repr__(self) -> str:
+        lines = [self.title]
+        for row in self.rows():
+            interval = f"{row['low']:.4g} to {row['high']:.4g}"
+            lines.append(
+                f"  {row['name']:<14} {row['estimate']:>10.4g}   {interval:<24} se {row['standard_error']:.2g}"
+            )
+        for row in self.fit_rows():
+            other = row.get("validation_r_squared")
+            text = "" if other is None else f", validation R2 {other:.4f}"
+            lines.append(f"  {row['response']:<6} R2 {row['r_squared']:.4f}, TIC {row['theil_inequality']:.3f}{text}")
+        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+
+    def _repr_html_(self) -> str:
+        cells = [
+            {
+                "parameter": row["name"],
+                "estimate": f"{row['estimate']:.4g}",
+                "95 % interval": f"{row['low']:.4g} to {row['high']:.4g}",
+                "standard error": f"{row['standard_error']:.2g}",
+            }
+            for row in self.rows()
+        ]
+        return notebook_table(self.title, cells, self.notes)
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Parameters, their correlation, responses over time, and autocorrelation of the residuals."""
+        rows = self.rows()
+        names = np.array([row["name"] for row in rows])
+        correlation = np.full((names.size, names.size), np.nan)
+        start = 0
+        for solution in self.estimates:
+            inside = slice(start, start + len(solution.names))
+            correlation[inside, inside] = solution.correlation
+            start = inside.stop
+        label = unit_attributes("1", "Correlation of the errors") | {"comment": _MASKED}
+        data: dict[str, Any] = {
+            key: ("parameter", [row[key] for row in rows], unit_attributes("", long_name))
+            for key, long_name in (
+                ("estimate", "Estimate"),
+                ("standard_error", "Standard error"),
+                ("low", "Lower bound of the 95 % interval"),
+                ("high", "Upper bound of the 95 % interval"),
+                ("variance_inflation", "Factor on the variance from collinearity"),
+            )
+        }
+        data["correlation"] = (("parameter", "parameter_2"), correlation, label)
+        data |= _fit_variables(self.fit, "")
+        acf = self.fit.autocorrelation
+        data["autocorrelation"] = (("lag", "response"), acf, unit_attributes("1", "Autocorrelation of the residuals"))
+        coordinates: dict[str, Any] = {
+            "parameter": names,
+            "parameter_2": names,
+            "response": np.array(self.fit.responses),
+            "time": ("time", self.fit.time_s, unit_attributes("s", "Time")),
+            "lag": ("lag", np.arange(len(acf)) * self.record.step_s, unit_attributes("s", "Lag")),
+        }
+        if self.validation is not None:
+            data |= _fit_variables(self.validation, "validation_")
+            coordinates["validation_response"] = np.array(self.validation.responses)
+            time = self.validation.time_s
+            coordinates["validation_time"] = ("validation_time", time, unit_attributes("s", "Time"))
+        identity = {} if self.aircraft is None else dict(self.aircraft.identity)
+        attributes = {"model": self.model, "method": self.method, "notes": "\n".join(self.notes), "title": self.title}
+        return xr.Dataset(data, coordinates, {**identity, **attributes, **version_attributes()})
+
+    def document(self) -> dict[str, Any]:
+        """Return parameters and fit as plain data, for JSON."""
+        return {
+            "format_version": 1,
+            "aircraft": {} if self.aircraft is None else dict(self.aircraft.identity),
+            "model": self.model,
+            "method": self.method,
+            "units": "SI and radians",
+            "samples": int(self.record.time_s.size),
+            "parameters": self.rows(),
+            "responses": self.fit_rows(),
+            "notes": list(self.notes),
+            "provenance": software_versions(),
+        }
+
+    def aircraft_file(self, name: str | None = None) -> str:
+        """Return the text of an aircraft file with the estimated derivatives, which flies.
+
+        Raises
+        ------
+        ValueError
+            The model is not `derivatives`.
+        """
+        if self.model != "derivatives" or self.aircraft is None:
+            raise ValueError(f"aircraft_file: arrived the model {self.model}; expected the model derivatives")
+        rows = {row["name"]: row for row in self.rows()}
+        # Without evidence of the contrary an aircraft is symmetric.
+        symmetric = [
+            f"{row}0" for row in LATERAL if f"{row}0" in rows and rows[f"{row}0"]["low"] < 0.0 < rows[f"{row}0"]["high"]
+        ]
+        estimated = {name: value for name, value in self.parameters.items() if name not in symmetric}
+        return aircraft_file_text(
+            name or slug(f"{self.aircraft.identity['aircraft']}-estimated"),
+            self.record,
+            self.aircraft.airframe,
+            _file_of(str(self.aircraft.identity["aircraft"])),
+            estimated,
+            self._assumed(self.aircraft.airframe),
+            f"anser.identify, from a flight of {self.title}",
+        )
+
+    def _assumed(self, airframe: AbstractAirframe) -> dict[str, float]:
+        """Return the derivatives of the aircraft that the record did not tell: those of a symmetric aircraft."""
+        own, surfaces = airframe_derivatives(airframe, self.record), airframe.actuators.names
+        estimated = {equation.response for equation in self.data.equations}
+        keys = [
+            f"{row}{end}" for row in LONGITUDINAL for end in ("0", "_alpha", "_q") if row not in estimated or end != "0"
+        ]
+        keys += [f"{row}_{flow}" for row in LATERAL for flow in ("beta", "p", "r")]
+        keys += [f"{row}_{name}" for row in COEFFICIENTS for name in surfaces]
+        return {key: own[key] for key in keys if key not in self.parameters}
+
+    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write dataset, JSON document, page, figures, and for derivatives an aircraft file, into a new folder.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder exists and `force` is False.
+        """
+        with result_folder(Path(folder), replace=force) as staging:
+            self.write_into(staging)
+        return Path(folder)
+
+    def write_into(self, folder: Path) -> None:
+        """Write the files into an existing folder; raises FileExistsError if one of the files exists."""
+        from anser.report.identification_figures import write_identification_report
+
+        dataset = self.dataset
+        write_netcdf(dataset, folder / "identification.nc")
+        write_json(self.document(), folder / "identification.json")
+        write_identification_report(dataset, self.fit_rows(), folder)
+        if self.model == "derivatives":
+            write_file(folder / "aircraft.toml", self.aircraft_file())
+
+
+def _fit_variables(fit: Fit, prefix: str) -> dict[str, Any]:
+    dimensions = (f"{prefix}time", f"{prefix}response")
+    return {
+        f"{prefix}measured": (dimensions, fit.measured, unit_attributes("", "Measured response")),
+        f"{prefix}modelled": (dimensions, fit.modelled, unit_attributes("", "Modelled response")),
+    }
+
+
+def identify(
+    recording: Any,
+    model: str = "derivatives",
+    *,
+    aircraft: Any = None,
+    method: str = "frequency",
+    validate: Any = None,
+    columns: Mapping[str, Any] | str | os.PathLike[str] | None = None,
+    accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    aircraft_name: str | None = None,
+    window_s: tuple[float, float] | None = None,
+    frequency_max_hz: float = 1.5,
+    align: bool = True,
+) -> Identification:
+    """Identify an aircraft from a recorded flight.
+
+    Parameters
+    ----------
+    recording
+        Flight, dataset, table or path: see `anser.identification.flight_record`.
+    model
+        `short-period`: rates of alpha and q by alpha, q and the surfaces; `lateral`: rates of beta, p and r likewise;
+        `derivatives`: derivatives of the aerodynamic coefficients, as an aircraft file has them.
+    aircraft
+        Aircraft whose mass, inertia, lengths and engine are known: as for `anser.simulate`. None: that of the
+        recording.
+    method
+        `frequency` or `equation-error`.
+    validate
+        Recording of another manoeuvre, whose responses are predicted with the estimated parameters.
+    columns
+        Columns of the recording by names of the catalogue, or the path of a TOML file with them.
+    accelerometer_m
+        Position of the accelerometers relative to the centre of gravity, body axes, m.
+    aircraft_name
+        Aircraft of a recording with several.
+    window_s
+        Start and end of the part of the recording that is used, s; None: all.
+    frequency_max_hz
+        Highest frequency that the method `frequency` uses, Hz.
+    align
+        Whether constant delays between the channels are removed, and wrong units refused.
+
+    Raises
+    ------
+    ValueError
+        An argument is not valid, or the recording does not contain what the model needs.
+    """
+    for option, value, known in (("model", model, MODELS), ("method", method, METHODS)):
+        if value not in known:
+            raise ValueError(f"{option}: arrived {value!r}; expected one of {', '.join(known)}")
+    enable_compilation_cache()
+    columns = read_columns(columns) if isinstance(columns, str | os.PathLike) else columns
+    record = flight_record(recording, columns, aircraft_name=aircraft_name)
+    record = record if window_s is None else record.window(*window_s)
+    vehicle = _resolve(aircraft, record, aircraft_name)
+    if model == "derivatives" and vehicle is None:
+        raise ValueError(
+            "aircraft: arrived none, and the recording names none; expected an aircraft with known mass, inertia and "
+            "reference lengths, such as the path of an aircraft file"
+        )
+    airframe = None if vehicle is None else vehicle.airframe
+    data = _arrange(model, record, airframe, accelerometer_m, align)
+    estimates = estimate(data, method, frequency_max_hz)
+    parameters = {name: value for solution in estimates for name, value in solution.parameters.items()}
+    validation = None
+    if validate is not None:
+        other = flight_record(validate, columns, aircraft_name=aircraft_name)
+        validation = fit_model(_arrange(model, other, airframe, accelerometer_m, align), parameters)
+    return Identification(model, method, estimates, fit_model(data, parameters), validation, data, vehicle)
+
+
+def _arrange(
+    model: str,
+    record: FlightRecord,
+    airframe: AbstractAirframe | None,
+    accelerometer_m: tuple[float, float, float],
+    align: bool,
+) -> ModelData:
+    return arrange(model, align_record(record) if align else record, airframe, accelerometer_m)
+
+
+def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> AircraftModel | None:
+    """Return the aircraft of the argument, or of the attributes of a recorded flight; None without either."""
+    if isinstance(aircraft, AircraftModel):
+        return aircraft
+    if aircraft is not None:
+        return load_aircraft(aircraft)
+    attributes = dict(record.attributes)
+    if "scenario" in attributes:
+        tables = json.loads(str(attributes["scenario"]))["aircraft"]
+        table = next((entry for entry in tables if aircraft_name in (None, entry["name"])), None)
+        if table is None or table.get("airframe") is not None:
+            return None
+        attributes = {"aircraft": table["type"], "variant": table["variant"]}
+    name = str(attributes.get("aircraft", "custom"))
+    if name == "custom" or (is_aircraft_path(name) and not Path(name).is_file()):
+        return None
+    return load_aircraft(name, str(attributes.get("variant", "textbook")))
+
+
+def _file_of(name: str) -> AirframeFile | None:
+    """Return the aircraft file of derivatives by name or path; None for another kind of aircraft."""
+    file = library_file(name) if name in LIBRARY_FILES else read_airframe(name) if is_aircraft_path(name) else None
+    return file if isinstance(file, AirframeFile) else None

@@ -1,0 +1,215 @@
+"""Model structures of identification: short period, lateral motion, and derivatives of the aerodynamic coefficients.
+
+Each model is a set of linear equations, a response for each, whose parameters the estimators find.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.signal import lsim
+
+from anser.aircraft.airframe import AbstractAirframe
+from anser.identification.coefficients import (
+    CoefficientHistory,
+    airframe_derivatives,
+    compute_coefficients,
+    reference_lengths,
+)
+from anser.identification.kinematics import RATES, gravity_b, with_attitude
+from anser.identification.records import FlightRecord
+from anser.identification.smoothing import integrate, noise_level
+
+MODELS = ("short-period", "lateral", "derivatives")
+LONGITUDINAL, LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
+_EXCITATION_MIN = 3.0
+"""Least standard deviation of a regressor, relative to its noise; below, the regressor is left out."""
+_MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
+"""Least standard deviation of a regressor without noise: rad, and non-dimensional rates."""
+_SURFACE_MIN = 5e-4
+"""Least standard deviation of a surface that was moved, rad."""
+_EFFECT_MIN = 0.05
+"""Least moment of a surface about an axis, relative to the surface's greatest moment coefficient."""
+
+Series = Float[np.ndarray, " sample"]
+
+
+class Equation(NamedTuple):
+    """An equation that is linear in its parameters: response, or its time derivative, from regressors."""
+
+    response: str  # name of the response
+    prefix: str  # start of the parameters' names: `CL` for `CL_alpha`
+    values: Series
+    regressors: dict[str, Series]
+    noise: dict[str, float]  # standard deviations of the white noise of the regressors
+    is_rate: bool  # whether the equation is for the time derivative of the response
+
+
+class ModelData(NamedTuple):
+    """A record arranged for a model: its equations, and remarks on regressors that are left out."""
+
+    record: FlightRecord
+    equations: tuple[Equation, ...]
+    history: CoefficientHistory | None  # coefficients along the record, of the model `derivatives`
+    notes: tuple[str, ...]
+
+
+def arrange(
+    model: str,
+    record: FlightRecord,
+    airframe: AbstractAirframe | None,
+    accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> ModelData:
+    """Arrange a record as the equations of a model.
+
+    Raises
+    ------
+    ValueError
+        The record lacks a channel, no surface moved, or an equation has no regressor with excitation.
+    """
+    if model == "derivatives":
+        if airframe is None:
+            raise ValueError("aircraft: arrived none; expected an aircraft with mass, inertia and reference lengths")
+        return _derivatives(record, airframe, accelerometer_m)
+    return _linear(model, record, airframe)
+
+
+def _derivatives(
+    record: FlightRecord, airframe: AbstractAirframe, accelerometer_m: tuple[float, float, float]
+) -> ModelData:
+    history = compute_coefficients(record, airframe, accelerometer_m=accelerometer_m)
+    lengths, V = reference_lengths(airframe), float(np.mean(record["airspeed"]))
+    scales = np.array([lengths.span, lengths.chord, lengths.span], dtype=float) / (2.0 * V)
+    noise = dict(zip(("p", "q", "r"), noise_level(record.stack(*RATES)) * scales, strict=True))
+    series = dict(history.arguments)
+    noise |= {key: float(noise_level(series[key])) for key in ("alpha", "beta")}
+    series["alpha2"] = (series["alpha"] - np.mean(series["alpha"])) ** 2
+    noise["alpha2"] = float(np.sqrt(4.0 * np.var(series["alpha"]) + 2.0 * noise["alpha"] ** 2) * noise["alpha"])
+    effects = _surface_axes(record, airframe, _moved_surfaces(record))
+    equations, notes = [], []
+    for coefficient in (*LONGITUDINAL, *LATERAL):
+        if coefficient in LONGITUDINAL:
+            flow = ("alpha", "alpha2", "q") if coefficient == "CD" else ("alpha", "q")
+            surfaces = effects["longitudinal"]
+        else:
+            flow, surfaces = ("beta", "p", "r"), effects["lateral"]
+        excited = [name for name in flow if name == "alpha2" or _is_excited(name, series[name], noise[name])]
+        if set(excited) <= {"alpha2"}:
+            notes.append(f"{coefficient} is not estimated: {', '.join(flow)} vary no more than their noise.")
+            continue
+        names = (*excited, *surfaces)
+        idle = [name for name in flow if name not in excited]
+        notes += [f"{coefficient}_{name} is not estimated: {name} varies no more than its noise." for name in idle]
+        regressors = {name: series[name] for name in names}
+        levels = {name: float(noise.get(name, 0.0)) for name in names}
+        values = history.coefficients[coefficient]
+        equations.append(Equation(coefficient, coefficient, values, regressors, levels, is_rate=False))
+    if not equations:
+        raise ValueError("record: arrived without excitation of flow angles and rates; expected a manoeuvre")
+    return ModelData(record, tuple(equations), history, tuple(notes))
+
+
+def _linear(model: str, record: FlightRecord, airframe: AbstractAirframe | None) -> ModelData:
+    record = with_attitude(record)
+    moved = _moved_surfaces(record)
+    V, alpha = record.stack("airspeed", "alpha")
+    gx, gy, gz = gravity_b(record)
+    states = {"alpha": alpha, "beta": record.channels.get("beta", np.zeros_like(alpha))}
+    states |= dict(zip(("p", "q", "r"), record.stack(*RATES), strict=True))
+    if model == "short-period":
+        names, prefixes = ("alpha", "q"), ("Z", "M")
+        gravity = (gz * np.cos(alpha) - gx * np.sin(alpha)) / V
+    else:
+        names, prefixes = ("beta", "p", "r"), ("Y", "L", "N")
+        gravity = gy / V
+    if airframe is not None:
+        moved = _surface_axes(record, airframe, moved)["longitudinal" if model == "short-period" else "lateral"]
+    noise = {name: float(noise_level(states[name])) for name in names}
+    silent = [name for name in names if not _is_excited(name, states[name], noise[name])]
+    if silent or not moved:
+        arrived = f"{', '.join(silent)} that vary no more than their noise" if silent else "no surface that moved"
+        raise ValueError(f"record: arrived {arrived}; expected a manoeuvre that excites the model {model}")
+    regressors = {name: states[name] for name in names} | {name: record[name] for name in moved}
+    equations = []
+    for name, prefix in zip(names, prefixes, strict=True):
+        # The part of the rate that gravity explains is known: its integral is subtracted from the flow angle.
+        known = integrate(gravity - np.mean(gravity), record.step_s) if name in ("alpha", "beta") else 0.0
+        levels = noise | dict.fromkeys(moved, 0.0)
+        equations.append(Equation(name, prefix, states[name] - known, regressors, levels, is_rate=True))
+    return ModelData(record, tuple(equations), None, ())
+
+
+def _is_excited(name: str, values: Series, noise: float) -> bool:
+    return float(np.std(values)) > max(_EXCITATION_MIN * noise, 0.1 * _MOTION_MIN[name])
+
+
+def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:
+    moved = tuple(name for name in record.surfaces if name in record and np.std(record[name]) > _SURFACE_MIN)
+    if not moved:
+        present = [name for name in record.surfaces if name in record]
+        arrived = f"{', '.join(present)} that do not move" if present else f"none of {', '.join(record.surfaces)}"
+        raise ValueError(f"record: arrived {arrived}; expected the deflections of a manoeuvre, deg")
+    return moved
+
+
+def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Return the moved surfaces with an effect in the longitudinal and in the lateral equations, by the aircraft.
+
+    A surface of which the aircraft knows no moment belongs to both.
+    """
+    own = airframe_derivatives(airframe, record)
+    axes: dict[str, tuple[str, ...]] = {"longitudinal": (), "lateral": ()}
+    for name in moved:
+        roll, pitch, yaw = (abs(own[f"{moment}_{name}"]) for moment in ("Cl", "Cm", "Cn"))
+        least = _EFFECT_MIN * max(roll, pitch, yaw)
+        axes["longitudinal"] += (name,) if pitch >= least else ()
+        axes["lateral"] += (name,) if max(roll, yaw) >= least else ()
+    return axes
+
+
+def predict(
+    data: ModelData, parameters: Mapping[str, float]
+) -> tuple[tuple[str, ...], Float[np.ndarray, "sample response"], Float[np.ndarray, "sample response"]]:
+    """Return the responses of a model, measured and with given parameters: a linear model is integrated.
+
+    Start and constant terms of a linear model are fitted to the measured responses.
+    """
+    names = tuple(equation.response for equation in data.equations)
+    measured = np.stack([equation.values for equation in data.equations], axis=1)
+    if not data.equations[0].is_rate:
+        columns = []
+        for equation in data.equations:
+            terms = [parameters.get(f"{equation.prefix}0", 0.0)]
+            terms += [parameters.get(f"{equation.prefix}_{n}", 0.0) * x for n, x in _from_zero(equation).items()]
+            columns.append(np.broadcast_to(np.sum(np.broadcast_arrays(*terms), axis=0), equation.values.shape))
+        return names, measured, np.stack(columns, axis=1)
+    record = data.record
+    inputs = [name for name in data.equations[0].regressors if name not in names]
+    A, B = (
+        np.array([[parameters.get(f"{equation.prefix}_{name}", 0.0) for name in group] for equation in data.equations])
+        for group in (names, inputs)
+    )
+    states = np.stack([data.equations[0].regressors[name] for name in names], axis=1)
+    u = np.stack([data.equations[0].regressors[name] for name in inputs], axis=1)
+    known = np.gradient(states - measured, record.step_s, axis=0)
+    order = len(names)
+    C, zero = np.eye(order), np.zeros((order, order))
+    time_s = record.time_s - record.time_s[0]
+
+    def respond(gain: np.ndarray, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        return lsim((A, gain, C, 0.0 * gain), values, time_s, start)[1]
+
+    forced = respond(np.hstack([B, C]), np.hstack([u, known]))
+    rest, ones = np.zeros_like(known), np.ones((time_s.size, 1))
+    free = [*(respond(zero, rest, e) for e in C), *(respond(e[:, None], ones) for e in C)]
+    basis = np.stack([np.ravel(response) for response in free], axis=1)
+    weights = np.linalg.lstsq(basis, np.ravel(states - forced), rcond=None)[0]
+    return names, states, forced + (basis @ weights).reshape(states.shape)
+
+
+def _from_zero(equation: Equation) -> dict[str, Series]:
+    """Return the regressors as derivatives of an aircraft file multiply them: alpha squared from zero."""
+    if "alpha2" not in equation.regressors:
+        return equation.regressors
+    return equation.regressors | {"alpha2": equation.regressors["alpha"] ** 2}

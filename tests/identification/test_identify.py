@@ -1,0 +1,189 @@
+"""Identification from a flight: against the linear model and the airframe, validation, the estimated file in flight."""
+
+import dataclasses
+import functools
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+import anser
+from anser.identification.aircraft_file import slug
+from anser.identification.records import flight_record
+from anser.results.netcdf import read_netcdf
+from support.manoeuvres import clean_record, f16, flight, noisy_record
+
+_STATES = {"alpha": "alpha", "beta": "beta", "p": "P", "q": "Q", "r": "R"}
+_EQUATIONS = {"Z": "alpha", "M": "Q", "Y": "beta", "L": "P", "N": "R"}
+
+
+@functools.cache
+def linear_parameters(speed_m_s, altitude_m):
+    """Elements of the linear model by the names of the estimates."""
+    model = f16().linearize(speed_m_s=speed_m_s, altitude_m=altitude_m).model
+    A, B, states, inputs = np.asarray(model.A), np.asarray(model.B), list(model.states), list(model.inputs)
+    elements = {}
+    for prefix, row in _EQUATIONS.items():
+        elements |= {f"{prefix}_{key}": A[states.index(row), states.index(state)] for key, state in _STATES.items()}
+        elements |= {
+            f"{prefix}_{key}": B[states.index(row), inputs.index(key)] for key in ("elevator", "aileron", "rudder")
+        }
+    return elements
+
+
+@pytest.mark.parametrize("method", ["frequency", "equation-error"])
+@pytest.mark.parametrize(("model", "manoeuvre"), [("short-period", "doublet"), ("lateral", "lateral")])
+@pytest.mark.parametrize(("speed_m_s", "altitude_m"), [(150.0, 1000.0), (200.0, 5000.0)])
+def test_linear_models_are_within_two_standard_errors_of_linearize(model, manoeuvre, method, speed_m_s, altitude_m):
+    truth = linear_parameters(speed_m_s, altitude_m)
+    errors = []
+    for seed in range(4):
+        record = noisy_record(manoeuvre, seed, speed_m_s=speed_m_s, altitude_m=altitude_m)
+        result = anser.identify(record, model, aircraft=f16(), method=method)
+        errors += [(row["estimate"] - truth[row["name"]]) / row["standard_error"] for row in result.rows()]
+    # 95 % of normal errors are inside; with 24 or 60 correlated numbers down to 80 %, and none is far off. A constant
+    # slope stands for the tables' curvature over +-2 deg, which moves an estimate by up to a standard error.
+    assert np.mean(np.abs(errors) < 2.0) >= 0.8, errors
+    assert np.abs(errors).max() < 4.5
+
+
+def test_derivatives_without_noise_are_those_of_the_airframe():
+    result = anser.identify(clean_record("multisine"), aircraft=f16())
+    # [SL] appendix A: CY = -0.02 beta + 0.021 da / 20 + 0.086 dr / 30, per deg
+    assert result["CY_beta"] == pytest.approx(np.degrees(-0.02), rel=0.005)
+    assert result["CY_aileron"] == pytest.approx(np.degrees(0.021 / 20.0), rel=0.02)
+    assert result["CY_rudder"] == pytest.approx(np.degrees(0.086 / 30.0), rel=0.005)
+    # CZ = ... - 0.19 de / 25 per deg, turned into lift by alpha of 2.8 deg
+    assert result["CL_elevator"] == pytest.approx(np.degrees(0.19 / 25.0), rel=0.02)
+    assert min(row["r_squared"] for row in result.fit_rows()) > 0.997
+
+
+@functools.cache
+def estimated():
+    return anser.identify(noisy_record("multisine", 1), aircraft=f16(), validate=noisy_record("doublet", 2))
+
+
+def test_another_manoeuvre_is_predicted():
+    rows = {row["response"]: row for row in estimated().fit_rows()}
+    # noise of alpha of 0.05 deg alone leaves 0.995 of CL; drag has the greatest share of noise
+    assert rows["CL"]["validation_r_squared"] > 0.99
+    assert rows["Cm"]["validation_r_squared"] > 0.99
+    assert rows["CD"]["validation_r_squared"] > 0.95
+    assert rows["CY"]["validation_r_squared"] is None  # the doublet has no lateral motion
+    assert rows["CL"]["theil_inequality"] < 0.1
+    other = anser.identify(noisy_record("3211"), "short-period", aircraft=f16(), validate=noisy_record("doublet"))
+    assert min(row["validation_r_squared"] for row in other.fit_rows()) > 0.99
+
+
+def test_the_estimated_aircraft_flies_like_the_true_one(tmp_path):
+    estimated().save(tmp_path / "estimate")
+    names = {path.name for path in (tmp_path / "estimate").iterdir()}
+    pictures = {f"{n}.{s}" for n in ("responses", "validation", "residuals", "correlation") for s in ("svg", "png")}
+    assert names == {"identification.nc", "identification.json", "report.html", "aircraft.toml"} | pictures
+    model = anser.aircraft(tmp_path / "estimate" / "aircraft.toml")
+    condition = {"speed_m_s": 150.0, "altitude_m": 1000.0}
+    trim = model.trim(**condition)
+    true = f16().trim(**condition)
+    responses = []
+    for vehicle, start in ((model, trim), (f16(), true)):
+        controls = {"elevator": anser.three_two_one_one(0.7, width_s=0.5), "rudder": anser.doublet(2.0)}
+        flown = anser.simulate(vehicle, start, controls, duration_s=6.0).dataset
+        assert int(flown.outside_tables.sum()) == 0
+        responses.append(flown)
+    # Constant slopes in place of tables, with errors of estimation of a per cent; the roll moment of sideslip changes with
+    # the angle of attack by a tenth per degree, which moves by a degree here.
+    tolerances = {"alpha_deg": 0.04, "pitch_rate_deg_s": 0.04, "load_factor": 0.04, "beta_deg": 0.15}
+    for name, tolerance in (tolerances | {"roll_rate_deg_s": 0.15}).items():
+        difference = responses[0][name] - responses[1][name]
+        assert float(difference.std()) < tolerance * float(responses[1][name].std()), name
+    assert float(responses[0].alpha_deg[0]) == pytest.approx(float(responses[1].alpha_deg[0]), abs=0.05)
+
+
+def test_what_the_record_does_not_tell_is_taken_from_the_aircraft_and_said():
+    result = anser.identify(noisy_record("doublet"), aircraft=f16())
+    assert {row["name"][:2] for row in result.rows()} == {"CL", "CD", "Cm"}
+    assert any(note.startswith("Cn is not estimated") for note in result.notes)
+    text = result.aircraft_file("my-estimate")
+    assert 'name = "my-estimate"' in text
+    assumed = next(line for line in text.splitlines() if line.startswith("assumed"))
+    assert "Cn_beta" in assumed
+    assert "Cm_alpha" not in assumed
+
+
+def test_an_aircraft_by_a_file_keeps_its_engine_and_actuators(tmp_path):
+    model = anser.aircraft("aerosonde")
+    trim = model.trim(speed_m_s=30.0, altitude_m=300.0)
+
+    def sines(channel):
+        return anser.multisine(1.5, (0.2, 3.0), 10.0, channel=channel, channels=3)
+
+    controls = {name: sines(k) for k, name in enumerate(("elevator", "aileron", "rudder"))}
+    flown = anser.simulate(model, trim, controls, duration_s=12.0, record_period_s=0.02)
+    result = anser.identify(flown, frequency_max_hz=3.0)
+    # the file's own derivatives, per rad; the drag polar and the stall bend the rest
+    for name, value in {"CL_alpha": 5.61, "Cm_alpha": -2.74, "Cm_q": -38.21, "Cl_p": -0.51, "CY_beta": -0.98}.items():
+        assert result[name] == pytest.approx(value, rel=0.03), name
+    (tmp_path / "estimated.toml").write_text(result.aircraft_file())
+    again = anser.aircraft(tmp_path / "estimated.toml")
+    assert type(again.airframe.engine) is type(model.airframe.engine)
+    assert again.trim(speed_m_s=30.0, altitude_m=300.0).diagnosis is None
+
+
+def test_dataset_and_document_hold_the_same_numbers(tmp_path):
+    result = estimated()
+    result.save(tmp_path / "estimate")
+    dataset = read_netcdf(tmp_path / "estimate" / "identification.nc")
+    document = json.loads((tmp_path / "estimate" / "identification.json").read_text())
+    for row in document["parameters"]:
+        chosen = dataset.sel(parameter=row["name"])
+        assert float(chosen["estimate"]) == row["estimate"] == result[row["name"]]
+        assert row["low"] < row["estimate"] < row["high"]
+        assert float(chosen["correlation"].sel(parameter_2=row["name"])) == pytest.approx(1.0)
+    page = (tmp_path / "estimate" / "report.html").read_text()
+    assert "Cm_elevator" in page
+    assert page.count("<svg") == 4
+    with pytest.raises(FileExistsError):
+        result.save(tmp_path / "estimate")
+
+
+def refused(recording, model="derivatives", **options):
+    with pytest.raises(ValueError, match=r"arrived|excitation|collinear") as raised:
+        anser.identify(recording, model, **options)
+    return str(raised.value)
+
+
+def test_each_defect_has_a_message():
+    record = noisy_record("multisine")
+    air: dict[str, Any] = {"aircraft": f16()}
+    steady = flight_record(flight("doublet")).window(0.0, 1.0)
+    assert "elevator, aileron, rudder that do not move" in refused(steady, **air)
+    lateral = {key: values for key, values in record.channels.items() if key not in ("aileron", "rudder")}
+    assert "no surface that moved" in refused(dataclasses.replace(record, channels=lateral), "lateral", **air)
+    assert "beta, p, r that vary no more than" in refused(noisy_record("doublet"), "lateral")
+    assert "without pitch_rate_deg_s" in refused(
+        dataclasses.replace(record, channels={k: v for k, v in record.channels.items() if k != "pitch_rate"}), **air
+    )
+    together = record.with_channels(rudder=0.5 * record["aileron"])
+    assert "rudder, aileron are collinear" in refused(together, "lateral", align=False, **air)
+    assert "the recording names none" in refused(dataclasses.replace(record, attributes={}))
+    assert "model: arrived 'phugoid'" in refused(record, "phugoid")
+    assert "method: arrived 'magic'" in refused(record, method="magic")
+    with pytest.raises(ValueError, match="aircraft_file: arrived the model lateral"):
+        anser.identify(record, "lateral").aircraft_file()
+    with pytest.raises(KeyError, match="'Cm_flap' is not estimated"):
+        estimated()["Cm_flap"]
+
+
+def test_a_window_and_a_run_with_several_aircraft():
+    fleet = flight("multisine").dataset.expand_dims(aircraft=["a", "b"]).transpose("time", "aircraft")
+    whole = anser.identify(flight("multisine"))
+    assert anser.identify(fleet, aircraft_name="b")["Cm_alpha"] == whole["Cm_alpha"]
+    part = anser.identify(flight("multisine"), window_s=(2.0, 18.0))
+    assert part.record.time_s[-1] == pytest.approx(18.0)
+    assert part["Cm_alpha"] == pytest.approx(whole["Cm_alpha"], rel=0.02)
+
+
+def test_names_of_aircraft():
+    assert slug("F-16 (textbook) / estimated") == "f-16-textbook-estimated"
+    assert slug("***") == "aircraft"
