@@ -42,8 +42,11 @@ def identify(
     ] = None,
     variant: VariantName = "textbook",
     method: Annotated[
-        Literal["frequency", "equation-error"],
-        typer.Option(help="Regression of Fourier transforms, or in time."),
+        Literal["frequency", "equation-error", "output-error", "filter-error"],
+        typer.Option(
+            help="Regression of Fourier transforms or in time; for linear models also maximum likelihood of their "
+            "responses, without or with noise in the rates (turbulence)."
+        ),
     ] = "frequency",
     validate: Annotated[Path | None, typer.Option(help="Recording of another manoeuvre, which is predicted.")] = None,
     map_: Annotated[

@@ -1,18 +1,26 @@
 """Solution of the equations of a model by the estimators, and the fit of the model over time."""
 
 import dataclasses
+import functools
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from anser.identification.dynamic_models import DynamicModel, Parameters, make_manoeuvre
 from anser.identification.estimates import Estimate, autocovariances
+from anser.identification.filter_error import estimate_filter_error
 from anser.identification.frequency_regression import regress_spectra
-from anser.identification.models import Equation, ModelData, predict
+from anser.identification.models import Equation, ModelData, linear_series, predict
+from anser.identification.output_error import estimate_output_error
 from anser.identification.regression import regress
 from anser.identification.smoothing import smooth
 
-METHODS = ("frequency", "equation-error")
+METHODS = ("frequency", "equation-error", "output-error", "filter-error")
+"""Methods of `anser.identify`; the last two integrate a linear model."""
+_PROCESS_NOISE = 1e-6
+"""Start value of the spectral density of the noise in the rates of a linear model."""
 _BAND_HZ = 1.5
 """Highest frequency of regressions, Hz, and lowest in periods per record: rigid-body motion of an aircraft."""
 
@@ -49,7 +57,8 @@ class Fit(NamedTuple):
     def autocorrelation(self) -> Float[np.ndarray, "lag response"]:
         """Autocorrelation of the residuals up to a fifth of the record."""
         covariances = autocovariances(self.residuals, self.time_s.size // 5)
-        return covariances / covariances[0]
+        diagonal = np.diagonal(covariances, axis1=1, axis2=2)
+        return diagonal / diagonal[0]
 
 
 def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -> tuple[Estimate, ...]:
@@ -61,10 +70,20 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
         Record, arranged for a model.
     method
         `frequency`: regression of Fourier transforms, without differentiation of noise; `equation-error`: regression
-        in time, of response and regressors that pass the same smoothing filter.
+        in time, of response and regressors that pass the same smoothing filter. For linear models also `output-error`,
+        maximum likelihood of the integrated responses, and `filter-error`, the same with noise in the rates, for
+        turbulent air; both start from `frequency`, and give one estimate for all equations.
     frequency_max_hz
         Highest frequency of the regression of Fourier transforms, Hz.
+
+    Raises
+    ------
+    ValueError
+        A method of linear models with the model `derivatives`, or an error of the estimator: no excitation, collinear
+        regressors, no convergence.
     """
+    if method in METHODS[2:]:
+        return (_integrate(data, method, estimate(data, "frequency", frequency_max_hz)),)
     return tuple(_solve(data, equation, method, frequency_max_hz) for equation in data.equations)
 
 
@@ -105,6 +124,7 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
             names=names,
             values=slopes,
             covariance=covariance,
+            white_covariance=None,
             variance_inflation=inflation,
         )
     X = np.stack(list(equation.regressors.values()), axis=1)
@@ -128,8 +148,46 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
         names=(*names, f"{equation.prefix}0"),
         values=values,
         covariance=joint,
+        white_covariance=None,
         variance_inflation=inflation,
     )
+
+
+@functools.cache
+def _linear_dynamics(states: tuple[str, ...], prefixes: tuple[str, ...], inputs: tuple[str, ...]) -> DynamicModel:
+    def equations(x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
+        values = [*x, *u[: len(inputs)]]
+        rates = [
+            sum(theta[f"{prefix}_{name}"] * value for name, value in zip((*states, *inputs), values, strict=True))
+            + theta[f"{prefix}0"]
+            for prefix in prefixes
+        ]
+        return jnp.stack(rates) + u[len(inputs) :], x
+
+    return DynamicModel(equations, states, (*inputs, *(f"known_{name}" for name in states)), states)
+
+
+def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Estimate:
+    """Estimate the parameters of a linear model from its integrated responses."""
+    first = data.equations[0]
+    if not first.is_rate:
+        raise ValueError(f"method: arrived {method} with the model derivatives; expected frequency or equation-error")
+    linear = linear_series(data)
+    prefixes = tuple(equation.prefix for equation in data.equations)
+    model = _linear_dynamics(linear.names, prefixes, linear.inputs)
+    inputs = np.hstack([linear.u, linear.known])
+    manoeuvre = make_manoeuvre(model, data.record.time_s, inputs, linear.states, linear.states[0], held=False)
+    values = {name: value for solution in start for name, value in solution.parameters.items()}
+    constants = np.mean(linear.known, axis=0)
+    values |= {f"{prefix}0": -float(value) for prefix, value in zip(prefixes, constants, strict=True)}
+    for solution, prefix in zip(start, prefixes, strict=True):  # in the mean over the record the rates vanish
+        means = np.mean(np.stack(list(first.regressors.values()), axis=1), axis=0)
+        values[f"{prefix}0"] -= float(solution.values @ means)
+    options = {"initial_states": linear.names, "noise": [max(first.noise[name], 1e-6) for name in linear.names]}
+    if method == "output-error":
+        return estimate_output_error(model, manoeuvre, values, **options)
+    process = dict.fromkeys(linear.names, _PROCESS_NOISE)
+    return estimate_filter_error(model, manoeuvre, values, process, **options)
 
 
 def fit_model(data: ModelData, parameters: dict[str, float]) -> Fit:

@@ -297,7 +297,9 @@ def identify(
         Aircraft whose mass, inertia, lengths and engine are known: as for `anser.simulate`. None: that of the
         recording.
     method
-        `frequency` or `equation-error`.
+        `frequency` or `equation-error`: regression of Fourier transforms, or in time; for linear models also
+        `output-error` and `filter-error`: maximum likelihood of the integrated responses, without or with noise in the
+        rates.
     validate
         Recording of another manoeuvre, whose responses are predicted with the estimated parameters.
     columns

@@ -168,6 +168,26 @@ def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Seque
     return axes
 
 
+class LinearSeries(NamedTuple):
+    """Series of a linear model: measured states, surfaces, and the known part of the rates, from gravity."""
+
+    names: tuple[str, ...]  # of the states
+    inputs: tuple[str, ...]
+    states: Float[np.ndarray, "sample state"]
+    u: Float[np.ndarray, "sample input"]
+    known: Float[np.ndarray, "sample state"]
+
+
+def linear_series(data: ModelData) -> LinearSeries:
+    """Return the series of a linear model."""
+    names = tuple(equation.response for equation in data.equations)
+    regressors = data.equations[0].regressors
+    inputs = tuple(name for name in regressors if name not in names)
+    states, u = (np.stack([regressors[name] for name in group], axis=1) for group in (names, inputs))
+    subtracted = states - np.stack([equation.values for equation in data.equations], axis=1)
+    return LinearSeries(names, inputs, states, u, np.gradient(subtracted, data.record.step_s, axis=0))
+
+
 def predict(
     data: ModelData, parameters: Mapping[str, float]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "sample response"], Float[np.ndarray, "sample response"]]:
@@ -184,28 +204,23 @@ def predict(
             terms += [parameters.get(f"{equation.prefix}_{n}", 0.0) * x for n, x in _from_zero(equation).items()]
             columns.append(np.broadcast_to(np.sum(np.broadcast_arrays(*terms), axis=0), equation.values.shape))
         return names, measured, np.stack(columns, axis=1)
-    record = data.record
-    inputs = [name for name in data.equations[0].regressors if name not in names]
+    linear, order = linear_series(data), len(names)
     A, B = (
         np.array([[parameters.get(f"{equation.prefix}_{name}", 0.0) for name in group] for equation in data.equations])
-        for group in (names, inputs)
+        for group in (names, linear.inputs)
     )
-    states = np.stack([data.equations[0].regressors[name] for name in names], axis=1)
-    u = np.stack([data.equations[0].regressors[name] for name in inputs], axis=1)
-    known = np.gradient(states - measured, record.step_s, axis=0)
-    order = len(names)
     C, zero = np.eye(order), np.zeros((order, order))
-    time_s = record.time_s - record.time_s[0]
+    time_s = data.record.time_s - data.record.time_s[0]
 
     def respond(gain: np.ndarray, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
         return lsim((A, gain, C, 0.0 * gain), values, time_s, start)[1]
 
-    forced = respond(np.hstack([B, C]), np.hstack([u, known]))
-    rest, ones = np.zeros_like(known), np.ones((time_s.size, 1))
+    forced = respond(np.hstack([B, C]), np.hstack([linear.u, linear.known]))
+    rest, ones = np.zeros_like(linear.known), np.ones((time_s.size, 1))
     free = [*(respond(zero, rest, e) for e in C), *(respond(e[:, None], ones) for e in C)]
     basis = np.stack([np.ravel(response) for response in free], axis=1)
-    weights = np.linalg.lstsq(basis, np.ravel(states - forced), rcond=None)[0]
-    return names, states, forced + (basis @ weights).reshape(states.shape)
+    weights = np.linalg.lstsq(basis, np.ravel(linear.states - forced), rcond=None)[0]
+    return names, linear.states, forced + (basis @ weights).reshape(forced.shape)
 
 
 def _from_zero(equation: Equation) -> dict[str, Series]:
