@@ -1,6 +1,6 @@
 """Estimated parameters with covariance and intervals, fit statistics, whiteness of the residuals, and collinearity."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -97,6 +97,14 @@ class Estimate:
         half = stats.t.ppf(0.5 + 0.5 * level, self.degrees_of_freedom) * self.standard_errors
         return np.stack([self.values - half, self.values + half], axis=1)
 
+    def ellipse(self, first: str, second: str, level: float = 0.95) -> Float[np.ndarray, "point 2"]:
+        """Return points on the joint confidence ellipse of two parameters, closed; `level` above 0 and below 1."""
+        indices = [self.names.index(name) for name in (first, second)]
+        root = np.linalg.cholesky(self.covariance[np.ix_(indices, indices)])
+        radius = np.sqrt(2.0 * stats.f.ppf(level, 2, self.degrees_of_freedom))
+        angle = np.linspace(0.0, 2.0 * np.pi, 101)
+        return self.values[indices] + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1) @ root.T
+
     @property
     def correlation(self) -> Float[np.ndarray, "parameter parameter"]:
         """Correlation of the errors of the parameters."""
@@ -141,13 +149,7 @@ class Estimate:
         return Whiteness(autocovariance[1:] / autocovariance[0], 1.96 / float(np.sqrt(len(self.measured))))
 
     def __repr__(self) -> str:
-        entries = self._entries()
-        columns = {name: [name, *(entry[name] for entry in entries)] for name in entries[0]}
-        widths = {name: max(map(len, cells)) for name, cells in columns.items()}
-        table = [
-            "  ".join(f"{cells[k]:>{widths[name]}}" for name, cells in columns.items()) for k in range(len(entries) + 1)
-        ]
-        return "\n".join([self._title(), *(f"  {line}" for line in table), *self._fit_lines(), *self.notes])
+        return text_table(self._title(), self._entries(), [*self._fit_lines(), *self.notes])
 
     def _repr_html_(self) -> str:
         return notebook_table(self._title(), self._entries(), [*self._fit_lines(), *self.notes])
@@ -227,6 +229,14 @@ class Estimate:
             "notes": "; ".join(self.notes),
         }
         return xr.Dataset(data, coordinates, attributes)
+
+
+def text_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str]) -> str:
+    """Return a table as text, with a title above and notes below; the entries hold the cells by column name."""
+    widths = {name: max(len(name), *(len(entry[name]) for entry in entries)) for name in entries[0]}
+    table = [dict(zip(widths, widths, strict=True)), *entries]
+    lines = ["  ".join(f"{entry[name]:>{width}}" for name, width in widths.items()) for entry in table]
+    return "\n".join([title, *(f"  {line}" for line in lines), *notes])
 
 
 def _squares(samples: Samples) -> Float[np.ndarray, " response"]:

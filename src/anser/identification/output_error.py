@@ -3,6 +3,7 @@
 Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapter 6.
 """
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -82,6 +83,37 @@ def estimate_output_error(
         return _estimate(parameters, values, prediction, manoeuvre, levels, method, (growth,) if growth else ())
     except ValueError as error:
         raise ValueError(f"{error}. {growth}" if growth else str(error)) from error
+
+
+def validate(
+    estimate: Estimate,
+    model: DynamicModel,
+    manoeuvre: Manoeuvre,
+    *,
+    fixed: Mapping[str, float] | None = None,
+    initial_states: Sequence[str] = (),
+) -> Estimate:
+    """Predict another manoeuvre with estimated parameters; return the estimate with the fit to that manoeuvre.
+
+    The initial states of the former manoeuvre are dropped: those named in `initial_states` are estimated anew.
+    """
+    values = {name: value for name, value in estimate.parameters.items() if not name.endswith(")")}
+    known = {**values, **(fixed or {})}
+    if initial_states:
+        start = {f"{name}(0)": manoeuvre.initial_state[model.states.index(name)] for name in initial_states}
+        known |= estimate_output_error(model, manoeuvre, start, fixed=known).parameters
+    parameters, numbers = prepare_parameters(model, manoeuvre, known, None, ())
+    fitted = parameters.predict(numbers, manoeuvre).outputs
+    if not np.all(np.isfinite(fitted)):
+        raise ValueError(f"validate: the predicted outputs diverge. {describe_growth(parameters, numbers, manoeuvre)}")
+    return dataclasses.replace(
+        estimate,
+        method=f"{estimate.method}, validated on another manoeuvre",
+        measured=manoeuvre.outputs,
+        fitted=fitted,
+        sample_points=manoeuvre.time_s,
+        notes=(),
+    )
 
 
 def _levels(prediction: Prediction, manoeuvre: Manoeuvre) -> Float[np.ndarray, " output"]:

@@ -1,0 +1,176 @@
+"""Design of experiments: the information of a planned manoeuvre, before it is flown."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from jaxtyping import ArrayLike, Float
+
+from anser.identification.dynamic_models import DynamicModel, make_manoeuvre, prepare_parameters
+from anser.identification.estimates import collinearity, text_table
+from anser.parts.input_signals import InputSignal
+from anser.results.documents import notebook_table
+
+
+@dataclass(frozen=True, repr=False)
+class PlannedManoeuvre:
+    """Predicted errors of the parameters that a manoeuvre will give: printed, a table.
+
+    Attributes
+    ----------
+    names, values
+        Names of the parameters, and their assumed values (parameter,).
+    information
+        Fisher's information matrix (parameter, parameter): its inverse is the Cramer-Rao bound of their covariance.
+    condition_number, variance_inflation
+        Collinearity: see `anser.identification.estimates.Estimate`.
+    time_s, outputs
+        Times, s, and predicted outputs (sample, output).
+    output_names
+        Names of the outputs.
+    """
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " parameter"]
+    information: Float[np.ndarray, "parameter parameter"]
+    condition_number: float
+    variance_inflation: Float[np.ndarray, " parameter"]
+    time_s: Float[np.ndarray, " sample"]
+    outputs: Float[np.ndarray, "sample output"]
+    output_names: tuple[str, ...]
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "parameter parameter"]:
+        """Cramer-Rao bound of the covariance, for white noise of the outputs."""
+        return np.linalg.inv(self.information)
+
+    @property
+    def standard_errors(self) -> Float[np.ndarray, " parameter"]:
+        """Predicted standard errors of the parameters."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "parameter parameter"]:
+        """Predicted correlation of the errors of the parameters."""
+        return self.covariance / np.outer(self.standard_errors, self.standard_errors)
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """Predicted errors, correlation, information and outputs as a labelled dataset."""
+        pair = ("parameter", "parameter_2")
+        return xr.Dataset(
+            {
+                "assumed_value": ("parameter", self.values, {"long_name": "Assumed value"}),
+                "standard_error": ("parameter", self.standard_errors, {"long_name": "Predicted standard error"}),
+                "variance_inflation": (
+                    *("parameter", self.variance_inflation),
+                    {"long_name": "Factor on the variance from collinearity"},
+                ),
+                "information": (pair, self.information, {"long_name": "Information"}),
+                "correlation": (pair, self.correlation, {"long_name": "Predicted correlation of the errors"}),
+                "output": (("time", "response"), self.outputs, {"long_name": "Predicted output"}),
+            },
+            {
+                "parameter": np.array(self.names),
+                "parameter_2": np.array(self.names),
+                "response": np.array(self.output_names),
+                "time": ("time", self.time_s, {"units": "s", "long_name": "Time"}),
+            },
+            {"condition_number": self.condition_number},
+        )
+
+    def __repr__(self) -> str:
+        return text_table(self._title(), self._entries(), self._notes())
+
+    def _repr_html_(self) -> str:
+        return notebook_table(self._title(), self._entries(), self._notes())
+
+    def _title(self) -> str:
+        return f"planned manoeuvre of {self.time_s[-1] - self.time_s[0]:g} s"
+
+    def _entries(self) -> list[dict[str, str]]:
+        columns = zip(self.names, self.values, self.standard_errors, self.variance_inflation, strict=True)
+        return [
+            {
+                "parameter": name,
+                "assumed": f"{value:.4g}",
+                "standard error": f"{error:.2g}",
+                "relative": f"{100.0 * error / abs(value):.2g} %" if value else "",
+                "variance inflation": f"{inflation:.3g}",
+            }
+            for name, value, error, inflation in columns
+        ]
+
+    def _notes(self) -> list[str]:
+        ranges = zip(self.output_names, self.outputs.min(axis=0), self.outputs.max(axis=0), strict=True)
+        texts = [f"{name} {low:.3g} to {high:.3g}" for name, low, high in ranges]
+        return [f"condition number {self.condition_number:.3g}", f"outputs: {', '.join(texts)}"]
+
+
+def plan_manoeuvre(
+    model: DynamicModel,
+    parameters: Mapping[str, float],
+    time_s: ArrayLike,
+    inputs: Mapping[str, InputSignal | Sequence[float] | Float[np.ndarray, " sample"]],
+    noise: Mapping[str, float],
+    *,
+    fixed: Mapping[str, float] | None = None,
+    initial_state: ArrayLike | None = None,
+    initial_states: Sequence[str] = (),
+    held: bool = True,
+) -> PlannedManoeuvre:
+    """Predict the information of a manoeuvre: the sum of S^T R^-1 S over its samples, with the sensitivities S.
+
+    Source: V. Klein, E. A. Morelli, *Aircraft System Identification*, AIAA 2006, chapters 6 and 9.
+
+    Parameters
+    ----------
+    model
+        Model, linear or not, such as `short_period_model`.
+    parameters
+        Assumed values of the parameters that are to be estimated, by name.
+    time_s
+        Times of the samples, s, with equal steps.
+    inputs
+        Signal, or samples, of inputs by name, in the model's units; the remaining inputs are zero.
+    noise
+        Standard deviations of the measured outputs, by name, for every output.
+    fixed, initial_state, initial_states, held
+        As for `make_manoeuvre` and `estimate_output_error`.
+
+    Raises
+    ------
+    ValueError
+        A name is unknown, an output diverges, or the manoeuvre tells nothing of a parameter, or only of a combination
+        of parameters; the message names the parameters.
+    """
+    times = np.asarray(time_s, dtype=float)
+    if not set(inputs) <= set(model.inputs) or not inputs:
+        raise ValueError(f"inputs: arrived {list(inputs)}; expected some of {', '.join(model.inputs)}")
+    if set(noise) != set(model.outputs) or not all(0.0 < level < np.inf for level in noise.values()):
+        raise ValueError(f"noise: arrived {dict(noise)}; expected positive numbers for {', '.join(model.outputs)}")
+    columns = np.zeros((times.size, len(model.inputs)))
+    for name, values in inputs.items():
+        column = values(times) if isinstance(values, InputSignal) else np.asarray(values, dtype=float)
+        if np.shape(column) != times.shape:
+            raise ValueError(f"inputs: arrived {name} of shape {np.shape(column)}; expected {times.shape}, like time_s")
+        columns[:, model.inputs.index(name)] = column
+    unmeasured = np.zeros((times.size, len(model.outputs)))
+    manoeuvre = make_manoeuvre(model, times, columns, unmeasured, initial_state, held=held)
+    prepared, assumed = prepare_parameters(model, manoeuvre, parameters, fixed, initial_states)
+    prediction = prepared.predict(assumed, manoeuvre)
+    levels = np.array([float(noise[name]) for name in model.outputs])
+    S = (prediction.sensitivities / levels[:, None]).reshape(-1, assumed.size)
+    information = S.T @ S
+    checked = collinearity(information, prepared.names, "planned manoeuvre")
+    return PlannedManoeuvre(
+        names=prepared.names,
+        values=assumed,
+        information=information,
+        condition_number=checked.condition_number,
+        variance_inflation=checked.variance_inflation,
+        time_s=times,
+        outputs=prediction.outputs,
+        output_names=model.outputs,
+    )
