@@ -18,6 +18,7 @@ ENTRIES = [
     "campaign",
     "compare_campaigns",
     "doublet",
+    "identify",
     "linearize",
     "load",
     "load_campaign",
