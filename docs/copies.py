@@ -2,20 +2,28 @@
 
 A copy stands between the comments `<!-- copy of SOURCE -->` and `<!-- end of copy -->`. SOURCE is a file, with
 the number of its first line (`scenarios/single-aircraft.toml, from line 5`) or a function in it (`tests/x.py, function
-f`), or `keys of scenario files`. `python docs/copies.py` (`make copies`) writes the copies anew; a test compares them.
+f`), or `keys of scenario files`, or `variables of plans`. `make copies` writes the copies anew; a test compares them.
 """
 
 import ast
 import re
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from anser.aircraft_files.schema import AirframeFile
 from anser.campaigns.study import Study
 from anser.config.file_schema import key_tables
 from anser.scenario.schema import Scenario
+from anser.variables import CATALOGUE, MEASUREMENT_VARIABLES, PLAN_VARIABLES, Variable, surface_variables
 
 ROOT = Path(__file__).parents[1]
+VARIABLES = {
+    "flights": CATALOGUE,
+    "an aircraft with two elevons": surface_variables(["left_elevon", "right_elevon"]),
+    "plans": PLAN_VARIABLES,
+    "recordings": MEASUREMENT_VARIABLES,
+}
 KEYS = {"scenario": Scenario, "study": Study, "aircraft": AirframeFile}
 COPY = re.compile(r"(<!-- copy of (?P<source>[^\n]*?) -->\n).*?(\n<!-- end of copy -->)", re.DOTALL)
 _FILE = re.compile(r"(?P<path>\S+)(?:, from line (?P<line>\d+))?(?:, function (?P<function>\w+))?")
@@ -31,6 +39,8 @@ def copied(source: str) -> str:
     """Return the Markdown of a copy: a table of keys, or a block of code."""
     if source.startswith("keys of "):
         return key_tables(KEYS[source.split()[2]]).strip("\n")
+    if source.startswith("variables of "):
+        return variable_table(VARIABLES[source.removeprefix("variables of ")])
     match = _FILE.fullmatch(source)
     if match is None:
         raise ValueError(f"copy of {source}: expected a path, a path and a line, or a path and a function")
@@ -45,6 +55,16 @@ def copied(source: str) -> str:
         ]
         first, last = min([function.lineno, *(d.lineno for d in function.decorator_list)]), function.end_lineno
     return "\n".join([f"```{_LANGUAGES[path.suffix]}", *lines[first - 1 : last], "```"])
+
+
+def variable_table(variables: Iterable[Variable]) -> str:
+    """Return the Markdown table of variables of the catalogue."""
+    rows = ["| name | symbol | unit | frame | meaning |", "|---|---|---|---|---|"]
+    for entry in variables:
+        flags = f": {', '.join(f'{k} {flag}' for k, flag in enumerate(entry.flags))}" if entry.flags else ""
+        symbol = entry.symbol.replace("_", "\\_")
+        rows.append(f"| `{entry.name}` | {symbol} | {entry.unit} | {entry.frame} | {entry.long_name}{flags} |")
+    return "\n".join(rows)
 
 
 def pages() -> list[Path]:
