@@ -25,6 +25,7 @@ REFUSED = ' || echo "exit code $?"'
 
 COVERED = {
     "make demo": ("tests/test_cli.py", 'anser("run", SCENARIOS / "three-aircraft.toml"'),
+    "anser demo": ("tests/test_cli.py", 'anser("demo")'),
     "make test": ("Makefile", '-m "not long"'),  # this test is part of it
     "anser run scenarios/single-aircraft.toml --out first-flight": (
         "tests/missions/test_shipped_scenarios.py",
