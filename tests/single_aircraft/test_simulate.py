@@ -271,6 +271,7 @@ def test_a_change_during_the_flight_is_flown_from_its_time_on():
     command = np.abs(held["elevator_command_deg"].values - float(held["elevator_command_deg"][0]))
     assert command[200] < 1e-6
     assert command[202] > 1e-2
+    assert '"thrust": 0.8' in held.attrs["change"]
 
 
 @pytest.mark.parametrize(

@@ -113,7 +113,8 @@ def write_aircraft_report(
         for values in dataset.data_vars.values()
         if values.dtype.kind == "f" and np.all(np.isfinite(values.values))
     ]
-    conditions = {key: dataset.attrs[key] for key in ("controls", "controller", "command", "air", "step_s", "end")}
+    keys = ("controls", "controller", "command", "excitation", "change", "air", "step_s", "end")
+    conditions = {key: dataset.attrs[key] for key in keys if key in dataset.attrs}
     attributes = {str(key): value for key, value in dataset.attrs.items()}
     versions = {key.removeprefix("version_"): value for key, value in attributes.items() if key.startswith("version_")}
     page = render_page(

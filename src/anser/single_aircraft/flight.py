@@ -254,7 +254,7 @@ def simulate(
         "seed": seed,
         "air": air.describe(),
         "air_tables": air.model_dump_json(),
-        **({} if changes is None else {"change": json.dumps(change)}),
+        **({} if changes is None else {"change": json.dumps(change, default=str)}),
         **({} if test_inputs is None else {"excitation": describe_inputs(excitation)}),
         **version_attributes(),
     }
