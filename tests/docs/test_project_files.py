@@ -9,7 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FACE = [ROOT / f"{name}.md" for name in ("README", "CONTRIBUTING", "AGENTS", "SECURITY", "ROADMAP", "CHANGELOG")]
 PAGES = [*FACE, *sorted((ROOT / "docs").rglob("*.md"))]
-CODE = re.compile(r"^```.*?^```|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"^```.*?^```|`[^`\n]*`|\$\$.*?\$\$|\$[^$\n]*\$", re.MULTILINE | re.DOTALL)
+"""Code and formulas, in which brackets are no links."""
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 LABEL = re.compile(r"^\(([\w-]+)\)=$", re.MULTILINE)
 HEADING = re.compile(r"^#+ +(.*)$", re.MULTILINE)
