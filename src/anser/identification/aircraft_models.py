@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from anser.aircraft.air_data import Wrench, air_data
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
+from anser.aircraft.global_model import GLOBAL_TERMS, F16Global
 from anser.aircraft.motion import angular_acceleration
 from anser.airframe_data import COEFFICIENTS, derivative_columns, derivative_index
 from anser.constants import STANDARD_GRAVITY_M_S2
@@ -140,18 +141,30 @@ class AircraftMotion(eqx.Module):
         return jnp.concatenate([flow_rates, attitude_rates, angular]), jnp.stack([values[key] for key in self.outputs])
 
     def _identified(self, theta: Parameters) -> tuple[AbstractAirframe, Float[Array, "6 argument"]]:
-        """Return the airframe with the derivatives of the parameters, and increments of coefficients by derivative."""
+        """Return the airframe with the values of the parameters, and increments of coefficients by derivative."""
         airframe, surfaces = self.airframe, self.airframe.actuators.names
         increments = jnp.zeros((len(COEFFICIENTS), len(derivative_columns(surfaces))))
         for name, value in theta.items():
-            if (index := derivative_index(name.removeprefix("d"), surfaces)) is None:
-                continue
-            if name.startswith("d"):
+            if name.startswith("d") and (index := derivative_index(name[1:], surfaces)) is not None:
                 increments = increments.at[index].set(value)
-            else:
-                table = airframe.derivatives.at[index].set(value)  # pyright: ignore[reportAttributeAccessIssue]
-                airframe = eqx.tree_at(lambda a: a.derivatives, airframe, table)  # pyright: ignore[reportAttributeAccessIssue]
+            elif (entry := _own_parameter(airframe, name)) is not None:
+                field, index = entry
+                table = getattr(airframe, field).at[index].set(value)
+                airframe = eqx.tree_at(lambda a, field=field: getattr(a, field), airframe, table)
         return airframe, increments
+
+
+_GLOBAL_NAMES = tuple(f"{coefficient}[{term}]" for coefficient, terms in GLOBAL_TERMS.items() for term in terms)
+
+
+def _own_parameter(airframe: AbstractAirframe, name: str) -> tuple[str, int | tuple[int, int]] | None:
+    """Return the field of an airframe, and the index in it, that holds a named parameter; None for an unknown name."""
+    if isinstance(airframe, DerivativeAircraft):
+        index = derivative_index(name, tuple(airframe.actuators.names))
+        return None if index is None else ("derivatives", index)
+    if isinstance(airframe, F16Global) and name in _GLOBAL_NAMES:
+        return "parameters", _GLOBAL_NAMES.index(name)
+    return None
 
 
 def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Sequence[str] = _OUTPUTS) -> DynamicModel:
@@ -166,25 +179,27 @@ def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Se
         The aircraft; values that are not among the parameters are its own.
     names
         Names of the parameters. `Cm_alpha` is a derivative of an aircraft file, about the file's reference point;
-        `dCm_alpha` is an increment of the coefficient, of any aircraft, about the centre of gravity. Arguments are
-        those of `anser.airframe_data.DERIVATIVE_ARGUMENTS` and the surfaces.
+        `Cm[alpha q]` is a term of the global model of the F-16 (`anser.aircraft.global_model.GLOBAL_TERMS`);
+        `dCm_alpha` is an increment of the coefficient of any aircraft, about the centre of gravity. Arguments are those
+        of `anser.airframe_data.DERIVATIVE_ARGUMENTS` and the surfaces.
     outputs
         Keys of the outputs, from the states and the specific force.
 
     Raises
     ------
     ValueError
-        A name is no derivative, the aircraft is not given by derivatives, or an output is unknown.
+        A name is no parameter of the aircraft, or an output is unknown.
     """
     surfaces = tuple(airframe.actuators.names)
     for name in names:
-        if derivative_index(name.removeprefix("d"), surfaces) is None:
-            raise ValueError(f"names: arrived {name!r}; expected a derivative such as Cm_alpha or Cm_{surfaces[0]}")
-        if not name.startswith("d") and not isinstance(airframe, DerivativeAircraft):
-            raise ValueError(
-                f"names: arrived {name!r} for an aircraft that is not given by derivatives; expected d{name}, an "
-                "increment of the coefficient"
-            )
+        is_increment = name.startswith("d") and derivative_index(name[1:], surfaces) is not None
+        if not is_increment and _own_parameter(airframe, name) is None:
+            expected = "an increment such as dCm_alpha"
+            if isinstance(airframe, DerivativeAircraft):
+                expected = f"a derivative such as Cm_alpha or Cm_{surfaces[0]}, or {expected}"
+            if isinstance(airframe, F16Global):
+                expected = f"a term such as {_GLOBAL_NAMES[-1]}, or {expected}"
+            raise ValueError(f"names: arrived {name!r} for {type(airframe).__name__}; expected {expected}")
     if not outputs or not set(outputs) <= set(_OUTPUTS):
         raise ValueError(f"outputs: arrived {list(outputs)}; expected some of {', '.join(_OUTPUTS)}")
     equations = AircraftMotion(airframe, reference_lengths(airframe), tuple(outputs))

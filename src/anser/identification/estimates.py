@@ -164,12 +164,13 @@ class Estimate:
         return [
             {
                 "parameter": name,
-                "estimate": f"{value:.4g}",
-                "95 % interval": f"{low:.4g} to {high:.4g}",
+                "estimate": f"{value:.{digits}g}",
+                "95 % interval": f"{low:.{digits}g} to {high:.{digits}g}",
                 "standard error": f"{error:.2g}",
                 "variance inflation": f"{inflation:.3g}",
             }
             for name, value, (low, high), error, inflation in columns
+            for digits in [_significant_digits(value, error)]
         ]
 
     def _fit_lines(self) -> list[str]:
@@ -229,6 +230,12 @@ class Estimate:
             "notes": "; ".join(self.notes),
         }
         return xr.Dataset(data, coordinates, attributes)
+
+
+def _significant_digits(value: float, error: float) -> int:
+    """Return the digits of a value that show two digits of its standard error, from 4 to 8."""
+    ratio = max(abs(value), error) / max(error, 1e-300)
+    return int(np.clip(np.ceil(np.log10(ratio)) + 2, 4, 8)) if np.isfinite(ratio) else 4
 
 
 def text_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from anser.compiling.options import compiled_quickly
 from anser.identification.dynamic_models import Case, DynamicModel, Manoeuvre, prepare_parameters
 from anser.identification.estimates import Estimate, collinearity, coloured_covariance
 from anser.identification.likelihood import LikelihoodPoint, Values, maximize_likelihood
-from anser.identification.smoothing import noise_level
+from anser.identification.output_error import noise_floor, start_levels
 
 
 def estimate_filter_error(
@@ -58,14 +58,13 @@ def estimate_filter_error(
             f"process_noise: arrived {dict(process_noise)}; expected spectral densities for some of {model.states}"
         )
     noisy = tuple(model.states.index(name) for name in process_noise)
-    levels = noise_level(manoeuvre.outputs.T) if noise is None else np.asarray(noise, dtype=float)
-    if levels.shape != (len(model.outputs),) or not np.all(levels > 0.0):
-        raise ValueError(f"noise: arrived {levels.tolist()}; expected positive numbers for {', '.join(model.outputs)}")
+    levels = start_levels(model, manoeuvre, noise)
     count, names = values.size, (*parameters.names, *(f"noise({name})" for name in process_noise))
     first = 2.0 * np.log(levels)
     unknown = np.concatenate([values, list(process_noise.values()), first if noise is None else []])
     lower = np.full(unknown.size, -np.inf)
     lower[count : len(names)] = 0.0
+    lower[len(names) :] = 2.0 * np.log(noise_floor(manoeuvre))
 
     case = parameters.case(manoeuvre)
 

@@ -8,7 +8,7 @@ from jaxtyping import ArrayLike, Complex, Float
 from scipy.optimize import nnls
 
 from anser.identification.estimates import Estimate, collinearity
-from anser.identification.regression import prepare_regression, require_signal
+from anser.identification.regression import prepare_regression, require_signal, white_variance
 
 Transform = Complex[np.ndarray, "frequency sample"]
 RealMatrix = Float[np.ndarray, "part sample"]
@@ -129,7 +129,15 @@ def regress_spectra(
     ValueError
         As for `prepare_regression` and `regress`, or a frequency is not between 0 and half the sampling rate.
     """
-    problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=False, noise=noise)
+    problem = prepare_regression(
+        *(regressors, response, time_s),
+        response_name=response_name,
+        constant=False,
+        noise=noise,
+        check_excitation=False,
+    )
+    if hold not in ("following", "preceding"):
+        raise ValueError(f"hold: arrived {hold!r}; expected 'following' or 'preceding'")
     if problem.time_s is None or not set(held) <= set(problem.names):
         raise ValueError(f"held: arrived {sorted(held)}; expected names of regressors: {', '.join(problem.names)}")
     frequencies = _check_frequencies(frequencies_hz, problem.time_s, len(problem.names))
@@ -140,8 +148,11 @@ def regress_spectra(
     X = np.stack([(transforms.held if name in held else transforms.signal) @ x for name, x in columns], axis=1)
     z = (transforms.derivative if differentiate else transforms.signal) @ problem.z
     real_X, real_z = _real_parts(X), _real_parts(z[:, None])[:, 0]
-    noise_power = problem.noise**2 * np.sum(np.abs(transforms.signal) ** 2)
-    require_signal(problem.names, np.sum(real_X**2, axis=0), noise_power)
+    # excitation is that of the band; noise at higher frequencies does not matter
+    gain = np.sum(np.abs(transforms.signal) ** 2)
+    noise_power = problem.noise**2 * gain
+    white_power = np.array([white_variance(column) for column in problem.X.T]) * gain
+    require_signal(problem.names, np.sum(real_X**2, axis=0), np.maximum(noise_power, white_power))
     information = real_X.T @ real_X - np.diag(noise_power)
     checked = collinearity(information, problem.names)
     inverse = np.linalg.inv(information)

@@ -66,9 +66,7 @@ def estimate_output_error(
         only on a combination of parameters; the message names the parameters.
     """
     parameters, values = prepare_parameters(model, manoeuvre, start, fixed, initial_states)
-    levels = noise_level(manoeuvre.outputs.T) if noise is None else np.asarray(noise, dtype=float)
-    if levels.shape != (len(model.outputs),) or not np.all(levels > 0.0):
-        raise ValueError(f"noise: arrived {levels.tolist()}; expected positive numbers for {', '.join(model.outputs)}")
+    levels = start_levels(model, manoeuvre, noise)
     growth = "" if stabilized else describe_growth(parameters, values, manoeuvre)
     gain: Gain | None = None
     try:
@@ -116,8 +114,25 @@ def validate(
     )
 
 
+def start_levels(
+    model: DynamicModel, manoeuvre: Manoeuvre, noise: Sequence[float] | None
+) -> Float[np.ndarray, " output"]:
+    """Return the given standard deviations of the measured outputs, or those estimated from the record."""
+    if noise is None:
+        return np.maximum(noise_level(manoeuvre.outputs.T), noise_floor(manoeuvre))
+    levels = np.asarray(noise, dtype=float)
+    if levels.shape != (len(model.outputs),) or not np.all((levels > 0.0) & np.isfinite(levels)):
+        raise ValueError(f"noise: arrived {levels.tolist()}; expected positive numbers for {', '.join(model.outputs)}")
+    return levels
+
+
+def noise_floor(manoeuvre: Manoeuvre) -> Float[np.ndarray, " output"]:
+    """Return the least noise of outputs that is told from rounding, relative to their motion."""
+    return 1e-7 * np.maximum(np.std(manoeuvre.outputs, axis=0), 1e-12)
+
+
 def _levels(prediction: Prediction, manoeuvre: Manoeuvre) -> Float[np.ndarray, " output"]:
-    return np.sqrt(np.mean((manoeuvre.outputs - prediction.outputs) ** 2, axis=0))
+    return np.maximum(np.sqrt(np.mean((manoeuvre.outputs - prediction.outputs) ** 2, axis=0)), noise_floor(manoeuvre))
 
 
 def _search(

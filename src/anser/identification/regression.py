@@ -74,6 +74,7 @@ def prepare_regression(
     response_name: str = "response",
     constant: bool = True,
     noise: Mapping[str, float] | None = None,
+    check_excitation: bool = True,
 ) -> Regression:
     """Check the measured series and arrange a regression problem.
 
@@ -92,6 +93,8 @@ def prepare_regression(
     noise
         Standard deviations of the white noise in measured regressors, by name; 0 if absent. Ordinary least squares
         underestimates the parameter of a noisy regressor; with `noise` the share of the noise in X^T X is removed.
+    check_excitation
+        Whether a regressor of a record that is white noise is refused.
 
     Raises
     ------
@@ -113,7 +116,7 @@ def prepare_regression(
             raise ValueError(f"{name}: arrived {count} samples of {values.size} that are not finite; expected numbers")
     times = None if time_s is None else uniform_times(time_s, z.size)
     columns = {name: series[name] for name in regressors}
-    if times is not None:
+    if times is not None and check_excitation:
         for name, values in columns.items():
             _require_excitation(name, values)
     if constant:
@@ -145,13 +148,17 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
 
 def _require_excitation(name: str, values: Float[np.ndarray, " sample"]) -> None:
     """Refuse a series in which the noise, estimated from third differences, is half of the variance or more."""
-    noise = np.mean(np.diff(values, 3) ** 2) / 20.0  # 1 + 9 + 9 + 1: gain of third differences on white noise
-    variance = np.var(values)
+    noise, variance = white_variance(values), np.var(values)
     if variance > 0.0 and noise > 0.5 * variance:
         raise ValueError(
             f"{name}: no excitation: {100.0 * min(noise / variance, 1.0):.0f} % of the variance is white noise; "
             "expected a manoeuvre that moves it well above its noise"
         )
+
+
+def white_variance(values: Float[np.ndarray, " sample"]) -> float:
+    """Estimate the variance of white noise in a smooth series from third differences, whose gain is 1 + 9 + 9 + 1."""
+    return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
 
 
 def regress(
