@@ -1,7 +1,8 @@
 """Excitation of the flight of one aircraft in the closed loop: check of the test inputs by name."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
+from anser.aircraft.actuators import AbstractActuators
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.parts.controllers import AbstractController
 from anser.parts.excitation import LOOP_INPUTS, PATH_INPUTS, Excitation, build_excitation
@@ -12,14 +13,14 @@ _UNITS = ("_deg_s", "_deg", "_m_s")
 
 
 def read_excitation(
-    surfaces: Sequence[str], excitation: Mapping[str, InputSignal] | None, controller: AbstractController
+    actuators: AbstractActuators, excitation: Mapping[str, InputSignal] | None, controller: AbstractController
 ) -> Excitation | None:
     """Build the test inputs of a flight with a controller; None without any.
 
     Parameters
     ----------
-    surfaces
-        Names of the aircraft's surfaces.
+    actuators
+        Actuators of the aircraft, whose commanded surfaces can be excited.
     excitation
         Signals by input; the names may have a unit suffix.
     controller
@@ -42,6 +43,7 @@ def read_excitation(
             f"excitation: arrived {type(excitation).__name__}; expected signals by input, such as "
             '{"elevator": anser.doublet(1.0)}'
         )
+    surfaces = [name for name, commanded in zip(actuators.names, actuators.is_commanded, strict=True) if commanded]
     inputs, terms = (*surfaces, "throttle", *PATH_INPUTS, *LOOP_INPUTS), []
     for name, signal in excitation.items():
         key = name if name in inputs else _without_unit(name)

@@ -224,7 +224,7 @@ def simulate(
     )
     guidance = _guidance(environment, point, command, time_s, count, controller)
     gusts = _gusts(air, airframe)
-    test_inputs = read_excitation(airframe.actuators.names, excitation, flight_controller)
+    test_inputs = read_excitation(airframe.actuators, excitation, flight_controller)
     changes = read_changes(airframe, change)
     if estimator is None:
         estimator = DirectEstimator() if changes is None else DirectEstimator(model=airframe)
