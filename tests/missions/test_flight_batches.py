@@ -114,6 +114,23 @@ def test_rows_in_wind_are_the_summaries_of_single_flights():
 
 
 @pytest.mark.long
+def test_rows_of_excited_aircraft_that_change_are_the_summaries_of_single_flights():
+    """Changes of an aircraft need no stop of the flight, so that a campaign flies them in batches."""
+    name = SHORT.aircraft[0].name
+    scenario = SHORT.replace(
+        "event",
+        [{"time_s": 5.0, "kind": "aircraft-changes", "aircraft": name, "deviation": {"cg_shift": 0.03, "drag": 1.2}}],
+        "excitation",
+        [{"inputs": ["elevator", "rudder"], "signal": "doublet", "amplitude": [1.0, 0.5], "start_s": 6.0}],
+    )
+    stronger = scenario.replace("event[0].deviation.drag", 1.4, "excitation[0].amplitude", 2.0)
+    rows, healthy = fly_many([FlightCase(scenario), FlightCase(stronger)]), fly_many([FlightCase(SHORT)])[0]
+    for row, flown in zip(rows, (scenario, stronger), strict=True):
+        assert_row_equals_summary(row, anser.run(flown))
+    assert len({row.aircraft[0]["miss_m"] for row in (*rows, healthy)}) == 3
+
+
+@pytest.mark.long
 def test_a_flight_that_cannot_start_gives_a_row_with_the_reason():
     high = THREE.replace("aircraft[aircraft-2].start.altitude_m", 15000.0)
     good, bad = fly_many([FlightCase(THREE), FlightCase(high)])
