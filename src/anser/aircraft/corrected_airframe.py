@@ -1,0 +1,128 @@
+"""An airframe whose aerodynamic coefficients have linear increments, as an onboard model that is corrected in flight."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from anser.aircraft.actuators import AbstractActuators
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe, MassProperties
+from anser.aircraft.engines import AbstractEngine
+from anser.shapes import Flag, Scalar, Vector, Vector3
+
+LONGITUDINAL = (True, False, True, False, True, False)
+"""Whether each of CX, CY, CZ, Cl, Cm, Cn is a coefficient of the longitudinal motion."""
+STATE_REGRESSORS = 4
+"""Regressors before the surfaces: 1, alpha, qhat and 0 (longitudinal); 1, beta, phat and rhat (lateral)."""
+
+
+class ReferenceLengths(eqx.Module):
+    """Lengths (m) and area (m^2) of the non-dimensional coefficients."""
+
+    span: Scalar
+    mean_chord: Scalar
+    wing_area: Scalar
+
+    def wrench(self, qbar: Scalar, coefficients: Float[Array, "6"]) -> Wrench:
+        """Return force and moment (body axes) of the coefficients CX, CY, CZ, Cl, Cm, Cn at a dynamic pressure, Pa."""
+        scale = qbar * self.wing_area
+        lengths = jnp.stack([self.span, self.mean_chord, self.span])
+        return Wrench(scale * coefficients[:3], scale * lengths * coefficients[3:])
+
+    def coefficients(self, qbar: Scalar, wrench: Wrench) -> Float[Array, "6"]:
+        """Return CX, CY, CZ, Cl, Cm, Cn of a force and a moment in body axes: the inverse of `wrench`."""
+        scale = jnp.maximum(qbar, 1.0) * self.wing_area
+        lengths = jnp.stack([self.span, self.mean_chord, self.span])
+        return jnp.concatenate([wrench.force_b / scale, wrench.moment_b / (scale * lengths)])
+
+
+def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
+    """Return the reference lengths of an airframe.
+
+    Raises
+    ------
+    ValueError
+        The airframe has no attribute `span`, `mean_chord` or `wing_area`.
+    """
+    names = ("span", "mean_chord", "wing_area")
+    missing = [name for name in names if not hasattr(airframe, name)]
+    if missing:
+        raise ValueError(
+            f"{type(airframe).__name__} has no {', '.join(missing)}; expected span, mean_chord (m) and wing_area (m^2), "
+            "which make the coefficients dimensionless"
+        )
+    return ReferenceLengths(*(getattr(airframe, name) for name in names))
+
+
+def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector) -> Float[Array, "2 p"]:
+    """Return the regressors of the longitudinal and of the lateral coefficients, shape (2, 4 + surfaces).
+
+    Rows: (1, alpha, q c/2V, 0, surfaces) and (1, beta, p b/2V, r b/2V, surfaces), angles in rad.
+    """
+    double_V = 2.0 * jnp.maximum(data.V, 1.0)
+    p, r = rates_b[0] * lengths.span / double_V, rates_b[2] * lengths.span / double_V
+    q = rates_b[1] * lengths.mean_chord / double_V
+    unity, zero = jnp.ones_like(data.alpha), jnp.zeros_like(data.alpha)
+    return jnp.stack(
+        [
+            jnp.concatenate([jnp.stack([unity, data.alpha, q, zero]), surfaces]),
+            jnp.concatenate([jnp.stack([unity, data.beta, p, r]), surfaces]),
+        ]
+    )
+
+
+def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
+    """Return for each coefficient the regressors of its motion."""
+    return jnp.stack([rows[0] if longitudinal else rows[1] for longitudinal in LONGITUDINAL])
+
+
+class CorrectedAirframe(AbstractAirframe):
+    """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference."""
+
+    base: AbstractAirframe
+    lengths: ReferenceLengths
+    reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect; 0 for the constant.
+    increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
+
+    @property
+    def mass_properties(self) -> MassProperties:
+        """Mass properties of the base airframe."""
+        return self.base.mass_properties
+
+    @property
+    def actuators(self) -> AbstractActuators:
+        """Actuators of the base airframe."""
+        return self.base.actuators
+
+    @property
+    def engine(self) -> AbstractEngine:
+        """Engine of the base airframe."""
+        return self.base.engine
+
+    @property
+    def alpha_range(self) -> tuple[Scalar, Scalar]:
+        """Range of the angle of attack of the base airframe's data, rad."""
+        return self.base.alpha_range
+
+    @property
+    def beta_range(self) -> tuple[Scalar, Scalar]:
+        """Range of the sideslip of the base airframe's data, rad."""
+        return self.base.beta_range
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the base airframe is symmetric; the estimated side force without sideslip is not flown against."""
+        return self.base.symmetric
+
+    def increment(self, data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Return the increments of force and moment."""
+        rows = by_coefficient(regressors(self.lengths, data, rates_b, surfaces) - self.reference)
+        return self.lengths.wrench(data.qbar, jnp.sum(self.increments * rows, axis=1))
+
+    def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
+        """Compute force and moment of the base airframe plus the increments."""
+        return self.base.aerodynamics(air_data, rates_b, surfaces) + self.increment(air_data, rates_b, surfaces)
+
+    def outside_tables(self, air_data: AirData) -> Flag:
+        """Whether the condition is outside the base airframe's data."""
+        return self.base.outside_tables(air_data)

@@ -1,0 +1,279 @@
+"""Regression in the frequency domain, in real time: coefficients of linear equations from recursive Fourier transforms.
+
+Source: E. A. Morelli, "Real-time parameter estimation in the frequency domain", J. Guidance 23(5), 2000, with three
+changes that docs/theory/identification.md derives: inputs held over a sampling period enter half a period earlier; the
+transform of a derivative has end terms; the covariance follows from the noise of the measurements, which neighbouring
+frequencies share in a short record.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from anser.shapes import Count, Scalar, ScalarLike, Vector
+
+_END_SAMPLES = 10
+"""Samples at the start and at the end of a record through which a straight line gives the end values."""
+_DIFFERENCE = np.array([1.0, -3.0, 3.0, -1.0])
+"""Third difference: white noise of variance s^2 gives 20 s^2, a slow signal gives nearly 0."""
+
+
+def _line_weights() -> np.ndarray:
+    """Return the weights of samples 0, 1, 2, ... from an end of the record in the value of their line at sample 0."""
+    distance = np.arange(_END_SAMPLES) - 0.5 * (_END_SAMPLES - 1)
+    return 1.0 / _END_SAMPLES + distance[0] * distance / np.sum(distance**2)
+
+
+class FourierSums(eqx.Module):
+    """Running transforms of a record.
+
+    Attributes
+    ----------
+    count
+        Number of sampling periods since the first sample; -1 before it.
+    phasor
+        exp(-i w t) at the last sample, shape (frequency,).
+    signals, inputs
+        Sums of weighted samples times phasor, shapes (signal, frequency) and (input, frequency).
+    first, last
+        First and last samples of the signals, shape (10, signal); the row 0 is the record's first, or its last sample.
+    noise
+        Sum of the squared third differences of each signal, shape (signal,).
+    """
+
+    count: Count
+    phasor: Complex[Array, " frequency"]
+    signals: Complex[Array, "signal frequency"]
+    inputs: Complex[Array, "input frequency"]
+    first: Float[Array, "sample signal"]
+    last: Float[Array, "sample signal"]
+    noise: Float[Array, " signal"]
+
+
+class RegressionEstimate(eqx.Module):
+    """Coefficients of each equation with their covariance.
+
+    Attributes
+    ----------
+    values
+        Shape (equation, regressor); NaN before the record is long enough.
+    covariance
+        Shape (equation, regressor, regressor).
+    condition
+        Condition number of the regressors, each scaled to length 1.
+    misfit
+        Energy of the residuals over the energy that the measurement noise explains, shape (equation,). The covariance
+        is multiplied by a misfit above 1.
+    """
+
+    values: Float[Array, "equation regressor"]
+    covariance: Float[Array, "equation regressor regressor"]
+    condition: Scalar
+    misfit: Float[Array, " equation"]
+
+    @property
+    def standard_errors(self) -> Float[Array, "equation regressor"]:
+        """Standard errors of the values."""
+        return jnp.sqrt(jnp.diagonal(self.covariance, axis1=-2, axis2=-1))
+
+
+class FourierRegression(eqx.Module):
+    """Real-time regression: each response is a linear combination of the regressors, with constant coefficients.
+
+    The zero frequency is not used, so biases and trim values drop out.
+
+    Attributes
+    ----------
+    frequencies
+        Angular frequencies of the transforms, rad/s, shape (frequency,).
+    forgetting_time
+        Time constant of exponential forgetting, s; infinite: all samples count alike.
+    responses
+        Index of the signal of each equation's response.
+    regressors
+        Indices of the signals among the regressors; all inputs are regressors too, after the signals.
+    differentiate
+        True: the response is the time derivative of the signal, as in a state equation.
+    """
+
+    frequencies: Vector
+    forgetting_time: Scalar
+    responses: tuple[int, ...] = eqx.field(static=True)
+    regressors: tuple[int, ...] = eqx.field(static=True)
+    differentiate: bool = eqx.field(static=True, default=True)
+
+    def init(self, signals: int, inputs: int) -> FourierSums:
+        """Return the sums before the first sample, for these numbers of signals and inputs."""
+        size = self.frequencies.shape[0]
+        dtype = jnp.result_type(self.frequencies.dtype, jnp.complex64)
+        return FourierSums(
+            count=jnp.asarray(-1, jnp.int32),
+            phasor=jnp.ones(size, dtype),
+            signals=jnp.zeros((signals, size), dtype),
+            inputs=jnp.zeros((inputs, size), dtype),
+            first=jnp.zeros((_END_SAMPLES, signals)),
+            last=jnp.zeros((_END_SAMPLES, signals)),
+            noise=jnp.zeros(signals),
+        )
+
+    def advance(self, sums: FourierSums, signals: Vector, inputs: Vector, step: ScalarLike) -> FourierSums:
+        """Add a sample of the signals, and the inputs held over the period (s) that ends at this sample.
+
+        The inputs of the first sample are ignored.
+        """
+        count = sums.count + 1
+        is_first = count == 0
+        turn = jnp.exp(-1j * self.frequencies * step)
+        phasor = jnp.where(is_first, sums.phasor, sums.phasor * turn)
+        memory = jnp.exp(-step / self.forgetting_time)
+        middle = phasor * jnp.exp(0.5j * self.frequencies * step)
+        held = jnp.where(is_first, 0.0, step * jnp.sqrt(memory)) * inputs
+        weight = jnp.where(is_first, 0.5, 1.0) * step
+        last = jnp.concatenate([signals[None], sums.last[:-1]])
+        is_missing = jnp.arange(_END_SAMPLES)[:, None] == jnp.minimum(count, _END_SAMPLES)
+        difference = jnp.sum(_DIFFERENCE[:, None] * last[: len(_DIFFERENCE)], axis=0)
+        return FourierSums(
+            count=count,
+            phasor=phasor,
+            signals=memory * sums.signals + (weight * signals)[:, None] * phasor,
+            inputs=memory * sums.inputs + held[:, None] * middle,
+            first=jnp.where(is_missing, signals, sums.first),
+            last=last,
+            noise=sums.noise + jnp.where(count >= len(_DIFFERENCE) - 1, difference**2, 0.0),
+        )
+
+    def estimate(self, sums: FourierSums, step: ScalarLike) -> RegressionEstimate:
+        """Solve the regression for the record so far; at least 20 samples are needed.
+
+        The residual of an equation is a linear function of the samples' noise. The covariance of the coefficients is
+        that of this function, with the noise variances from the third differences of the signals.
+        """
+        ends = _EndWeights(self, sums, step)
+        transforms = sums.signals + ends.sum_correction(sums)
+        responses = jnp.stack([transforms[k] for k in self.responses])
+        if self.differentiate:
+            rate, end_term = self._rate_factor, ends.end_term(sums)
+            responses = rate * responses + jnp.stack([end_term[k] for k in self.responses])
+        regressors = jnp.concatenate([jnp.stack([transforms[k] for k in self.regressors]), sums.inputs])
+        scale = jnp.sqrt(jnp.sum(jnp.abs(regressors) ** 2, axis=1))
+        scaled = regressors / jnp.where(scale > 0.0, scale, 1.0)[:, None]
+        information = jnp.real(scaled.conj() @ scaled.T)
+        eigenvalues, axes = jnp.linalg.eigh(information)
+        floor = jnp.finfo(eigenvalues.dtype).eps * len(eigenvalues)
+        inverse = (axes / jnp.maximum(eigenvalues, floor)) @ axes.T
+        coefficients = jnp.real(responses @ scaled.conj().T) @ inverse
+        residuals = responses - coefficients @ scaled
+        variances = sums.noise / (jnp.maximum(sums.count - 2, 1) * np.sum(_DIFFERENCE**2))
+        factors = coefficients / jnp.where(scale > 0.0, scale, 1.0)
+        projector = _Projector(scaled, inverse)
+        covariances, misfits = [], []
+        for row, response in enumerate(self.responses):
+            covariance, energy = jnp.zeros_like(inverse), jnp.zeros(())
+            for signal in sorted({response, *self.regressors}):
+                sum_factor = self._sum_factor(factors[row], signal, is_response=signal == response)
+                end_factor = 1.0 if self.differentiate and signal == response else 0.0
+                projected, rest = projector.noise_covariance(ends.noise(sum_factor, end_factor))
+                covariance, energy = covariance + variances[signal] * projected, energy + variances[signal] * rest
+            misfit = jnp.sum(jnp.abs(residuals[row]) ** 2) / jnp.maximum(energy, jnp.finfo(energy.dtype).tiny)
+            covariances.append(jnp.maximum(misfit, 1.0) * covariance / (scale[:, None] * scale))
+            misfits.append(misfit)
+        is_long = sums.count + 1 >= 2 * _END_SAMPLES
+        nan = jnp.asarray(jnp.nan, factors.dtype)
+        return RegressionEstimate(
+            values=jnp.where(is_long, factors, nan),
+            covariance=jnp.where(is_long, jnp.stack(covariances), nan),
+            condition=jnp.sqrt(eigenvalues[-1] / jnp.maximum(eigenvalues[0], floor)),
+            misfit=jnp.stack(misfits),
+        )
+
+    @property
+    def _rate_factor(self) -> Complex[Array, " frequency"]:
+        """Factor on the transform of a signal in the transform of its derivative, 1/s, with forgetting."""
+        return 1j * self.frequencies - 1.0 / self.forgetting_time
+
+    def _sum_factor(self, coefficients: Vector, signal: int, *, is_response: bool) -> Complex[Array, " frequency"]:
+        """Factor on the transform of a signal's noise in the residual of an equation."""
+        factor = jnp.zeros_like(self._rate_factor)
+        if is_response:
+            factor = factor + (self._rate_factor if self.differentiate else 1.0)
+        if signal in self.regressors:
+            factor = factor - coefficients[self.regressors.index(signal)]
+        return factor
+
+
+class _Projector(eqx.Module):
+    """Projection of noise in the frequency domain onto scaled regressors (regressor, frequency)."""
+
+    regressors: Complex[Array, "regressor frequency"]
+    inverse: Float[Array, "regressor regressor"]
+
+    def noise_covariance(
+        self, noise: tuple[Complex[Array, "f f"], Complex[Array, "f f"]]
+    ) -> tuple[Float[Array, "regressor regressor"], Scalar]:
+        """Return the covariance of the coefficients, and the expected energy of the residuals, for noise of variance 1.
+
+        The noise n is given by the covariance E[n n*] and the pseudo-covariance E[n n'].
+        """
+        hermitian, symmetric = noise
+        R, M = self.regressors.conj(), self.inverse
+        # Re(R n) = (R n + conj(R n)) / 2
+        real_covariance = 0.5 * jnp.real(R @ hermitian @ R.conj().T + R @ symmetric @ R.T)
+        covariance = M @ real_covariance @ M
+        # |n - R' M Re(R n)|^2 = |n|^2 - Re(R n)' M Re(R n), for M is the inverse of Re(R R*)
+        return covariance, jnp.real(jnp.trace(hermitian)) - jnp.sum(M * real_covariance)
+
+
+class _EndWeights:
+    """Weights of the first and last samples in transforms and end terms, and the noise of weighted samples."""
+
+    def __init__(self, regression: FourierRegression, sums: FourierSums, step: ScalarLike) -> None:
+        self.regression, self.step, self.count = regression, step, sums.count
+        self.memory = jnp.exp(-step / regression.forgetting_time)
+        self.start_weight = self.memory ** sums.count.astype(step.dtype if hasattr(step, "dtype") else float)
+        self.end_phasor, self.line = sums.phasor, jnp.asarray(_line_weights())
+
+    def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
+        """Return the correction of the last sample's weight to that of the trapezoidal rule, by the line's end value."""
+        return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor
+
+    def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
+        """Return x(T) exp(-i w T) - x(0), the start weighted by the memory."""
+        start = self.start_weight * (self.line @ sums.first)[:, None]
+        return (self.line @ sums.last)[:, None] * self.end_phasor - start
+
+    def noise(
+        self, sum_factor: Complex[Array, " frequency"], end_factor: float
+    ) -> tuple[Complex[Array, "f f"], Complex[Array, "f f"]]:
+        """Return covariance and pseudo-covariance over frequencies of white noise of variance 1.
+
+        `sum_factor` multiplies the noise's transform, `end_factor` its end term.
+        """
+        w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
+        index = jnp.arange(size)
+        # the first and the last ten samples one by one: rows (sample, frequency)
+        start_phases = jnp.exp(-1j * w * dt * index[:, None])
+        start_weights = self.start_weight * self.memory ** (-index.astype(w.dtype))
+        trapezoid = jnp.where(index == 0, 0.5, 1.0)
+        first = sum_factor * dt * (trapezoid * start_weights)[:, None] * start_phases
+        first = first - end_factor * self.start_weight * self.line[:, None]
+        end_phases = self.end_phasor * jnp.exp(1j * w * dt * index[:, None])
+        end_weights = self.memory ** index.astype(w.dtype)
+        end_line = self.line[:, None] * self.end_phasor
+        last = sum_factor * dt * (end_weights[:, None] * end_phases - 0.5 * end_line) + end_factor * end_line
+        ends = jnp.concatenate([first, last])
+        inner = self.count - 2 * size + 1  # samples between
+        products = sum_factor[:, None] * sum_factor.conj() * self._inner_sum(w[:, None] - w[None, :], inner)
+        pseudo = sum_factor[:, None] * sum_factor * self._inner_sum(w[:, None] + w[None, :], inner)
+        return products + ends.T @ ends.conj(), pseudo + ends.T @ ends
+
+    def _inner_sum(self, w: Float[Array, "f f"], number: Count) -> Complex[Array, "f f"]:
+        """Return the sum of the squared weights times exp(-i w t) over the samples between both ends: geometric."""
+        dt, size = self.step, _END_SAMPLES
+        # weight^2 = dt^2 memory^(2 (count - n)) for n = size ... count - size
+        ratio = jnp.exp(-1j * w * dt) / self.memory**2
+        is_unity = jnp.abs(1.0 - ratio) < 1e-9
+        steps = jnp.maximum(number, 0).astype(w.dtype)
+        total = jnp.where(is_unity, steps, (1.0 - ratio**steps) / jnp.where(is_unity, 1.0, 1.0 - ratio))
+        leading = self.start_weight**2 * jnp.exp(-1j * w * dt * size) / self.memory ** (2 * size)
+        return dt**2 * leading * total
