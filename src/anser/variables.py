@@ -141,6 +141,39 @@ _OPTIONAL_VARIABLES: tuple[Variable, ...] = (
     _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
     _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
     _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
+    # estimates of an adaptive autopilot
+    *(
+        replace(_variable(f"{key}_{kind}", "", _BODY, f"{prefix}{symbol}", f"{label}{end}"), unit="rad-1")
+        for key, symbol, label in (
+            ("cz_alpha", "C_Zα", "Derivative of C_Z by the angle of attack"),
+            ("cm_alpha", "C_mα", "Derivative of C_m by the angle of attack"),
+            ("cm_q", "C_mq", "Derivative of C_m by the dimensionless pitch rate"),
+            ("cl_beta", "C_lβ", "Derivative of C_l by the sideslip"),
+            ("cn_beta", "C_nβ", "Derivative of C_n by the sideslip"),
+        )
+        for kind, prefix, end in (("estimate", "", ", estimated"), ("sigma", "σ_", ", standard deviation"))
+    ),
+    *(
+        _variable(
+            f"{axis}_effectiveness_{kind}", "", _BODY, f"{symbol}{subscript}", f"{axis.capitalize()} control {end}"
+        )
+        for axis, subscript in (("roll", "l"), ("pitch", "m"), ("yaw", "n"))
+        for kind, symbol, end in (
+            ("estimate", "κ_", "effectiveness over the model's, estimated"),
+            ("sigma", "σ_κ,", "effectiveness, standard deviation"),
+        )
+    ),
+    _variable(
+        "effectiveness_uncertainty", "", _BODY, "σ_κ/κ", "Greatest relative standard deviation of control effectiveness"
+    ),
+    _discrete(
+        "fault",
+        "int32",
+        "fault",
+        "Fault that the autopilot found",
+        ("none", "centre_of_gravity", "ice", "engine", *(f"surface_{number}" for number in range(1, 9))),
+    ),
+    _variable("fault_size", "", _NONE, "f", "Size of the fault found: shift over the chord, ice, or loss"),
     # coordination of a decentralised fleet
     _variable("clock_lag", "s", _NONE, "t - γ", "Lag of the clock along the path"),
     _variable("clock_rate", "", _NONE, "γ_dot", "Rate of the clock along the path"),

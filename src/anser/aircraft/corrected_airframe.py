@@ -1,4 +1,4 @@
-"""An airframe whose aerodynamic coefficients have linear increments, as an onboard model that is corrected in flight."""
+"""An airframe whose aerodynamic coefficients have linear increments: an onboard model that is corrected in flight."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from anser.shapes import Flag, Scalar, Vector, Vector3
 
 LONGITUDINAL = (True, False, True, False, True, False)
 """Whether each of CX, CY, CZ, Cl, Cm, Cn is a coefficient of the longitudinal motion."""
+CONSTANT = 0
 STATE_REGRESSORS = 4
 """Regressors before the surfaces: 1, alpha, qhat and 0 (longitudinal); 1, beta, phat and rhat (lateral)."""
 
@@ -48,8 +49,8 @@ def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
     missing = [name for name in names if not hasattr(airframe, name)]
     if missing:
         raise ValueError(
-            f"{type(airframe).__name__} has no {', '.join(missing)}; expected span, mean_chord (m) and wing_area (m^2), "
-            "which make the coefficients dimensionless"
+            f"{type(airframe).__name__} has no {', '.join(missing)}; expected span, mean_chord (m) and wing_area (m^2) "
+            "that make the coefficients dimensionless"
         )
     return ReferenceLengths(*(getattr(airframe, name) for name in names))
 
@@ -71,18 +72,29 @@ def regressors(lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfa
     )
 
 
+def reference_regressors(alpha: Scalar, surfaces: Vector) -> Float[Array, "2 p"]:
+    """Return the regressors of straight flight without sideslip, 0 for the constant: the origin of deviations."""
+    zero = jnp.zeros_like(alpha)
+    states = jnp.stack([jnp.stack([zero, alpha, zero, zero]), jnp.zeros(STATE_REGRESSORS)])
+    return jnp.concatenate([states, jnp.stack([surfaces, surfaces])], axis=1)
+
+
 def by_coefficient(rows: Float[Array, "2 p"]) -> Float[Array, "6 p"]:
     """Return for each coefficient the regressors of its motion."""
     return jnp.stack([rows[0] if longitudinal else rows[1] for longitudinal in LONGITUDINAL])
 
 
 class CorrectedAirframe(AbstractAirframe):
-    """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference."""
+    """An airframe with increments of its six coefficients, linear in the regressors' deviations from a reference.
+
+    Without known aerodynamics the increments are all: mass, inertia, geometry, actuators and engine are the base's.
+    """
 
     base: AbstractAirframe
     lengths: ReferenceLengths
     reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect; 0 for the constant.
     increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
+    aerodynamics_known: bool = eqx.field(static=True, default=True)
 
     @property
     def mass_properties(self) -> MassProperties:
@@ -114,6 +126,21 @@ class CorrectedAirframe(AbstractAirframe):
         """Whether the base airframe is symmetric; the estimated side force without sideslip is not flown against."""
         return self.base.symmetric
 
+    @property
+    def span(self) -> Scalar:
+        """Wing span, m."""
+        return self.lengths.span
+
+    @property
+    def mean_chord(self) -> Scalar:
+        """Mean chord, m."""
+        return self.lengths.mean_chord
+
+    @property
+    def wing_area(self) -> Scalar:
+        """Wing area, m^2."""
+        return self.lengths.wing_area
+
     def increment(self, data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Return the increments of force and moment."""
         rows = by_coefficient(regressors(self.lengths, data, rates_b, surfaces) - self.reference)
@@ -121,8 +148,16 @@ class CorrectedAirframe(AbstractAirframe):
 
     def aerodynamics(self, air_data: AirData, rates_b: Vector3, surfaces: Vector) -> Wrench:
         """Compute force and moment of the base airframe plus the increments."""
-        return self.base.aerodynamics(air_data, rates_b, surfaces) + self.increment(air_data, rates_b, surfaces)
+        increment = self.increment(air_data, rates_b, surfaces)
+        return self.base.aerodynamics(air_data, rates_b, surfaces) + increment if self.aerodynamics_known else increment
 
     def outside_tables(self, air_data: AirData) -> Flag:
         """Whether the condition is outside the base airframe's data."""
         return self.base.outside_tables(air_data)
+
+
+def without_aerodynamics(airframe: AbstractAirframe) -> CorrectedAirframe:
+    """Return an airframe of which no aerodynamic coefficient is known: all are 0."""
+    size = STATE_REGRESSORS + len(airframe.actuators.names)
+    zeros = jnp.zeros((2, size)), jnp.zeros((6, size))
+    return CorrectedAirframe(airframe, reference_lengths(airframe), *zeros, aerodynamics_known=False)

@@ -215,6 +215,8 @@ class Belief(eqx.Module):
     goal: GoalState | None
     #: Uncertainty of the estimated positions of aircraft and goal; None if both are exact.
     uncertainty: "Uncertainty | None" = None
+    #: Estimates of an adaptive estimator by recorded variable (`anser.variables`); None without adaptation.
+    estimates: dict[str, Array] | None = None
 
 
 class Uncertainty(eqx.Module):

@@ -234,7 +234,7 @@ class _EndWeights:
         self.end_phasor, self.line = sums.phasor, jnp.asarray(_line_weights())
 
     def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
-        """Return the correction of the last sample's weight to that of the trapezoidal rule, by the line's end value."""
+        """Return the correction of the last sample's weight to that of the trapezoidal rule."""
         return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:

@@ -1,0 +1,114 @@
+"""Test inputs of an aircraft that learns: multisines on the surfaces where an adaptive estimator lacks information."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.airframe import AircraftState, Controls
+from anser.parts.controllers import AbstractController
+from anser.parts.perception import Belief
+from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector, Vector3
+
+_LINES = 4
+"""Lines of each surface's multisine."""
+
+
+class ProbingState(eqx.Module):
+    """State of the controller; surfaces (rad) and engine power (percent) of the start, and number of samples so far."""
+
+    controller: Any
+    surfaces: Vector
+    power: Scalar
+    count: Count
+
+
+class ProbingController(AbstractController):
+    """Controller that adds test inputs to another controller's surface commands.
+
+    In a first phase the aircraft learns: it holds the controls of the start, with the test input, and the other
+    controller waits.
+
+    Attributes
+    ----------
+    controller
+        The other controller.
+    amplitude
+        Greatest deflection of each surface, rad.
+    angular_frequencies, phases
+        Lines of each surface's multisine, (surface, line), rad/s and rad.
+    uncertainty_max
+        Relative standard deviation of the control effectiveness above which the surfaces are moved.
+    learning_time
+        End of the first phase, s; 0: none.
+    """
+
+    controller: AbstractController
+    amplitude: Vector
+    angular_frequencies: Float[Array, "surface line"]
+    phases: Float[Array, "surface line"]
+    uncertainty_max: Scalar
+    learning_time: Scalar
+
+    def init(self, state: AircraftState, attitude: Vector3) -> ProbingState:
+        """Return the state after a long time in steady flight."""
+        power = jnp.asarray(state.power, dtype=float)
+        return ProbingState(
+            self.controller.init(state, attitude), state.surfaces, power, jnp.asarray(0, dtype=jnp.int32)
+        )
+
+    def control(
+        self, controller_state: ProbingState, belief: Belief, command: Any, step: ScalarLike
+    ) -> tuple[Controls, Any, ProbingState]:
+        """Compute the controls with the test input; raises ValueError if no adaptive estimator is flown."""
+        if belief.estimates is None:
+            raise ValueError("a controller with test inputs needs an adaptive estimator, which says when to move")
+        state, time = controller_state, controller_state.count * step
+        controls, signals, active = self.controller.control(state.controller, belief, command, step)
+        is_learning = time < self.learning_time
+        is_needed = is_learning | (belief.estimates["effectiveness_uncertainty"] > self.uncertainty_max)
+        added = jnp.where(is_needed, self.deflections(time), 0.0)
+        surfaces = jnp.where(is_learning, state.surfaces, controls.surfaces) + added
+        engine, actuators = belief.airframe.engine, belief.airframe.actuators
+        throttle = jnp.where(is_learning, engine.throttle_for_power(state.power), controls.throttle)
+        waiting = jax.tree.map(lambda new, old: jnp.where(is_learning, old, new), active, state.controller)
+        controls = Controls(actuators.limit_command(surfaces), throttle)
+        return controls, signals, ProbingState(waiting, state.surfaces, state.power, state.count + 1)
+
+    def deflections(self, time: ScalarLike) -> Vector:
+        """Return the deflections of the test input at a time (s), 0 at the start, rad."""
+        waves = jnp.sin(self.angular_frequencies * time + self.phases) - jnp.sin(self.phases)
+        return self.amplitude * jnp.mean(waves, axis=1)
+
+    def is_learning(self, time: ScalarLike) -> Flag:
+        """Whether the first phase lasts at a time, s."""
+        return jnp.asarray(time) < self.learning_time
+
+
+def probing_controller(
+    controller: AbstractController,
+    surfaces: int,
+    amplitude: ScalarLike,
+    *,
+    period: float = 5.0,
+    learning_time: ScalarLike = 0.0,
+) -> ProbingController:
+    """Build a controller with test inputs of `amplitude` (rad) for a number of surfaces.
+
+    The harmonics of `period` (s) are dealt out to the surfaces in turn, so that the inputs are orthogonal over a
+    period; the phases are Schroeder's.
+    """
+    harmonics = 2 + np.arange(surfaces)[:, None] + surfaces * np.arange(_LINES)[None, :]
+    line = np.arange(1, _LINES + 1)
+    phases = np.broadcast_to(-np.pi * line * (line - 1) / _LINES, harmonics.shape)
+    return ProbingController(
+        controller=controller,
+        amplitude=jnp.broadcast_to(jnp.asarray(amplitude, dtype=float), (surfaces,)),
+        angular_frequencies=jnp.asarray(2.0 * np.pi * harmonics / period),
+        phases=jnp.asarray(phases),
+        uncertainty_max=jnp.asarray(0.2),
+        learning_time=jnp.asarray(learning_time, dtype=float),
+    )

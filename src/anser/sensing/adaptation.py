@@ -1,0 +1,410 @@
+"""Adaptation of the onboard model in flight: estimated increments of the aerodynamic coefficients.
+
+What the onboard model lacks is measured by gyros and accelerometers and made dimensionless. Recursive least squares
+estimate from it the increments of the coefficients' constants and derivatives; the inversion uses the airframe with
+these increments. Derivations: docs/theory/identification.md.
+"""
+
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from anser.aircraft.air_data import AirData, Wrench
+from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.corrected_airframe import (
+    CONSTANT,
+    LONGITUDINAL,
+    STATE_REGRESSORS,
+    CorrectedAirframe,
+    ReferenceLengths,
+    by_coefficient,
+    reference_lengths,
+    reference_regressors,
+    regressors,
+)
+from anser.aircraft.motion import angular_acceleration
+from anser.numerics.linear import times3
+from anser.parts.perception import AbstractEstimator, Belief, Instant, Reading
+from anser.sensing.fault_detection import FaultDetection, FaultState, fault_detection, fault_effects
+from anser.shapes import Count, Scalar, ScalarLike, Vector, Vector3
+
+Increments = Float[Array, "6 p"]
+Method = Literal["least-squares", "gradient"]
+
+COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
+NOISE_FLOOR = (0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005)
+"""Standard deviation of a coefficient of `COEFFICIENTS` that no linear increment explains, without sensor noise."""
+_PRIOR_SHARE = 0.35
+"""Standard deviation of an increment before the flight, as a part of the model's own derivative."""
+# Further standard deviation, for derivatives near 0 in the model. Columns: constant, alpha or beta, qhat or phat, rhat,
+# any surface.
+_PRIOR_FLOOR = np.array(
+    [
+        [0.01, 0.2, 3.0, 0.0, 0.05],
+        [0.01, 0.2, 0.1, 0.3, 0.05],
+        [0.05, 1.0, 8.0, 0.0, 0.2],
+        [0.003, 0.03, 0.1, 0.05, 0.01],
+        [0.03, 0.25, 2.0, 0.0, 0.05],
+        [0.003, 0.05, 0.05, 0.1, 0.01],
+    ]
+)
+# Standard deviations without a model: typical sizes of an aircraft's derivatives.
+_PRIOR_WITHOUT_MODEL = np.array(
+    [
+        [0.1, 1.0, 5.0, 0.0, 0.2],
+        [0.1, 2.0, 1.0, 2.0, 0.3],
+        [1.0, 6.0, 30.0, 0.0, 1.0],
+        [0.02, 0.3, 1.0, 0.5, 0.3],
+        [0.1, 1.0, 15.0, 0.0, 1.5],
+        [0.02, 0.5, 0.5, 1.0, 0.2],
+    ]
+)
+_INCREMENT_MAX = 3.0
+"""Greatest increment, as a multiple of its standard deviation before the flight."""
+_EFFECTIVENESS_RANGE = (0.3, 2.0)
+"""Least and greatest control effectiveness, as a part of the model's."""
+_EFFECTIVENESS_SHARE = 0.1
+"""Part of an axis' greatest control effectiveness from which that of a surface is bounded."""
+_MOMENTS = {"roll": 3, "pitch": 4, "yaw": 5}
+"""Row of each axis' moment coefficient."""
+_DERIVATIVES = {"cz_alpha": (2, 1), "cm_alpha": (4, 1), "cl_beta": (3, 1), "cn_beta": (5, 1), "cm_q": (4, 2)}
+"""Row and column of the recorded derivatives."""
+_GRADIENT_STEP = 0.05
+"""Step of the normalised gradient method, part of the error removed by a sample."""
+
+
+class AdaptationSettings(eqx.Module):
+    """Settings of the estimation.
+
+    Attributes
+    ----------
+    bandwidth
+        Bandwidth of the low-pass filter on responses and regressors, rad/s.
+    forgetting_time
+        Time constant of the forgetting, s.
+    mean_time
+        Time constant of the mean values from which the excitation counts, s.
+    excitation_min
+        Least excitation at which an estimate changes: the square of the regressors' effect over the noise.
+    """
+
+    bandwidth: Scalar
+    forgetting_time: Scalar
+    mean_time: Scalar
+    excitation_min: Scalar
+
+
+def default_settings() -> AdaptationSettings:
+    """Return the settings of the library."""
+    return AdaptationSettings(*(jnp.asarray(value) for value in (5.0, 20.0, 5.0, 4.0)))
+
+
+class AdaptationState(eqx.Module):
+    """State of the adaptation between two samples.
+
+    Attributes
+    ----------
+    base
+        State of the estimator of the motion.
+    derivatives, prior_deviation
+        Derivatives of the model's coefficients by the regressors at the start, 0 where nothing is known, and standard
+        deviations of their increments, (6, p).
+    increments, covariance
+        Estimates of each coefficient's increments, shapes (6, p) and (6, p, p).
+    response, regressors, mean
+        Low-pass filtered missing coefficients (6,) and regressors (2, p), and the regressors' slow mean values.
+    reference
+        Regressors at the start of the flight, from which the deviations count, shape (2, p).
+    previous_missing, previous_regressors, rates_b, acceleration_b
+        Missing force coefficients (3,), regressors, gyro reading (rad/s) and modelled angular acceleration (rad/s^2) of
+        the previous sample.
+    faults
+        State of the fault detection.
+    count
+        Number of samples so far.
+    """
+
+    base: Any
+    derivatives: Increments
+    prior_deviation: Increments
+    increments: Increments
+    covariance: Float[Array, "6 p p"]
+    response: Float[Array, "6"]
+    regressors: Float[Array, "2 p"]
+    mean: Float[Array, "2 p"]
+    reference: Float[Array, "2 p"]
+    previous_missing: Vector3
+    previous_regressors: Float[Array, "2 p"]
+    rates_b: Vector3
+    acceleration_b: Vector3
+    faults: FaultState
+    count: Count
+
+
+class AdaptiveEstimator(AbstractEstimator):
+    """Estimator that corrects the onboard model: increments of CX, CY, CZ, Cl, Cm and Cn, each by its own regression.
+
+    An estimate stands still while the regressors hardly move: in calm flight nothing can be learnt.
+
+    Attributes
+    ----------
+    base
+        Estimator of the motion, with the onboard model in its belief.
+    model
+        The onboard model.
+    settings, faults
+        Settings of the estimation, and detection of faults.
+    method
+        Recursive least squares with directional forgetting, or the normalised gradient method, which estimates the
+        control effectiveness alone.
+    aerodynamics_known
+        False: the model has no aerodynamic coefficients, and the increments are all.
+    """
+
+    base: AbstractEstimator
+    model: AbstractAirframe
+    settings: AdaptationSettings
+    faults: FaultDetection
+    method: Method = eqx.field(static=True, default="least-squares")
+    aerodynamics_known: bool = eqx.field(static=True, default=True)
+
+    def init(self, reading: Reading, airframe: AbstractAirframe, instant: Instant) -> AdaptationState:
+        """Return the state before the first sample: the derivatives are those of the model in the present flight."""
+        lengths, data, state = reference_lengths(self.model), reading.condition.air_data, reading.state
+        derivatives = model_derivatives(self.model, lengths, data, state.rates_b, state.surfaces)
+        count = len(self.model.actuators.names)
+        floor = _PRIOR_FLOOR if self.aerodynamics_known else _PRIOR_WITHOUT_MODEL
+        columns = [floor[:, :STATE_REGRESSORS], np.repeat(floor[:, STATE_REGRESSORS:], count, axis=1)]
+        prior_deviation = _PRIOR_SHARE * jnp.abs(derivatives) + np.concatenate(columns, axis=1)
+        deviation = jnp.zeros((2, STATE_REGRESSORS + count)).at[:, CONSTANT].set(1.0)
+        return AdaptationState(
+            base=self.base.init(reading, airframe, instant),
+            derivatives=derivatives,
+            prior_deviation=prior_deviation,
+            increments=jnp.zeros_like(derivatives),
+            covariance=jax.vmap(jnp.diag)(prior_deviation**2),
+            response=jnp.zeros(6),
+            regressors=deviation,
+            mean=deviation,
+            reference=reference_regressors(data.alpha, state.surfaces),
+            previous_missing=jnp.zeros(3),
+            previous_regressors=deviation,
+            rates_b=state.rates_b,
+            acceleration_b=jnp.zeros(3),
+            faults=self.faults.init(),
+            count=jnp.asarray(0, jnp.int32),
+        )
+
+    def estimate(
+        self, estimator_state: AdaptationState, reading: Reading, airframe: AbstractAirframe, instant: Instant
+    ) -> tuple[Belief, AdaptationState]:
+        """Return the belief with the corrected airframe, and the new state."""
+        belief, base = self.base.estimate(estimator_state.base, reading, airframe, instant)
+        state = eqx.tree_at(lambda s: s.base, estimator_state, base, is_leaf=lambda leaf: leaf is None)
+        return self.correct(state, belief, instant.step)
+
+    def correct(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> tuple[Belief, AdaptationState]:
+        """Update the estimates with a sample; return the belief with the corrected airframe, and the new state."""
+        is_first, lengths = state.count == 0, reference_lengths(self.model)
+        data, surfaces, rates_b = belief.condition.air_data, belief.state.surfaces, belief.state.rates_b
+        missing, acceleration_b = _missing_coefficients(lengths, state, belief, step)
+        deviation = regressors(lengths, data, rates_b, surfaces) - state.reference
+        # the measured angular acceleration is a mean over the period before the sample: so are all others
+        response = jnp.concatenate([0.5 * (missing[:3] + state.previous_missing), missing[3:]])
+        response = jnp.where(is_first, 0.0, response)
+        middle = jnp.where(is_first, deviation, 0.5 * (deviation + state.previous_regressors))
+        fade = -jnp.expm1(-self.settings.bandwidth * step)
+        filtered_response = state.response + fade * (response - state.response)
+        filtered = state.regressors + fade * (middle - state.regressors)
+        mean = state.mean + step / self.settings.mean_time * (filtered - state.mean)
+        increments, covariance = self._update(state, filtered_response, filtered, filtered - mean, step)
+        effects = fault_effects(belief, lengths, state.derivatives)
+        next_state = AdaptationState(
+            base=state.base,
+            derivatives=state.derivatives,
+            prior_deviation=state.prior_deviation,
+            increments=increments,
+            covariance=covariance,
+            response=filtered_response,
+            regressors=filtered,
+            mean=mean,
+            reference=state.reference,
+            previous_missing=missing[:3],
+            previous_regressors=deviation,
+            rates_b=rates_b,
+            acceleration_b=acceleration_b,
+            faults=self.faults.advance(state.faults, filtered_response, effects, fade, step),
+            count=state.count + 1,
+        )
+        return self.corrected_belief(next_state, belief), next_state
+
+    def corrected_belief(self, state: AdaptationState, belief: Belief) -> Belief:
+        """Return the belief with the increments in the airframe and in the forces."""
+        corrected = CorrectedAirframe(belief.airframe, reference_lengths(self.model), state.reference, state.increments)
+        condition = belief.condition
+        increment = corrected.increment(condition.air_data, belief.state.rates_b, belief.state.surfaces)
+        condition = eqx.tree_at(lambda c: c.aerodynamic, condition, condition.aerodynamic + increment)
+        return eqx.tree_at(
+            lambda b: (b.airframe, b.condition, b.estimates),
+            belief,
+            (corrected, condition, self._variables(state)),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    def _update(
+        self,
+        state: AdaptationState,
+        response: Float[Array, "6"],
+        deviation: Float[Array, "2 p"],
+        change: Float[Array, "2 p"],  # deviation from the slow mean values
+        step: ScalarLike,
+    ) -> tuple[Increments, Float[Array, "6 p p"]]:
+        phi, moving = by_coefficient(deviation), by_coefficient(change)
+        noise = jnp.asarray(NOISE_FLOOR) ** 2
+        error = response - jnp.sum(state.increments * phi, axis=1)
+        learns = jnp.sum((state.prior_deviation * moving) ** 2, axis=1) > self.settings.excitation_min * noise
+        if self.method == "gradient":
+            increments, covariance = self._gradient_step(state, error, moving), state.covariance
+        else:
+            # the filter correlates the samples of a time of 2 / bandwidth: each counts as a part of one
+            weight = 0.5 * self.settings.bandwidth * step / noise
+            increments, covariance = least_squares_step(
+                state.increments, state.covariance, phi, error, weight, step / self.settings.forgetting_time
+            )
+        increments = _bounded(state, increments)
+        return (
+            jnp.where(learns[:, None], increments, state.increments),
+            jnp.where(learns[:, None, None], covariance, state.covariance),
+        )
+
+    def _gradient_step(self, state: AdaptationState, error: Float[Array, "6"], moving: Increments) -> Increments:
+        """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016)."""
+        # in units of the prior deviations, so that one step suits all surfaces
+        is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
+        scaled = jnp.where(is_surface, state.prior_deviation * moving, 0.0)
+        energy = jnp.sum(scaled**2, axis=1) + jnp.asarray(NOISE_FLOOR) ** 2
+        return state.increments + state.prior_deviation * scaled * (_GRADIENT_STEP * error / energy)[:, None]
+
+    def _variables(self, state: AdaptationState) -> dict[str, Array]:
+        """Return the recorded estimates: derivatives and effectiveness with standard deviations, and the fault."""
+        total = state.derivatives + state.increments
+        sigma = jnp.sqrt(jnp.maximum(jnp.diagonal(state.covariance, axis1=1, axis2=2), 0.0))
+        values = {"effectiveness_uncertainty": _effectiveness_uncertainty(total, sigma)}
+        for name, element in _DERIVATIVES.items():
+            values[f"{name}_estimate"], values[f"{name}_sigma"] = total[element], sigma[element]
+        for axis, row in _MOMENTS.items():
+            size = jnp.abs(state.derivatives[row, STATE_REGRESSORS:])
+            surface = STATE_REGRESSORS + jnp.argmax(size)
+            model = jnp.where(jnp.max(size) > 0.0, state.derivatives[row, surface], jnp.nan)
+            values[f"{axis}_effectiveness_estimate"] = total[row, surface] / model
+            values[f"{axis}_effectiveness_sigma"] = jnp.abs(sigma[row, surface] / model)
+        return values | self.faults.variables(state.faults)
+
+
+def _missing_coefficients(
+    lengths: ReferenceLengths, state: AdaptationState, belief: Belief, step: ScalarLike
+) -> tuple[Float[Array, "6"], Vector3]:
+    """Return measured minus modelled coefficients, and the modelled angular acceleration (rad/s^2)."""
+    properties, condition, rates_b = belief.airframe.mass_properties, belief.condition, belief.state.rates_b
+    acceleration_b = angular_acceleration(properties, rates_b, condition.wrench.moment_b)
+    measured_b = (rates_b - state.rates_b) / step - 0.5 * (acceleration_b + state.acceleration_b)
+    missing = Wrench(
+        properties.mass * belief.specific_force_b - condition.wrench.force_b,
+        times3(properties.inertia_b, measured_b),
+    )
+    return lengths.coefficients(condition.air_data.qbar, missing), acceleration_b
+
+
+def _bounded(state: AdaptationState, increments: Increments) -> Increments:
+    """Bound the increments by their prior deviations, and the control effectiveness by the model's."""
+    limit = _INCREMENT_MAX * state.prior_deviation
+    bounded = jnp.clip(increments, -limit, limit)
+    low, high = (state.derivatives * (factor - 1.0) for factor in _EFFECTIVENESS_RANGE)
+    in_model = jnp.clip(bounded, jnp.minimum(low, high), jnp.maximum(low, high))
+    return jnp.where(_is_effective(state.derivatives), in_model, bounded)
+
+
+def _is_effective(derivatives: Increments) -> Bool[Array, "6 p"]:
+    """Whether a derivative is one of the model's effective surfaces about an axis."""
+    size = jnp.abs(derivatives)
+    is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)
+    greatest = jnp.max(size[:, STATE_REGRESSORS:], axis=1, keepdims=True)
+    return is_moment_by_surface & (size > _EFFECTIVENESS_SHARE * greatest) & (greatest > 0.0)
+
+
+def _effectiveness_uncertainty(total: Increments, sigma: Increments) -> Scalar:
+    """Return the greatest relative standard deviation of an axis' control effectiveness."""
+    moments, deviations = total[3:, STATE_REGRESSORS:], sigma[3:, STATE_REGRESSORS:]
+    surface = jnp.argmax(jnp.abs(moments), axis=1)
+    axes = np.arange(len(_MOMENTS))
+    effect = jnp.maximum(jnp.abs(moments[axes, surface]), jnp.finfo(total.dtype).tiny)
+    return jnp.max(deviations[axes, surface] / effect)
+
+
+def least_squares_step(
+    coefficients: Float[Array, "m p"],
+    covariance: Float[Array, "m p p"],
+    phi: Float[Array, "m p"],  # regressors
+    error: Float[Array, " m"],  # response minus prediction
+    weight: Float[Array, " m"] | ScalarLike,  # reciprocal of the noise variance
+    forgetting: ScalarLike,  # part of the information that a sample replaces
+) -> tuple[Float[Array, "m p"], Float[Array, "m p p"]]:
+    """Advance m regressions by a sample: recursive least squares with directional forgetting.
+
+    Information is forgotten only in the direction of the regressors, so that the covariance stays bounded without
+    excitation. Source: R. Kulhavy, M. Karny, "Tracking of slowly varying parameters by directional forgetting", IFAC
+    World Congress 1984; S. Bittanti, P. Bolzern, M. Campi, Automatica 26(3), 1990.
+    """
+    spread = jnp.sum(covariance * phi[:, None, :], axis=2)  # P phi
+    information = weight * jnp.sum(phi * spread, axis=1)
+    gain = spread * (weight / (1.0 + information))[:, None]
+    memory = 1.0 - forgetting
+    tiny = jnp.finfo(information.dtype).tiny
+    # the remaining information along phi; at least 0, so that the covariance never grows beyond the prior's
+    kept = jnp.maximum(memory - forgetting / jnp.maximum(information, tiny), 0.0)
+    reduction = weight * kept / (1.0 + kept * information)
+    covariance = covariance - reduction[:, None, None] * spread[:, :, None] * spread[:, None, :]
+    return coefficients + gain * error[:, None], covariance
+
+
+def model_derivatives(
+    airframe: AbstractAirframe, lengths: ReferenceLengths, data: AirData, rates_b: Vector3, surfaces: Vector
+) -> Increments:
+    """Return the derivatives of CX, CY, CZ, Cl, Cm, Cn by the regressors, shape (6, p); 0 for the constant."""
+    double_V = 2.0 * jnp.maximum(data.V, 1.0)
+    scale = double_V / jnp.stack([lengths.span, lengths.mean_chord, lengths.span])
+
+    def coefficients(alpha: Scalar, beta: Scalar, rates: Vector3, deflections: Vector) -> Float[Array, "6"]:
+        turned = eqx.tree_at(lambda d: (d.alpha, d.beta), data, (alpha, beta))
+        return lengths.coefficients(data.qbar, airframe.aerodynamics(turned, rates * scale, deflections))
+
+    slopes = jax.jacfwd(coefficients, argnums=(0, 1, 2, 3))(data.alpha, data.beta, rates_b / scale, surfaces)
+    by_alpha, by_beta, by_rates, by_surfaces = slopes
+    zero = jnp.zeros(6)
+    longitudinal = jnp.stack([zero, by_alpha, by_rates[:, 1], zero], axis=1)
+    lateral = jnp.stack([zero, by_beta, by_rates[:, 0], by_rates[:, 2]], axis=1)
+    states = jnp.where(np.array(LONGITUDINAL)[:, None], longitudinal, lateral)
+    return jnp.concatenate([states, by_surfaces], axis=1)
+
+
+def adaptive_estimator(
+    base: AbstractEstimator,
+    model: AbstractAirframe,
+    *,
+    method: Method = "least-squares",
+    aerodynamics_known: bool = True,
+) -> AdaptiveEstimator:
+    """Build an adaptive estimator with the settings of the library: see `AdaptiveEstimator`.
+
+    Raises
+    ------
+    ValueError
+        The airframe has no reference lengths.
+    """
+    reference_lengths(model)
+    faults = fault_detection(len(model.actuators.names))
+    return AdaptiveEstimator(base, model, default_settings(), faults, method, aerodynamics_known)

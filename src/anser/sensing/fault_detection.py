@@ -1,0 +1,165 @@
+"""Detection of faults in flight: which single fault explains what the onboard model lacks.
+
+Each hypothesis (a surface with half its effect, a shifted centre of gravity, ice, a weak engine) predicts the missing
+coefficients up to its size. The size is estimated by weighted least squares over an exponential window; the hypothesis
+with the greatest likelihood ratio is reported if it explains most of what is missing, clearly better than the next one.
+Source of the test: A. S. Willsky, H. L. Jones, "A generalized likelihood ratio approach to the detection and estimation
+of jumps in linear systems", IEEE Trans. Automatic Control 21(1), 1976.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.aircraft.air_data import Wrench
+from anser.aircraft.corrected_airframe import STATE_REGRESSORS, ReferenceLengths
+from anser.parts.perception import Belief
+from anser.shapes import Count, Scalar, ScalarLike
+
+NO_FAULT, CENTRE_OF_GRAVITY, ICE, ENGINE, SURFACE = range(5)
+"""Codes of faults; `SURFACE` + k is surface k of the airframe."""
+FAULT_SIZES = (0.05, 1.0, 0.2, 0.5)
+"""Size of a fault of 1: shift of the centre of gravity aft, part of the mean chord; ice, see `ICE_DRAG`; loss of
+thrust; loss of effectiveness of a surface."""
+ICE_DRAG, ICE_LIFT = 0.2, 0.1
+"""Rise of the drag and loss of the lift slope by ice of size 1."""
+
+
+class FaultDetection(eqx.Module):
+    """Settings of the detection.
+
+    Attributes
+    ----------
+    window
+        Time constant of the window, s.
+    noise
+        Standard deviations of the missing coefficients of a healthy aircraft, (6,).
+    size_min
+        Least size of a reported fault, part of `FAULT_SIZES`.
+    ratio_min
+        Least likelihood ratio: the energy that the hypothesis explains, in units of the noise times seconds.
+    share_min, lead_min
+        Least part of the missing energy that the hypothesis explains, and its least ratio to the next hypothesis.
+    confirmation
+        Time for which the conditions must hold, s.
+    surfaces
+        Number of control surfaces.
+    """
+
+    window: Scalar
+    noise: Float[Array, "6"]
+    size_min: Scalar
+    ratio_min: Scalar
+    share_min: Scalar
+    lead_min: Scalar
+    confirmation: Scalar
+    surfaces: int = eqx.field(static=True)
+
+    def init(self) -> "FaultState":
+        """Return the state of a healthy aircraft."""
+        count = SURFACE - 1 + self.surfaces
+        zero = jnp.zeros(())
+        return FaultState(
+            prediction=jnp.zeros((count, 6)),
+            information=jnp.zeros(count),
+            correlation=jnp.zeros(count),
+            energy=zero,
+            duration=zero,
+            candidate=jnp.asarray(NO_FAULT, jnp.int32),
+            code=jnp.asarray(NO_FAULT, jnp.int32),
+            size=zero,
+        )
+
+    def advance(
+        self,
+        state: "FaultState",
+        response: Float[Array, "6"],  # low-pass filtered missing coefficients
+        effects: Float[Array, "fault 6"],  # see `fault_effects`
+        fade: ScalarLike,  # part of a new value in the low-pass filter
+        step: ScalarLike,
+    ) -> "FaultState":
+        """Add a sample, and report a fault that is confirmed; the first reported fault stays."""
+        prediction = state.prediction + fade * (effects - state.prediction)
+        weighted, normal = prediction / self.noise, response / self.noise
+        memory = jnp.exp(-step / self.window)
+        information = memory * state.information + step * jnp.sum(weighted**2, axis=1)
+        correlation = memory * state.correlation + step * jnp.sum(weighted * normal, axis=1)
+        energy = memory * state.energy + step * jnp.sum(normal**2)
+        size = jnp.maximum(correlation, 0.0) / jnp.maximum(information, jnp.finfo(energy.dtype).tiny)
+        explained = size * correlation
+        best = jnp.argmax(explained)
+        next_best = jnp.max(jnp.where(jnp.arange(explained.shape[0]) == best, 0.0, explained))
+        is_found = (
+            (size[best] > self.size_min)
+            & (explained[best] > self.ratio_min)
+            & (explained[best] > self.share_min * energy)
+            & (explained[best] > self.lead_min * next_best)
+        )
+        candidate = jnp.where(is_found, best + 1, NO_FAULT).astype(jnp.int32)
+        duration = jnp.where(is_found & (candidate == state.candidate), state.duration + step, 0.0)
+        is_new = (state.code == NO_FAULT) & (duration > self.confirmation)
+        code = jnp.where(is_new, candidate, state.code)
+        units = np.array([*FAULT_SIZES[:-1], *[FAULT_SIZES[-1]] * self.surfaces])
+        reported = jnp.where(code == NO_FAULT, 0.0, (size * units)[jnp.maximum(code - 1, 0)])
+        return FaultState(prediction, information, correlation, energy, duration, candidate, code, reported)
+
+    def variables(self, state: "FaultState") -> dict[str, Array]:
+        """Return the recorded variables."""
+        return {"fault": state.code, "fault_size": state.size}
+
+
+class FaultState(eqx.Module):
+    """State of the detection between samples.
+
+    Attributes
+    ----------
+    prediction
+        Low-pass filtered effect of each fault of size 1 on the six coefficients, (fault, 6).
+    information, correlation, energy
+        Windowed sums of squared predictions, of predictions times missing coefficients, and of the missing coefficients
+        squared, in units of the noise.
+    duration, candidate
+        Time since the best hypothesis meets the conditions, s, and its code.
+    code, size
+        Reported fault, `NO_FAULT` before, and its size: see `FAULT_SIZES`.
+    """
+
+    prediction: Float[Array, "fault 6"]
+    information: Float[Array, " fault"]
+    correlation: Float[Array, " fault"]
+    energy: Scalar
+    duration: Scalar
+    candidate: Count
+    code: Count
+    size: Scalar
+
+
+def fault_detection(surfaces: int) -> FaultDetection:
+    """Return the detection with the settings of the library, for a number of surfaces."""
+    noise = jnp.asarray((0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005))
+    settings = (jnp.asarray(value) for value in (0.4, 2.0, 0.5, 1.5, 0.5))
+    return FaultDetection(jnp.asarray(8.0), noise, *settings, surfaces=surfaces)
+
+
+def fault_effects(
+    belief: Belief, lengths: ReferenceLengths, derivatives: Float[Array, "6 p"]
+) -> Float[Array, "fault 6"]:
+    """Return the change of CX, CY, CZ, Cl, Cm, Cn by each fault of size 1, in the order of the codes."""
+    condition, data = belief.condition, belief.condition.air_data
+    zero = jnp.zeros_like(data.alpha)
+    _, Y, Z = jnp.unstack(condition.wrench.force_b)
+    forward = FAULT_SIZES[0] * lengths.mean_chord  # the former centre of gravity from the new one
+    shift = Wrench(jnp.zeros(3), jnp.stack([zero, -forward * Z, forward * Y]))
+    sine, cosine = jnp.sin(data.alpha), jnp.cos(data.alpha)
+    air_X, _, air_Z = jnp.unstack(condition.aerodynamic.force_b)
+    drag = -(air_X * cosine + air_Z * sine)
+    lift = air_X * sine - air_Z * cosine
+    ice_X = -ICE_DRAG * drag * cosine - ICE_LIFT * lift * sine
+    ice_Z = -ICE_DRAG * drag * sine + ICE_LIFT * lift * cosine
+    ice = Wrench(jnp.stack([ice_X, zero, ice_Z]), jnp.zeros(3))
+    engine = Wrench(-FAULT_SIZES[2] * condition.propulsive.force_b, -FAULT_SIZES[2] * condition.propulsive.moment_b)
+    surfaces = -FAULT_SIZES[3] * derivatives[:, STATE_REGRESSORS:] * belief.state.surfaces
+    return jnp.concatenate(
+        [jnp.stack([lengths.coefficients(data.qbar, wrench) for wrench in (shift, ice, engine)]), surfaces.T]
+    )
