@@ -24,7 +24,7 @@ from anser.analysis.surveys import (
     select_rows,
     trim_stop,
 )
-from anser.analysis.trim_points import ConditionError, Inversion, gains_for, map_points
+from anser.analysis.trim_points import AnyInversion, ConditionError, gains_for, map_points
 from anser.control.limits import FlightLimits, default_limits
 from anser.missions.batches import Progress
 from anser.results.variable_labels import flag_attributes, scatter_rows, unit_attributes
@@ -175,7 +175,7 @@ def dispersion_of(values: np.ndarray) -> tuple[F16Dispersion, jnp.ndarray]:
     return dispersion, by_name["sensor_delay"]
 
 
-_INVERSIONS: tuple[Inversion, ...] = ("model", "incremental")
+_INVERSIONS: tuple[AnyInversion, ...] = ("model", "incremental", "adaptive")
 _COMMAND = next(command for command in COMMANDS if command.name == "all")
 _FLIGHTS_OF_SWEEP = 200
 
@@ -205,7 +205,7 @@ def robustness_study(
 
     Each dispersed aircraft is trimmed in steady level flight. Then the combined command of the envelope survey is flown
     with the published gains and the default limits of a scenario. The autopilot is engaged at the command and has no
-    information on the dispersion. Both inversions fly the same aircraft.
+    information on the dispersion. All inversions fly the same aircraft.
 
     Raises ConditionError if the nominal aircraft has no steady flight at a condition or the command exceeds the
     autopilot's speed limits, and ValueError if the variant is unknown or a number is out of range.
@@ -252,16 +252,16 @@ def robustness_study(
     tolerance = accepted_errors(size)
     sizes, tolerances = (jnp.broadcast_to(channels, (len(delay), 3)) for channels in (size, tolerance))
     sensors = DelayedSensors(delay, DELAY_MAX_S, step_s)
-    study_flights = FlightRows(trim, target, sizes, tolerances, None, dispersion, sensors)
+    share = 0.9 / len(_INVERSIONS)
     variables = [
         survey.fly(
             f"flying {len(delay)} flights, {inversion} inversion",
-            study_flights,
+            FlightRows(trim, target, sizes, tolerances, None, dispersion, sensors, inversion == "adaptive"),
             gains_for(inversion),
             limits,
             step_s,
             count,
-            span=(0.1 + 0.45 * k, 0.1 + 0.45 * (k + 1)),
+            span=(0.1 + share * k, 0.1 + share * (k + 1)),
         )
         for k, inversion in enumerate(_INVERSIONS)
     ]

@@ -27,6 +27,7 @@ from anser.environment.environment import Environment, standard_environment
 from anser.missions.batches import BATCH, Progress, no_progress
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import flag_attributes, unit_attributes
+from anser.sensing.adaptation import adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import DelayedSensors
 from anser.simulation.survey_flight import (
@@ -71,6 +72,8 @@ class FlightRows(eqx.Module):
     # dispersion of the F-16 that flies, unknown to its autopilot, and its sensors; None: nominal, ideal
     dispersion: F16Dispersion | None = None
     sensors: DelayedSensors | None = None
+    #: Whether the estimator corrects the onboard model in flight.
+    is_adaptive: bool = eqx.field(static=True, default=False)
 
 
 class Survey:
@@ -175,6 +178,8 @@ def _fly(
     def fly_row(flight: FlightRows) -> SurveySummary:
         flown = dispersed_airframe(airframe, flight.dispersion)
         estimator = None if flight.dispersion is None else DirectEstimator(airframe)
+        if flight.is_adaptive:
+            estimator = adaptive_estimator(DirectEstimator(airframe), airframe)
         gains = common_gains if flight.gains is None else flight.gains
         command = (flight.trim, flight.target, flight.size, flight.tolerance, step, count)
         return survey_flight(flown, environment, gains, limits, *command, flight.sensors, estimator)

@@ -34,6 +34,7 @@ from anser.units import DEG_RAD, RAD_DEG
 from anser.variables import surface_label
 
 Inversion = Literal["model", "incremental"]
+AnyInversion = Literal[Inversion, "adaptive"]
 
 compiled_trim = compiled_quickly(solve_trim, "trim")
 
@@ -79,9 +80,9 @@ def airframe_label(attributes: Mapping[str, Any]) -> str:
     return f"{attributes['aircraft']} ({attributes['variant']})" if "variant" in attributes else attributes["aircraft"]
 
 
-def gains_for(inversion: Inversion, gains: AutopilotGains | None = None) -> AutopilotGains:
+def gains_for(inversion: AnyInversion, gains: AutopilotGains | None = None) -> AutopilotGains:
     """Return gains with the sensor bandwidth that the inversion needs; `gains` None: the published gains."""
-    bandwidth = Gains().sensor_bandwidth_rad_s if inversion == "incremental" else 0.0
+    bandwidth = 0.0 if inversion == "model" else Gains().sensor_bandwidth_rad_s
     base_gains = published_gains() if gains is None else gains
     return eqx.tree_at(lambda g: g.sensor_bandwidth, base_gains, jnp.asarray(bandwidth, dtype=float))
 

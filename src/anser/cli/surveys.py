@@ -134,7 +134,7 @@ def robustness(
     variant: VariantName = "textbook",
     force: Force = False,
 ) -> None:
-    """Fly F-16s that differ from their autopilot's model, with both inversions: success rates and failure causes."""
+    """Fly F-16s that differ from their autopilot's model, with each inversion: success rates and failure causes."""
     must_be_in_range("--flights", flights, 1, 1_000_000)
     must_be_in_range("--spread", spread, 0, 90)
     must_be_in_range("--seed", seed, 0, 2**63 - 1)

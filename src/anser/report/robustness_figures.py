@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 _STYLE = {**MAP_STYLE, "svg.hashsalt": "anser-robustness", "axes.spines.top": False, "axes.spines.right": False}
-_COLORS = {"model": "#0072b2", "incremental": "#d55e00"}
-"""Okabe and Ito's blue and vermilion, distinguishable with colour-blindness."""
-_INVERSION_NAMES = {"model": "model-based", "incremental": "incremental"}
+_COLORS = {"model": "#0072b2", "incremental": "#d55e00", "adaptive": "#009e73"}
+"""Okabe and Ito's blue, vermilion and green, distinguishable with colour-blindness."""
+_INVERSION_NAMES = {"model": "model-based", "incremental": "incremental", "adaptive": "adaptive"}
 _CHANNELS = (
     ("airspeed_final_error_max_m_s", "airspeed (m/s)", "tolerance_airspeed_m_s"),
     ("path_angle_final_error_max_deg", "path angle (deg)", "tolerance_path_angle_deg"),
@@ -56,7 +56,7 @@ def _draw_success(
         rates = [success(dataset, inversion, group) for group in groups]
         share = np.array([rate.share for rate in rates])
         error_bars = np.array([[rate.share - rate.low for rate in rates], [rate.high - rate.share for rate in rates]])
-        x, yerr = positions + (k - 0.5) * offset, _PERCENT * np.nan_to_num(error_bars)
+        x, yerr = positions + (k - (dataset.sizes["inversion"] - 1) / 2) * offset, _PERCENT * np.nan_to_num(error_bars)
         look: dict[str, Any] = {"color": _COLORS[inversion], "label": _INVERSION_NAMES[inversion]}
         axes.errorbar(x, _PERCENT * share, yerr=yerr, fmt="o", ms=4, capsize=3, **look)
     axes.set_ylabel("success (percent, interval of 95 %)")

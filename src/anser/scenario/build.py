@@ -14,14 +14,18 @@ import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.changes import AirframeChanges
+from anser.aircraft.corrected_airframe import without_aerodynamics
 from anser.aircraft_files.build import build_changes, disperse_airframe
 from anser.aircraft_files.deviations import Deviation
 from anser.aircraft_files.library import span_of
 from anser.config.tables import Vector, velocity_on_course
 from anser.control.guidance import FollowPlan
 from anser.control.inversion_autopilot import InversionAutopilot
+from anser.control.probing import probing_controller
 from anser.numerics.arrays import as_array, bucket_size, stack_rows
 from anser.numerics.randomness import flight_randomness
+from anser.parts.controllers import AbstractController
+from anser.parts.perception import AbstractEstimator
 from anser.parts.planners import Rendezvous, make_rendezvous
 from anser.planning.goals import GoalMotion, pad_waypoints, straight_goal, waypoint_goal
 from anser.planning.holds.hold_around_goal import HoldAroundGoal
@@ -34,6 +38,7 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import Event
 from anser.scenario.user_parts import check_user_parts, user_parts
+from anser.sensing.adaptation import adaptive_estimator
 from anser.simulation.flight import Flight, assemble
 from anser.simulation.vehicle import Faults, Mission, Vehicle
 from anser.steady.trim import TrimTarget, trim_target
@@ -136,14 +141,17 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
     is_dispersed = aircraft.deviation != Deviation()
     airframe = disperse_airframe(nominal_airframe, aircraft.deviation) if is_dispersed else nominal_airframe
     changes = _build_changes(scenario, aircraft, airframe)
-    is_nominal = not is_dispersed and changes is None
+    model = _onboard_model(aircraft, nominal_airframe)
+    is_adaptive = aircraft.gains.inversion == "adaptive"
+    is_nominal = not is_dispersed and changes is None and not is_adaptive
+    estimator = build_estimator(scenario, goal, None if is_nominal else model)
     return Vehicle(
         airframe=airframe,
         gusts=build_gusts(scenario, aircraft, span_of(airframe) if scenario.is_gusty else 0.0),
         sensors=build_sensors(scenario),
-        estimator=build_estimator(scenario, goal, None if is_nominal else nominal_airframe),
+        estimator=_adaptive(aircraft, estimator, model) if is_adaptive else estimator,
         guidance=FollowPlan(guidance),
-        controller=InversionAutopilot(gains, limits),
+        controller=_controller(aircraft, InversionAutopilot(gains, limits), airframe),
         mission=Mission(
             goal=goal,
             airborne=as_array(scenario.goal_of(aircraft).kind == "airborne", bool),
@@ -153,6 +161,27 @@ def _vehicle(scenario: Scenario, resolved: ResolvedAircraft, goal: GoalMotion) -
         faults=build_faults(aircraft, scenario.event),
         changes=changes,
         excitation=build_aircraft_excitation(scenario, aircraft, airframe.actuators.names),
+    )
+
+
+def _onboard_model(aircraft: Aircraft, airframe: AbstractAirframe) -> AbstractAirframe:
+    """Return the airframe that estimator and autopilot assume, without aerodynamics where these are not known."""
+    return airframe if aircraft.adaptation.aerodynamics_known else without_aerodynamics(airframe)
+
+
+def _adaptive(aircraft: Aircraft, estimator: AbstractEstimator, model: AbstractAirframe) -> AbstractEstimator:
+    table = aircraft.adaptation
+    return adaptive_estimator(estimator, model, method=table.method, aerodynamics_known=table.aerodynamics_known)
+
+
+def _controller(aircraft: Aircraft, autopilot: AbstractController, airframe: AbstractAirframe) -> AbstractController:
+    """Return the autopilot, with test inputs if the aircraft moves its surfaces to learn."""
+    table = aircraft.adaptation
+    if table.probing == 0.0:
+        return autopilot
+    amplitude = as_array(table.probing * DEG_RAD)
+    return probing_controller(
+        autopilot, len(airframe.actuators.names), amplitude, learning_time=as_array(table.learning)
     )
 
 

@@ -229,7 +229,7 @@ def _build_gains(gains: Gains) -> AutopilotGains:
 
     The result is final for the library's F-16; for other aircraft, `resolve_fleet` replaces the published gains.
     """
-    bandwidth = gains.sensor_bandwidth_rad_s if gains.inversion == "incremental" else 0.0
+    bandwidth = 0.0 if gains.inversion == "model" else gains.sensor_bandwidth_rad_s
     return eqx.tree_at(
         lambda g: (g.rates, g.attitude, g.velocity, g.sensor_bandwidth),
         published_gains(),

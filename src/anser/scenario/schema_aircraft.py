@@ -217,11 +217,13 @@ class VelocityGains(_LoopGains):
 class Gains(Table):
     """Gains of the autopilot's three loops (theory section 5), and the type of dynamic inversion."""
 
-    inversion: Literal["model", "incremental"] = Field(
-        default="model", description="inversion of the model, or of increments from measured accelerations"
+    inversion: Literal["model", "incremental", "adaptive"] = Field(
+        default="model",
+        description="inversion of the model, of increments from measured accelerations, or of increments with a model "
+        "that is corrected in flight",
     )
     sensor_bandwidth_rad_s: float = number(
-        "bandwidth of the sensor filter of the incremental inversion", 1, 100, "rad/s", 20.0
+        "bandwidth of the sensor filter of the incremental and the adaptive inversion", 1, 100, "rad/s", 20.0
     )
 
     rates: RateGains = table("fast loop", "a table [aircraft.gains.rates]", RateGains())
@@ -242,6 +244,68 @@ _AIRFRAME_PATH = 'the path of an aircraft file, seen from the scenario, such as 
 _Airframe = Annotated[
     AirframeFile | DaveMlFile | None, BeforeValidator(_validated_file), WithJsonSchema({"type": ["string", "object"]})
 ]
+
+
+LEARNING_S = 6.0
+"""Default time in which an aircraft without known aerodynamics learns, s."""
+PROBING_DEG = 1.0
+"""Default amplitude of its test inputs, deg."""
+
+
+class Adaptation(Table):
+    """Estimation of the aerodynamic coefficients in flight, for the adaptive inversion."""
+
+    method: Literal["least-squares", "gradient"] = Field(
+        default="least-squares",
+        description="recursive least squares of all derivatives, or gradient steps of the control effectiveness",
+    )
+    aerodynamics_known: bool = Field(
+        default=True, description="false: the autopilot knows mass, inertia, geometry and engine alone"
+    )
+    probing_deg: float | None = number(
+        f"amplitude of test inputs to the surfaces, while their effectiveness is uncertain; left out: 0, or "
+        f"{PROBING_DEG:g} without known aerodynamics",
+        0,
+        5,
+        "deg",
+        None,
+    )
+    learning_s: float | None = number(
+        f"time from the start in which the aircraft moves its surfaces to learn; left out: 0, or {LEARNING_S:g} "
+        "without known aerodynamics",
+        0,
+        60,
+        "s",
+        None,
+    )
+
+    @property
+    def probing(self) -> float:
+        """Amplitude of the test inputs, deg."""
+        default = 0.0 if self.aerodynamics_known else PROBING_DEG
+        return default if self.probing_deg is None else self.probing_deg
+
+    @property
+    def learning(self) -> float:
+        """Time of the first phase, s."""
+        default = 0.0 if self.aerodynamics_known else LEARNING_S
+        return default if self.learning_s is None else self.learning_s
+
+    def consistency_problems(self) -> list[Problem]:
+        """List an aircraft that knows no aerodynamics and does not learn, and learning without test inputs."""
+        problems = []
+        if not self.aerodynamics_known and self.learning < LEARNING_MIN_S:
+            expected = f"{LEARNING_MIN_S:g} or more without known aerodynamics"
+            problems.append(Problem("learning_s", format_number(self.learning), expected))
+        if self.learning > 0.0 and self.probing == 0.0:
+            problems.append(Problem("probing_deg", "0", "above 0 with a time of learning"))
+        if not self.aerodynamics_known and self.method == "gradient":
+            expected = '"least-squares": gradient steps need a model to start from'
+            problems.append(Problem("method", '"gradient" without known aerodynamics', expected))
+        return problems
+
+
+LEARNING_MIN_S = 1.0
 
 
 class Aircraft(Table):
@@ -271,6 +335,9 @@ class Aircraft(Table):
     start: Start = table("initial condition", "a table [aircraft.start]")
     rendezvous: Rendezvous = table("rendezvous point", "a table [aircraft.rendezvous]", Rendezvous())
     gains: Gains = table("gains of the autopilot", "tables [aircraft.gains.rates] and so on", Gains())
+    adaptation: Adaptation = table(
+        "estimation in flight, for the adaptive inversion", "a table [aircraft.adaptation]", Adaptation()
+    )
     deviation: Deviation = table(
         "deviation of the flown aircraft from the nominal one of autopilot and planner",
         "a table [aircraft.deviation]",

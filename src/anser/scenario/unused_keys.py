@@ -142,8 +142,12 @@ def _unused_fleet_keys(scenario: Scenario) -> Iterator[UnusedKeys]:
         yield UnusedKeys("requirements", requirements, ("arrival_spread_max_s",), *alone)
     for index, aircraft in enumerate(scenario.aircraft):
         if aircraft.gains.inversion == "model":
-            cause, remedy = 'with inversion "model"', 'inversion = "incremental" beside it'
+            cause, remedy = 'with inversion "model"', 'inversion = "incremental" or "adaptive" beside it'
             yield UnusedKeys(f"aircraft[{index}].gains", aircraft.gains, ("sensor_bandwidth_rad_s",), cause, remedy)
+        if aircraft.gains.inversion != "adaptive":
+            cause, remedy = f'with inversion "{aircraft.gains.inversion}"', 'gains.inversion = "adaptive"'
+            keys = tuple(type(aircraft.adaptation).model_fields)
+            yield UnusedKeys(f"aircraft[{index}].adaptation", aircraft.adaptation, keys, cause, remedy)
 
 
 def _unused_goals(scenario: Scenario) -> Iterator[UnusedKeys]:

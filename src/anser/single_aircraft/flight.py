@@ -173,7 +173,8 @@ def simulate(
         True: numbers, arrays and tables are increments to the start too.
     controller
         Controller of the closed loop: an `anser.parts.AbstractController`, or "inversion", the autopilot of the
-        package with the gains and limits that a scenario would give the aircraft. Excludes `controls`.
+        package with the gains and limits that a scenario would give the aircraft; "incremental" and "adaptive" invert
+        as these words say in a scenario. Excludes `controls`.
     command
         Command to the controller: `airspeed_m_s`, `path_angle_deg`, `course_deg`, each like a control; or a guidance.
         Left out: those of the start.
