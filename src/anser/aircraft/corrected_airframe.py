@@ -91,35 +91,15 @@ class CorrectedAirframe(AbstractAirframe):
     """
 
     base: AbstractAirframe
+    mass_properties: MassProperties
+    actuators: AbstractActuators
+    engine: AbstractEngine
+    alpha_range: tuple[Scalar, Scalar]
+    beta_range: tuple[Scalar, Scalar]
     lengths: ReferenceLengths
     reference: Float[Array, "2 p"]  #: Regressors at which the slopes have no effect; 0 for the constant.
     increments: Float[Array, "6 p"]  #: Increments of CX, CY, CZ, Cl, Cm, Cn per unit of each regressor.
     aerodynamics_known: bool = eqx.field(static=True, default=True)
-
-    @property
-    def mass_properties(self) -> MassProperties:
-        """Mass properties of the base airframe."""
-        return self.base.mass_properties
-
-    @property
-    def actuators(self) -> AbstractActuators:
-        """Actuators of the base airframe."""
-        return self.base.actuators
-
-    @property
-    def engine(self) -> AbstractEngine:
-        """Engine of the base airframe."""
-        return self.base.engine
-
-    @property
-    def alpha_range(self) -> tuple[Scalar, Scalar]:
-        """Range of the angle of attack of the base airframe's data, rad."""
-        return self.base.alpha_range
-
-    @property
-    def beta_range(self) -> tuple[Scalar, Scalar]:
-        """Range of the sideslip of the base airframe's data, rad."""
-        return self.base.beta_range
 
     @property
     def symmetric(self) -> bool:
@@ -156,8 +136,31 @@ class CorrectedAirframe(AbstractAirframe):
         return self.base.outside_tables(air_data)
 
 
+def corrected_airframe(
+    base: AbstractAirframe,
+    lengths: ReferenceLengths,
+    reference: Float[Array, "2 p"],
+    increments: Float[Array, "6 p"],
+    *,
+    aerodynamics_known: bool = True,
+) -> CorrectedAirframe:
+    """Return an airframe with increments of its coefficients; False as the last argument: the increments are all."""
+    return CorrectedAirframe(
+        base=base,
+        mass_properties=base.mass_properties,
+        actuators=base.actuators,
+        engine=base.engine,
+        alpha_range=base.alpha_range,
+        beta_range=base.beta_range,
+        lengths=lengths,
+        reference=reference,
+        increments=increments,
+        aerodynamics_known=aerodynamics_known,
+    )
+
+
 def without_aerodynamics(airframe: AbstractAirframe) -> CorrectedAirframe:
     """Return an airframe of which no aerodynamic coefficient is known: all are 0."""
     size = STATE_REGRESSORS + len(airframe.actuators.names)
     zeros = jnp.zeros((2, size)), jnp.zeros((6, size))
-    return CorrectedAirframe(airframe, reference_lengths(airframe), *zeros, aerodynamics_known=False)
+    return corrected_airframe(airframe, reference_lengths(airframe), *zeros, aerodynamics_known=False)

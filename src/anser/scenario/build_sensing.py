@@ -67,6 +67,12 @@ def build_estimator(scenario: Scenario, goal: GoalMotion, model: AbstractAirfram
     return TrackingEstimator(navigation_filter, air, tracking, briefing, model)
 
 
+def build_navigation_estimator(navigation: Navigation, model: AbstractAirframe) -> AbstractEstimator:
+    """Build the estimator of an aircraft without goal, with the filters for the sensors of the table [navigation]."""
+    air = AirFilter(as_array(navigation.wind_time_s), as_array(navigation.gust_time_s))
+    return TrackingEstimator(_navigation_filter(navigation), air, model=model)
+
+
 def _motion_models(table: Estimator) -> tuple[AbstractMotionModel, ...]:
     density = as_array(table.acceleration_m_s2**2)
     density_up = as_array((_VERTICAL_SHARE * table.acceleration_m_s2) ** 2)

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe
@@ -19,9 +19,9 @@ from anser.aircraft.corrected_airframe import (
     CONSTANT,
     LONGITUDINAL,
     STATE_REGRESSORS,
-    CorrectedAirframe,
     ReferenceLengths,
     by_coefficient,
+    corrected_airframe,
     reference_lengths,
     reference_regressors,
     regressors,
@@ -244,7 +244,9 @@ class AdaptiveEstimator(AbstractEstimator):
 
     def corrected_belief(self, state: AdaptationState, belief: Belief) -> Belief:
         """Return the belief with the increments in the airframe and in the forces."""
-        corrected = CorrectedAirframe(belief.airframe, reference_lengths(self.model), state.reference, state.increments)
+        corrected = corrected_airframe(
+            belief.airframe, reference_lengths(self.model), state.reference, state.increments
+        )
         condition = belief.condition
         increment = corrected.increment(condition.air_data, belief.state.rates_b, belief.state.surfaces)
         condition = eqx.tree_at(lambda c: c.aerodynamic, condition, condition.aerodynamic + increment)
@@ -285,7 +287,7 @@ class AdaptiveEstimator(AbstractEstimator):
         """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016)."""
         # in units of the prior deviations, so that one step suits all surfaces
         is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
-        scaled = jnp.where(is_surface, state.prior_deviation * moving, 0.0)
+        scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
         energy = jnp.sum(scaled**2, axis=1) + jnp.asarray(NOISE_FLOOR) ** 2
         return state.increments + state.prior_deviation * scaled * (_GRADIENT_STEP * error / energy)[:, None]
 
@@ -328,7 +330,7 @@ def _bounded(state: AdaptationState, increments: Increments) -> Increments:
     return jnp.where(_is_effective(state.derivatives), in_model, bounded)
 
 
-def _is_effective(derivatives: Increments) -> Bool[Array, "6 p"]:
+def _is_effective(derivatives: Increments) -> Any:
     """Whether a derivative is one of the model's effective surfaces about an axis."""
     size = jnp.abs(derivatives)
     is_moment_by_surface = (np.arange(6)[:, None] >= 3) & (np.arange(size.shape[1]) >= STATE_REGRESSORS)

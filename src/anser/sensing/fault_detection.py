@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import Wrench
-from anser.aircraft.corrected_airframe import STATE_REGRESSORS, ReferenceLengths
+from anser.aircraft.corrected_airframe import LONGITUDINAL, STATE_REGRESSORS, ReferenceLengths
 from anser.parts.perception import Belief
 from anser.shapes import Count, Scalar, ScalarLike
 
@@ -31,14 +31,15 @@ class FaultDetection(eqx.Module):
 
     Attributes
     ----------
-    window
-        Time constant of the window, s.
+    window, mean_time
+        Time constants of the window and of the slow mean values, s.
     noise
         Standard deviations of the missing coefficients of a healthy aircraft, (6,).
     size_min
         Least size of a reported fault, part of `FAULT_SIZES`.
     ratio_min
-        Least likelihood ratio: the energy that the hypothesis explains, in units of the noise times seconds.
+        Least likelihood ratio of each hypothesis: the energy that it explains, in units of the noise times seconds,
+        (fault,). The loops answer sensor noise by small deflections, which correlate with the missing coefficients.
     share_min, lead_min
         Least part of the missing energy that the hypothesis explains, and its least ratio to the next hypothesis.
     confirmation
@@ -48,9 +49,10 @@ class FaultDetection(eqx.Module):
     """
 
     window: Scalar
+    mean_time: Scalar
     noise: Float[Array, "6"]
     size_min: Scalar
-    ratio_min: Scalar
+    ratio_min: Float[Array, " fault"]
     share_min: Scalar
     lead_min: Scalar
     confirmation: Scalar
@@ -62,6 +64,8 @@ class FaultDetection(eqx.Module):
         zero = jnp.zeros(())
         return FaultState(
             prediction=jnp.zeros((count, 6)),
+            mean_prediction=jnp.zeros((count, 6)),
+            mean_response=jnp.zeros(6),
             information=jnp.zeros(count),
             correlation=jnp.zeros(count),
             energy=zero,
@@ -81,10 +85,16 @@ class FaultDetection(eqx.Module):
     ) -> "FaultState":
         """Add a sample, and report a fault that is confirmed; the first reported fault stays."""
         prediction = state.prediction + fade * (effects - state.prediction)
-        weighted, normal = prediction / self.noise, response / self.noise
+        # biases of sensors look like a constant lateral coefficient: only changes count there
+        fade_mean = step / self.mean_time
+        mean_prediction = state.mean_prediction + fade_mean * (prediction - state.mean_prediction)
+        mean_response = state.mean_response + fade_mean * (response - state.mean_response)
+        is_lateral = ~np.array(LONGITUDINAL)
+        weighted = (prediction - jnp.where(is_lateral[None, :], mean_prediction, 0.0)) / self.noise[None, :]
+        normal = (response - jnp.where(is_lateral, mean_response, 0.0)) / self.noise
         memory = jnp.exp(-step / self.window)
         information = memory * state.information + step * jnp.sum(weighted**2, axis=1)
-        correlation = memory * state.correlation + step * jnp.sum(weighted * normal, axis=1)
+        correlation = memory * state.correlation + step * jnp.sum(weighted * normal[None, :], axis=1)
         energy = memory * state.energy + step * jnp.sum(normal**2)
         size = jnp.maximum(correlation, 0.0) / jnp.maximum(information, jnp.finfo(energy.dtype).tiny)
         explained = size * correlation
@@ -92,7 +102,7 @@ class FaultDetection(eqx.Module):
         next_best = jnp.max(jnp.where(jnp.arange(explained.shape[0]) == best, 0.0, explained))
         is_found = (
             (size[best] > self.size_min)
-            & (explained[best] > self.ratio_min)
+            & (explained[best] > self.ratio_min[best])
             & (explained[best] > self.share_min * energy)
             & (explained[best] > self.lead_min * next_best)
         )
@@ -102,7 +112,18 @@ class FaultDetection(eqx.Module):
         code = jnp.where(is_new, candidate, state.code)
         units = np.array([*FAULT_SIZES[:-1], *[FAULT_SIZES[-1]] * self.surfaces])
         reported = jnp.where(code == NO_FAULT, 0.0, (size * units)[jnp.maximum(code - 1, 0)])
-        return FaultState(prediction, information, correlation, energy, duration, candidate, code, reported)
+        return FaultState(
+            prediction=prediction,
+            mean_prediction=mean_prediction,
+            mean_response=mean_response,
+            information=information,
+            correlation=correlation,
+            energy=energy,
+            duration=duration,
+            candidate=candidate,
+            code=code,
+            size=reported,
+        )
 
     def variables(self, state: "FaultState") -> dict[str, Array]:
         """Return the recorded variables."""
@@ -116,6 +137,8 @@ class FaultState(eqx.Module):
     ----------
     prediction
         Low-pass filtered effect of each fault of size 1 on the six coefficients, (fault, 6).
+    mean_prediction, mean_response
+        Slow mean values of the predictions and of the missing coefficients.
     information, correlation, energy
         Windowed sums of squared predictions, of predictions times missing coefficients, and of the missing coefficients
         squared, in units of the noise.
@@ -126,6 +149,8 @@ class FaultState(eqx.Module):
     """
 
     prediction: Float[Array, "fault 6"]
+    mean_prediction: Float[Array, "fault 6"]
+    mean_response: Float[Array, "6"]
     information: Float[Array, " fault"]
     correlation: Float[Array, " fault"]
     energy: Scalar
@@ -138,8 +163,17 @@ class FaultState(eqx.Module):
 def fault_detection(surfaces: int) -> FaultDetection:
     """Return the detection with the settings of the library, for a number of surfaces."""
     noise = jnp.asarray((0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005))
-    settings = (jnp.asarray(value) for value in (0.4, 2.0, 0.5, 1.5, 0.5))
-    return FaultDetection(jnp.asarray(8.0), noise, *settings, surfaces=surfaces)
+    return FaultDetection(
+        window=jnp.asarray(8.0),
+        mean_time=jnp.asarray(5.0),
+        noise=noise,
+        size_min=jnp.asarray(0.4),
+        ratio_min=jnp.asarray([20.0, 20.0, 5.0, *[20.0] * surfaces]),
+        share_min=jnp.asarray(0.5),
+        lead_min=jnp.asarray(1.5),
+        confirmation=jnp.asarray(1.0),
+        surfaces=surfaces,
+    )
 
 
 def fault_effects(
@@ -159,7 +193,7 @@ def fault_effects(
     ice_Z = -ICE_DRAG * drag * sine + ICE_LIFT * lift * cosine
     ice = Wrench(jnp.stack([ice_X, zero, ice_Z]), jnp.zeros(3))
     engine = Wrench(-FAULT_SIZES[2] * condition.propulsive.force_b, -FAULT_SIZES[2] * condition.propulsive.moment_b)
-    surfaces = -FAULT_SIZES[3] * derivatives[:, STATE_REGRESSORS:] * belief.state.surfaces
+    surfaces = -FAULT_SIZES[3] * derivatives[:, STATE_REGRESSORS:] * belief.state.surfaces[None, :]
     return jnp.concatenate(
         [jnp.stack([lengths.coefficients(data.qbar, wrench) for wrench in (shift, ice, engine)]), surfaces.T]
     )

@@ -95,6 +95,8 @@ class FourierRegression(eqx.Module):
         Indices of the signals among the regressors; all inputs are regressors too, after the signals.
     differentiate
         True: the response is the time derivative of the signal, as in a state equation.
+    steady_start
+        True: the signals are deviations from a steady flight, in which the record starts: their first value is 0.
     """
 
     frequencies: Vector
@@ -102,6 +104,7 @@ class FourierRegression(eqx.Module):
     responses: tuple[int, ...] = eqx.field(static=True)
     regressors: tuple[int, ...] = eqx.field(static=True)
     differentiate: bool = eqx.field(static=True, default=True)
+    steady_start: bool = eqx.field(static=True, default=False)
 
     def init(self, signals: int, inputs: int) -> FourierSums:
         """Return the sums before the first sample, for these numbers of signals and inputs."""
@@ -136,9 +139,9 @@ class FourierRegression(eqx.Module):
         return FourierSums(
             count=count,
             phasor=phasor,
-            signals=memory * sums.signals + (weight * signals)[:, None] * phasor,
-            inputs=memory * sums.inputs + held[:, None] * middle,
-            first=jnp.where(is_missing, signals, sums.first),
+            signals=memory * sums.signals + (weight * signals)[:, None] * phasor[None, :],
+            inputs=memory * sums.inputs + held[:, None] * middle[None, :],
+            first=jnp.where(is_missing, signals[None, :], sums.first),
             last=last,
             noise=sums.noise + jnp.where(count >= len(_DIFFERENCE) - 1, difference**2, 0.0),
         )
@@ -154,18 +157,18 @@ class FourierRegression(eqx.Module):
         responses = jnp.stack([transforms[k] for k in self.responses])
         if self.differentiate:
             rate, end_term = self._rate_factor, ends.end_term(sums)
-            responses = rate * responses + jnp.stack([end_term[k] for k in self.responses])
+            responses = rate[None, :] * responses + jnp.stack([end_term[k] for k in self.responses])
         regressors = jnp.concatenate([jnp.stack([transforms[k] for k in self.regressors]), sums.inputs])
         scale = jnp.sqrt(jnp.sum(jnp.abs(regressors) ** 2, axis=1))
         scaled = regressors / jnp.where(scale > 0.0, scale, 1.0)[:, None]
         information = jnp.real(scaled.conj() @ scaled.T)
         eigenvalues, axes = jnp.linalg.eigh(information)
         floor = jnp.finfo(eigenvalues.dtype).eps * len(eigenvalues)
-        inverse = (axes / jnp.maximum(eigenvalues, floor)) @ axes.T
+        inverse = (axes / jnp.maximum(eigenvalues, floor)[None, :]) @ axes.T
         coefficients = jnp.real(responses @ scaled.conj().T) @ inverse
         residuals = responses - coefficients @ scaled
         variances = sums.noise / (jnp.maximum(sums.count - 2, 1) * np.sum(_DIFFERENCE**2))
-        factors = coefficients / jnp.where(scale > 0.0, scale, 1.0)
+        factors = coefficients / jnp.where(scale > 0.0, scale, 1.0)[None, :]
         projector = _Projector(scaled, inverse)
         covariances, misfits = [], []
         for row, response in enumerate(self.responses):
@@ -176,7 +179,7 @@ class FourierRegression(eqx.Module):
                 projected, rest = projector.noise_covariance(ends.noise(sum_factor, end_factor))
                 covariance, energy = covariance + variances[signal] * projected, energy + variances[signal] * rest
             misfit = jnp.sum(jnp.abs(residuals[row]) ** 2) / jnp.maximum(energy, jnp.finfo(energy.dtype).tiny)
-            covariances.append(jnp.maximum(misfit, 1.0) * covariance / (scale[:, None] * scale))
+            covariances.append(jnp.maximum(misfit, 1.0) * covariance / (scale[:, None] * scale[None, :]))
             misfits.append(misfit)
         is_long = sums.count + 1 >= 2 * _END_SAMPLES
         nan = jnp.asarray(jnp.nan, factors.dtype)
@@ -230,17 +233,18 @@ class _EndWeights:
     def __init__(self, regression: FourierRegression, sums: FourierSums, step: ScalarLike) -> None:
         self.regression, self.step, self.count = regression, step, sums.count
         self.memory = jnp.exp(-step / regression.forgetting_time)
-        self.start_weight = self.memory ** sums.count.astype(step.dtype if hasattr(step, "dtype") else float)
+        self.start_weight = self.memory ** sums.count.astype(regression.frequencies.dtype)
         self.end_phasor, self.line = sums.phasor, jnp.asarray(_line_weights())
+        self.start_line = jnp.zeros_like(self.line) if regression.steady_start else self.line
 
     def sum_correction(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
         """Return the correction of the last sample's weight to that of the trapezoidal rule."""
-        return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor
+        return -0.5 * self.step * (self.line @ sums.last)[:, None] * self.end_phasor[None, :]
 
     def end_term(self, sums: FourierSums) -> Complex[Array, "signal frequency"]:
         """Return x(T) exp(-i w T) - x(0), the start weighted by the memory."""
-        start = self.start_weight * (self.line @ sums.first)[:, None]
-        return (self.line @ sums.last)[:, None] * self.end_phasor - start
+        start = self.start_weight * (self.start_line @ sums.first)[:, None]
+        return (self.line @ sums.last)[:, None] * self.end_phasor[None, :] - start
 
     def noise(
         self, sum_factor: Complex[Array, " frequency"], end_factor: float
@@ -252,19 +256,19 @@ class _EndWeights:
         w, dt, size = self.regression.frequencies, self.step, _END_SAMPLES
         index = jnp.arange(size)
         # the first and the last ten samples one by one: rows (sample, frequency)
-        start_phases = jnp.exp(-1j * w * dt * index[:, None])
+        start_phases = jnp.exp(-1j * w[None, :] * dt * index[:, None])
         start_weights = self.start_weight * self.memory ** (-index.astype(w.dtype))
         trapezoid = jnp.where(index == 0, 0.5, 1.0)
-        first = sum_factor * dt * (trapezoid * start_weights)[:, None] * start_phases
-        first = first - end_factor * self.start_weight * self.line[:, None]
-        end_phases = self.end_phasor * jnp.exp(1j * w * dt * index[:, None])
+        first = sum_factor[None, :] * dt * (trapezoid * start_weights)[:, None] * start_phases
+        first = first - end_factor * self.start_weight * self.start_line[:, None]
+        end_phases = self.end_phasor[None, :] * jnp.exp(1j * w[None, :] * dt * index[:, None])
         end_weights = self.memory ** index.astype(w.dtype)
-        end_line = self.line[:, None] * self.end_phasor
-        last = sum_factor * dt * (end_weights[:, None] * end_phases - 0.5 * end_line) + end_factor * end_line
+        end_line = self.line[:, None] * self.end_phasor[None, :]
+        last = sum_factor[None, :] * dt * (end_weights[:, None] * end_phases - 0.5 * end_line) + end_factor * end_line
         ends = jnp.concatenate([first, last])
         inner = self.count - 2 * size + 1  # samples between
-        products = sum_factor[:, None] * sum_factor.conj() * self._inner_sum(w[:, None] - w[None, :], inner)
-        pseudo = sum_factor[:, None] * sum_factor * self._inner_sum(w[:, None] + w[None, :], inner)
+        products = sum_factor[:, None] * sum_factor.conj()[None, :] * self._inner_sum(w[:, None] - w[None, :], inner)
+        pseudo = sum_factor[:, None] * sum_factor[None, :] * self._inner_sum(w[:, None] + w[None, :], inner)
         return products + ends.T @ ends.conj(), pseudo + ends.T @ ends
 
     def _inner_sum(self, w: Float[Array, "f f"], number: Count) -> Complex[Array, "f f"]:

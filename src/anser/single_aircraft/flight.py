@@ -18,7 +18,7 @@ from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.changes import AirframeChanges
 from anser.aircraft.engines import InstantEngine
 from anser.aircraft.motion import flight_condition
-from anser.analysis.trim_points import resolve_airframe
+from anser.analysis.trim_points import Inversion, resolve_airframe
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment
@@ -32,6 +32,7 @@ from anser.parts.input_signals import InputSignal
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.results.documents import version_attributes
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
+from anser.sensing.adaptation import adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.shapes import Scalar
@@ -60,6 +61,8 @@ OPEN_LOOP = "none: open loop"
 """Attribute `controller` of a flight without one."""
 _ROWS = 512
 """Least number of rows of a compiled flight; longer flights have 2, 4, 8 ... times as many."""
+_INVERSIONS: dict[str, Inversion] = {"inversion": "model", "incremental": "incremental", "adaptive": "incremental"}
+"""Autopilots of the package by name; the adaptive one inverts increments with a model that is corrected in flight."""
 _COMMANDS = ("airspeed_m_s", "path_angle_deg", "course_deg")
 
 
@@ -227,8 +230,10 @@ def simulate(
     gusts = _gusts(air, airframe)
     test_inputs = read_excitation(airframe.actuators, excitation, flight_controller)
     changes = read_changes(airframe, change)
+    is_adaptive = controller == "adaptive"
     if estimator is None:
-        estimator = DirectEstimator() if changes is None else DirectEstimator(model=airframe)
+        estimator = DirectEstimator() if changes is None and not is_adaptive else DirectEstimator(model=airframe)
+        estimator = adaptive_estimator(estimator, airframe) if is_adaptive else estimator
     history = _fly(
         airframe,
         environment,
@@ -355,11 +360,12 @@ def _controller(
         )
     if isinstance(controller, AbstractController):
         return controller
-    if controller != "inversion":
+    if controller not in _INVERSIONS:
+        names = ", ".join(f'"{name}"' for name in _INVERSIONS)
         raise ValueError(
-            f'controller: arrived {controller!r}; expected an anser.parts.AbstractController, "inversion", or None'
+            f"controller: arrived {controller!r}; expected an anser.parts.AbstractController, {names}, or None"
         )
-    return inversion_autopilot(airframe, environment, point, step_s)
+    return inversion_autopilot(airframe, environment, point, step_s, _INVERSIONS[controller])
 
 
 def _check_law(airframe: AbstractAirframe, feedback: FeedbackControls, point: TrimPoint) -> None:
@@ -386,13 +392,17 @@ def _check_law(airframe: AbstractAirframe, feedback: FeedbackControls, point: Tr
 
 
 def inversion_autopilot(
-    airframe: AbstractAirframe, environment: Environment, point: TrimPoint, step_s: float
+    airframe: AbstractAirframe,
+    environment: Environment,
+    point: TrimPoint,
+    step_s: float,
+    inversion: Inversion = "model",
 ) -> InversionAutopilot:
     """Return the package's autopilot for an aircraft, with the gains and limits of step tests at a flight point."""
     from anser.analysis.step_flights import step_case
 
     speed = float(np.linalg.norm(np.asarray(point.state.velocity_b)))
-    case = step_case(airframe, speed, -float(point.state.position_n[2]), "model")
+    case = step_case(airframe, speed, -float(point.state.position_n[2]), inversion)
     return InversionAutopilot(case.gains, case.limits)
 
 

@@ -1,0 +1,32 @@
+"""Test inputs of an aircraft that learns."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from anser.aircraft.airframe import Controls
+from anser.control.probing import probing_controller
+from anser.parts.controllers import AbstractController
+
+
+class Fixed(AbstractController):
+    """Controller that commands neutral surfaces and counts its samples."""
+
+    def init(self, state, attitude):
+        return jnp.asarray(0)
+
+    def control(self, controller_state, belief, command, step):
+        return Controls(jnp.zeros(3), jnp.asarray(0.3)), None, controller_state + 1
+
+
+AMPLITUDE = np.radians(1.0)
+
+
+def test_inputs_start_at_zero_stay_within_twice_the_amplitude_and_are_orthogonal():
+    probing = probing_controller(Fixed(), 3, AMPLITUDE)
+    time_s = np.arange(0.0, 5.0, 0.01)
+    inputs = np.array([probing.deflections(t) for t in time_s])
+    np.testing.assert_allclose(inputs[0], 0.0, atol=1e-15)
+    assert np.abs(inputs).max() <= 2.0 * AMPLITUDE
+    centred = inputs - inputs.mean(axis=0)
+    gram = centred.T @ centred
+    assert np.all(np.abs(gram - np.diag(np.diag(gram))) < 1e-9 * gram.max())
