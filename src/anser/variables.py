@@ -15,6 +15,7 @@ from typing import Literal
 from anser.units import RAD_DEG
 
 __all__ = [
+    "ADAPTATION_KEYS",
     "CATALOGUE",
     "DERIVED_KEYS",
     "MEASUREMENT_VARIABLES",
@@ -117,33 +118,9 @@ def _surfaces(subscripts: Mapping[str, str]) -> tuple[Variable, ...]:
     return (*positions, *commands)
 
 
-_OPTIONAL_VARIABLES: tuple[Variable, ...] = (
-    # turbulence and gusts
-    _variable("airspeed_mean_wind", "m_s", _NONE, "V_0", "True airspeed without gusts"),
-    _variable("gust_u", "m_s", _BODY, "u_g", "Gust along body x"),
-    _variable("gust_v", "m_s", _BODY, "v_g", "Gust along body y"),
-    _variable("gust_w", "m_s", _BODY, "w_g", "Gust along body z"),
-    _variable("gust_roll_rate", "deg_s", _BODY, "p_g", "Roll rate of the gust"),
-    _variable("gust_pitch_rate", "deg_s", _BODY, "q_g", "Pitch rate of the gust"),
-    _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
-    # estimates of an aircraft whose sensors have errors
-    _variable("own_estimate_north", "m", _NED, "p̂_N", "North position, as the aircraft takes it to be"),
-    _variable("own_estimate_east", "m", _NED, "p̂_E", "East position, as the aircraft takes it to be"),
-    _variable("own_estimate_altitude", "m", _NED, "ĥ", "Altitude, as the aircraft takes it to be"),
-    _variable("own_sigma_north", "m", _NED, "σ_p,N", "Standard deviation of the own north position"),
-    _variable("own_sigma_east", "m", _NED, "σ_p,E", "Standard deviation of the own east position"),
-    _variable("own_sigma_altitude", "m", _NED, "σ_h", "Standard deviation of the own altitude"),
-    _variable("goal_sigma_north", "m", _NED, "σ_g,N", "Standard deviation of the goal's north position"),
-    _variable("goal_sigma_east", "m", _NED, "σ_g,E", "Standard deviation of the goal's east position"),
-    _variable("goal_sigma_altitude", "m", _NED, "σ_g,h", "Standard deviation of the goal's altitude"),
-    _variable("goal_correlation", "", _NED, "ρ_g", "Correlation of the goal's north and east position"),
-    _variable("goal_sigma_speed", "m_s", _NED, "σ_W", "Standard deviation of the goal's velocity in the plane"),
-    _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
-    _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
-    _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
-    # estimates of an adaptive autopilot
+_ADAPTATION_VARIABLES: tuple[Variable, ...] = (
     *(
-        replace(_variable(f"{key}_{kind}", "", _BODY, f"{prefix}{symbol}", f"{label}{end}"), unit="rad-1")
+        _variable(f"{key}_{kind}", "", _BODY, f"{prefix}{symbol}", f"{label}{end}, per rad")
         for key, symbol, label in (
             ("cz_alpha", "C_Zα", "Derivative of C_Z by the angle of attack"),
             ("cm_alpha", "C_mα", "Derivative of C_m by the angle of attack"),
@@ -174,6 +151,34 @@ _OPTIONAL_VARIABLES: tuple[Variable, ...] = (
         ("none", "centre_of_gravity", "ice", "engine", *(f"surface_{number}" for number in range(1, 9))),
     ),
     _variable("fault_size", "", _NONE, "f", "Size of the fault found: shift over the chord, ice, or loss"),
+)
+"""Estimates of an adaptive estimator."""
+
+_OPTIONAL_VARIABLES: tuple[Variable, ...] = (
+    # turbulence and gusts
+    _variable("airspeed_mean_wind", "m_s", _NONE, "V_0", "True airspeed without gusts"),
+    _variable("gust_u", "m_s", _BODY, "u_g", "Gust along body x"),
+    _variable("gust_v", "m_s", _BODY, "v_g", "Gust along body y"),
+    _variable("gust_w", "m_s", _BODY, "w_g", "Gust along body z"),
+    _variable("gust_roll_rate", "deg_s", _BODY, "p_g", "Roll rate of the gust"),
+    _variable("gust_pitch_rate", "deg_s", _BODY, "q_g", "Pitch rate of the gust"),
+    _variable("gust_yaw_rate", "deg_s", _BODY, "r_g", "Yaw rate of the gust"),
+    # estimates of an aircraft whose sensors have errors
+    _variable("own_estimate_north", "m", _NED, "p̂_N", "North position, as the aircraft takes it to be"),
+    _variable("own_estimate_east", "m", _NED, "p̂_E", "East position, as the aircraft takes it to be"),
+    _variable("own_estimate_altitude", "m", _NED, "ĥ", "Altitude, as the aircraft takes it to be"),
+    _variable("own_sigma_north", "m", _NED, "σ_p,N", "Standard deviation of the own north position"),
+    _variable("own_sigma_east", "m", _NED, "σ_p,E", "Standard deviation of the own east position"),
+    _variable("own_sigma_altitude", "m", _NED, "σ_h", "Standard deviation of the own altitude"),
+    _variable("goal_sigma_north", "m", _NED, "σ_g,N", "Standard deviation of the goal's north position"),
+    _variable("goal_sigma_east", "m", _NED, "σ_g,E", "Standard deviation of the goal's east position"),
+    _variable("goal_sigma_altitude", "m", _NED, "σ_g,h", "Standard deviation of the goal's altitude"),
+    _variable("goal_correlation", "", _NED, "ρ_g", "Correlation of the goal's north and east position"),
+    _variable("goal_sigma_speed", "m_s", _NED, "σ_W", "Standard deviation of the goal's velocity in the plane"),
+    _variable("goal_nis", "", _NONE, "ε_ν", "Normalised innovation squared, over its dimension"),
+    _discrete("goal_seen", "bool", "seen", "A measurement of the goal came in", ("unseen", "seen")),
+    _discrete("goal_known", "int32", "known", "State of the filter", ("known", "never_seen", "diverged")),
+    *_ADAPTATION_VARIABLES,
     # coordination of a decentralised fleet
     _variable("clock_lag", "s", _NONE, "t - γ", "Lag of the clock along the path"),
     _variable("clock_rate", "", _NONE, "γ_dot", "Rate of the clock along the path"),
@@ -301,6 +306,9 @@ CATALOGUE: tuple[Variable, ...] = (
 
 DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
 """Keys of variables that no flight records; computed when a history becomes a dataset."""
+
+ADAPTATION_KEYS: frozenset[str] = frozenset(variable.key for variable in _ADAPTATION_VARIABLES)
+"""Keys of the variables recorded only for aircraft with an adaptive estimator."""
 
 OPTIONAL_KEYS: frozenset[str] = frozenset(variable.key for variable in CATALOGUE if variable.optional)
 """Keys of the variables recorded only in flights with gusts or with sensors that have errors."""

@@ -33,13 +33,13 @@ from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import is_multiple, multiple_message
 from anser.scenario.schema_tables import SEED_MAX
 from anser.simulation.precision import Precision
-from anser.variables import CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
+from anser.variables import ADAPTATION_KEYS, CATALOGUE, DERIVED_KEYS, OPTIONAL_KEYS, RECORDED_KEYS
 
 _KEYS = (*RECORDED_KEYS, *(variable.key for variable in CATALOGUE if variable.optional))
 _KEY_BY_NAME = {variable.name: variable.key for variable in CATALOGUE}
 _GUST_KEYS = frozenset({"airspeed_mean_wind", *(key for key in OPTIONAL_KEYS if key.startswith("gust_"))})
 _NETWORK_KEYS = frozenset({"clock_lag", "clock_rate", "heard_from", "path_offered"})
-_SENSOR_KEYS = OPTIONAL_KEYS - _GUST_KEYS - _NETWORK_KEYS
+_SENSOR_KEYS = OPTIONAL_KEYS - _GUST_KEYS - _NETWORK_KEYS - ADAPTATION_KEYS
 
 
 class OutputSelection(Table):
@@ -120,6 +120,8 @@ def recorded_keys_of(scenario: Scenario) -> set[str]:
         keys |= _SENSOR_KEYS
     if not scenario.fleet.is_central:
         keys |= _NETWORK_KEYS
+    if any(aircraft.gains.inversion == "adaptive" for aircraft in scenario.aircraft):
+        keys |= ADAPTATION_KEYS
     return keys
 
 
@@ -129,6 +131,8 @@ def feature_required(name: str) -> str:
         return "turbulence or a gust"
     if name in _NETWORK_KEYS:
         return 'fleet.planner = "decentralised"'
+    if name in ADAPTATION_KEYS:
+        return 'gains.inversion = "adaptive"'
     return "a goal sensor with errors, such as goal_sensor.preset"
 
 

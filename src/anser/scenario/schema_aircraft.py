@@ -260,7 +260,9 @@ class Adaptation(Table):
         description="recursive least squares of all derivatives, or gradient steps of the control effectiveness",
     )
     aerodynamics_known: bool = Field(
-        default=True, description="false: the autopilot knows mass, inertia, geometry and engine alone"
+        default=True,
+        description="false: the autopilot knows mass, inertia, geometry and engine alone",
+        json_schema_extra=expects("true or false"),
     )
     probing_deg: float | None = number(
         f"amplitude of test inputs to the surfaces, while their effectiveness is uncertain; left out: 0, or "

@@ -24,7 +24,7 @@ from anser.shapes import Count, Vector3
 from anser.spatial.rotations import euler_from_quaternion, rotate, rotate_back, safe_norm
 from anser.spatial.vectors import safe_sqrt
 from anser.spatial.wind_axes import bank_about_velocity, path_angles
-from anser.variables import all_surface_names, surface_variables
+from anser.variables import ADAPTATION_KEYS, all_surface_names, surface_variables
 
 Members = tuple[int, ...]
 """Fleet indices of the aircraft of one group."""
@@ -246,23 +246,28 @@ class FleetSample(eqx.Module):
     def rows(self, aircraft_variables: Callable[[AircraftSample], dict[str, Array]]) -> dict[str, Array]:
         """Apply `aircraft_variables` to every aircraft's sample; return its variables in fleet order.
 
-        If there are several groups, the result has the variables that all groups have, and every control surface of any
-        group; a surface that an aircraft lacks is NaN.
+        If there are several groups, the result has the variables that all groups have, every control surface and the
+        estimates of an adaptive estimator of any group; what an aircraft lacks is NaN, and a fault that it cannot find
+        is 0 (none).
         """
         group_rows = [jax.vmap(aircraft_variables)(samples) for samples in self.groups]
         surfaces = all_surface_names(samples.truth.airframe.actuators.names for samples in self.groups)
-        surface_keys = {variable.key for variable in surface_variables(surfaces)}
+        filled_keys = {variable.key for variable in surface_variables(surfaces)} | ADAPTATION_KEYS
         keys = dict.fromkeys(key for variables in group_rows for key in variables)
-        common_keys = [key for key in keys if key in surface_keys or all(key in variables for variables in group_rows)]
+        common_keys = [key for key in keys if key in filled_keys or all(key in variables for variables in group_rows)]
         examples = {key: variables[key] for variables in group_rows for key in variables}
         padded = [
             {
-                key: variables[key] if key in variables else jnp.full(len(indices), jnp.nan, examples[key].dtype)
+                key: variables[key] if key in variables else _missing_values(len(indices), examples[key].dtype)
                 for key in common_keys
             }
             for variables, indices in zip(group_rows, self.members, strict=True)
         ]
         return to_fleet_order(padded, self.members)
+
+
+def _missing_values(count: int, dtype: Any) -> Array:
+    return jnp.full(count, jnp.nan if jnp.issubdtype(dtype, jnp.inexact) else 0, dtype)
 
 
 class AbstractRecorder(eqx.Module):
