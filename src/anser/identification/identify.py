@@ -334,24 +334,19 @@ def identify(
             "reference lengths, such as the path of an aircraft file"
         )
     airframe = None if vehicle is None else vehicle.airframe
-    data = _arrange(model, record, airframe, accelerometer_m, align)
+    gusts = method in METHODS[:2]
+
+    def arranged(record: FlightRecord) -> ModelData:
+        return arrange(model, align_record(record) if align else record, airframe, accelerometer_m, gusts=gusts)
+
+    data = arranged(record)
     estimates = estimate(data, method, frequency_max_hz)
     parameters = {name: value for solution in estimates for name, value in solution.parameters.items()}
     validation = None
     if validate is not None:
         other = flight_record(validate, columns, aircraft_name=aircraft_name)
-        validation = fit_model(_arrange(model, other, airframe, accelerometer_m, align), parameters)
+        validation = fit_model(arranged(other), parameters)
     return Identification(model, method, estimates, fit_model(data, parameters), validation, data, vehicle)
-
-
-def _arrange(
-    model: str,
-    record: FlightRecord,
-    airframe: AbstractAirframe | None,
-    accelerometer_m: tuple[float, float, float],
-    align: bool,
-) -> ModelData:
-    return arrange(model, align_record(record) if align else record, airframe, accelerometer_m)
 
 
 def _resolve(aircraft: Any, record: FlightRecord, aircraft_name: str | None) -> AircraftModel | None:

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.identification.records import FlightRecord
-from anser.identification.smoothing import smooth
+from anser.identification.smoothing import noise_level, smooth
 
 RATES = ("roll_rate", "pitch_rate", "yaw_rate")
 SPECIFIC_FORCE = ("specific_force_x", "specific_force_y", "specific_force_z")
@@ -134,3 +134,31 @@ def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"
             path = np.clip(smooth(record["altitude"], record.step_s).rate / V, -1.0, 1.0)
             derivatives["alpha"] = np.gradient(pitch - np.arcsin(path), record.step_s)
     return {key: rate for key, rate in derivatives.items() if key in record}
+
+
+GUST_BAND_HZ = 1.5
+_GUST_MIN = 4.0
+"""Least rate of a gust, relative to the noise of the measured flow angle's derivative in the band of the gusts."""
+
+
+def gust_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
+    """Return the part of the rates of alpha and beta that the air causes, rad/s, by `alpha` and `beta`; empty in calm.
+
+    The measured rate less the rate that inertial sensors imply. Through a frozen field of gusts it is minus the pitch
+    rate, or the yaw rate, of the air, up to the lag of the aircraft's extent. Calm: within the band of gusts, the
+    difference is explained by the noise of the flow angle.
+    """
+    implied, step, gusts = implied_rates(record), record.step_s, {}
+    for key in ("alpha", "beta"):
+        if key not in implied:
+            continue
+        difference = np.gradient(record[key], step) - implied[key]
+        time = np.linspace(-1.0, 1.0, difference.size)
+        spectrum = np.fft.rfft(difference - np.polyval(np.polyfit(time, difference, 1), time))
+        inside = np.fft.rfftfreq(difference.size, step) <= GUST_BAND_HZ
+        level = np.sqrt(2.0 * np.sum(np.abs(spectrum[inside]) ** 2)) / difference.size
+        # standard deviation of the derivative of white noise up to the frequency
+        noise = float(noise_level(record[key])) * 2.0 * np.pi * np.sqrt(2.0 * step * GUST_BAND_HZ**3 / 3.0)
+        if level > max(_GUST_MIN * noise, 1e-3):
+            gusts[key] = difference
+    return gusts

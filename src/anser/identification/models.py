@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import lsim
+from scipy.signal import bilinear, lfilter, lsim
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.identification.coefficients import (
@@ -17,7 +17,7 @@ from anser.identification.coefficients import (
     compute_coefficients,
     reference_lengths,
 )
-from anser.identification.kinematics import RATES, gravity_b, with_attitude
+from anser.identification.kinematics import RATES, gravity_b, gust_rates, with_attitude, with_specific_force
 from anser.identification.records import FlightRecord
 from anser.identification.smoothing import integrate, noise_level
 
@@ -31,6 +31,10 @@ _SURFACE_MIN = 5e-4
 """Least standard deviation of a surface that was moved, rad."""
 _EFFECT_MIN = 0.05
 """Least moment of a surface about an axis, relative to the surface's greatest moment coefficient."""
+
+_GUST_NOTES: tuple[str, ...] = (
+    "Turbulence: the rates of the air are regressors, q_gust and r_gust, with the sign of the rates of alpha and beta.",
+)
 
 Series = Float[np.ndarray, " sample"]
 
@@ -60,8 +64,13 @@ def arrange(
     record: FlightRecord,
     airframe: AbstractAirframe | None,
     accelerometer_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    *,
+    gusts: bool = True,
 ) -> ModelData:
     """Arrange a record as the equations of a model.
+
+    In turbulence, unless `gusts` is false, the rates of the flow angles that the air causes become regressors: the
+    pitch and yaw rate of the air act like those of the aircraft, and would else be taken for effects of the angles.
 
     Raises
     ------
@@ -72,7 +81,12 @@ def arrange(
         if airframe is None:
             raise ValueError("aircraft: arrived none; expected an aircraft with mass, inertia and reference lengths")
         return _derivatives(record, airframe, accelerometer_m)
-    return _linear(model, record, airframe)
+    if gusts:
+        try:
+            record = with_specific_force(record, accelerometer_m)
+        except ValueError:
+            gusts = False  # without forces the air and the aircraft cannot be told apart
+    return _linear(model, record, airframe, gust_rates(record) if gusts else {})
 
 
 def _derivatives(
@@ -87,18 +101,24 @@ def _derivatives(
     series["alpha2"] = (series["alpha"] - np.mean(series["alpha"])) ** 2
     noise["alpha2"] = float(np.sqrt(4.0 * np.var(series["alpha"]) + 2.0 * noise["alpha"] ** 2) * noise["alpha"])
     effects = _surface_axes(record, airframe, _moved_surfaces(record))
-    equations, notes = [], []
+    gusts = gust_rates(history.record)
+    for flow, rate, length in (("alpha", "q", scales[1]), ("beta", "r", scales[2])):
+        if flow in gusts:
+            series[f"{rate}_gust"] = _averaged(gusts[flow], flow, airframe, record) * length
+    equations, notes = [], list(_GUST_NOTES[: bool(gusts)])
     for coefficient in (*LONGITUDINAL, *LATERAL):
         if coefficient in LONGITUDINAL:
             flow = ("alpha", "alpha2", "q") if coefficient == "CD" else ("alpha", "q")
             surfaces = effects["longitudinal"]
         else:
             flow, surfaces = ("beta", "p", "r"), effects["lateral"]
-        excited = [name for name in flow if name == "alpha2" or _is_excited(name, series[name], noise[name])]
-        if set(excited) <= {"alpha2"}:
+        excited = [name for name in flow if name != "alpha2" and _is_excited(name, series[name], noise[name])]
+        excited += ["alpha2"] if "alpha2" in flow and "alpha" in excited else []
+        if not excited:
             notes.append(f"{coefficient} is not estimated: {', '.join(flow)} vary no more than their noise.")
             continue
-        names = (*excited, *surfaces)
+        gust = "q_gust" if coefficient in LONGITUDINAL else "r_gust"
+        names = (*excited, *surfaces, *([gust] if gust in series else []))
         idle = [name for name in flow if name not in excited]
         notes += [f"{coefficient}_{name} is not estimated: {name} varies no more than its noise." for name in idle]
         regressors = {name: series[name] for name in names}
@@ -110,7 +130,9 @@ def _derivatives(
     return ModelData(record, tuple(equations), history, tuple(notes))
 
 
-def _linear(model: str, record: FlightRecord, airframe: AbstractAirframe | None) -> ModelData:
+def _linear(
+    model: str, record: FlightRecord, airframe: AbstractAirframe | None, gusts: Mapping[str, Series]
+) -> ModelData:
     record = with_attitude(record)
     moved = _moved_surfaces(record)
     V, alpha = record.stack("airspeed", "alpha")
@@ -131,13 +153,31 @@ def _linear(model: str, record: FlightRecord, airframe: AbstractAirframe | None)
         arrived = f"{', '.join(silent)} that vary no more than their noise" if silent else "no surface that moved"
         raise ValueError(f"record: arrived {arrived}; expected a manoeuvre that excites the model {model}")
     regressors = {name: states[name] for name in names} | {name: record[name] for name in moved}
+    flow, rate = ("alpha", "q") if model == "short-period" else ("beta", "r")
+    if flow in gusts:
+        gravity = gravity + gusts[flow]
+        regressors[f"{rate}_gust"] = _averaged(gusts[flow], flow, airframe, record)
     equations = []
     for name, prefix in zip(names, prefixes, strict=True):
-        # The part of the rate that gravity explains is known: its integral is subtracted from the flow angle.
+        # The part of the rate that gravity and gusts explain is known: its integral is subtracted from the flow angle.
         known = integrate(gravity - np.mean(gravity), record.step_s) if name in ("alpha", "beta") else 0.0
-        levels = noise | dict.fromkeys(moved, 0.0)
+        levels = {key: noise.get(key, 0.0) for key in regressors}
         equations.append(Equation(name, prefix, states[name] - known, regressors, levels, is_rate=True))
-    return ModelData(record, tuple(equations), None, ())
+    return ModelData(record, tuple(equations), None, _GUST_NOTES[: flow in gusts])
+
+
+def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record: FlightRecord) -> Series:
+    """Return the rate of the air, averaged over the extent of the aircraft: with a lag.
+
+    The time constant is 4 b / (pi V) in pitch and 3 b / (pi V) in yaw (MIL-F-8785C, section 3.7); none without an
+    aircraft.
+    """
+    if airframe is None:
+        return gust
+    V, span = float(np.mean(record["airspeed"])), float(reference_lengths(airframe).span)
+    constant = {"alpha": 4.0, "beta": 3.0}[flow] * span / (np.pi * V) / record.step_s
+    b, a = bilinear([1.0], [constant, 1.0], 1.0)
+    return np.asarray(lfilter(b, a, gust))
 
 
 def _is_excited(name: str, values: Series, noise: float) -> bool:
