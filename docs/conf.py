@@ -127,6 +127,27 @@ def _escape_bars(_app: object, _what: str, _name: str, _of: object, _options: ob
         lines[k] = "`".join(part if j % 2 else part.replace("|", "\\|") for j, part in enumerate(parts))
 
 
+_ACCESSIBLE = (
+    ('role="heading">', 'role="heading" aria-level="2">'),
+    ("<pre>", '<pre tabindex="0">'),
+    ('<table class="docutils', '<table tabindex="0" class="docutils'),  # scrolls by itself: site.css
+    ('<summary aria-label="Toggle hidden content">', "<summary>"),
+)
+"""What readers with a keyboard or a screen reader need: levels of headings, and areas that scroll by keys."""
+
+
+def _make_accessible(app: Any, exception: Exception | None) -> None:
+    """Complete the finished pages, whose theme leaves these attributes out."""
+    if exception is not None or app.builder.name != "html":
+        return
+    for page in Path(app.outdir).rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        for before, after in _ACCESSIBLE:
+            text = text.replace(before, after)
+        page.write_text(text, encoding="utf-8")
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", _escape_bars)
+    app.connect("build-finished", _make_accessible)
