@@ -108,6 +108,11 @@ COVERED = {
         "tests/test_cli_cache.py",
         'anser("cache", "measure", "--scenario", scenario, "--json")',
     ),
+    "anser identify flight-12.csv --map columns.toml --aircraft my-uav.toml --validate flight-13.csv "
+    "--out runs/flight-12": (
+        "tests/test_cli_identify.py",
+        'anser(*arguments, "--aircraft", "f16", "--json"',
+    ),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""

@@ -126,11 +126,15 @@ class Identification:
             lines.append(
                 f"  {row['name']:<14} {row['estimate']:>10.4g}   {interval:<24} se {row['standard_error']:.2g}"
             )
+        return "\n".join([*lines, *(f"  {line}" for line in (*self._fit_lines(), *self.notes))])
+
+    def _fit_lines(self) -> list[str]:
+        lines = []
         for row in self.fit_rows():
             other = row.get("validation_r_squared")
             text = "" if other is None else f", validation R2 {other:.4f}"
-            lines.append(f"  {row['response']:<6} R2 {row['r_squared']:.4f}, TIC {row['theil_inequality']:.3f}{text}")
-        return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
+            lines.append(f"{row['response']}: R2 {row['r_squared']:.4f}, TIC {row['theil_inequality']:.3f}{text}")
+        return lines
 
     def _repr_html_(self) -> str:
         cells = [
@@ -142,7 +146,7 @@ class Identification:
             }
             for row in self.rows()
         ]
-        return notebook_table(self.title, cells, self.notes)
+        return notebook_table(self.title, cells, [*self._fit_lines(), *self.notes])
 
     @property
     def dataset(self) -> xr.Dataset:

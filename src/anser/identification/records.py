@@ -366,7 +366,8 @@ def _regular_grid(time_s: np.ndarray, gap_max_s: float) -> tuple[np.ndarray, lis
         return time_s[0] + mean * np.arange(time_s.size), []
     grid = time_s[0] + period * np.arange(int((time_s[-1] - time_s[0]) / period + 1e-6) + 1)
     gaps = int(np.count_nonzero(intervals > 1.5 * period))
-    shape = f"{gaps} gaps of at most {intervals[longest]:.3g} s" if gaps else "irregular samples"
+    count = "a gap" if gaps == 1 else f"{gaps} gaps"
+    shape = f"{count} of at most {intervals[longest]:.3g} s" if gaps else "irregular samples"
     return grid, [f"The recording has {shape}; it is resampled at {1.0 / period:g} Hz."]
 
 
