@@ -162,6 +162,7 @@ def _status_text(aircraft: dict, stopped_s: dict[str, float]) -> str:
 
 def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mapping[Any, Any]) -> None:
     # late import: errors in the file come first
+    from anser.results.faults import fault_lines
     from anser.results.separation import NO_SEPARATION, is_judged_by_separation, proximity_warning
     from anser.results.summary_format import format_fleet
 
@@ -191,6 +192,8 @@ def _print_flight(summary: dict, stopped_s: dict[str, float], attributes: Mappin
     warning = proximity_warning([fleet["separation_min_m"]], attributes)
     if warning:
         print_note(f"warning: {warning}")
+    for line in fault_lines(summary):
+        print_line(line)
     if "network" in summary:
         print_line(f"without a centre: {summary['network']['message']}")
 

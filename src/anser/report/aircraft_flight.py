@@ -8,10 +8,13 @@ import numpy as np
 import xarray as xr
 
 from anser.files import write_file
+from anser.report.adaptation_figures import draw_band, draw_fault, estimate_label, set_visible_range
+from anser.report.estimates import EFFECTIVENESS, recorded_changes, recorded_estimates, true_effectiveness
 from anser.report.labels import math_symbol
 from anser.report.page_templates import format_number, render_page
-from anser.report.style import LARGE, PRINT_STYLE, draw_for_print, new_figure, series_style
+from anser.report.style import LARGE, PRINT_STYLE, color_of, draw_for_print, new_figure, series_style
 from anser.results.dataset import surface_names
+from anser.results.faults import dataset_fault, format_fault
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,25 +27,40 @@ _PANELS: tuple[tuple[str, ...], ...] = (
     ("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s"),
     ("load_factor",),
 )
+_ESTIMATES = (*((name,) for name in EFFECTIVENESS), ("cz_alpha",), ("cm_alpha",), ("cl_beta", "cn_beta"))
+_COLUMNS = 3
 _RANGE_MIN = {"m s-1": 1.0, "m": 10.0, "degree": 0.2, "degree s-1": 0.2, "1": 0.02, "percent": 2.0}
 """Least range of a panel's axis by unit, so that a constant variable looks constant."""
 _UNITS = {"m s-1": "m/s", "degree": "deg", "degree s-1": "deg/s", "1": "", "percent": "%"}
 
 
 def aircraft_flight_figure(dataset: xr.Dataset) -> "Figure":
-    """Return the figure of one aircraft's flight: motion, surfaces with their commands, and engine, over time."""
+    """Return the figure of one aircraft's flight: motion, surfaces, engine, and the estimates of an adaptive autopilot.
+
+    An estimate has a band of two standard deviations and, for the effectiveness, the truth as a dashed line; a dotted
+    line marks the time at which a fault was found.
+    """
     return draw_for_print(_draw_flight, dataset)
 
 
 def _draw_flight(dataset: xr.Dataset) -> "Figure":
-    _, figure = new_figure((8.2, 7.4))
     surfaces = tuple(f"{name}_deg" for name in surface_names(dataset))
     panels = (*_PANELS, surfaces, ("throttle",), ("power_percent",))
-    grid = figure.subplots(3, 3, sharex=True)
-    for axes, names in zip(grid.flat, panels, strict=True):
+    recorded = recorded_estimates(dataset)
+    estimates = [names for names in _ESTIMATES if set(names) <= set(recorded)]
+    rows = -(-(len(panels) + len(estimates)) // _COLUMNS)
+    _, figure = new_figure((8.2, 0.5 + 2.3 * rows))
+    grid = figure.subplots(rows, _COLUMNS, sharex=True)
+    drawn = grid.flat[: len(panels) + len(estimates)]
+    for axes, names in zip(drawn, panels, strict=False):
         _draw_panel(axes, dataset, names)
-    for axes in grid[-1]:
+    for axes, names in zip(drawn[len(panels) :], estimates, strict=True):
+        _draw_estimates(axes, dataset, names)
+    for axes in grid.flat[drawn.size :]:
+        axes.remove()
+    for axes in drawn[-_COLUMNS:]:
         axes.set_xlabel("Time $t$ (s)")
+        axes.tick_params(labelbottom=True)
     figure.suptitle(_title(dataset), fontsize=LARGE)
     figure.align_ylabels()
     return figure
@@ -69,6 +87,22 @@ def _draw_panel(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
     shortage = _RANGE_MIN.get(unit, 0.0) - (highest - lowest)
     if shortage > 0.0:
         axes.set_ylim(lowest - 0.6 * shortage, highest + 0.6 * shortage)
+
+
+def _draw_estimates(axes: Any, dataset: xr.Dataset, names: Sequence[str]) -> None:
+    time = dataset["time"].values
+    lines: list[np.ndarray] = []
+    bands: list[np.ndarray] = []
+    for index, name in enumerate(names):
+        estimate, sigma = (dataset[f"{name}_{kind}"].values for kind in ("estimate", "sigma"))
+        truth = true_effectiveness(time, name, recorded_changes(dataset)) if name in EFFECTIVENESS else None
+        draw_band(axes, time, estimate, sigma, color_of(index), truth)
+        axes.plot(time, estimate, **series_style(index))
+        lines += [estimate] if truth is None else [estimate, truth]
+        bands += [estimate - 2.0 * sigma, estimate + 2.0 * sigma]
+    draw_fault(axes, time, dataset["fault"].values)
+    set_visible_range(axes, lines, bands)
+    axes.set_ylabel(", ".join(estimate_label(dataset, name) for name in names))
 
 
 def _title(dataset: xr.Dataset) -> str:
@@ -115,6 +149,9 @@ def write_aircraft_report(
     ]
     keys = ("controls", "controller", "command", "excitation", "change", "air", "step_s", "end")
     conditions = {key: dataset.attrs[key] for key in keys if key in dataset.attrs}
+    fault = dataset_fault(dataset)
+    if fault is not None:
+        conditions["fault found"] = format_fault(fault.as_dict())
     attributes = {str(key): value for key, value in dataset.attrs.items()}
     versions = {key.removeprefix("version_"): value for key, value in attributes.items() if key.startswith("version_")}
     page = render_page(

@@ -7,6 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from anser.report.estimates import (
+    EFFECTIVENESS,
+    ESTIMATES,
+    recorded_estimates,
+    scenario_deviations,
+    true_effectiveness,
+)
 from anser.results.separation import nearest_aircraft_distance
 from anser.variables import PLAN_VARIABLES
 
@@ -27,7 +34,12 @@ _LABELS = {
     "own_error_m": ("m", "e_o", "Distance of the aircraft from where it takes itself to be"),
     "own_band_m": ("m", "2σ_o", "Two standard deviations of the own place"),
 }
-DERIVED_VARIABLES = (_CLIMB_RATE.name, *_LABELS)
+DERIVED_VARIABLES = (
+    _CLIMB_RATE.name,
+    *_LABELS,
+    *(f"{name}_{kind}" for name in ESTIMATES for kind in ("low", "high")),
+    *(f"{name}_truth" for name in EFFECTIVENESS),
+)
 """Names of the variables that `add_derived_variables` can add."""
 
 
@@ -79,7 +91,9 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
 
     They are `climb_rate_m_s` and the errors from the planned path; for two aircraft or more `distance_min_m`; with
     limits in the scenario, `height_over_floor_m` and `separation_kept`; with sensor errors, the estimation errors of
-    the goal's and of the aircraft's own position, each with two standard deviations (root of the sum over the axes).
+    the goal's and of the aircraft's own position, each with two standard deviations (root of the sum over the axes);
+    with an adaptive autopilot, the ends of each estimate's band of two standard deviations, `_low` and `_high`, and the
+    true effectiveness, `_truth`.
     """
     is_before_hold = dataset["phase"].values != HOLD
     names = ("position_error_m", *(f"reference_{axis}" for axis in _AXES))
@@ -107,7 +121,22 @@ def add_derived_variables(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> x
             _add_variable(derived, f"{subject}_band_m", band)
     if "heard_from" in dataset:
         _add_variable(derived, "links_heard", np.bitwise_count(dataset["heard_from"].values).astype(float))
+    _add_bands(derived, scenario)
     return derived
+
+
+def _add_bands(dataset: xr.Dataset, scenario: Mapping[str, Any]) -> None:
+    time, names = dataset["time"].values, [str(name) for name in dataset["aircraft"].values]
+    for name in recorded_estimates(dataset):
+        estimate, sigma = dataset[f"{name}_estimate"], dataset[f"{name}_sigma"].values
+        ends = {"low": estimate.values - 2.0 * sigma, "high": estimate.values + 2.0 * sigma}
+        if name in EFFECTIVENESS:
+            deviations = [scenario_deviations(scenario, aircraft) for aircraft in names]
+            unknown = np.full(time.size, np.nan)
+            truths = [unknown if item is None else true_effectiveness(time, name, item) for item in deviations]
+            ends["truth"] = np.where(np.isfinite(estimate.values), np.stack(truths, axis=1), np.nan)
+        for kind, values in ends.items():
+            dataset[f"{name}_{kind}"] = (("time", "aircraft"), values, estimate.attrs)
 
 
 _AXES = ("north_m", "east_m", "altitude_m")

@@ -17,6 +17,7 @@ from anser.report.derived_variables import (
     find_events,
     limit_value,
 )
+from anser.report.estimates import EFFECTIVENESS, STATIC_DERIVATIVES
 from anser.report.labels import html_label
 from anser.report.page_templates import render
 from anser.results.dataset import surface_names
@@ -142,7 +143,8 @@ class Panel:
 
     A limit is a number, or a key of the scenario's table `limits`; a minus sign in front takes the opposite value.
     With `includes_limits` the axis always reaches to the limits. With `compass` a direction is drawn without a jump at
-    north, and the axis is labelled from 0 to 360 degrees.
+    north, and the axis is labelled from 0 to 360 degrees. `band` names the variables of the ends of a shaded band; a
+    panel without them is left out.
     """
 
     response: str
@@ -150,6 +152,11 @@ class Panel:
     limits: tuple[str | float, ...] = ()
     includes_limits: bool = False
     compass: bool = False
+    band: tuple[str, str] | None = None
+
+
+def _estimate_panel(name: str, truth: str | None = None) -> Panel:
+    return Panel(f"{name}_estimate", truth, band=(f"{name}_low", f"{name}_high"))
 
 
 def _surface_panel(surface: str) -> Panel:
@@ -229,6 +236,16 @@ SECTIONS: tuple[Section, ...] = (
         ),
     ),
     Section(
+        "adaptation",
+        "Estimates of the adaptive autopilot",
+        "Solid: estimate; shaded: two standard deviations, cut where they lie far beyond; dashed: truth, as far as the "
+        "scenario tells it.",
+        (
+            *(_estimate_panel(name, f"{name}_truth") for name in EFFECTIVENESS),
+            *(_estimate_panel(name) for name in STATIC_DERIVATIVES),
+        ),
+    ),
+    Section(
         "network",
         "Clocks along the paths",
         "Each aircraft flies its path by a clock of its own, which waits for those that are kept up.",
@@ -285,7 +302,9 @@ def _panels(section: Section, surfaces: Sequence[str]) -> list[Panel]:
 
 def _plotted_variables(surfaces: Sequence[str]) -> list[str]:
     panels = [panel for section in SECTIONS for panel in _panels(section, surfaces)]
-    return [name for panel in panels for name in (panel.response, panel.command) if name is not None]
+    return [
+        name for panel in panels for name in (panel.response, panel.command, *(panel.band or ())) if name is not None
+    ]
 
 
 def needed_variables(dataset: xr.Dataset) -> tuple[str, ...]:
@@ -312,9 +331,10 @@ def page_sections(dataset: xr.Dataset) -> list[dict[str, Any]]:
                 "limits": _panel_limits(panel, limits),
                 "within": panel.includes_limits,
                 "compass": panel.compass,
+                "band": panel.band,
             }
             for panel in _panels(section, surface_names(dataset))
-            if panel.response in dataset
+            if panel.response in dataset and (panel.band is None or panel.band[0] in dataset)
         ]
         # a section is left out if its first variable is missing
         if all(panel is SURFACE_PLACEHOLDER or panel.response in dataset for panel in section.panels[:1]):

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import xarray as xr
 
+from anser.report.adaptation_figures import draw_adaptation
 from anser.report.derived_variables import has_certified_paths, recorded_table
+from anser.report.estimates import has_estimates
 from anser.report.flight_histories import (
     GOAL_VELOCITIES,
     Curve,
@@ -107,6 +109,9 @@ FLIGHT_FIGURES: dict[str, FlightFigure] = {
     "plan": FlightFigure(_plan),
     "knowledge": FlightFigure(
         draw_knowledge, lambda dataset: "" if "goal_sigma_north_m" in dataset else "its sensors have no errors"
+    ),
+    "adaptation": FlightFigure(
+        draw_adaptation, lambda dataset: "" if has_estimates(dataset) else "no aircraft has an adaptive inversion"
     ),
     "network": FlightFigure(
         draw_network,
@@ -221,4 +226,5 @@ class FlightPlots:
     goal_velocity = _method("goal-velocity", "Velocity of goals that change it, as the aircraft estimate it.")
     plan = _method("plan", "The plan's parameters against time, as it is renewed.")
     knowledge = _method("knowledge", "How well the aircraft know where their goals are.")
+    adaptation = _method("adaptation", "Estimates of the adaptive autopilots, with bands and the truth.")
     network = _method("network", "Links and clocks of a fleet without a centre.")

@@ -16,6 +16,7 @@ from anser.report.page_templates import MISSING, format_number, render, render_p
 from anser.report.style import COLORS
 from anser.report.svg_charts import arrival_strip, links_strip
 from anser.results.arrival import arrival_accuracy, format_duration
+from anser.results.faults import fault_lines
 from anser.results.separation import NO_SEPARATION, is_judged_by_separation, proximity_warning
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def verdict_html(
         spread_max_s=spread_max_s,
         unmet=unmet,
         events=summary.get("events", ()),
+        faults=fault_lines(summary),
         network=summary.get("network"),
         is_judged_by_separation=is_judged_by_separation(summary),
         no_separation=NO_SEPARATION.capitalize(),

@@ -14,6 +14,7 @@ from anser.planning.limits import NOMINAL_BEND_M
 from anser.results.arrival import closest_approach, least_distance, summarize_arrivals
 from anser.results.checksums import add_checksum, damaged_file_error, read_document
 from anser.results.documents import finite_or_none, software_versions
+from anser.results.faults import find_fault
 from anser.results.flight_rows import build_flight_row
 from anser.results.separation import minimum_separation_ratio
 from anser.scenario.schema import Scenario
@@ -89,7 +90,8 @@ def summarize(
     position). Clearance, separation and the time outside the aerodynamic tables count over the whole record. Path and
     lateral bend are those of the first plan, which describes the whole path; `nominal` is true for a path without a
     bend. Only paths of the published planner have a bend; for other planners `lateral_bend_m` and `nominal` are None.
-    Missing values are None, never NaN.
+    In a flight with an adaptive autopilot each aircraft has `fault`: the fault that it found, or None. Missing values
+    are None, never NaN.
 
     Parameters
     ----------
@@ -142,6 +144,9 @@ def summarize(
         entry["nominal"] = None if bend is None else abs(bend) <= NOMINAL_BEND_M
         if "gust_u" in record:
             entry |= _gust_entries(time, record, scenario, surface_list)
+        if "fault" in record:
+            fault = find_fault(time, record["fault"], record["fault_size"], surface_list)
+            entry["fault"] = None if fault is None else fault.as_dict()
     for entry, path in zip(flight_row.aircraft, paths, strict=bool(paths)):
         entry["path"] = path
     return {

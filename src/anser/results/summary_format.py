@@ -5,6 +5,7 @@ from typing import Any
 
 from anser.results.arrival import arrival_accuracy
 from anser.results.documents import notebook_table
+from anser.results.faults import fault_lines
 from anser.results.separation import NO_SEPARATION, is_judged_by_separation
 
 _AIRCRAFT_LINES_MAX = 6  # in the text
@@ -64,6 +65,10 @@ def _omitted_aircraft(entries: Sequence[Mapping[str, Any]], shown: Sequence[Mapp
 def _fleet_lines(summary: Mapping[str, Any]) -> list[str]:
     fleet = summary["fleet"]
     lines = [", ".join([*format_fleet(summary), f"{fleet['simulated_s']:g} s flown"])]
+    faults = fault_lines(summary)
+    lines += faults[:_AIRCRAFT_LINES_MAX]
+    if len(faults) > _AIRCRAFT_LINES_MAX:
+        lines.append(f"and {len(faults) - _AIRCRAFT_LINES_MAX} more aircraft with a fault")
     if "network" in summary:
         lines.append(f"without a centre: {summary['network']['message']}")
     return lines

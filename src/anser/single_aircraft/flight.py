@@ -31,6 +31,7 @@ from anser.parts.excitation import Excitation
 from anser.parts.input_signals import InputSignal
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
 from anser.results.documents import version_attributes
+from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
 from anser.sensing.adaptation import adaptive_estimator
 from anser.sensing.estimators import DirectEstimator
@@ -84,6 +85,9 @@ class AircraftFlight:
         outside = int(self.dataset["outside_tables"].sum())
         if outside:
             lines.append(f"  outside the aircraft's data in {outside} of {self.dataset.sizes['time']} samples")
+        fault = dataset_fault(self.dataset)
+        if fault is not None:
+            lines.append(f"  fault: {format_fault(fault.as_dict())}")
         for name in ("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "load_factor"):
             values = self.dataset[name]
             lines.append(
@@ -93,7 +97,10 @@ class AircraftFlight:
         return "\n".join(lines)
 
     def plot(self) -> "Figure":
-        """Draw airspeed, altitude, flow angles, attitude, rates, load factor, surfaces and engine over time."""
+        """Draw airspeed, altitude, flow angles, attitude, rates, load factor, surfaces and engine over time.
+
+        With an adaptive autopilot also its estimates, with bands of two standard deviations and the truth.
+        """
         from anser.report.aircraft_flight import aircraft_flight_figure
 
         return aircraft_flight_figure(self.dataset)

@@ -43,6 +43,7 @@ class Plot {
     this.unit = label.unit;
     this.responses = run.values(panel.response);
     this.commands = panel.command ? run.values(panel.command) : null;
+    this.bands = panel.band ? panel.band.map((name) => run.values(name)) : null; // lower and upper ends
     if (this.unit === "°") {
       this.responses = this.responses.map((values) => unwound(values));
       this.commands = this.commands && this.commands.map((values, k) => unwound(values, this.responses[k]));
@@ -66,9 +67,11 @@ class Plot {
     };
     const all = this.run.aircraft.length <= FEW;
     let [low, high] = ends(this.responses);
-    const [least, most] = ends((this.commands || []).filter((_, k) => all || k === focus));
-    // a command may be far beyond the response, which must stay legible
-    const reach = high - low > 1e-9 ? high - low : Infinity;
+    const beside = [...(this.commands ? [this.commands] : []), ...(this.bands || [])];
+    const [least, most] = ends(beside.flatMap((rows) => rows.filter((_, k) => all || k === focus)));
+    // a command or a band may be far beyond the response, which must stay legible
+    const size = this.bands ? 0.1 * Math.max(Math.abs(low), Math.abs(high)) : 0;
+    const reach = high - low > 1e-9 ? Math.max(high - low, size) : Infinity;
     low = Math.min(low, Math.max(least, low - reach));
     high = Math.max(high, Math.min(most, high + reach));
     if (this.panel.within) {
@@ -83,7 +86,7 @@ class Plot {
   }
 
   _series() {
-    const { run, state } = this, list = [], data = [run.time];
+    const { run, state } = this, list = [], data = [run.time], bands = [];
     const focus = run.indexOf(state.focus), few = run.aircraft.length <= FEW;
     const order = run.aircraft.map((_, k) => k).filter((k) => k !== focus);
     if (focus >= 0) order.push(focus);
@@ -98,12 +101,19 @@ class Plot {
         list.push({ stroke: ink, width: 1.1, dash: [5, 4], points: { show: false } });
         data.push(drawable(this.commands[k]));
       }
+      if (this.bands && (few || k === focus)) {
+        for (const rows of this.bands) {
+          list.push({ stroke, width: 0.5, points: { show: false } });
+          data.push(drawable(rows[k]));
+        }
+        bands.push({ series: [data.length - 1, data.length - 2], fill: `${one.color}2e` });
+      }
     }
-    return [list, data];
+    return [list, data, bands];
   }
 
   draw() {
-    const width = Math.max(220, this.box.clientWidth), [list, data] = this._series(), shared = this.group;
+    const width = Math.max(220, this.box.clientWidth), [list, data, bands] = this._series(), shared = this.group;
     if (this.plot) this.plot.destroy();
     const ticked = (tick) => (+(this.panel.compass ? onCompass(tick) : tick).toPrecision(6)).toLocaleString("en-US", { maximumFractionDigits: 6 }).replace("-", "−");
     this.plot = new uPlot(
@@ -114,6 +124,7 @@ class Plot {
           y: { range: (u, low, high, key) => shared.rangeOf(this) },
         },
         series: [{}, ...list],
+        bands,
         axes: [
           { label: "time (s)", values: (u, ticks) => ticks.map((t) => t.toLocaleString("en-US")) },
           { values: (u, ticks) => ticks.map(ticked), ...(this.panel.compass && { incrs: TURN_STEPS }) },

@@ -1,0 +1,68 @@
+"""Estimates of adaptive aircraft in a recorded flight: names, bands, and the truth as far as the dataset carries it."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+EFFECTIVENESS = tuple(f"{axis}_effectiveness" for axis in ("roll", "pitch", "yaw"))
+"""Estimates of the control effectiveness, without the endings `_estimate` and `_sigma`."""
+STATIC_DERIVATIVES = ("cz_alpha", "cm_alpha", "cl_beta", "cn_beta")
+"""Estimates of the static derivatives."""
+ESTIMATES = (*EFFECTIVENESS, *STATIC_DERIVATIVES)
+# Greatest surface of each axis, and the factors of a deviation that multiply its moment (F-16, file, DAVE-ML).
+_SURFACES = {
+    "roll_effectiveness": ("aileron", ("Clda", "Cl_aileron", "Cl")),
+    "pitch_effectiveness": ("elevator", ("Cm0", "Cm_elevator", "Cm")),
+    "yaw_effectiveness": ("rudder", ("Cndr", "Cn_rudder", "Cn")),
+}
+
+Deviations = Sequence[tuple[float, Mapping[str, Any]]]
+"""Deviations from the nominal aircraft, each with the time of its start, s; factors multiply."""
+
+
+def has_estimates(dataset: xr.Dataset) -> bool:
+    """Whether an aircraft of the flight has an adaptive autopilot."""
+    return "effectiveness_uncertainty" in dataset
+
+
+def recorded_estimates(dataset: xr.Dataset) -> list[str]:
+    """Return the estimates with a finite value; without known aerodynamics there is no effectiveness to compare."""
+    if not has_estimates(dataset):
+        return []
+    return [name for name in ESTIMATES if np.isfinite(dataset[f"{name}_estimate"].values).any()]
+
+
+def recorded_changes(dataset: xr.Dataset) -> Deviations:
+    """Return the changes of the aircraft in a flight of one aircraft, from the attribute `change`."""
+    changes = json.loads(dataset.attrs.get("change", "[]"))
+    return [(float(change["time_s"]), change) for change in ([changes] if isinstance(changes, dict) else changes)]
+
+
+def scenario_deviations(scenario: Mapping[str, Any], name: str) -> Deviations | None:
+    """Return the deviations of an aircraft in a scenario, at the start and by events; None without a scenario."""
+    tables = [table for table in scenario.get("aircraft", []) if table.get("name") == name]
+    if not tables:
+        return None
+    events = [event for event in scenario.get("event", []) if event.get("aircraft") == name and event.get("deviation")]
+    return [(0.0, tables[0].get("deviation") or {}), *((event["time_s"], event["deviation"]) for event in events)]
+
+
+def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> np.ndarray:
+    """Return the true control effectiveness over that of the model at times (s), for one of `EFFECTIVENESS`."""
+    surface, factors = _SURFACES[name]
+    truth = np.ones(time.size)
+    for time_s, deviation in deviations:
+        coefficients = deviation.get("coefficients") or {}
+        factor = (deviation.get("surface_effectiveness") or {}).get(surface, 1.0)
+        factor *= np.prod([coefficients.get(key, 1.0) for key in factors])
+        truth = np.where(time >= time_s, factor * truth, truth)
+    return truth
+
+
+def fault_time(time: np.ndarray, codes: np.ndarray) -> float | None:
+    """Return the time at which a fault was found, s; None without any. `codes` is the variable `fault`."""
+    reported = np.flatnonzero(codes)
+    return float(time[reported[0]]) if reported.size else None

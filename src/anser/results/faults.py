@@ -1,0 +1,88 @@
+"""Faults that an adaptive autopilot found in its aircraft: name, time and size, as data and in words."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from anser.results.dataset import surface_names
+from anser.sensing.fault_detection import CENTRE_OF_GRAVITY, ENGINE, ICE, ICE_DRAG, ICE_LIFT, NO_FAULT, SURFACE
+from anser.variables import surface_label
+
+_NAMES = {CENTRE_OF_GRAVITY: "centre of gravity", ICE: "ice", ENGINE: "engine"}
+_UNITS = {
+    CENTRE_OF_GRAVITY: "of the mean chord, aft",
+    ICE: f"of ice that adds {100 * ICE_DRAG:g} % drag and takes {100 * ICE_LIFT:g} % lift",
+    ENGINE: "of the thrust lost",
+}
+_SURFACE_UNIT = "of the effectiveness lost"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault that the autopilot of an aircraft found.
+
+    Attributes
+    ----------
+    name
+        Name of the fault: "centre of gravity", "ice", "engine", or the control surface.
+    time_s
+        Time at which the fault was confirmed, s.
+    size
+        Estimated size at the end of the record, a fraction.
+    unit
+        Quantity of which the size is a fraction.
+    """
+
+    name: str
+    time_s: float
+    size: float
+    unit: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fault as plain data for `summary.json`."""
+        return asdict(self)
+
+
+def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surfaces: Sequence[str]) -> Fault | None:
+    """Return the fault in the record of one aircraft; None if its autopilot found none.
+
+    Parameters
+    ----------
+    time_s, codes, sizes
+        Times, s, and the variables `fault` and `fault_size`; shape (time,).
+    surfaces
+        Names of the aircraft's control surfaces, in the order of the airframe.
+    """
+    reported = np.flatnonzero(codes != NO_FAULT)
+    if not reported.size:
+        return None
+    code, size = int(codes[reported[0]]), float(sizes[reported[-1]])
+    name = _NAMES[code] if code in _NAMES else surface_label(surfaces[code - SURFACE])
+    return Fault(name, round(float(time_s[reported[0]]), 6), size, _UNITS.get(code, _SURFACE_UNIT))
+
+
+def dataset_fault(dataset: xr.Dataset) -> Fault | None:
+    """Return the fault in the dataset of one aircraft's flight; None if none was found or none is recorded."""
+    if "fault" not in dataset:
+        return None
+    variables = (dataset[name].values for name in ("time", "fault", "fault_size"))
+    return find_fault(*variables, surface_names(dataset))
+
+
+def format_fault(fault: dict[str, Any]) -> str:
+    """Format name, size and time of a fault from its plain data, such as the entry of a summary."""
+    if fault["name"] == _NAMES[ICE]:
+        drag, lift = 100.0 * ICE_DRAG * fault["size"], 100.0 * ICE_LIFT * fault["size"]
+        size_text = f"drag up by {drag:.0f} %, lift down by {lift:.0f} %"
+    else:
+        size_text = f"{100.0 * fault['size']:.3g} % {fault['unit']}"
+    return f"{fault['name']}, {size_text}, found at {fault['time_s']:.1f} s"
+
+
+def fault_lines(summary: dict[str, Any]) -> list[str]:
+    """Return a line for each aircraft of a summary whose autopilot found a fault."""
+    entries = [entry for entry in summary["aircraft"] if entry.get("fault")]
+    return [f"{entry['name']}: fault: {format_fault(entry['fault'])}" for entry in entries]
