@@ -1,6 +1,6 @@
 """Faults that an adaptive autopilot found in its aircraft: name, time and size, as data and in words."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -68,11 +68,11 @@ def dataset_fault(dataset: xr.Dataset) -> Fault | None:
     """Return the fault in the dataset of one aircraft's flight; None if none was found or none is recorded."""
     if "fault" not in dataset:
         return None
-    variables = (dataset[name].values for name in ("time", "fault", "fault_size"))
-    return find_fault(*variables, surface_names(dataset))
+    time_s, codes, sizes = (dataset[name].values for name in ("time", "fault", "fault_size"))
+    return find_fault(time_s, codes, sizes, surface_names(dataset))
 
 
-def format_fault(fault: dict[str, Any]) -> str:
+def format_fault(fault: Mapping[str, Any]) -> str:
     """Format name, size and time of a fault from its plain data, such as the entry of a summary."""
     if fault["name"] == _NAMES[ICE]:
         drag, lift = 100.0 * ICE_DRAG * fault["size"], 100.0 * ICE_LIFT * fault["size"]
@@ -82,7 +82,7 @@ def format_fault(fault: dict[str, Any]) -> str:
     return f"{fault['name']}, {size_text}, found at {fault['time_s']:.1f} s"
 
 
-def fault_lines(summary: dict[str, Any]) -> list[str]:
+def fault_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return a line for each aircraft of a summary whose autopilot found a fault."""
     entries = [entry for entry in summary["aircraft"] if entry.get("fault")]
     return [f"{entry['name']}: fault: {format_fault(entry['fault'])}" for entry in entries]
