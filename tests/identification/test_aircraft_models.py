@@ -127,6 +127,7 @@ def test_terms_of_the_global_model_are_found_from_its_flight():
     assert np.max(estimate.standard_errors[: len(names)] / np.abs(truth)) < 0.1
 
 
+@pytest.mark.long
 def test_short_period_equals_the_linear_model_of_the_aircraft():
     linear = f16().linearize(f16().trim(speed_m_s=150.0, altitude_m=1000.0)).model
     A, B = np.asarray(linear.A), np.asarray(linear.B)

@@ -102,7 +102,7 @@ def test_scatter_reaches_the_cramer_rao_bound():
 
 def test_bounds_are_corrected_for_coloured_residuals():
     rng, estimates, record = np.random.default_rng(3), [], short_period(6.0)
-    for _ in range(60):
+    for _ in range(40):
         white = rng.normal(size=(record.time_s.size + 100, 2))
         kernel = 0.9 ** np.arange(100)
         coloured = np.stack([np.convolve(x, kernel, "valid")[: record.time_s.size] for x in white.T], axis=1)
