@@ -282,6 +282,16 @@ def test_filter_error_covers_the_linear_model_in_turbulence():
         anser.identify(record, method="filter-error", align=False)
 
 
+def test_a_flight_without_experiment_gets_a_caution():
+    """The autopilot flies a gentle turn: the surfaces follow the rates, and the fit says little."""
+    trim = f16().trim(speed_m_s=150.0, altitude_m=1000.0)
+    command = {"course_deg": anser.step_input(3.0)}
+    flown = anser.simulate(f16(), trim, controller="inversion", command=command, duration_s=20.0, record_period_s=0.1)
+    result = anser.identify(flown)
+    assert any(note.startswith("Caution") for note in result.notes)
+    assert not any(note.startswith("Caution") for note in estimated().notes)
+
+
 def test_a_window_and_a_run_with_several_aircraft():
     fleet = flight("multisine").dataset.expand_dims(aircraft=["a", "b"]).transpose("time", "aircraft")
     whole = anser.identify(flight("multisine"))

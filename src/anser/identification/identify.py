@@ -30,6 +30,10 @@ from anser.results.variable_labels import unit_attributes
 from anser.single_aircraft.model import AircraftModel
 from anser.single_aircraft.model import aircraft as load_aircraft
 
+_FIT_MIN = 0.8
+"""Least coefficient of determination of a response without a caution."""
+_CONDITION_MAX = 30.0
+"""Greatest condition number without a caution (D. A. Belsley and others, *Regression Diagnostics*, 1980)."""
 _MASKED = "NaN between parameters of different equations, whose errors are not related"
 
 
@@ -77,8 +81,21 @@ class Identification:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on the record, on what is not estimated, and on the estimates."""
-        return (*self.record.notes, *self.data.notes, *(note for e in self.estimates for note in e.notes))
+        """Sentences on the record, on what is not estimated, and on estimates that are not to be trusted."""
+        cautions = [
+            f"Caution: the model explains {100.0 * max(r2, 0.0):.0f} % of {name}. Its parameters and intervals are not "
+            "to be trusted: too little excitation, too few samples per second, or a model that lacks an effect."
+            for name, r2 in zip(self.fit.responses, self.fit.r_squared, strict=True)
+            if r2 < _FIT_MIN
+        ]
+        cautions += [
+            f"Caution: parameters of {', '.join(e.responses)} are hard to tell apart (condition number "
+            f"{e.condition_number:.0f}); the correlation of the errors shows which."
+            for e in self.estimates
+            if e.condition_number > _CONDITION_MAX
+        ]
+        estimator_notes = [note for e in self.estimates for note in e.notes]
+        return (*self.record.notes, *self.data.notes, *estimator_notes, *cautions)
 
     @property
     def title(self) -> str:
