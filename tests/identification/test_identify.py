@@ -265,6 +265,17 @@ def test_derivatives_at_twelve_conditions_are_within_two_standard_errors(variant
     assert 1.0 / 1.3 < np.median(ratios) < {"global": 1.3, "textbook": 1.5}[variant]
 
 
+def test_maximum_likelihood_agrees_with_the_regression():
+    record = noisy_record("doublet").window(0.0, 5.0)
+    regression = anser.identify(record, "short-period", aircraft=f16())
+    errors = {row["name"]: row["standard_error"] for row in regression.rows()}
+    for method in ("output-error", "filter-error"):
+        result = anser.identify(record, "short-period", aircraft=f16(), method=method)
+        for name, error in errors.items():
+            assert abs(result[name] - regression[name]) < 4.0 * error, (method, name)
+        assert min(row["r_squared"] for row in result.fit_rows()) > 0.99
+
+
 @pytest.mark.long
 def test_filter_error_covers_the_linear_model_in_turbulence():
     """The gusts enter as noise in the rates; the noise-free air of `linearize` is the truth."""

@@ -64,7 +64,8 @@ def estimate_filter_error(
     unknown = np.concatenate([values, list(process_noise.values()), first if noise is None else []])
     lower = np.full(unknown.size, -np.inf)
     lower[count : len(names)] = 0.0
-    lower[len(names) :] = 2.0 * np.log(noise_floor(manoeuvre))
+    if noise is None:
+        lower[len(names) :] = 2.0 * np.log(noise_floor(manoeuvre))
 
     case = parameters.case(manoeuvre)
 
