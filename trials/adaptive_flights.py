@@ -124,13 +124,25 @@ def fault_table(flights: int, turbulence: str) -> list[tuple[str, int, int, floa
         row = int(np.searchsorted(flown.time_s, MANOEUVRE_S + 10.0))
         reported = flown.history["fault"][:, row]
         size = float(np.median(flown.history["fault_size"][reported == code, row])) if np.any(reported == code) else 0.0
+        share = effectiveness_share(flown, change)
         before = flown.history["fault"][:, int(np.searchsorted(flown.time_s, FAULT_S))]
         rows.append((name, int(np.sum(reported != NO_FAULT)), int(np.sum(reported == code)), size))
         typer.echo(
             f"{name}: found {rows[-1][1]}, named {rows[-1][2]} of {flights}, size {size:.3f}, "
-            f"early {int(np.sum(before != NO_FAULT))}, codes {np.bincount(reported, minlength=8).tolist()}"
+            f"effectiveness within 10 % in {100 * share:.0f} %, early {int(np.sum(before != NO_FAULT))}, "
+            f"codes {np.bincount(reported, minlength=8).tolist()}"
         )
     return rows
+
+
+def effectiveness_share(flown: Flights, change: dict[str, Any]) -> float:
+    """Return the part of the flights whose effectiveness is within 10 % 5 s after the end of the manoeuvre."""
+    if "surface" not in change:
+        return float("nan")
+    surface, factor = change["surface"]
+    row = int(np.searchsorted(flown.time_s, MANOEUVRE_S + 13.0))
+    estimate = flown.history[f"{('pitch', 'roll', 'yaw')[surface]}_effectiveness_estimate"][:, row]
+    return float(np.mean(np.abs(estimate / factor - 1.0) < 0.1))
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ from anser.sensing.fault_detection import FAULT_SIZES, NO_FAULT, fault_detection
 
 STEP_S, SAMPLES, SURFACES = 0.02, 1000, 3
 FAULT_COUNT = 3 + SURFACES
+NOISE = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
 
 
 def detect(share, noise, seed=0):
@@ -17,15 +18,13 @@ def detect(share, noise, seed=0):
     rng = np.random.default_rng(seed)
     time_s = np.arange(SAMPLES) * STEP_S
     # each fault shows in its own mix of coefficients, with its own motion
-    mix = np.random.default_rng(3).normal(size=(FAULT_COUNT, 6)) * 8.0 * np.asarray(detection.noise)
+    mix = np.random.default_rng(3).normal(size=(FAULT_COUNT, 6)) * 8.0 * NOISE
     motion = 1.0 + np.sin(2.0 * np.pi * np.outer(np.arange(1, FAULT_COUNT + 1) / 9.0, time_s))
     effects = motion.T[:, :, None] * mix
-    response = np.einsum("f,nfc->nc", share, effects) + noise * np.asarray(detection.noise) * rng.normal(
-        size=(SAMPLES, 6)
-    )
+    response = np.einsum("f,nfc->nc", share, effects) + noise * NOISE * rng.normal(size=(SAMPLES, 6))
 
     def advance(state, row):
-        return detection.advance(state, row[0], row[1], 1.0, STEP_S), None
+        return detection.advance(state, row[0], row[1], jnp.asarray(NOISE), 1.0, STEP_S), None
 
     return jax.lax.scan(advance, detection.init(), (jnp.asarray(response), jnp.asarray(effects)))[0]
 

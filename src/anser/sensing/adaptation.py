@@ -36,7 +36,7 @@ Increments = Float[Array, "6 p"]
 Method = Literal["least-squares", "gradient"]
 
 COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
-NOISE_FLOOR = (0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005)
+_NOISE_FLOOR = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
 """Standard deviation of a coefficient of `COEFFICIENTS` that no linear increment explains, without sensor noise."""
 _PRIOR_SHARE = 0.35
 """Standard deviation of an increment before the flight, as a part of the model's own derivative."""
@@ -73,6 +73,12 @@ _MOMENTS = {"roll": 3, "pitch": 4, "yaw": 5}
 """Row of each axis' moment coefficient."""
 _DERIVATIVES = {"cz_alpha": (2, 1), "cm_alpha": (4, 1), "cl_beta": (3, 1), "cn_beta": (5, 1), "cm_q": (4, 2)}
 """Row and column of the recorded derivatives."""
+_MANOEUVRE = 60.0
+"""Excitation of a manoeuvre, in units of the least noise: while it lasts, errors are not taken for turbulence."""
+_ERROR_MAX = 2.0
+"""Largest prediction error that counts in the variance of the disturbances, in their standard deviations."""
+_DISTURBANCE_TIME = 20.0
+"""Time constant of the variance of the disturbances, s."""
 _GRADIENT_STEP = 0.05
 """Step of the normalised gradient method, part of the error removed by a sample."""
 
@@ -100,7 +106,7 @@ class AdaptationSettings(eqx.Module):
 
 def default_settings() -> AdaptationSettings:
     """Return the settings of the library."""
-    return AdaptationSettings(*(jnp.asarray(value) for value in (5.0, 20.0, 5.0, 4.0)))
+    return AdaptationSettings(*(jnp.asarray(value) for value in (5.0, 20.0, 5.0, 16.0)))
 
 
 class AdaptationState(eqx.Module):
@@ -119,6 +125,9 @@ class AdaptationState(eqx.Module):
         Low-pass filtered missing coefficients (6,) and regressors (2, p), and the regressors' slow mean values.
     reference
         Regressors at the start of the flight, from which the deviations count, shape (2, p).
+    mean_error, disturbance
+        Slow mean value of the prediction errors, and their variance about it in flight without manoeuvres, (6,):
+        turbulence, which no increment expresses.
     previous_missing, previous_regressors, rates_b, acceleration_b
         Missing force coefficients (3,), regressors, gyro reading (rad/s) and modelled angular acceleration (rad/s^2) of
         the previous sample.
@@ -137,6 +146,8 @@ class AdaptationState(eqx.Module):
     regressors: Float[Array, "2 p"]
     mean: Float[Array, "2 p"]
     reference: Float[Array, "2 p"]
+    mean_error: Float[Array, "6"]
+    disturbance: Float[Array, "6"]
     previous_missing: Vector3
     previous_regressors: Float[Array, "2 p"]
     rates_b: Vector3
@@ -191,6 +202,8 @@ class AdaptiveEstimator(AbstractEstimator):
             regressors=deviation,
             mean=deviation,
             reference=reference_regressors(data.alpha, state.surfaces),
+            mean_error=jnp.zeros(6),
+            disturbance=jnp.zeros(6),
             previous_missing=jnp.zeros(3),
             previous_regressors=deviation,
             rates_b=state.rates_b,
@@ -221,7 +234,12 @@ class AdaptiveEstimator(AbstractEstimator):
         filtered_response = state.response + fade * (response - state.response)
         filtered = state.regressors + fade * (middle - state.regressors)
         mean = state.mean + step / self.settings.mean_time * (filtered - state.mean)
-        increments, covariance = self._update(state, filtered_response, filtered, filtered - mean, step)
+        phi, moving = by_coefficient(filtered), by_coefficient(filtered - mean)
+        error = filtered_response - jnp.sum(state.increments * phi, axis=1)
+        excitation = jnp.sum((state.prior_deviation * moving) ** 2, axis=1)
+        mean_error, disturbance = self._disturbance(state, error, excitation, step)
+        noise = _NOISE_FLOOR**2 + disturbance
+        increments, covariance = self._update(state, phi, moving, error, excitation, noise, step)
         effects = fault_effects(belief, lengths, state.derivatives)
         next_state = AdaptationState(
             base=state.base,
@@ -233,11 +251,13 @@ class AdaptiveEstimator(AbstractEstimator):
             regressors=filtered,
             mean=mean,
             reference=state.reference,
+            mean_error=mean_error,
+            disturbance=disturbance,
             previous_missing=missing[:3],
             previous_regressors=deviation,
             rates_b=rates_b,
             acceleration_b=acceleration_b,
-            faults=self.faults.advance(state.faults, filtered_response, effects, fade, step),
+            faults=self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step),
             count=state.count + 1,
         )
         return self.corrected_belief(next_state, belief), next_state
@@ -257,20 +277,32 @@ class AdaptiveEstimator(AbstractEstimator):
             is_leaf=lambda leaf: leaf is None,
         )
 
+    def _disturbance(
+        self, state: AdaptationState, error: Float[Array, "6"], excitation: Float[Array, "6"], step: ScalarLike
+    ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
+        """Return the mean and the variance of the prediction errors, which change only without a manoeuvre."""
+        is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
+        mean_error = state.mean_error + step / self.settings.mean_time * (error - state.mean_error)
+        # a running mean at first, so that the first seconds count
+        share = jnp.maximum(step / _DISTURBANCE_TIME, 1.0 / (state.count + 1.0))
+        # an error of some standard deviations is the start of a fault rather than turbulence: its square is limited
+        square = jnp.minimum((error - mean_error) ** 2, _ERROR_MAX**2 * (_NOISE_FLOOR**2 + state.disturbance))
+        disturbance = state.disturbance + share * (square - state.disturbance)
+        return mean_error, jnp.where(is_calm, disturbance, state.disturbance)
+
     def _update(
         self,
         state: AdaptationState,
-        response: Float[Array, "6"],
-        deviation: Float[Array, "2 p"],
-        change: Float[Array, "2 p"],  # deviation from the slow mean values
+        phi: Increments,  # regressors of each coefficient, and their deviations from the slow mean values
+        moving: Increments,
+        error: Float[Array, "6"],
+        excitation: Float[Array, "6"],
+        noise: Float[Array, "6"],  # variances
         step: ScalarLike,
     ) -> tuple[Increments, Float[Array, "6 p p"]]:
-        phi, moving = by_coefficient(deviation), by_coefficient(change)
-        noise = jnp.asarray(NOISE_FLOOR) ** 2
-        error = response - jnp.sum(state.increments * phi, axis=1)
-        learns = jnp.sum((state.prior_deviation * moving) ** 2, axis=1) > self.settings.excitation_min * noise
+        learns = excitation > self.settings.excitation_min * noise
         if self.method == "gradient":
-            increments, covariance = self._gradient_step(state, error, moving), state.covariance
+            increments, covariance = _gradient_step(state, error, moving, noise), state.covariance
         else:
             # the filter correlates the samples of a time of 2 / bandwidth: each counts as a part of one
             weight = 0.5 * self.settings.bandwidth * step / noise
@@ -282,14 +314,6 @@ class AdaptiveEstimator(AbstractEstimator):
             jnp.where(learns[:, None], increments, state.increments),
             jnp.where(learns[:, None, None], covariance, state.covariance),
         )
-
-    def _gradient_step(self, state: AdaptationState, error: Float[Array, "6"], moving: Increments) -> Increments:
-        """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016)."""
-        # in units of the prior deviations, so that one step suits all surfaces
-        is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
-        scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
-        energy = jnp.sum(scaled**2, axis=1) + jnp.asarray(NOISE_FLOOR) ** 2
-        return state.increments + state.prior_deviation * scaled * (_GRADIENT_STEP * error / energy)[:, None]
 
     def _variables(self, state: AdaptationState) -> dict[str, Array]:
         """Return the recorded estimates: derivatives and effectiveness with standard deviations, and the fault."""
@@ -319,6 +343,17 @@ def _missing_coefficients(
         times3(properties.inertia_b, measured_b),
     )
     return lengths.coefficients(condition.air_data.qbar, missing), acceleration_b
+
+
+def _gradient_step(
+    state: AdaptationState, error: Float[Array, "6"], moving: Increments, noise: Float[Array, "6"]
+) -> Increments:
+    """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016)."""
+    # in units of the prior deviations, so that one step suits all surfaces
+    is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
+    scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
+    energy = jnp.sum(scaled**2, axis=1) + noise
+    return state.increments + state.prior_deviation * scaled * (_GRADIENT_STEP * error / energy)[:, None]
 
 
 def _bounded(state: AdaptationState, increments: Increments) -> Increments:

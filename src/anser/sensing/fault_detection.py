@@ -33,8 +33,6 @@ class FaultDetection(eqx.Module):
     ----------
     window, mean_time
         Time constants of the window and of the slow mean values, s.
-    noise
-        Standard deviations of the missing coefficients of a healthy aircraft, (6,).
     size_min
         Least size of a reported fault, part of `FAULT_SIZES`.
     ratio_min
@@ -50,7 +48,6 @@ class FaultDetection(eqx.Module):
 
     window: Scalar
     mean_time: Scalar
-    noise: Float[Array, "6"]
     size_min: Scalar
     ratio_min: Float[Array, " fault"]
     share_min: Scalar
@@ -80,6 +77,7 @@ class FaultDetection(eqx.Module):
         state: "FaultState",
         response: Float[Array, "6"],  # low-pass filtered missing coefficients
         effects: Float[Array, "fault 6"],  # see `fault_effects`
+        noise: Float[Array, "6"],  # standard deviations of the missing coefficients of a healthy aircraft
         fade: ScalarLike,  # part of a new value in the low-pass filter
         step: ScalarLike,
     ) -> "FaultState":
@@ -90,8 +88,8 @@ class FaultDetection(eqx.Module):
         mean_prediction = state.mean_prediction + fade_mean * (prediction - state.mean_prediction)
         mean_response = state.mean_response + fade_mean * (response - state.mean_response)
         is_lateral = ~np.array(LONGITUDINAL)
-        weighted = (prediction - jnp.where(is_lateral[None, :], mean_prediction, 0.0)) / self.noise[None, :]
-        normal = (response - jnp.where(is_lateral, mean_response, 0.0)) / self.noise
+        weighted = (prediction - jnp.where(is_lateral[None, :], mean_prediction, 0.0)) / noise[None, :]
+        normal = (response - jnp.where(is_lateral, mean_response, 0.0)) / noise
         memory = jnp.exp(-step / self.window)
         information = memory * state.information + step * jnp.sum(weighted**2, axis=1)
         correlation = memory * state.correlation + step * jnp.sum(weighted * normal[None, :], axis=1)
@@ -162,13 +160,11 @@ class FaultState(eqx.Module):
 
 def fault_detection(surfaces: int) -> FaultDetection:
     """Return the detection with the settings of the library, for a number of surfaces."""
-    noise = jnp.asarray((0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005))
     return FaultDetection(
         window=jnp.asarray(8.0),
         mean_time=jnp.asarray(5.0),
-        noise=noise,
         size_min=jnp.asarray(0.4),
-        ratio_min=jnp.asarray([20.0, 20.0, 5.0, *[20.0] * surfaces]),
+        ratio_min=jnp.asarray([20.0, 12.0, 3.0, *[20.0] * surfaces]),
         share_min=jnp.asarray(0.5),
         lead_min=jnp.asarray(1.5),
         confirmation=jnp.asarray(1.0),
