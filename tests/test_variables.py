@@ -85,6 +85,7 @@ def test_discrete_variables_name_their_values():
         "surfaces_limited",
         "outside_tables",
         "status",
+        "fault",
         "goal_known",
         "goal_seen",
         "heard_from",
