@@ -237,7 +237,7 @@ def loop_response(loop: ExcitedLoop, step: ScalarLike, omega: Float[Array, " fre
     T_zw = jax.vmap(closed)(omega)
     diagonal = jnp.diagonal(T_zw, axis1=1, axis2=2)
     actuators = _actuators(diagonal.shape[1])
-    actuators_difference = jax.vmap(_structured_gain)(jnp.eye(actuators.stop) + 2 * T_zw[:, actuators, actuators])
+    actuators_difference = jax.vmap(_structured_gain)(jnp.eye(actuators.stop)[None] + 2 * T_zw[:, actuators, actuators])
     return LoopResponse(omega, -diagonal / (1 + diagonal), 1 + 2 * diagonal, actuators_difference)
 
 
