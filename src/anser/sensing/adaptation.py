@@ -77,6 +77,8 @@ _MANOEUVRE = 60.0
 """Excitation of a manoeuvre, in units of the least noise: while it lasts, errors are not taken for turbulence."""
 _ERROR_MAX = 2.0
 """Largest prediction error that counts in the variance of the disturbances, in their standard deviations."""
+_LEARNING_TIME = 15.0
+"""Time from which an aircraft without known aerodynamics takes prediction errors for turbulence, s."""
 _DISTURBANCE_TIME = 20.0
 """Time constant of the variance of the disturbances, s."""
 _GRADIENT_STEP = 0.05
@@ -197,7 +199,7 @@ class AdaptiveEstimator(AbstractEstimator):
             derivatives=derivatives,
             prior_deviation=prior_deviation,
             increments=jnp.zeros_like(derivatives),
-            covariance=jax.vmap(jnp.diag)(prior_deviation**2),
+            covariance=_prior_covariance(prior_deviation),
             response=jnp.zeros(6),
             regressors=deviation,
             mean=deviation,
@@ -241,6 +243,9 @@ class AdaptiveEstimator(AbstractEstimator):
         noise = _NOISE_FLOOR**2 + disturbance
         increments, covariance = self._update(state, phi, moving, error, excitation, noise, step)
         effects = fault_effects(belief, lengths, state.derivatives)
+        faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
+        # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
+        covariance = jnp.where(faults.code != state.faults.code, _prior_covariance(state.prior_deviation), covariance)
         next_state = AdaptationState(
             base=state.base,
             derivatives=state.derivatives,
@@ -257,7 +262,7 @@ class AdaptiveEstimator(AbstractEstimator):
             previous_regressors=deviation,
             rates_b=rates_b,
             acceleration_b=acceleration_b,
-            faults=self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step),
+            faults=faults,
             count=state.count + 1,
         )
         return self.corrected_belief(next_state, belief), next_state
@@ -282,6 +287,8 @@ class AdaptiveEstimator(AbstractEstimator):
     ) -> tuple[Float[Array, "6"], Float[Array, "6"]]:
         """Return the mean and the variance of the prediction errors, which change only without a manoeuvre."""
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
+        if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
+            is_calm = is_calm & (state.count * step > _LEARNING_TIME)
         mean_error = state.mean_error + step / self.settings.mean_time * (error - state.mean_error)
         # a running mean at first, so that the first seconds count
         share = jnp.maximum(step / _DISTURBANCE_TIME, 1.0 / (state.count + 1.0))
@@ -329,6 +336,10 @@ class AdaptiveEstimator(AbstractEstimator):
             values[f"{axis}_effectiveness_estimate"] = total[row, surface] / model
             values[f"{axis}_effectiveness_sigma"] = jnp.abs(sigma[row, surface] / model)
         return values | self.faults.variables(state.faults)
+
+
+def _prior_covariance(prior_deviation: Increments) -> Float[Array, "6 p p"]:
+    return jax.vmap(jnp.diag)(prior_deviation**2)
 
 
 def _missing_coefficients(
