@@ -46,7 +46,7 @@ class DerivativeAircraft(AbstractAirframe):
     table_factors: Float[Array, " tables"] | None = None
     #: Row and column in `derivatives` to which each function of the tables is added.
     table_derivatives: tuple[tuple[int, int], ...] = eqx.field(static=True, default=())
-    #: Index of each table axis in (alpha, beta, *surfaces).
+    #: Index of each table axis in alpha, beta and the surfaces.
     table_arguments: tuple[int, ...] = eqx.field(static=True, default=())
     #: Whether a side force without sideslip, rates and deflections is possible, for example by CY0.
     has_static_side_force: bool = eqx.field(static=True, default=True)
