@@ -190,7 +190,7 @@ def test_trim_and_its_diagnosis(anser):
         assert f"{quantity['value']:.4f}" in next(
             line for line in printed.splitlines() if f" {quantity['name']} " in line
         )
-    code, _, err = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000")
+    code, _, err = anser("trim", "--speed-m-s", "30", "--altitude-m", "1000", "--quiet")
     assert code == 1
     assert "angle of attack" in err
     assert "slowest trimmable speed" in err

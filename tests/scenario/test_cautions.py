@@ -49,7 +49,7 @@ def test_bandwidth_and_damping_become_gains():
             "arrived 0.05; expected a number from 0.1",
         ),
         ("[aircraft.gains.rates]\nbandwith_rad_s = 5", 'perhaps "bandwidth_rad_s"'),
-        ('[aircraft.gains]\ninversion = "incremantal"', 'expected "model", "incremental" or "adaptive"'),
+        ('[aircraft.gains]\ninversion = "incremantal"', 'expected "model" or "incremental" or "adaptive"'),
     ],
 )
 def test_a_refusal_names_the_expected_value(gains, message):
