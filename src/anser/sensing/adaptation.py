@@ -240,7 +240,7 @@ class AdaptiveEstimator(AbstractEstimator):
         error = filtered_response - jnp.sum(state.increments * phi, axis=1)
         excitation = jnp.sum((state.prior_deviation * moving) ** 2, axis=1)
         mean_error, disturbance = self._disturbance(state, error, excitation, step)
-        noise = _NOISE_FLOOR**2 + disturbance
+        noise = jnp.asarray(_NOISE_FLOOR**2) + disturbance
         increments, covariance = self._update(state, phi, moving, error, excitation, noise, step)
         effects = fault_effects(belief, lengths, state.derivatives)
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
