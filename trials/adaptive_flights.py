@@ -5,7 +5,9 @@ the F-16 at 150 m/s and 1,000 m, with sensor noise and, on request, light turbul
 """
 
 import argparse
+import functools
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -81,39 +83,40 @@ def commands(flights: int, duration_s: float, seed: int, *, calm: bool) -> np.nd
     return values
 
 
-def fly(change: AirframeChange, values: np.ndarray, seed: int, turbulence: str) -> Flights:
-    """Fly a batch with one change at `FAULT_S` and a command for each flight."""
+@functools.lru_cache
+def compiled_flights(count: int, turbulence: str) -> Callable[..., dict[str, jax.Array]]:
+    """Return the program of a batch of flights of `count` samples, for any change, command and random numbers."""
     airframe, _ = resolve_airframe("f16", "textbook")
     environment = standard_environment()
     trim = steady_trim(airframe, environment, trim_target(SPEED_M_S, ALTITUDE_M))
     case = step_case(airframe, SPEED_M_S, ALTITUDE_M, "incremental")
     navigation = Navigation(sensors="satellite-inertial")
     air = read_air(turbulence=None if turbulence == "none" else turbulence)
-    count = values.shape[1]
 
-    @jax.jit
-    def fly_batch(changes: AirframeChanges, commanded: jax.Array, randomness: Any) -> dict[str, jax.Array]:
-        def fly_row(command: jax.Array, source: Any) -> dict[str, jax.Array]:
-            vehicle = Vehicle(
-                airframe=airframe,
-                sensors=NoisySensors(build_vehicle_sensors(navigation)),
-                estimator=adaptive_estimator(build_navigation_estimator(navigation, airframe), airframe),
-                guidance=PrescribedCommand(command),
-                controller=InversionAutopilot(case.gains, case.limits),
-                gusts=air.gusts(span_of(airframe)),
-                changes=changes,
-            )
-            instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(STEP_S), source)
-            start = trimmed_vehicle(vehicle, instant, trim)
-            return fly_alone(vehicle, environment, start, STEP_S, count, History(stride=STRIDE), source)[2]
+    def fly_row(changes: AirframeChanges, command: jax.Array, source: Any) -> dict[str, jax.Array]:
+        vehicle = Vehicle(
+            airframe=airframe,
+            sensors=NoisySensors(build_vehicle_sensors(navigation)),
+            estimator=adaptive_estimator(build_navigation_estimator(navigation, airframe), airframe),
+            guidance=PrescribedCommand(command),
+            controller=InversionAutopilot(case.gains, case.limits),
+            gusts=air.gusts(span_of(airframe)),
+            changes=changes,
+        )
+        instant = Instant(environment, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(STEP_S), source)
+        start = trimmed_vehicle(vehicle, instant, trim)
+        return fly_alone(vehicle, environment, start, STEP_S, count, History(stride=STRIDE), source)[2]
 
-        return jax.vmap(fly_row)(commanded, randomness)
+    return jax.jit(jax.vmap(fly_row, in_axes=(None, 0, 0)))
 
+
+def fly(change: AirframeChange, values: np.ndarray, seed: int, turbulence: str) -> Flights:
+    """Fly a batch with one change at `FAULT_S` and a command for each flight."""
     changes = AirframeChanges(jnp.asarray([FAULT_S]), jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], change))
     sources = jax.tree.map(lambda *keys: jnp.stack(keys), *[flight_randomness(seed, k) for k in range(len(values))])
-    history = fly_batch(changes, jnp.asarray(values), sources)
-    kept = {key: np.asarray(value) for key, value in history.items()}
-    return Flights(np.arange(next(iter(kept.values())).shape[1]) * STRIDE * STEP_S, kept)
+    history = compiled_flights(values.shape[1], turbulence)(changes, jnp.asarray(values), sources)
+    stored = {key: np.asarray(value) for key, value in history.items()}
+    return Flights(np.arange(next(iter(stored.values())).shape[1]) * STRIDE * STEP_S, stored)
 
 
 def fault_table(flights: int, turbulence: str) -> list[tuple[str, int, int, float]]:

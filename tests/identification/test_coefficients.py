@@ -74,7 +74,7 @@ def test_moments_refer_to_the_reference_point():
     about_point = compute_coefficients(record, airframe, reference_m=(0.5, 0.0, 0.0)).coefficients
     # the moment about a point ahead of the centre of gravity: less x CZ, that is, up force behind it lowers the nose
     lengths = reference_lengths(airframe)
-    chord, span = float(lengths.chord), float(lengths.span)
+    chord, span = float(lengths.mean_chord), float(lengths.span)
     np.testing.assert_allclose(about_point["Cm"], about_cg["Cm"] + 0.5 / chord * about_cg["CZ"], atol=1e-12)
     np.testing.assert_allclose(about_point["Cn"], about_cg["Cn"] - 0.5 / span * about_cg["CY"], atol=1e-12)
 

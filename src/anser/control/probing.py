@@ -5,13 +5,13 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AircraftState, Controls
+from anser.numerics.arrays import as_array
 from anser.parts.controllers import AbstractController
+from anser.parts.input_signals import AbstractSignal, multisine
 from anser.parts.perception import Belief
-from anser.shapes import Count, Flag, Scalar, ScalarLike, Vector, Vector3
+from anser.shapes import Count, Scalar, ScalarLike, Vector, Vector3
 
 _LINES = 4
 """Lines of each surface's multisine."""
@@ -38,8 +38,10 @@ class ProbingController(AbstractController):
         The other controller.
     amplitude
         Greatest deflection of each surface, rad.
-    angular_frequencies, phases
-        Lines of each surface's multisine, (surface, line), rad/s and rad.
+    signals
+        Multisine of each surface over a period, with the greatest magnitude 1.
+    period
+        Period after which the multisines repeat, s.
     uncertainty_max
         Relative standard deviation of the control effectiveness above which the surfaces are moved.
     learning_time
@@ -48,8 +50,8 @@ class ProbingController(AbstractController):
 
     controller: AbstractController
     amplitude: Vector
-    angular_frequencies: Float[Array, "surface line"]
-    phases: Float[Array, "surface line"]
+    signals: tuple[AbstractSignal, ...]
+    period: Scalar
     uncertainty_max: Scalar
     learning_time: Scalar
 
@@ -79,13 +81,9 @@ class ProbingController(AbstractController):
         return controls, signals, ProbingState(waiting, state.surfaces, state.power, state.count + 1)
 
     def deflections(self, time: ScalarLike) -> Vector:
-        """Return the deflections of the test input at a time (s), 0 at the start, rad."""
-        waves = jnp.sin(self.angular_frequencies * time + self.phases) - jnp.sin(self.phases)
-        return self.amplitude * jnp.mean(waves, axis=1)
-
-    def is_learning(self, time: ScalarLike) -> Flag:
-        """Whether the first phase lasts at a time, s."""
-        return jnp.asarray(time) < self.learning_time
+        """Return the deflections of the test input at a time (s), near 0 at the start, rad."""
+        phase_time = jnp.mod(jnp.asarray(time), self.period)
+        return self.amplitude * jnp.stack([signal.at(phase_time) for signal in self.signals])
 
 
 def probing_controller(
@@ -98,17 +96,18 @@ def probing_controller(
 ) -> ProbingController:
     """Build a controller with test inputs of `amplitude` (rad) for a number of surfaces.
 
-    The harmonics of `period` (s) are dealt out to the surfaces in turn, so that the inputs are orthogonal over a
-    period; the phases are Schroeder's.
+    The multisines (`anser.parts.input_signals.multisine`) have four harmonics of `period` (s) each, from the second on,
+    dealt out to the surfaces in turn: the inputs are orthogonal over a period.
     """
-    harmonics = 2 + np.arange(surfaces)[:, None] + surfaces * np.arange(_LINES)[None, :]
-    line = np.arange(1, _LINES + 1)
-    phases = np.broadcast_to(-np.pi * line * (line - 1) / _LINES, harmonics.shape)
+    frequencies_hz = 2.0 / period, (1.0 + _LINES * surfaces) / period
+    signals = (
+        multisine(1.0, frequencies_hz, period, 0.0, channel=k, channels=surfaces).signal for k in range(surfaces)
+    )
     return ProbingController(
         controller=controller,
         amplitude=jnp.broadcast_to(jnp.asarray(amplitude, dtype=float), (surfaces,)),
-        angular_frequencies=jnp.asarray(2.0 * np.pi * harmonics / period),
-        phases=jnp.asarray(phases),
+        signals=jax.tree.map(as_array, tuple(signals)),
+        period=jnp.asarray(period),
         uncertainty_max=jnp.asarray(0.2),
         learning_time=jnp.asarray(learning_time, dtype=float),
     )

@@ -13,12 +13,12 @@ from jaxtyping import Array, Float
 from anser.aircraft.actuators import SecondOrderActuators
 from anser.aircraft.air_data import AirData
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.corrected_airframe import reference_lengths
 from anser.aircraft.engines import NoEngine
 from anser.aircraft_files.schema import AirframeFile
 from anser.airframe_data import COEFFICIENTS, DERIVATIVE_ARGUMENTS, PRODUCTS
 from anser.compiling.options import compiled_quickly
 from anser.environment.atmosphere import StandardAtmosphere
-from anser.identification.coefficients import reference_lengths
 from anser.identification.records import FlightRecord
 from anser.numerics.arrays import as_array
 from anser.units import RAD_DEG
@@ -75,8 +75,8 @@ def aircraft_file_text(
         "mass": given.get("mass") or _mass(airframe),
         "geometry": {
             "span_m": float(lengths.span),
-            "wing_area_m2": float(lengths.area),
-            "mean_chord_m": float(lengths.chord),
+            "wing_area_m2": float(lengths.wing_area),
+            "mean_chord_m": float(lengths.mean_chord),
         },
         "aerodynamics": {key: derivatives[key] for key in keys if derivatives.get(key)},
         "surface": [

@@ -12,13 +12,13 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import Wrench, air_data
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.corrected_airframe import ReferenceLengths, reference_lengths
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
 from anser.aircraft.global_model import GLOBAL_TERMS, F16Global
 from anser.aircraft.motion import angular_acceleration
 from anser.airframe_data import COEFFICIENTS, derivative_columns, derivative_index
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.environment.atmosphere import StandardAtmosphere
-from anser.identification.coefficients import ReferenceLengths, reference_lengths
 from anser.identification.dynamic_models import DynamicModel, Manoeuvre, Parameters, make_manoeuvre
 from anser.identification.kinematics import RATES, SPECIFIC_FORCE
 from anser.identification.records import FlightRecord
@@ -113,14 +113,14 @@ class AircraftMotion(eqx.Module):
         velocity = V * air_direction_b(alpha, beta)
         data = air_data(velocity, altitude, StandardAtmosphere().at(altitude))
         wrench = airframe.aerodynamics(data, rates, surfaces) + airframe.engine.propulsion(power, data)
-        scales = jnp.stack([self.lengths.span, self.lengths.chord, self.lengths.span])
+        scales = jnp.stack([self.lengths.span, self.lengths.mean_chord, self.lengths.span])
         hats = rates * scales / (2.0 * V)
         ones = jnp.ones(())
         arguments = jnp.concatenate([jnp.stack([ones, alpha, beta, *hats, alpha**2, beta**2]), surfaces])
         CL, CD, CY, *moments = increments @ arguments
         sa, ca = jnp.sin(alpha), jnp.cos(alpha)
         force = jnp.stack([CL * sa - CD * ca, CY, -CL * ca - CD * sa])
-        scale = data.qbar * self.lengths.area
+        scale = data.qbar * self.lengths.wing_area
         wrench = wrench + Wrench(scale * force, scale * scales * jnp.stack(moments))
         specific_force = wrench.force_b / airframe.mass_properties.mass
         down = jnp.stack([-jnp.sin(pitch), jnp.sin(roll) * jnp.cos(pitch), jnp.cos(roll) * jnp.cos(pitch)])

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from anser.aircraft.air_data import AirData
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.corrected_airframe import reference_lengths
 from anser.aircraft.engines import NoEngine
 from anser.aircraft.motion import moment_for_acceleration
 from anser.compiling.options import compiled_quickly
@@ -21,7 +22,6 @@ from anser.identification.records import FlightRecord
 from anser.identification.smoothing import smooth
 from anser.numerics.arrays import as_array, bucket_size, pad_to_multiple
 from anser.results.variable_labels import unit_attributes
-from anser.shapes import Scalar
 
 COEFFICIENT_NAMES: tuple[str, ...] = ("CL", "CD", "CY", "Cl", "Cm", "Cn", "CX", "CZ")
 """Lift, drag (turned from body axes by alpha alone), side force; moments of roll, pitch, yaw; forces in body axes."""
@@ -29,14 +29,6 @@ _INERTIAL_RATES = ("inertial_roll_rate", "inertial_pitch_rate", "inertial_yaw_ra
 _QBAR = 4
 """Index of the dynamic pressure in the air data."""
 _ROWS = 512
-
-
-class ReferenceLengths(eqx.Module):
-    """Wing span (m), wing area (m^2) and mean chord (m) of coefficients."""
-
-    span: Scalar
-    area: Scalar
-    chord: Scalar
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,9 +102,9 @@ def compute_coefficients(
     moment_b = motion.moment_b - motion.engine_moment_b
     moment_b = moment_b - np.cross(np.asarray(reference_m, dtype=float)[:, None], force_b, axis=0)
     lengths = reference_lengths(airframe)
-    scale = motion.air[_QBAR] * float(lengths.area)
+    scale = motion.air[_QBAR] * float(lengths.wing_area)
     CX, CY, CZ = force_b / scale
-    Cl, Cm, Cn = moment_b / scale / np.array([[lengths.span], [lengths.chord], [lengths.span]], dtype=float)
+    Cl, Cm, Cn = moment_b / scale / np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
     sa, ca = np.sin(record["alpha"]), np.cos(record["alpha"])
     values = (CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn, CX, CZ)
     coefficients = dict(zip(COEFFICIENT_NAMES, values, strict=True))
@@ -189,15 +181,6 @@ def _air_rows(record: FlightRecord) -> Float[np.ndarray, "6 sample"]:
     )
 
 
-def reference_lengths(airframe: AbstractAirframe) -> ReferenceLengths:
-    """Return the reference lengths of an airframe; raises ValueError if the airframe has none."""
-    names = ("span", "wing_area", "mean_chord")
-    missing = [name for name in names if not hasattr(airframe, name)]
-    if missing:
-        raise ValueError(f"aircraft: arrived {type(airframe).__name__} without {', '.join(missing)}; expected lengths")
-    return ReferenceLengths(*(jnp.asarray(getattr(airframe, name), float) for name in names))
-
-
 def model_coefficients(
     airframe: AbstractAirframe, arguments: Float[Array, " argument"], air: AirData
 ) -> Float[Array, "6"]:
@@ -209,10 +192,10 @@ def model_coefficients(
     lengths = reference_lengths(airframe)
     alpha, beta = arguments[0], arguments[1]
     at = eqx.tree_at(lambda a: (a.alpha, a.beta), air, (alpha, beta))
-    scales = jnp.stack([lengths.span, lengths.chord, lengths.span])
+    scales = jnp.stack([lengths.span, lengths.mean_chord, lengths.span])
     wrench = airframe.aerodynamics(at, arguments[2:5] * 2.0 * air.V / scales, arguments[5:])
-    CX, CY, CZ = wrench.force_b / (air.qbar * lengths.area)
-    Cl, Cm, Cn = wrench.moment_b / (air.qbar * lengths.area * scales)
+    CX, CY, CZ = wrench.force_b / (air.qbar * lengths.wing_area)
+    Cl, Cm, Cn = wrench.moment_b / (air.qbar * lengths.wing_area * scales)
     sa, ca = jnp.sin(alpha), jnp.cos(alpha)
     return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn])
 
@@ -260,7 +243,7 @@ def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> di
 def _arguments_of(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
     """Return alpha, beta, non-dimensional rates and all surfaces of an airframe; an unrecorded surface is neutral."""
     lengths, V = reference_lengths(airframe), record["airspeed"]
-    scales = np.array([[lengths.span], [lengths.chord], [lengths.span]], dtype=float)
+    scales = np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
     hats = dict(zip(("p", "q", "r"), record.stack(*RATES) * scales / (2.0 * V), strict=True))
     zero = np.zeros_like(V)
     surfaces = {name: record.channels.get(name, zero) for name in airframe.actuators.names}

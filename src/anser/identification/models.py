@@ -11,11 +11,11 @@ from jaxtyping import Float
 from scipy.signal import bilinear, lfilter, lsim
 
 from anser.aircraft.airframe import AbstractAirframe
+from anser.aircraft.corrected_airframe import reference_lengths
 from anser.identification.coefficients import (
     CoefficientHistory,
     airframe_derivatives,
     compute_coefficients,
-    reference_lengths,
 )
 from anser.identification.kinematics import RATES, gravity_b, gust_rates, with_attitude, with_specific_force
 from anser.identification.records import FlightRecord
@@ -94,7 +94,7 @@ def _derivatives(
 ) -> ModelData:
     history = compute_coefficients(record, airframe, accelerometer_m=accelerometer_m)
     lengths, V = reference_lengths(airframe), float(np.mean(record["airspeed"]))
-    scales = np.array([lengths.span, lengths.chord, lengths.span], dtype=float) / (2.0 * V)
+    scales = np.array([lengths.span, lengths.mean_chord, lengths.span], dtype=float) / (2.0 * V)
     noise = dict(zip(("p", "q", "r"), noise_level(record.stack(*RATES)) * scales, strict=True))
     series = dict(history.arguments)
     noise |= {key: float(noise_level(series[key])) for key in ("alpha", "beta")}

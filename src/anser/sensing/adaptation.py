@@ -35,9 +35,8 @@ from anser.shapes import Count, Scalar, ScalarLike, Vector, Vector3
 Increments = Float[Array, "6 p"]
 Method = Literal["least-squares", "gradient"]
 
-COEFFICIENTS = ("CX", "CY", "CZ", "Cl", "Cm", "Cn")
 _NOISE_FLOOR = np.array([0.003, 0.003, 0.01, 0.0005, 0.002, 0.0005])
-"""Standard deviation of a coefficient of `COEFFICIENTS` that no linear increment explains, without sensor noise."""
+"""Standard deviation of CX, CY, CZ, Cl, Cm and Cn that no linear increment explains, without sensor noise."""
 _PRIOR_SHARE = 0.35
 """Standard deviation of an increment before the flight, as a part of the model's own derivative."""
 # Further standard deviation, for derivatives near 0 in the model. Columns: constant, alpha or beta, qhat or phat, rhat,
@@ -241,7 +240,7 @@ class AdaptiveEstimator(AbstractEstimator):
         excitation = jnp.sum((state.prior_deviation * moving) ** 2, axis=1)
         mean_error, disturbance = self._disturbance(state, error, excitation, step)
         noise = jnp.asarray(_NOISE_FLOOR**2) + disturbance
-        increments, covariance = self._update(state, phi, moving, error, excitation, noise, step)
+        increments, covariance = self._update(state, phi, moving, error, mean_error, excitation, noise, step)
         effects = fault_effects(belief, lengths, state.derivatives)
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
         # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
@@ -302,14 +301,15 @@ class AdaptiveEstimator(AbstractEstimator):
         state: AdaptationState,
         phi: Increments,  # regressors of each coefficient, and their deviations from the slow mean values
         moving: Increments,
-        error: Float[Array, "6"],
+        error: Float[Array, "6"],  # prediction errors, and their slow mean values
+        mean_error: Float[Array, "6"],
         excitation: Float[Array, "6"],
         noise: Float[Array, "6"],  # variances
         step: ScalarLike,
     ) -> tuple[Increments, Float[Array, "6 p p"]]:
         learns = excitation > self.settings.excitation_min * noise
         if self.method == "gradient":
-            increments, covariance = _gradient_step(state, error, moving, noise), state.covariance
+            increments, covariance = _gradient_step(state, error - mean_error, moving, noise), state.covariance
         else:
             # the filter correlates the samples of a time of 2 / bandwidth: each counts as a part of one
             weight = 0.5 * self.settings.bandwidth * step / noise
@@ -359,7 +359,10 @@ def _missing_coefficients(
 def _gradient_step(
     state: AdaptationState, error: Float[Array, "6"], moving: Increments, noise: Float[Array, "6"]
 ) -> Increments:
-    """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016)."""
+    """Normalised least mean squares for the control effectiveness (Smeur et al., J. Guidance 39(3), 2016).
+
+    `error` and `moving` are deviations from slow mean values, so that a constant error does not count.
+    """
     # in units of the prior deviations, so that one step suits all surfaces
     is_surface = np.arange(moving.shape[1]) >= STATE_REGRESSORS
     scaled = jnp.where(is_surface[None, :], state.prior_deviation * moving, 0.0)
