@@ -4,6 +4,7 @@ from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from anser.aircraft.airframe import AircraftState, Controls
 from anser.control.autopilot import AutopilotSignals, attitude_control, rate_control, velocity_control
@@ -26,6 +27,16 @@ class LoopCommand(eqx.Module):
     throttle: ScalarLike  #: Constant throttle, 0..1.
 
 
+class RateSignals(eqx.Module):
+    """Body rates that the attitude loop commands, rad/s; for the record."""
+
+    rates_b: Vector3
+
+    def variables(self) -> dict[str, Array]:
+        """Return the recorded variables by their keys in `anser.variables.CATALOGUE`."""
+        return dict(zip(("roll_rate_command", "pitch_rate_command", "yaw_rate_command"), self.rates_b, strict=True))
+
+
 class InversionAutopilot(AbstractController):
     """Nonlinear dynamic inversion in three loops (theory section 5), model-based or incremental as the gains select."""
 
@@ -41,18 +52,20 @@ class InversionAutopilot(AbstractController):
 
     def control(
         self, controller_state: AutopilotState, belief: Belief, command: Any, step: ScalarLike
-    ) -> tuple[Controls, AutopilotSignals | None, AutopilotState]:
+    ) -> tuple[Controls, AutopilotSignals | RateSignals | None, AutopilotState]:
         """Compute the controls for a command to `loop`, by `velocity_control`, `attitude_control` or `rate_control`.
 
-        The signals are None unless the velocity loop is commanded.
+        The signals are the commands between the loops that are closed; None if the rate loop is commanded.
         """
         model = onboard_model(belief, self.limits, self.gains, controller_state, step)
         if self.loop == "velocity":
             return velocity_control(model, self.gains, controller_state, command)
+        signals = None
         if self.loop == "attitude":
-            _, demand, controller_state = attitude_control(
+            rates_b, demand, controller_state = attitude_control(
                 model, self.gains, controller_state, command.value, command.rate
             )
+            signals = RateSignals(rates_b)
         else:
             demand, controller_state = rate_control(model, self.gains, controller_state, command.value, command.rate)
-        return Controls(demand.surfaces, jnp.asarray(command.throttle)), None, controller_state
+        return Controls(demand.surfaces, jnp.asarray(command.throttle)), signals, controller_state

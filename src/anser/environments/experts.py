@@ -1,0 +1,141 @@
+"""Scripted expert of each task, episodes under a policy, and scores: the share of successes, and the mean return."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from anser.control.inversion_autopilot import InversionAutopilot
+from anser.environments.cases import Case
+from anser.environments.environment import AircraftEnvironment, EpisodeState, Parameters
+from anser.numerics.arrays import cast_like
+
+Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Float[Array, " action"], Any]]
+"""Function from a key, the observation, the state and the policy's own state to an action and that state."""
+
+
+class Expert(eqx.Module):
+    """The autopilot by dynamic inversion, which flies a task through the environment's level of action.
+
+    The autopilot computes its commands once in each decision; what the level takes of them is the action.
+    """
+
+    environment: AircraftEnvironment
+
+    def _autopilot(self, case: Case) -> InversionAutopilot:
+        autopilot = case.autopilot
+        return InversionAutopilot(autopilot.gains, autopilot.limits, loop=self.environment.task.expert_loop)
+
+    def init(self, state: EpisodeState, params: Parameters) -> Any:
+        """Return the state of the autopilot at the start of an episode."""
+        case = params.case(state.row)
+        start = case.start
+        settled = self._autopilot(case).init(start.state, jnp.stack([start.mu, start.alpha, start.beta]))
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, params.step.dtype), settled)
+
+    def act(self, state: EpisodeState, expert_state: Any, params: Parameters) -> tuple[Float[Array, " action"], Any]:
+        """Return the action in a state, and the new state of the expert, which begins anew with each episode."""
+        environment = self.environment
+        start = self.init(state, params)
+        expert_state = jax.tree.map(lambda new, old: jnp.where(state.time == 0, new, old), start, expert_state)
+        situation = environment.situation(state, params)
+        command = environment.task.expert_command(situation)
+        autopilot = self._autopilot(situation.case)
+        step = params.step * environment.decision_steps
+        controls, signals, advanced = autopilot.control(expert_state, situation.belief, command, step)
+        action = environment.level.action(controls, signals, command, situation.case.autopilot, situation.belief)
+        return action, cast_like(advanced, expert_state)
+
+
+@dataclasses.dataclass(frozen=True)
+class Score:
+    """Result of a policy over many episodes.
+
+    Attributes
+    ----------
+    success
+        Share of episodes that ended with success.
+    mean_return
+        Mean of the sum of rewards, divided by the number of decisions of a full episode: 0..1.
+    failed
+        Share of episodes that ended by failure.
+    successes
+        Success of each episode.
+    """
+
+    success: float
+    mean_return: float
+    failed: float
+    successes: np.ndarray
+
+
+def score(
+    environment: AircraftEnvironment, policy: str | Policy = "expert", episodes: int = 1000, seed: int = 1
+) -> Score:
+    """Fly episodes under a policy.
+
+    Parameters
+    ----------
+    policy
+        "expert", "zero", "random", or a function `(key, observation, state, policy_state)` to action and policy state.
+    episodes, seed
+        Number of episodes, and seed of their starts and of the random actions.
+    """
+    params = environment.default_params
+    decisions = int(np.max(np.asarray(params.cases.batched.decisions)))
+    function = _policy(environment, policy)
+
+    @jax.jit
+    def fly(keys: Array, params: Parameters) -> tuple[Array, Array, Array]:
+        return jax.vmap(lambda key: _episode(environment, function, key, params, decisions))(keys)
+
+    returns, successes, failures = map(np.asarray, fly(jax.random.split(jax.random.key(seed), episodes), params))
+    return Score(float(successes.mean()), float(returns.mean()), float(failures.mean()), successes)
+
+
+def _episode(
+    environment: AircraftEnvironment, policy: "_Policy", key: Array, params: Parameters, decisions: int
+) -> tuple[Array, Array, Array]:
+    """Return the return, the success and the failure of one episode."""
+    observation, state = environment.reset(key, params)
+
+    def advance(carry: Any, number: Array) -> tuple[Any, None]:
+        observation, state, policy_state, total, success, failure, done = carry
+        step_key = jax.random.fold_in(key, number)
+        action, policy_state = policy.act(step_key, observation, state, policy_state, params)
+        observation, flown, reward, terminated, info = environment.step_env(step_key, state, action, params)
+        total = total + jnp.where(done, 0.0, reward)
+        success, failure = success | (info["success"] & ~done), failure | (terminated & ~done)
+        done = done | terminated | info["truncated"]
+        state = jax.tree.map(lambda new, old: jnp.where(done, old, new), flown, state)
+        return (observation, state, policy_state, total, success, failure, done), None
+
+    no = jnp.zeros((), bool)
+    carry = observation, state, policy.init(state, params), jnp.zeros((), params.step.dtype), no, no, no
+    (_, final, _, total, success, failure, _), _ = jax.lax.scan(advance, carry, jnp.arange(decisions))
+    return total / params.case(final.row).decisions, success, failure
+
+
+@dataclasses.dataclass(frozen=True)
+class _Policy:
+    init: Callable[[EpisodeState, Parameters], Any]
+    act: Callable[[Array, Array, EpisodeState, Any, Parameters], tuple[Array, Any]]
+
+
+def _policy(environment: AircraftEnvironment, policy: str | Policy) -> _Policy:
+    if callable(policy):
+        return _Policy(lambda state, params: None, lambda key, obs, state, own, params: policy(key, obs, state, own))
+    if policy == "expert":
+        expert = Expert(environment)
+        return _Policy(expert.init, lambda key, obs, state, own, params: expert.act(state, own, params))
+    space = environment.action_space()
+    if policy == "zero":
+        return _Policy(lambda state, params: None, lambda *_: (jnp.zeros(space.shape), None))
+    if policy == "random":
+        return _Policy(lambda state, params: None, lambda key, *_: (space.sample(key), None))
+    raise ValueError(f'policy: arrived {policy!r}; expected "expert", "zero", "random", or a function')
