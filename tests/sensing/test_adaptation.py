@@ -105,10 +105,11 @@ def manoeuvre(time_s, start_s):
     return {"course_deg": 8.0 * pulse, "path_angle_deg": 2.0 * pulse}
 
 
-def fly(change=(), controller="adaptive", manoeuvre_s=10.0, duration_s=25.0):
+def fly(change=(), controller="adaptive", manoeuvre_s=10.0, duration_s=25.0, *, turn=True):
     f16 = anser.aircraft("f16")
     trim = f16.trim(speed_m_s=150.0, altitude_m=1000.0)
     command = manoeuvre(np.arange(0.0, duration_s + 0.001, 0.01), manoeuvre_s)
+    command["course_deg"] = command["course_deg"] * turn
     options = {"duration_s": duration_s, "change": change, "record_period_s": 0.1}
     return anser.simulate(f16, trim, controller=controller, command=command, **options).dataset
 
@@ -126,6 +127,18 @@ def test_half_an_effective_surface_is_estimated_and_named(surface, axis, code):
     assert abs(estimate - 0.5) < 3.0 * sigma
     assert int(row["fault"]) == code
     assert abs(float(row["fault_size"]) - 0.5) < 0.05
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("fault_s", "manoeuvre_s"), [(3.0, 10.0), (8.0, 15.0), (15.0, 20.0)])
+def test_a_fault_in_straight_flight_is_not_taken_for_turbulence(fault_s, manoeuvre_s):
+    """The fault lasts some seconds unlearnt in straight flight; the next vertical manoeuvre tells it all the same."""
+    change = {"time_s": fault_s, "surface_effectiveness": {"elevator": 0.5}}
+    flight = fly(change, manoeuvre_s=manoeuvre_s, duration_s=40.0, turn=False)
+    row = flight.sel(time=manoeuvre_s + 11.0, method="nearest")
+    assert abs(float(row["pitch_effectiveness_estimate"]) - 0.5) < 0.05
+    assert float(row["pitch_effectiveness_sigma"]) < 0.1
+    assert int(row["fault"]) == 4
 
 
 @pytest.mark.long

@@ -74,8 +74,8 @@ _DERIVATIVES = {"cz_alpha": (2, 1), "cm_alpha": (4, 1), "cl_beta": (3, 1), "cn_b
 """Row and column of the recorded derivatives."""
 _MANOEUVRE = 60.0
 """Excitation of a manoeuvre, in units of the least noise: while it lasts, errors are not taken for turbulence."""
-_ERROR_MAX = 2.0
-"""Largest prediction error that counts in the variance of the disturbances, in their standard deviations."""
+_ERROR_MAX = 1.5
+"""Largest deviation of a prediction error that counts as turbulence, in standard deviations of the noise."""
 _LEARNING_TIME = 15.0
 """Time from which an aircraft without known aerodynamics takes prediction errors for turbulence, s."""
 _DISTURBANCE_TIME = 20.0
@@ -288,12 +288,15 @@ class AdaptiveEstimator(AbstractEstimator):
         is_calm = excitation < _MANOEUVRE * _NOISE_FLOOR**2
         if not self.aerodynamics_known:  # at first the errors are the coefficients themselves
             is_calm = is_calm & (state.count * step > _LEARNING_TIME)
-        mean_error = state.mean_error + step / self.settings.mean_time * (error - state.mean_error)
+        largest = _ERROR_MAX * jnp.sqrt(_NOISE_FLOOR**2 + state.disturbance)
+        deviation = error - state.mean_error
+        limited = jnp.clip(deviation, -largest, largest)
+        # an error beyond turbulence is a fault's: at once it is part of the mean from which turbulence deviates
+        beyond = jnp.where(is_calm, self.settings.bandwidth, 1.0 / self.settings.mean_time) * (deviation - limited)
+        mean_error = state.mean_error + step * (limited / self.settings.mean_time + beyond)
         # a running mean at first, so that the first seconds count
         share = jnp.maximum(step / _DISTURBANCE_TIME, 1.0 / (state.count + 1.0))
-        # an error of some standard deviations is the start of a fault rather than turbulence: its square is limited
-        square = jnp.minimum((error - mean_error) ** 2, _ERROR_MAX**2 * (_NOISE_FLOOR**2 + state.disturbance))
-        disturbance = state.disturbance + share * (square - state.disturbance)
+        disturbance = state.disturbance + share * (limited**2 - state.disturbance)
         return mean_error, jnp.where(is_calm, disturbance, state.disturbance)
 
     def _update(
