@@ -220,12 +220,15 @@ class VelocityLevel(AbstractActionLevel):
     def action(
         self, controls: Controls, signals: Any, command: PathCommand, autopilot: InversionAutopilot, belief: Belief
     ) -> Float[Array, " action"]:
-        """Return the action with the command to the autopilot, whose rates are lost."""
-        change = wrap_angle(command.chi - air_path(belief).chi)
+        """Return the action whose command has the effect of a command with rates, which the velocity loop adds."""
+        gains = autopilot.gains.velocity
+        lead = gains.feed_forward / gains.proportional
+        change = wrap_angle(command.chi - air_path(belief).chi) + lead[2] * command.chi_dot
+        V, gamma = command.V + lead[0] * command.V_dot, command.gamma + lead[1] * command.gamma_dot
         return jnp.stack(
             [
-                _to_unit(command.V, autopilot.limits.speed_min, autopilot.limits.speed_max),
-                jnp.clip(command.gamma / self.path_angle_max, -1.0, 1.0),
+                _to_unit(V, autopilot.limits.speed_min, autopilot.limits.speed_max),
+                jnp.clip(gamma / self.path_angle_max, -1.0, 1.0),
                 jnp.clip(change / self.course_change_max, -1.0, 1.0),
             ]
         )

@@ -21,7 +21,7 @@ from anser.compiling.options import compiled, compiled_quickly
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment, SteadyWind
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision
-from anser.parts.perception import Belief, Truth
+from anser.parts.perception import Belief, Instant, Truth
 from anser.scenario.build import build_flight
 from anser.scenario.schema import validate
 from anser.shapes import Count, Scalar
@@ -79,8 +79,8 @@ class Situation(eqx.Module):
     ----------
     case
         Case of the episode.
-    time
-        Time since the start of the episode, s.
+    instant
+        Environment, time and step at the end of the decision.
     truth, belief
         True motion, and the aircraft's own estimate.
     variables, estimates
@@ -88,11 +88,16 @@ class Situation(eqx.Module):
     """
 
     case: Case
-    time: Scalar
+    instant: Instant
     truth: Truth
     belief: Belief
     variables: Mapping[str, Scalar]
     estimates: Mapping[str, Scalar]
+
+    @property
+    def time(self) -> Scalar:
+        """Time since the start of the episode, s."""
+        return self.instant.time
 
 
 def scenario_tables(aircraft: str | Mapping[str, Any], tables: Mapping[str, Any]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from anser.environments.tasks import AbstractTask
 from anser.numerics.arrays import Stacked, cast_like, cast_to_precision
 from anser.numerics.randomness import SeededRandomness, threefry
 from anser.parts.perception import Belief, Instant, Truth
-from anser.shapes import Count, Flag, Scalar
+from anser.shapes import Count, Flag, Scalar, ScalarLike
 from anser.simulation.closed_loop import Perception, act, perceive, trimmed_vehicle
 from anser.simulation.open_loop import believed_variables
 from anser.simulation.vehicle import Vehicle, VehicleState
@@ -160,7 +160,7 @@ class AircraftEnvironment(eqx.Module):
             Parameters; None: `default_params`.
         """
         params = self.parameters if params is None else params
-        state = self._initial_state(_key_words(key), params)
+        state = self._initial_state(key, params)
         return self._initial_observation(state, params), state
 
     def observe(
@@ -168,7 +168,7 @@ class AircraftEnvironment(eqx.Module):
     ) -> Float[Array, " entry"]:
         """Return the observation of a state; key and action have no effect."""
         params = self.parameters if params is None else params
-        return self._observation(self._situation(params.case(state.row), state, params))
+        return self.observation_of(self.situation_of(params.case(state.row), state, params))
 
     def step(
         self, key: Array, state: EpisodeState, action: Float[Array, " action"], params: Parameters | None = None
@@ -190,37 +190,25 @@ class AircraftEnvironment(eqx.Module):
         """
         params = self.parameters if params is None else params
         observation, flown, reward, terminated, info = self.step_env(key, state, action, params)
-        truncated = info["truncated"]
-        done = terminated | truncated
-        start = self._initial_state(_key_words(key), params)
-        next_state = jax.tree.map(lambda new, old: jnp.where(done, new, old), start, flown)
-        next_observation = jnp.where(done, self._initial_observation(start, params), observation)
-        return next_observation, next_state, reward, terminated, truncated, info
+        start = self._initial_state(key, params)
+        restart = start, self._initial_observation(start, params)
+        next_state, next_observation = reset_if(terminated | info["truncated"], restart, (flown, observation))
+        return next_observation, next_state, reward, terminated, info["truncated"], info
 
     def step_env(
         self, key: Array, state: EpisodeState, action: Float[Array, " action"], params: Parameters
     ) -> tuple[Float[Array, " entry"], EpisodeState, Scalar, Flag, dict[str, Array]]:
         """Fly one decision without a reset; see `step`."""
         case = params.case(state.row)
-        vehicle = self._fly(case, state, action, params)
-        situation = self._situation(case, dataclasses.replace(state, time=state.time + 1, vehicle=vehicle), params)
+        vehicle = self.fly_decision(case, state, action, params)
+        flown = dataclasses.replace(state, time=state.time + 1, vehicle=vehicle)
+        situation = self.situation_of(case, flown, params)
         errors = self.task.errors(situation)
         terminated = out_of_envelope(situation) | self.task.has_failed(situation)
-        within = jnp.all(jnp.abs(errors) <= 1.0) & ~terminated
-        settled = jnp.where(within, state.settled + 1, 0).astype(state.settled.dtype)
-        flown = EpisodeState(state.time + 1, state.row, state.key, vehicle, settled)
-        observation = self._observation(situation)
-        reward = jnp.where(terminated, 0.0, self.task.reward(situation, errors)).astype(params.step.dtype)
-        if not self.transition_gradients_enabled:
-            observation, flown = jax.tree.map(jax.lax.stop_gradient, (observation, flown))
-        truncated = ~terminated & (flown.time >= case.decisions)
-        info = {
-            "final_observation": observation,
-            "success": truncated & (settled >= self.settled_decisions),
-            "terminated": terminated,
-            "truncated": truncated,
-            "discount": jnp.where(terminated, 0.0, 1.0),
-        }
+        reward, observation = self.task.reward(situation, errors), self.observation_of(situation)
+        observation, flown, reward, info = end_decision(
+            self, flown, errors, reward, terminated, case.decisions, observation
+        )
         return observation, flown, reward, terminated, info
 
     @property
@@ -231,25 +219,29 @@ class AircraftEnvironment(eqx.Module):
     def situation(self, state: EpisodeState, params: Parameters | None = None) -> Situation:
         """Return what the task sees in a state."""
         params = self.parameters if params is None else params
-        return self._situation(params.case(state.row), state, params)
+        return self.situation_of(params.case(state.row), state, params)
 
-    def _initial_state(self, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
-        draws, words = threefry(key, jnp.zeros(2, jnp.uint32), jnp.arange(2, dtype=jnp.uint32))
-        row = (draws[0] % np.uint32(params.count)).astype(jnp.int32)
-        return self.start_of_case(row, jnp.stack([draws[1], words[1]]), params)
+    def _initial_state(self, key: Array, params: Parameters) -> EpisodeState:
+        row, episode_key = draw_case(key, params)
+        return self.start_of_case(row, episode_key, params)
 
     def start_of_case(self, row: Count, key: UInt32[Array, "2"], params: Parameters) -> EpisodeState:
         """Return the state at the start of a case, with a key of the episode's random numbers."""
         zero = jnp.zeros((), jnp.int32)
-        case = params.case(row)
-        instant = self._instant(case, zero, key, params)
-        state = trimmed_vehicle(self._flown_vehicle(case, None), instant, case.start)
-        return EpisodeState(zero, row, key, cast_to_precision(state, params.step.dtype), zero)
+        return EpisodeState(zero, row, key, self.start_aircraft(params.case(row), key, params), zero)
+
+    def start_aircraft(
+        self, case: Case, key: UInt32[Array, "2"], params: Parameters, index: ScalarLike = 0
+    ) -> VehicleState:
+        """Return the state of an aircraft at the start of a case; `index` is its place in a fleet."""
+        instant = self._instant(case, jnp.zeros((), jnp.int32), key, params)
+        state = trimmed_vehicle(self._flown_vehicle(case, None), instant, case.start, index)
+        return cast_to_precision(state, params.step.dtype)
 
     def _initial_observation(self, state: EpisodeState, params: Parameters) -> Float[Array, " entry"]:
         if params.observations is not None:
             return params.observations[state.row]
-        return self._observation(self._situation(params.case(state.row), state, params))
+        return self.observation_of(self.situation_of(params.case(state.row), state, params))
 
     def _instant(self, case: Case, number: Count, key: UInt32[Array, "2"], params: Parameters) -> Instant:
         return Instant(case.environment, number, params.step, SeededRandomness(key))
@@ -259,10 +251,10 @@ class AircraftEnvironment(eqx.Module):
         parts = HeldCommand(command), self.level.controller(case.autopilot)
         return eqx.tree_at(lambda v: (v.guidance, v.controller), case.vehicle, parts)
 
-    def _fly(
+    def fly_decision(
         self, case: Case, state: EpisodeState, action: Float[Array, " action"], params: Parameters
     ) -> VehicleState:
-        """Fly the integration steps of one decision."""
+        """Return the state of the aircraft of a case after the integration steps of one decision."""
         first = state.time * self.decision_steps
         belief = perceive(
             self._flown_vehicle(case, None), state.vehicle, self._instant(case, first, state.key, params)
@@ -279,17 +271,18 @@ class AircraftEnvironment(eqx.Module):
             return advance(jnp.zeros((), jnp.int32), state.vehicle)
         return jax.lax.fori_loop(0, self.decision_steps, advance, state.vehicle)
 
-    def _situation(self, case: Case, state: EpisodeState, params: Parameters) -> Situation:
+    def situation_of(self, case: Case, state: EpisodeState, params: Parameters) -> Situation:
+        """Return what the task sees of a case in a state."""
         number = state.time * self.decision_steps
-        perception = perceive(
-            self._flown_vehicle(case, None), state.vehicle, self._instant(case, number, state.key, params)
-        )
+        instant = self._instant(case, number, state.key, params)
+        perception = perceive(self._flown_vehicle(case, None), state.vehicle, instant)
         truth, belief = perception.truth, perception.belief
         estimates = believed_variables(belief)
         variables = estimates if _is_exact(perception) else believed_variables(_true_belief(truth))
-        return Situation(case, number * params.step, truth, belief, variables, estimates)
+        return Situation(case, instant, truth, belief, variables, estimates)
 
-    def _observation(self, situation: Situation) -> Float[Array, " entry"]:
+    def observation_of(self, situation: Situation) -> Float[Array, " entry"]:
+        """Return the normalized observation."""
         motion = self.observed[: len(self.observed) - len(self.task.entries())]
         values = [*(situation.estimates[entry.name] for entry in motion), *self.task.observation(situation)]
         normalized = [entry.normalize(value) for entry, value in zip(self.observed, values, strict=True)]
@@ -305,6 +298,45 @@ def _is_exact(perception: Perception) -> bool:
 def _true_belief(truth: Truth) -> Belief:
     specific_force_b = truth.condition.wrench.force_b / truth.airframe.mass_properties.mass
     return Belief(truth.airframe, truth.state, truth.condition, specific_force_b, sight=None, goal=None)
+
+
+def end_decision(
+    environment: AircraftEnvironment,
+    flown: EpisodeState,  # state after the decision, with the `settled` of before
+    errors: Float[Array, "..."],
+    reward: Scalar,
+    terminated: Flag,
+    decisions: Count,  # number of decisions of the episode
+    observation: Float[Array, "..."],
+) -> tuple[Float[Array, "..."], EpisodeState, Scalar, dict[str, Array]]:
+    """Return observation, state, reward and `info` at the end of a decision, for one aircraft or a fleet."""
+    within = jnp.all(jnp.abs(errors) <= 1.0) & ~terminated
+    settled = jnp.where(within, flown.settled + 1, 0).astype(flown.settled.dtype)
+    flown = dataclasses.replace(flown, settled=settled)
+    reward = jnp.where(terminated, 0.0, reward).astype(environment.parameters.step.dtype)
+    if not environment.transition_gradients_enabled:
+        observation, flown = jax.tree.map(jax.lax.stop_gradient, (observation, flown))
+    truncated = ~terminated & (flown.time >= decisions)
+    info = {
+        "final_observation": observation,
+        "success": truncated & (settled >= environment.settled_decisions),
+        "terminated": terminated,
+        "truncated": truncated,
+        "discount": jnp.where(terminated, 0.0, 1.0),
+    }
+    return observation, flown, reward, info
+
+
+def reset_if(done: Flag, start: Any, flown: Any) -> Any:
+    """Return the start of the next episode if this one is done, otherwise the flown state, leaf by leaf."""
+    return jax.tree.map(lambda new, old: jnp.where(done, new, old), start, flown)
+
+
+def draw_case(key: Array, params: Parameters) -> tuple[Count, UInt32[Array, "2"]]:
+    """Draw the number of a case and the key of the random numbers of an episode."""
+    draws, words = threefry(_key_words(key), jnp.zeros(2, jnp.uint32), jnp.arange(2, dtype=jnp.uint32))
+    row = (draws[0] % np.uint32(params.count)).astype(jnp.int32)
+    return row, jnp.stack([draws[1], words[1]])
 
 
 def _key_words(key: Array) -> UInt32[Array, "2"]:

@@ -11,9 +11,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from anser.control.inversion_autopilot import InversionAutopilot
-from anser.environments.cases import Case
+from anser.environments.cases import Case, Situation
 from anser.environments.environment import AircraftEnvironment, EpisodeState, Parameters
+from anser.environments.fleet import FleetEnvironment
 from anser.numerics.arrays import cast_like
+from anser.shapes import Count
 
 Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Float[Array, " action"], Any]]
 """Function from a key, the observation, the state and the policy's own state to an action and that state."""
@@ -22,34 +24,52 @@ Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Floa
 class Expert(eqx.Module):
     """The autopilot by dynamic inversion, which flies a task through the environment's level of action.
 
-    The autopilot computes its commands once in each decision; what the level takes of them is the action.
+    The autopilot computes its commands once in each decision; what the level takes of them is the action. Each aircraft
+    of a fleet has its own autopilot.
     """
 
-    environment: AircraftEnvironment
+    environment: AircraftEnvironment | FleetEnvironment
+
+    @property
+    def _member(self) -> AircraftEnvironment:
+        environment = self.environment
+        return environment.member if isinstance(environment, FleetEnvironment) else environment
 
     def _autopilot(self, case: Case) -> InversionAutopilot:
         autopilot = case.autopilot
-        return InversionAutopilot(autopilot.gains, autopilot.limits, loop=self.environment.task.expert_loop)
+        return InversionAutopilot(autopilot.gains, autopilot.limits, loop=self._member.task.expert_loop)
 
-    def init(self, state: EpisodeState, params: Parameters) -> Any:
-        """Return the state of the autopilot at the start of an episode."""
-        case = params.case(state.row)
+    def _start(self, case: Case, dtype: Any) -> Any:
         start = case.start
         settled = self._autopilot(case).init(start.state, jnp.stack([start.mu, start.alpha, start.beta]))
-        return jax.tree.map(lambda leaf: jnp.asarray(leaf, params.step.dtype), settled)
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), settled)
 
-    def act(self, state: EpisodeState, expert_state: Any, params: Parameters) -> tuple[Float[Array, " action"], Any]:
-        """Return the action in a state, and the new state of the expert, which begins anew with each episode."""
-        environment = self.environment
-        start = self.init(state, params)
-        expert_state = jax.tree.map(lambda new, old: jnp.where(state.time == 0, new, old), start, expert_state)
-        situation = environment.situation(state, params)
-        command = environment.task.expert_command(situation)
-        autopilot = self._autopilot(situation.case)
-        step = params.step * environment.decision_steps
-        controls, signals, advanced = autopilot.control(expert_state, situation.belief, command, step)
-        action = environment.level.action(controls, signals, command, situation.case.autopilot, situation.belief)
+    def _act(
+        self, situation: Situation, time: Count, expert_state: Any, params: Parameters
+    ) -> tuple[Float[Array, " action"], Any]:
+        member, case = self._member, situation.case
+        start = self._start(case, params.step.dtype)
+        expert_state = jax.tree.map(lambda new, old: jnp.where(time == 0, new, old), start, expert_state)
+        command = member.task.expert_command(situation)
+        step = params.step * member.decision_steps
+        controls, signals, advanced = self._autopilot(case).control(expert_state, situation.belief, command, step)
+        action = member.level.action(controls, signals, command, case.autopilot, situation.belief)
         return action, cast_like(advanced, expert_state)
+
+    def init(self, state: EpisodeState, params: Parameters) -> Any:
+        """Return the state of the autopilot at the start of an episode; leading axis aircraft for a fleet."""
+        if isinstance(self.environment, FleetEnvironment):
+            return self.environment.cases(state, params).map(lambda case: self._start(case, params.step.dtype))
+        return self._start(params.case(state.row), params.step.dtype)
+
+    def act(self, state: EpisodeState, expert_state: Any, params: Parameters) -> tuple[Float[Array, "..."], Any]:
+        """Return the action in a state, and the new state of the expert, which begins anew with each episode."""
+        if isinstance(self.environment, FleetEnvironment):
+            situations = self.environment.situations(state, params)
+            return jax.vmap(lambda situation, own: self._act(situation, state.time, own, params))(
+                situations, expert_state
+            )
+        return self._act(self.environment.situation(state, params), state.time, expert_state, params)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,7 +95,10 @@ class Score:
 
 
 def score(
-    environment: AircraftEnvironment, policy: str | Policy = "expert", episodes: int = 1000, seed: int = 1
+    environment: AircraftEnvironment | FleetEnvironment,
+    policy: str | Policy = "expert",
+    episodes: int = 1000,
+    seed: int = 1,
 ) -> Score:
     """Fly episodes under a policy.
 
@@ -99,7 +122,11 @@ def score(
 
 
 def _episode(
-    environment: AircraftEnvironment, policy: "_Policy", key: Array, params: Parameters, decisions: int
+    environment: AircraftEnvironment | FleetEnvironment,
+    policy: "_Policy",
+    key: Array,
+    params: Parameters,
+    decisions: int,
 ) -> tuple[Array, Array, Array]:
     """Return the return, the success and the failure of one episode."""
     observation, state = environment.reset(key, params)
@@ -109,7 +136,7 @@ def _episode(
         step_key = jax.random.fold_in(key, number)
         action, policy_state = policy.act(step_key, observation, state, policy_state, params)
         observation, flown, reward, terminated, info = environment.step_env(step_key, state, action, params)
-        total = total + jnp.where(done, 0.0, reward)
+        total = total + jnp.where(done, 0.0, jnp.mean(reward))
         success, failure = success | (info["success"] & ~done), failure | (terminated & ~done)
         done = done | terminated | info["truncated"]
         state = jax.tree.map(lambda new, old: jnp.where(done, old, new), flown, state)
@@ -118,7 +145,7 @@ def _episode(
     no = jnp.zeros((), bool)
     carry = observation, state, policy.init(state, params), jnp.zeros((), params.step.dtype), no, no, no
     (_, final, _, total, success, failure, _), _ = jax.lax.scan(advance, carry, jnp.arange(decisions))
-    return total / params.case(final.row).decisions, success, failure
+    return total / jnp.max(params.cases.batched.decisions[final.row]), success, failure
 
 
 @dataclasses.dataclass(frozen=True)
@@ -127,15 +154,18 @@ class _Policy:
     act: Callable[[Array, Array, EpisodeState, Any, Parameters], tuple[Array, Any]]
 
 
-def _policy(environment: AircraftEnvironment, policy: str | Policy) -> _Policy:
+def _policy(environment: AircraftEnvironment | FleetEnvironment, policy: str | Policy) -> _Policy:
     if callable(policy):
         return _Policy(lambda state, params: None, lambda key, obs, state, own, params: policy(key, obs, state, own))
     if policy == "expert":
         expert = Expert(environment)
         return _Policy(expert.init, lambda key, obs, state, own, params: expert.act(state, own, params))
     space = environment.action_space()
+    shape = (len(environment.agents), *space.shape) if isinstance(environment, FleetEnvironment) else space.shape
     if policy == "zero":
-        return _Policy(lambda state, params: None, lambda *_: (jnp.zeros(space.shape), None))
+        return _Policy(lambda state, params: None, lambda *_: (jnp.zeros(shape), None))
     if policy == "random":
-        return _Policy(lambda state, params: None, lambda key, *_: (space.sample(key), None))
+        return _Policy(
+            lambda state, params: None, lambda key, *_: (jax.random.uniform(key, shape, jnp.float32, -1.0, 1.0), None)
+        )
     raise ValueError(f'policy: arrived {policy!r}; expected "expert", "zero", "random", or a function')

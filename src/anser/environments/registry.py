@@ -1,6 +1,7 @@
 """Environments by name: the tasks with their aircraft, air, sensors and cases."""
 
 import dataclasses
+import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -12,6 +13,7 @@ from anser.compiling.options import enable_compilation_cache
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
 from anser.environments.cases import (
+    Case,
     FlightRange,
     autopilot_of,
     default_range,
@@ -21,9 +23,11 @@ from anser.environments.cases import (
     wind_rows,
 )
 from anser.environments.environment import MOTION, AircraftEnvironment, Parameters
+from anser.environments.fleet import FleetEnvironment
+from anser.environments.planned_tasks import AbstractPlannedTask, Arrival, FleetArrival, PathTracking, planned_cases
 from anser.environments.spaces import Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand
-from anser.numerics.arrays import as_array, cast_to_precision
+from anser.numerics.arrays import Stacked, as_array, cast_to_precision
 from anser.sensing.ideal_sensors import IdealSensors
 from anser.simulation.precision import PRECISIONS, Precision
 from anser.simulation.vehicle import Vehicle
@@ -35,8 +39,11 @@ TASKS: dict[str, Callable[[], AbstractTask]] = {
     "VelocityCommand": VelocityCommand,
     "AltitudeChange": AltitudeChange,
     "UpsetRecovery": UpsetRecovery,
+    "PathTracking": PathTracking,
+    "Arrival": Arrival,
+    "FleetArrival": FleetArrival,
 }
-"""Tasks of one aircraft by name."""
+"""Tasks by name."""
 
 
 def make(
@@ -45,13 +52,14 @@ def make(
     *,
     aircraft: str | Mapping[str, Any] = "f16",
     flown: FlightRange | None = None,
+    study: str | os.PathLike[str] | None = None,
     cases: int = 4096,
     seed: int = 0,
     precision: Precision = "float64",
     step_s: float = 0.01,
     **tables: Any,
-) -> AircraftEnvironment:
-    """Make an environment of one aircraft.
+) -> AircraftEnvironment | FleetEnvironment:
+    """Make an environment: of one aircraft, or of a fleet for the task "FleetArrival".
 
     Parameters
     ----------
@@ -64,6 +72,10 @@ def make(
         and the like.
     flown
         Range of the starts and of the wind; None: the range of the aircraft.
+    study
+        Path of a study file whose flights are the cases of "PathTracking", "Arrival" and "FleetArrival", with the
+        aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned before;
+        flights without a plan are left out. Excludes `aircraft`, `flown`, `cases`, `seed` and tables.
     cases
         Number of cases: starts and commands from which a reset draws.
     seed
@@ -100,25 +112,41 @@ def make(
     decision_steps = round(level.decision_s / step_s)
     if decision_steps < 1 or abs(decision_steps * step_s - level.decision_s) > 1e-9:
         raise ValueError(f"step_s: arrived {step_s:g}; expected a divisor of the decision, {level.decision_s:g} s")
-    vehicle, environment = single_aircraft(scenario_tables(aircraft, tables))
-    flown = default_range(vehicle) if flown is None else flown
-    rng = np.random.default_rng(seed)
-    starts, numbers = chosen_task.draw(vehicle, environment, flown, cases, rng)
-    decisions = round(chosen_task.duration_s / level.decision_s)
-    bank = stack_cases(
-        vehicle, environment, starts, wind_rows(flown, cases, rng), numbers, decisions, np.dtype(precision)
-    )
     name = task if isinstance(task, str) else type(task).__name__
+    step = cast_to_precision(as_array(step_s), precision)
+    if isinstance(chosen_task, AbstractPlannedTask):
+        bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, np.dtype(precision))
+        is_fleet = isinstance(chosen_task, FleetArrival)
+        if not is_fleet and len(agents) > 1:
+            raise ValueError(f"study: arrived {len(agents)} aircraft; expected one, or the task FleetArrival")
+        if not is_fleet:
+            bank = Stacked(jax.tree.map(lambda leaf: leaf[:, 0], bank.batched), bank.shared)
+        vehicle = jax.tree.map(np.asarray, bank.at(0).vehicle) if not is_fleet else _first_vehicle(bank)
+    else:
+        vehicle, environment = single_aircraft(scenario_tables(aircraft, tables))
+        flown = default_range(vehicle) if flown is None else flown
+        rng = np.random.default_rng(seed)
+        starts, numbers = chosen_task.draw(vehicle, environment, flown, cases, rng)
+        decisions = round(chosen_task.duration_s / level.decision_s)
+        winds = wind_rows(flown, cases, rng)
+        bank = stack_cases(vehicle, environment, starts, winds, numbers, decisions, np.dtype(precision))
+        agents, separation_m = (), 0.0
     made = AircraftEnvironment(
         task=chosen_task,
         level=level,
-        parameters=Parameters(bank, None, cast_to_precision(as_array(step_s), precision)),
+        parameters=Parameters(bank, None, step),
         observed=(*MOTION, *_surface_entries(vehicle), *chosen_task.entries()),
         commanded=level.entries(autopilot_of(vehicle), vehicle.airframe),
         decision_steps=decision_steps,
         name=name,
     )
+    if isinstance(chosen_task, FleetArrival):
+        return FleetEnvironment(made, agents, separation_m)
     return with_start_observations(made)
+
+
+def _first_vehicle(bank: Stacked[Case]) -> Vehicle:
+    return bank.combine(jax.tree.map(lambda leaf: leaf[0, 0], bank.batched)).vehicle
 
 
 def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:

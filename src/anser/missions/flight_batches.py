@@ -25,7 +25,9 @@ from anser.missions.segments import padded_batches, without_replanning
 from anser.missions.series import SeriesSelection
 from anser.numerics.arrays import Stacked, as_array, stack_objects, stack_rows, tree_signature
 from anser.numerics.randomness import AbstractRandomness, flight_randomness
+from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
+from anser.planning.certified.search import search
 from anser.planning.certified.task import AircraftTask
 from anser.planning.separation import Separation
 from anser.results.flight_rows import FlightRow, build_flight_row
@@ -162,6 +164,67 @@ def fly_many(
     for k in single:
         deliver([k], [_fly_alone(cases[k], series, outputs)])
     return cast(list[FlightRow], flight_rows)
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedFlights:
+    """Flights with plans of the certified planner, before they are flown.
+
+    Attributes
+    ----------
+    numbers
+        Indices of the cases that have a plan.
+    flights
+        The flights of these cases.
+    fleets
+        Trimmed fleet of each flight.
+    plans
+        Plan of each flight.
+    """
+
+    numbers: list[int]
+    flights: list[Flight]
+    fleets: list[TrimmedFleet]
+    plans: list[CertifiedPlan]
+
+
+def plan_many(cases: Sequence[FlightCase], progress: Progress | None = None) -> PlannedFlights:
+    """Trim and plan many flights of equal structure by the certified planner, up to the arrivals.
+
+    Only the times that the arrival rule prefers are tried, and no holds are planned: a flight costs a fraction of its
+    first plan, and without a path at these times has none.
+
+    Raises
+    ------
+    ValueError
+        The scenarios have different structures, or another planner than the certified one.
+    """
+    enable_compilation_cache()
+    on_progress = progress or no_progress
+    result = PlannedFlights([], [], [], [])
+    size, signatures = min(BATCH, len(cases)), set[Any]()
+    for group, numbers, flights in _group_cases(cases, BATCH):
+        signatures.add(tree_signature(flights[0]))
+        if len(signatures) > 1 or not isinstance(flights[0].planner, CertifiedPlanner):
+            raise ValueError(
+                f"{cases[0].scenario.name}: arrived flights of different structure, or another planner; expected "
+                "flights of equal structure with the certified planner"
+            )
+        chosen = [cases[k] for k in numbers]
+        fleets, tasks = _trim_and_build_tasks(group.stacked(flights, size))
+        refusals = _find_untrimmable(chosen, flights, fleets)
+
+        rows = jax.tree.map(np.asarray, fleets)
+        for k in [k for k in range(len(numbers)) if k not in refusals]:
+            airspace, request = aircraft_planner(flights[k]).airspace, arrival_request(chosen[k].scenario)
+            plan = search(0.0, _index_row(tasks, k), airspace, request, thorough=False).plan
+            on_progress(f"planning {len(cases)} flights", (numbers[k] + 1) / len(cases))
+            if plan is not None:
+                result.numbers.append(numbers[k])
+                result.flights.append(flights[k])
+                result.fleets.append(_index_row(rows, k))
+                result.plans.append(plan)
+    return result
 
 
 def _fly_alone(case: FlightCase, series: SeriesSelection | None, outputs: OutputRecording | None) -> FlightRow:
