@@ -112,7 +112,7 @@ def test_unstable_aircraft_by_filter_error_over_two_hundred_seeds():
     [
         ({}, {"a": 1.0, "b": 1.0}, "process_noise: arrived {}"),
         ({"x": -1.0}, {"a": 1.0, "b": 1.0}, "process_noise: arrived .*-1.0"),
-        ({"x": 0.1}, {"a": -1e200, "b": 1.0}, "start: the filter diverges"),
+        ({"x": 0.1}, {"a": -1e200, "b": 1.0}, "start: the model diverges"),
     ],
 )
 def test_filters_without_information_are_refused(process_noise, start, message):

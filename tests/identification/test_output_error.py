@@ -183,7 +183,7 @@ def test_initial_states_are_estimated_with_the_parameters():
     [
         ({"a": 1.0, "b": 1.0, "c": 0.5}, {}, "parameters: (a, b|b, a) are collinear"),
         ({"a": 1.0, "c": 0.5, "d": 1.0}, {"fixed": {"b": 1.0}}, "parameters: no excitation of d"),
-        ({"a": 800.0, "c": 0.5}, {"fixed": {"b": 1.0}}, "start: the predicted outputs diverge.*unstable"),
+        ({"a": 800.0, "c": 0.5}, {"fixed": {"b": 1.0}}, "start: the model diverges.*unstable"),
         ({"a": 1.0, "c": np.nan}, {"fixed": {"b": 1.0}}, "start: arrived .*finite numbers"),
         ({"a": 1.0, "c": 1.0}, {"fixed": {"b": 1.0}, "initial_states": ["y"]}, "expected some of x"),
         ({"a": 1.0, "c": 1.0}, {"fixed": {"b": 1.0}, "noise": [0.0]}, "noise: arrived .*positive numbers for y"),

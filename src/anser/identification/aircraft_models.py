@@ -3,7 +3,7 @@
 States, inputs and outputs have the keys of the catalogue, so that a record gives the manoeuvre.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -20,17 +20,24 @@ from anser.airframe_data import COEFFICIENTS, derivative_columns, derivative_ind
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.environment.atmosphere import StandardAtmosphere
 from anser.identification.dynamic_models import DynamicModel, Manoeuvre, Parameters, make_manoeuvre
-from anser.identification.kinematics import RATES, SPECIFIC_FORCE
+from anser.identification.kinematics import RATES, SPECIFIC_FORCE, attitude_rates, flow_rates, gravity_in_body
 from anser.identification.records import FlightRecord
-from anser.numerics.linear import cross
 from anser.shapes import Scalar
 from anser.spatial.wind_axes import air_direction_b
 
 
-def _linear_terms(arguments: dict[str, Array], theta: Parameters, axis: str) -> Array:
-    """Return the sum of the derivatives of an axis times their arguments, with the constant `AXIS_0`; absent: zero."""
-    terms = [theta[f"{axis}_{name}"] * x for name, x in arguments.items() if f"{axis}_{name}" in theta]
-    return sum(terms, theta.get(f"{axis}_0", jnp.zeros(())))
+def linear_rates(axes: Sequence[str], arguments: Mapping[str, Array], theta: Parameters) -> Array:
+    """Return the rates of a linear model: for each axis the sum of its derivatives times their arguments.
+
+    `Z_alpha`, `Z_q`, ... are elements of the state matrix, as `anser.linearize` gives them, `Z_elevator` one of the
+    input matrix, and `Z0` a constant; an absent parameter is zero.
+    """
+    zero = jnp.zeros(())
+    sums = [
+        sum((theta.get(f"{axis}_{name}", zero) * x for name, x in arguments.items()), theta.get(f"{axis}0", zero))
+        for axis in axes
+    ]
+    return jnp.stack(sums)
 
 
 class ShortPeriod(eqx.Module):
@@ -43,15 +50,15 @@ class ShortPeriod(eqx.Module):
         """Return the rates of angle of attack and pitch rate, and the outputs."""
         alpha, q = x
         arguments = {"alpha": alpha, "q": q, **dict(zip(self.surfaces, u, strict=True))}
-        Z, M = (_linear_terms(arguments, theta, axis) for axis in "ZM")
-        return jnp.stack([q + Z, M]), jnp.stack([alpha, q, self.speed * Z - STANDARD_GRAVITY_M_S2])
+        rates = linear_rates("ZM", arguments, {"Z_q": jnp.ones(()), **theta})
+        return rates, jnp.stack([alpha, q, self.speed * (rates[0] - q) - STANDARD_GRAVITY_M_S2])
 
 
 def short_period_model(speed_m_s: float, surfaces: Sequence[str] = ("elevator",)) -> DynamicModel:
-    """Return the model alpha' = q + Z, q' = M, f_z = V Z - g, with Z = Z_alpha alpha + Z_q q + Z_elevator u + Z_0.
+    """Return the model alpha' = Z, q' = M, f_z = V (Z - q) - g, with Z = Z_alpha alpha + Z_q q + Z_elevator u + Z0.
 
-    M likewise. The derivatives per rad are parameters named in this way; one that is neither estimated nor fixed is
-    zero. The unit of Z is rad/s, of M rad/s^2.
+    M likewise. The derivatives per rad are parameters with these names. `Z_q` is 1 where it is neither estimated nor
+    fixed, other parameters zero. The unit of Z is rad/s, of M rad/s^2.
     """
     equations = ShortPeriod(jnp.asarray(float(speed_m_s)), tuple(surfaces))
     outputs = ("alpha", "pitch_rate", "specific_force_z")
@@ -70,11 +77,12 @@ class LateralMotion(eqx.Module):
         """Return the rates of sideslip, roll rate, yaw rate and roll, and the outputs."""
         beta, p, r, roll = x
         arguments = {"beta": beta, "p": p, "r": r, **dict(zip(self.surfaces, u, strict=True))}
-        Y, L, N = (_linear_terms(arguments, theta, axis) for axis in "YLN")
+        along, across = jnp.cos(self.alpha), jnp.sin(self.alpha)
+        beta_dot, *moments = linear_rates("YLN", arguments, {"Y_p": across, "Y_r": -along, **theta})
+        force = self.speed * (beta_dot - p * across + r * along)
         gravity = STANDARD_GRAVITY_M_S2 / self.speed * jnp.cos(self.pitch) * jnp.sin(roll)
-        beta_dot = Y + p * jnp.sin(self.alpha) - r * jnp.cos(self.alpha) + gravity
         roll_dot = p + jnp.tan(self.pitch) * r * jnp.cos(roll)
-        return jnp.stack([beta_dot, L, N, roll_dot]), jnp.stack([beta, p, r, roll, self.speed * Y])
+        return jnp.stack([beta_dot + gravity, *moments, roll_dot]), jnp.stack([beta, p, r, roll, force])
 
 
 def lateral_model(
@@ -83,15 +91,36 @@ def lateral_model(
     pitch_rad: float = 0.0,
     surfaces: Sequence[str] = ("aileron", "rudder"),
 ) -> DynamicModel:
-    """Return the model of sideslip, roll rate, yaw rate and roll about straight flight, with side force f_y = V Y.
+    """Return the model of sideslip, roll rate, yaw rate and roll about straight flight, and side force.
 
-    Y = Y_beta beta + Y_p p + Y_r r + Y_aileron u + ... + Y_0, rad/s, and L and N likewise, rad/s^2, are the sums of
-    derivatives (per rad) and arguments; one that is neither estimated nor fixed is zero. L and N contain the product of
-    inertia. Angle of attack and pitch of the straight flight are constant.
+    beta' = Y + (g/V) cos(pitch) sin(roll), p' = L, r' = N, f_y = V (Y - p sin(alpha) + r cos(alpha)). Y = Y_beta beta +
+    Y_p p + Y_r r + Y_aileron u + ... + Y0, rad/s, and L and N likewise, rad/s^2, with derivatives per rad; L and N
+    contain the product of inertia. Where neither estimated nor fixed, `Y_p` is sin(alpha), `Y_r` -cos(alpha), and
+    another parameter zero. Angle of attack and pitch of the straight flight are constant.
     """
     speed, alpha, pitch = (jnp.asarray(float(value)) for value in (speed_m_s, alpha_rad, pitch_rad))
     outputs = ("beta", "roll_rate", "yaw_rate", "roll", "specific_force_y")
     return DynamicModel(LateralMotion(speed, alpha, pitch, tuple(surfaces)), outputs[:4], tuple(surfaces), outputs)
+
+
+class RecordedMotion(eqx.Module):
+    """Linear equations along a record: the last inputs are known parts of the rates, from gravity."""
+
+    axes: tuple[str, ...] = eqx.field(static=True)
+    states: tuple[str, ...] = eqx.field(static=True)
+    inputs: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
+        """Return the rates of the states, and the states."""
+        count = len(self.inputs)
+        arguments = dict(zip((*self.states, *self.inputs), (*x, *u[:count]), strict=True))
+        return linear_rates(self.axes, arguments, theta) + u[count:], x
+
+
+def recorded_model(axes: Sequence[str], states: Sequence[str], inputs: Sequence[str]) -> DynamicModel:
+    """Return the model x' = A x + B u + c + known with the states as outputs, and parameters as in `linear_rates`."""
+    equations = RecordedMotion(tuple(axes), tuple(states), tuple(inputs))
+    return DynamicModel(equations, equations.states, (*inputs, *(f"known_{name}" for name in states)), equations.states)
 
 
 _MOTION = ("airspeed", "alpha", "beta", "roll", "pitch", *RATES)
@@ -123,22 +152,12 @@ class AircraftMotion(eqx.Module):
         scale = data.qbar * self.lengths.wing_area
         wrench = wrench + Wrench(scale * force, scale * scales * jnp.stack(moments))
         specific_force = wrench.force_b / airframe.mass_properties.mass
-        down = jnp.stack([-jnp.sin(pitch), jnp.sin(roll) * jnp.cos(pitch), jnp.cos(roll) * jnp.cos(pitch)])
-        acceleration = specific_force + STANDARD_GRAVITY_M_S2 * down - cross(rates, velocity)
-        flow_rates = jnp.stack(
-            [
-                jnp.sum(velocity * acceleration) / V,
-                (acceleration[2] * ca - acceleration[0] * sa) / (V * jnp.cos(beta)),
-                (acceleration[1] * jnp.cos(beta) - jnp.sin(beta) * (acceleration[0] * ca + acceleration[2] * sa)) / V,
-            ]
-        )
-        turning = rates[1] * jnp.sin(roll) + rates[2] * jnp.cos(roll)
-        attitude_rates = jnp.stack(
-            [rates[0] + jnp.tan(pitch) * turning, rates[1] * jnp.cos(roll) - rates[2] * jnp.sin(roll)]
-        )
+        gravity = gravity_in_body(roll, pitch, jnp)
+        flow = flow_rates(V, alpha, beta, rates, specific_force, gravity, jnp)
+        attitude = attitude_rates(roll, pitch, rates, jnp)[:2]
         angular = angular_acceleration(airframe.mass_properties, rates, wrench.moment_b)
         values: dict[str, Array] = dict(zip(_OUTPUTS, (*x, *specific_force), strict=True))
-        return jnp.concatenate([flow_rates, attitude_rates, angular]), jnp.stack([values[key] for key in self.outputs])
+        return jnp.concatenate([flow, attitude, angular]), jnp.stack([values[key] for key in self.outputs])
 
     def _identified(self, theta: Parameters) -> tuple[AbstractAirframe, Float[Array, "6 argument"]]:
         """Return the airframe with the values of the parameters, and increments of coefficients by derivative."""

@@ -1,40 +1,33 @@
-"""Estimated parameters with covariance and intervals, fit statistics, whiteness of the residuals, and collinearity."""
+"""Estimated parameters with covariance and intervals, covariances for coloured residuals, and collinearity."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Inexact
+from jaxtyping import Float
 from scipy import stats
 
-from anser.results.documents import notebook_table
-
-Samples = Inexact[np.ndarray, "sample response"]
+from anser.identification.fits import Fit, PrintedTable, autocovariances
+from anser.results.variable_labels import unit_attributes
 
 COLLINEARITY_MAX = 1000.0
 """Greatest condition number of regressors scaled to unit length; above, an estimate depends on the last digits."""
-_COLLINEARITY_NOTABLE = (
-    30.0  # strong collinearity (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)
-)
+COLLINEARITY_NOTABLE = 30.0
+"""Condition number of strong collinearity (D. A. Belsley, E. Kuh, R. E. Welsch, *Regression Diagnostics*, 1980)."""
+_LABELS = {
+    "estimate": "Estimate",
+    "standard_error": "Standard error",
+    "low": "Lower bound of the 95 % interval",
+    "high": "Upper bound of the 95 % interval",
+    "variance_inflation": "Factor on the variance from collinearity",
+}
 
 
-class Whiteness(NamedTuple):
-    """Autocorrelation of residuals over the lags 1, 2, ..., and the 95 % bound of white residuals."""
-
-    autocorrelation: Float[np.ndarray, "lag response"]
-    bound: float
-
-    @property
-    def share_outside(self) -> Float[np.ndarray, " response"]:
-        """Share of the lags outside the bounds; about 0.05 for white residuals."""
-        return np.mean(np.abs(self.autocorrelation) > self.bound, axis=0)
-
-
-@dataclass(frozen=True, repr=False)
-class Estimate:
-    """Estimated parameters: printed, a table with the 95 % interval of each parameter, then the fit.
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Estimate(Fit, PrintedTable):
+    """Estimated parameters and their fit: printed, a table with the 95 % interval of each parameter, then the fit.
 
     Attributes
     ----------
@@ -44,17 +37,9 @@ class Estimate:
         Names of the parameters, their values (parameter,) and the covariance of their errors (parameter, parameter).
     degrees_of_freedom
         Degrees of freedom of the residual variance: intervals follow Student's distribution.
-    responses
-        Names of the measured quantities that the model reproduces.
-    measured, fitted
-        Measured and fitted values, shape (sample, response); complex in the frequency domain.
-    sample_points
-        Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
     condition_number, variance_inflation
         Collinearity of the regressors or sensitivities: ratio of the extreme singular values after scaling to unit
         length, and by parameter the factor on the variance from the correlation with the remaining parameters.
-    is_spectrum
-        Whether the samples are those of a Fourier transform.
     white_covariance
         Covariance as if the residuals were white: the published bound, for comparison.
     notes
@@ -66,13 +51,8 @@ class Estimate:
     values: Float[np.ndarray, " parameter"]
     covariance: Float[np.ndarray, "parameter parameter"]
     degrees_of_freedom: float
-    responses: tuple[str, ...]
-    measured: Samples
-    fitted: Samples
-    sample_points: Float[np.ndarray, " sample"]
     condition_number: float
     variance_inflation: Float[np.ndarray, " parameter"]
-    is_spectrum: bool = False
     white_covariance: Float[np.ndarray, "parameter parameter"] | None = None
     notes: tuple[str, ...] = ()
 
@@ -110,76 +90,24 @@ class Estimate:
         """Correlation of the errors of the parameters."""
         return self.covariance / np.outer(self.standard_errors, self.standard_errors)
 
-    @property
-    def residuals(self) -> Samples:
-        """Measured minus fitted values."""
-        return self.measured - self.fitted
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each parameter: name, estimate, 95 % interval, standard error, variance inflation."""
+        low, high = self.interval().T
+        columns = self.values, self.standard_errors, low, high, self.variance_inflation
+        keyed = [dict(zip(_LABELS, map(float, row), strict=True)) for row in zip(*columns, strict=True)]
+        return [{"name": name, **row} for name, row in zip(self.names, keyed, strict=True)]
 
-    @property
-    def r_squared(self) -> Float[np.ndarray, " response"]:
-        """Coefficient of determination R^2 of each response: 1 is a perfect fit.
-
-        The variation of a response is about its mean; the transform of a response has no mean.
-        """
-        measured = np.asarray(self.measured)
-        middle = 0.0 if self.is_spectrum else np.mean(measured, axis=0)
-        return 1.0 - _squares(self.residuals) / _squares(measured - middle)
-
-    @property
-    def rms(self) -> Float[np.ndarray, " response"]:
-        """Root mean square of the residuals of each response."""
-        return np.sqrt(_squares(self.residuals) / len(self.measured))
-
-    @property
-    def theil_inequality(self) -> Float[np.ndarray, " response"]:
-        """Theil's inequality coefficient of each response: 0 for a perfect fit, 1 without any; below 0.25 to 0.3: good.
-
-        Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
-        """
-        roots = [np.sqrt(_squares(values)) for values in (self.residuals, self.measured, self.fitted)]
-        return roots[0] / (roots[1] + roots[2])
-
-    @property
-    def whiteness(self) -> Whiteness | None:
-        """Autocorrelation of the residuals up to a fifth of the record; None in the frequency domain."""
-        if self.is_spectrum:
-            return None
-        gamma = autocovariances(np.real(self.residuals), len(self.measured) // 5)
-        autocovariance = np.diagonal(gamma, axis1=1, axis2=2)
-        return Whiteness(autocovariance[1:] / autocovariance[0], 1.96 / float(np.sqrt(len(self.measured))))
-
-    def __repr__(self) -> str:
-        return text_table(self._title(), self._entries(), [*self._fit_lines(), *self.notes])
-
-    def _repr_html_(self) -> str:
-        return notebook_table(self._title(), self._entries(), [*self._fit_lines(), *self.notes])
-
-    def _title(self) -> str:
-        return f"{self.method}: {', '.join(self.responses)} from {len(self.measured)} samples"
-
-    def _entries(self) -> list[dict[str, str]]:
-        columns = zip(
-            self.names, self.values, self.interval(), self.standard_errors, self.variance_inflation, strict=True
-        )
-        return [
-            {
-                "parameter": name,
-                "estimate": f"{value:.{digits}g}",
-                "95 % interval": f"{low:.{digits}g} to {high:.{digits}g}",
-                "standard error": f"{error:.2g}",
-                "variance inflation": f"{inflation:.3g}",
-            }
-            for name, value, (low, high), error, inflation in columns
-            for digits in [_significant_digits(value, error)]
-        ]
+    def _table(self) -> tuple[str, list[dict[str, str]], list[str]]:
+        title = f"{self.method}: {', '.join(self.responses)} from {len(self.measured)} samples"
+        return title, table_entries(self.rows()), [*self._fit_lines(), *self.notes]
 
     def _fit_lines(self) -> list[str]:
         fits = zip(self.responses, self.r_squared, self.theil_inequality, self.rms, strict=True)
         lines = [f"{name}: R2 {r2:.4f}, TIC {tic:.3f}, RMS {rms:.3g}" for name, r2, tic, rms in fits]
         lines.append(f"condition number {self.condition_number:.3g}")
-        if self.condition_number > _COLLINEARITY_NOTABLE:
+        if self.condition_number > COLLINEARITY_NOTABLE:
             worst = [self.names[k] for k in np.argsort(-self.variance_inflation)[:2]]
-            lines[-1] += f" (above {_COLLINEARITY_NOTABLE:g}: {' and '.join(worst)} are hard to tell apart)"
+            lines[-1] += f" (above {COLLINEARITY_NOTABLE:g}: {' and '.join(worst)} are hard to tell apart)"
         if (whiteness := self.whiteness) is not None:
             shares = zip(self.responses, whiteness.share_outside, strict=True)
             text = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in shares)
@@ -189,40 +117,22 @@ class Estimate:
     @property
     def dataset(self) -> xr.Dataset:
         """Estimate, fit and residuals as a labelled dataset; complex samples as their real and imaginary parts."""
-        names, inflation = np.array(self.names), self.variance_inflation
-        interval = self.interval()
-        data: dict[str, Any] = {
-            "estimate": ("parameter", self.values, {"long_name": "Estimate"}),
-            "standard_error": ("parameter", self.standard_errors, {"long_name": "Standard error"}),
-            "interval_low": ("parameter", interval[:, 0], {"long_name": "Lower bound of the 95 % interval"}),
-            "interval_high": ("parameter", interval[:, 1], {"long_name": "Upper bound of the 95 % interval"}),
-            "variance_inflation": ("parameter", inflation, {"long_name": "Factor on the variance from collinearity"}),
-            "covariance": (("parameter", "parameter_2"), self.covariance, {"long_name": "Covariance of the errors"}),
-            "correlation": (("parameter", "parameter_2"), self.correlation, {"long_name": "Correlation of the errors"}),
-            "r_squared": ("response", self.r_squared, {"long_name": "Coefficient of determination"}),
-            "theil_inequality": ("response", self.theil_inequality, {"long_name": "Theil's inequality coefficient"}),
-            "rms_residual": ("response", self.rms, {"long_name": "Root mean square of the residuals"}),
-        }
         axis, unit, long_name = ("frequency", "Hz", "Frequency") if self.is_spectrum else ("time", "s", "Time")
-        for name, samples in (("measured", self.measured), ("fitted", self.fitted), ("residual", self.residuals)):
-            label = {"long_name": f"{name.capitalize()} response"}
-            if self.is_spectrum:
-                parts = np.stack([np.real(samples), np.imag(samples)], axis=2)
-                data[name] = ((axis, "response", "part"), parts, label)
-            else:
-                data[name] = ((axis, "response"), samples, label)
-        coordinates: dict[str, Any] = {
-            "parameter": names,
-            "parameter_2": names,
-            "response": np.array(self.responses),
-            axis: (axis, self.sample_points, {"units": unit, "long_name": long_name}),
-        }
+        dimensions, parts = (axis, "response"), ()
         if self.is_spectrum:
-            coordinates["part"] = np.array(["real", "imaginary"])
-        if (whiteness := self.whiteness) is not None:
-            coordinates["lag"] = np.arange(1, len(whiteness.autocorrelation) + 1)
-            label = {"long_name": "Autocorrelation of the residuals", "bound_95": whiteness.bound}
-            data["autocorrelation"] = (("lag", "response"), whiteness.autocorrelation, label)
+            dimensions, parts = (axis, "response", "part"), ("real", "imag")
+        data = parameter_variables([self])
+        for name, samples in (("measured", self.measured), ("fitted", self.fitted), ("residual", self.residuals)):
+            values = np.stack([getattr(samples, part) for part in parts], axis=2) if parts else samples
+            data[name] = (dimensions, values, unit_attributes("", f"{name.capitalize()} response"))
+        for name, label in (("r_squared", "Coefficient of determination"), ("theil_inequality", "Theil's inequality")):
+            data[name] = ("response", getattr(self, name), unit_attributes("1", label))
+        coordinates: dict[str, Any] = {
+            "response": np.array(self.responses),
+            axis: (axis, self.sample_points, unit_attributes(unit, long_name)),
+        }
+        if parts:
+            coordinates["part"] = np.array(parts)
         attributes: dict[str, Any] = {
             "method": self.method,
             "degrees_of_freedom": self.degrees_of_freedom,
@@ -232,33 +142,41 @@ class Estimate:
         return xr.Dataset(data, coordinates, attributes)
 
 
-def _significant_digits(value: float, error: float) -> int:
-    """Return the digits of a value that show two digits of its standard error, from 4 to 8."""
-    ratio = max(abs(value), error) / max(error, 1e-300)
-    return int(np.clip(np.ceil(np.log10(ratio)) + 2, 4, 8)) if np.isfinite(ratio) else 4
+def table_entries(rows: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
+    """Return the cells of a table of parameters, with the digits that the standard errors allow."""
+    entries = []
+    for row in rows:
+        value, error = row["estimate"], row["standard_error"]
+        ratio = max(abs(value), error) / max(error, 1e-300)
+        # two digits of the standard error, from 4 to 8 in all
+        digits = int(np.clip(np.ceil(np.log10(ratio)) + 2, 4, 8)) if np.isfinite(ratio) else 4
+        interval = f"{row['low']:.{digits}g} to {row['high']:.{digits}g}"
+        entries.append(
+            {
+                "parameter": row["name"],
+                "estimate": f"{value:.{digits}g}",
+                "95 % interval": interval,
+                "standard error": f"{error:.2g}",
+                "variance inflation": f"{row['variance_inflation']:.3g}",
+            }
+        )
+    return entries
 
 
-def text_table(title: str, entries: Sequence[Mapping[str, str]], notes: Sequence[str]) -> str:
-    """Return a table as text, with a title above and notes below; the entries hold the cells by column name."""
-    widths = {name: max(len(name), *(len(entry[name]) for entry in entries)) for name in entries[0]}
-    table = [dict(zip(widths, widths, strict=True)), *entries]
-    lines = ["  ".join(f"{entry[name]:>{width}}" for name, width in widths.items()) for entry in table]
-    return "\n".join([title, *(f"  {line}" for line in lines), *notes])
-
-
-def _squares(samples: Samples) -> Float[np.ndarray, " response"]:
-    return np.sum(np.abs(samples) ** 2, axis=0)
-
-
-def autocovariances(
-    residuals: Float[np.ndarray, "sample response"], lag_max: int
-) -> Float[np.ndarray, "lag response response_2"]:
-    """Return the sums of v_i v_(i + lag)^T over a record of residuals v at the lags 0 to `lag_max`, over its length.
-
-    The division by the length of the record keeps their Fourier transform, a spectrum, positive.
-    """
-    count = len(residuals)
-    return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count
+def parameter_variables(estimates: Sequence[Estimate]) -> dict[str, Any]:
+    """Return the parameters of estimates as variables of a dataset; errors of different estimates are not related."""
+    rows = [row for estimate in estimates for row in estimate.rows()]
+    correlation, start = np.full((len(rows), len(rows)), np.nan), 0
+    for estimate in estimates:
+        inside = slice(start, start + len(estimate.names))
+        correlation[inside, inside], start = estimate.correlation, inside.stop
+    labels = unit_attributes("1", "Correlation of the errors")
+    if len(estimates) > 1:
+        labels["comment"] = "NaN between parameters of different equations, whose errors are not related"
+    names = np.array([row["name"] for row in rows])
+    data: dict[str, Any] = {"parameter": names, "parameter_2": names}
+    data |= {key: ("parameter", [row[key] for row in rows], {"long_name": label}) for key, label in _LABELS.items()}
+    return data | {"correlation": (("parameter", "parameter_2"), correlation, labels)}
 
 
 class ErrorCovariance(NamedTuple):

@@ -2,17 +2,20 @@
 
 import dataclasses
 import functools
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
+from scipy.signal import lsim
 
-from anser.identification.dynamic_models import DynamicModel, Parameters, make_manoeuvre
-from anser.identification.estimates import Estimate, autocovariances
+from anser.identification.aircraft_models import recorded_model
+from anser.identification.dynamic_models import make_manoeuvre
+from anser.identification.estimates import Estimate
 from anser.identification.filter_error import estimate_filter_error
+from anser.identification.fits import Fit
 from anser.identification.frequency_regression import regress_spectra
-from anser.identification.models import Equation, ModelData, linear_series, predict
+from anser.identification.models import Equation, ModelData, Series
 from anser.identification.output_error import estimate_output_error
 from anser.identification.regression import regress
 from anser.identification.smoothing import smooth
@@ -23,42 +26,6 @@ _PROCESS_NOISE = 1e-6
 """Start value of the spectral density of the noise in the rates of a linear model."""
 _BAND_HZ = 1.5
 """Highest frequency of regressions, Hz, and lowest in periods per record: rigid-body motion of an aircraft."""
-
-
-class Fit(NamedTuple):
-    """Responses of a model against the measured responses over time."""
-
-    time_s: Float[np.ndarray, " sample"]
-    responses: tuple[str, ...]
-    measured: Float[np.ndarray, "sample response"]
-    modelled: Float[np.ndarray, "sample response"]
-
-    @property
-    def residuals(self) -> Float[np.ndarray, "sample response"]:
-        """Measured less modelled responses, without their means."""
-        residuals = self.measured - self.modelled
-        return residuals - np.mean(residuals, axis=0)
-
-    @property
-    def r_squared(self) -> Float[np.ndarray, " response"]:
-        """Coefficient of determination of each response."""
-        errors, spread = self.measured - self.modelled, self.measured - np.mean(self.measured, axis=0)
-        return 1.0 - np.sum(errors**2, axis=0) / np.sum(spread**2, axis=0)
-
-    @property
-    def theil_inequality(self) -> Float[np.ndarray, " response"]:
-        """Theil's inequality coefficient of each response, about the measured mean: 0 perfect, 1 none."""
-        means = np.mean(self.measured, axis=0)
-        parts = (self.measured - self.modelled, self.measured - means, self.modelled - means)
-        error, measured, modelled = (np.sqrt(np.sum(part**2, axis=0)) for part in parts)
-        return error / (measured + modelled)
-
-    @property
-    def autocorrelation(self) -> Float[np.ndarray, "lag response"]:
-        """Autocorrelation of the residuals up to a fifth of the record."""
-        covariances = autocovariances(self.residuals, self.time_s.size // 5)
-        diagonal = np.diagonal(covariances, axis1=1, axis2=2)
-        return diagonal / diagonal[0]
 
 
 def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -> tuple[Estimate, ...]:
@@ -153,18 +120,31 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
     )
 
 
-@functools.cache
-def _linear_dynamics(states: tuple[str, ...], prefixes: tuple[str, ...], inputs: tuple[str, ...]) -> DynamicModel:
-    def equations(x: Array, u: Array, theta: Parameters) -> tuple[Array, Array]:
-        values = [*x, *u[: len(inputs)]]
-        rates = [
-            sum(theta[f"{prefix}_{name}"] * value for name, value in zip((*states, *inputs), values, strict=True))
-            + theta[f"{prefix}0"]
-            for prefix in prefixes
-        ]
-        return jnp.stack(rates) + u[len(inputs) :], x
+class _LinearSeries(NamedTuple):
+    """Series of a linear model: measured states, surfaces, and the known part of the rates, from gravity."""
 
-    return DynamicModel(equations, states, (*inputs, *(f"known_{name}" for name in states)), states)
+    axes: tuple[str, ...]
+    names: tuple[str, ...]  # of the states
+    inputs: tuple[str, ...]
+    states: Float[np.ndarray, "sample state"]
+    u: Float[np.ndarray, "sample input"]
+    known: Float[np.ndarray, "sample state"]
+
+    def matrix(self, parameters: Mapping[str, float], arguments: Sequence[str]) -> Float[np.ndarray, "state argument"]:
+        """Return the rows of the linear model for some states or inputs; an absent parameter is zero."""
+        return np.array([[parameters.get(f"{axis}_{name}", 0.0) for name in arguments] for axis in self.axes])
+
+
+def _linear_series(data: ModelData) -> _LinearSeries:
+    axes, names = (tuple(getattr(equation, key) for equation in data.equations) for key in ("prefix", "response"))
+    regressors = data.equations[0].regressors
+    inputs = tuple(name for name in regressors if name not in names)
+    states, u = (np.stack([regressors[name] for name in group], axis=1) for group in (names, inputs))
+    subtracted = states - np.stack([equation.values for equation in data.equations], axis=1)
+    return _LinearSeries(axes, names, inputs, states, u, np.gradient(subtracted, data.record.step_s, axis=0))
+
+
+_recorded_model = functools.cache(recorded_model)
 
 
 def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Estimate:
@@ -172,17 +152,15 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
     first = data.equations[0]
     if not first.is_rate:
         raise ValueError(f"method: arrived {method} with the model derivatives; expected frequency or equation-error")
-    linear = linear_series(data)
-    prefixes = tuple(equation.prefix for equation in data.equations)
-    model = _linear_dynamics(linear.names, prefixes, linear.inputs)
+    linear = _linear_series(data)
+    model = _recorded_model(linear.axes, linear.names, linear.inputs)
     inputs = np.hstack([linear.u, linear.known])
     manoeuvre = make_manoeuvre(model, data.record.time_s, inputs, linear.states, linear.states[0], held=False)
-    values = {name: value for solution in start for name, value in solution.parameters.items()}
-    constants = np.mean(linear.known, axis=0)
-    values |= {f"{prefix}0": -float(value) for prefix, value in zip(prefixes, constants, strict=True)}
-    for solution, prefix in zip(start, prefixes, strict=True):  # in the mean over the record the rates vanish
-        means = np.mean(np.stack(list(first.regressors.values()), axis=1), axis=0)
-        values[f"{prefix}0"] -= float(solution.values @ means)
+    values = {name: value for estimate in start for name, value in estimate.parameters.items()}
+    means, constants = np.mean(np.hstack([linear.states, linear.u]), axis=0), np.mean(linear.known, axis=0)
+    for axis, slopes, constant in zip(linear.axes, start, constants, strict=True):
+        # in the mean over the record the rates vanish
+        values[f"{axis}0"] = -float(constant) - float(slopes.values @ means)
     options = {"initial_states": linear.names, "noise": [max(first.noise[name], 1e-6) for name in linear.names]}
     if method == "output-error":
         return estimate_output_error(model, manoeuvre, values, **options)
@@ -190,6 +168,37 @@ def _integrate(data: ModelData, method: str, start: tuple[Estimate, ...]) -> Est
     return estimate_filter_error(model, manoeuvre, values, process, **options)
 
 
-def fit_model(data: ModelData, parameters: dict[str, float]) -> Fit:
-    """Return the fit of a model with given parameters over a record."""
-    return Fit(data.record.time_s, *predict(data, parameters))
+def fit_model(data: ModelData, parameters: Mapping[str, float]) -> Fit:
+    """Return the fit of a model with given parameters over a record: a linear model is integrated.
+
+    Start and constant terms of a linear model are fitted to the measured responses.
+    """
+    responses, time_s = tuple(equation.response for equation in data.equations), data.record.time_s
+    if not data.equations[0].is_rate:
+        measured = np.stack([equation.values for equation in data.equations], axis=1)
+        fitted = np.stack([_coefficient(equation, parameters) for equation in data.equations], axis=1)
+        return Fit(responses=responses, measured=measured, fitted=fitted, sample_points=time_s)
+    linear = _linear_series(data)
+    A, B = (linear.matrix(parameters, group) for group in (linear.names, linear.inputs))
+    order, elapsed_s = len(A), time_s - time_s[0]
+    C, zero = np.eye(order), np.zeros((order, order))
+
+    def respond(gain: np.ndarray, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        return lsim((A, gain, C, 0.0 * gain), values, elapsed_s, start)[1]
+
+    forced = respond(np.hstack([B, C]), np.hstack([linear.u, linear.known]))
+    rest, ones = np.zeros_like(linear.known), np.ones((time_s.size, 1))
+    free = [*(respond(zero, rest, e) for e in C), *(respond(e[:, None], ones) for e in C)]
+    basis = np.stack([np.ravel(response) for response in free], axis=1)
+    weights = np.linalg.lstsq(basis, np.ravel(linear.states - forced), rcond=None)[0]
+    fitted = forced + (basis @ weights).reshape(forced.shape)
+    return Fit(responses=responses, measured=linear.states, fitted=fitted, sample_points=time_s)
+
+
+def _coefficient(equation: Equation, parameters: Mapping[str, float]) -> Series:
+    """Return a coefficient as the derivatives of an aircraft file give it: alpha squared is from zero."""
+    values = np.full_like(equation.values, parameters.get(f"{equation.prefix}0", 0.0))
+    for name, x in equation.regressors.items():
+        squared = equation.regressors["alpha"] ** 2 if name == "alpha2" else x
+        values += parameters.get(f"{equation.prefix}_{name}", 0.0) * squared
+    return values

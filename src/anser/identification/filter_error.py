@@ -79,45 +79,25 @@ def estimate_filter_error(
             float(cost) if finite else np.inf, gradient[selected], information[selected, selected], rest
         )
 
-    if not np.isfinite(evaluate(unknown).cost):
-        raise ValueError(f"start: the filter diverges with {dict(start)}; expected start values nearer to the solution")
-    optimum = maximize_likelihood(evaluate, unknown, lower)
-    if optimum is None:
-        raise ValueError("filter error: the search did not converge; expected start values nearer to the solution")
-    values, point = optimum
-    return _estimate(parameters.names, names, values, point, manoeuvre, model.outputs)
-
-
-def _estimate(
-    parameter_names: tuple[str, ...],
-    names: tuple[str, ...],
-    values: Values,
-    point: LikelihoodPoint,
-    manoeuvre: Manoeuvre,
-    outputs: tuple[str, ...],
-) -> Estimate:
-    """Return the estimate; innovations that are not white widen the intervals of the model's parameters."""
+    values, point = maximize_likelihood(evaluate, unknown, lower)
     innovations, whitened, sensitivities = point.prediction
-    count = len(parameter_names)
-    checked = collinearity(point.information[: len(names), : len(names)], names, "parameters")
-    inverse = np.linalg.inv(point.information)
-    covariance = inverse[: len(names), : len(names)].copy()
-    white_covariance = covariance.copy()
+    inside = slice(len(names))
+    covariance = np.linalg.inv(point.information)[inside, inside]
     errors = coloured_covariance(sensitivities[..., :count], whitened, covariance[:count, :count])
-    covariance[:count, :count] = errors.covariance
+    widened = covariance.copy()  # innovations that are not white widen the intervals of the model's parameters
+    widened[:count, :count] = errors.covariance
     return Estimate(
         method="filter error",
         names=names,
-        values=values[: len(names)],
-        covariance=covariance,
+        values=values[inside],
+        covariance=widened,
+        white_covariance=covariance,
         degrees_of_freedom=errors.degrees_of_freedom,
-        responses=outputs,
+        **collinearity(point.information[inside, inside], names, "parameters")._asdict(),
+        responses=model.outputs,
         measured=manoeuvre.outputs,
         fitted=manoeuvre.outputs - innovations,
         sample_points=manoeuvre.time_s,
-        condition_number=checked.condition_number,
-        variance_inflation=checked.variance_inflation,
-        white_covariance=white_covariance,
     )
 
 

@@ -129,13 +129,7 @@ def regress_spectra(
     ValueError
         As for `prepare_regression` and `regress`, or a frequency is not between 0 and half the sampling rate.
     """
-    problem = prepare_regression(
-        *(regressors, response, time_s),
-        response_name=response_name,
-        constant=False,
-        noise=noise,
-        check_excitation=False,
-    )
+    problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=False, noise=noise)
     if hold not in ("following", "preceding"):
         raise ValueError(f"hold: arrived {hold!r}; expected 'following' or 'preceding'")
     if problem.time_s is None or not set(held) <= set(problem.names):
@@ -151,8 +145,8 @@ def regress_spectra(
     # excitation is that of the band; noise at higher frequencies does not matter
     gain = np.sum(np.abs(transforms.signal) ** 2)
     noise_power = problem.noise**2 * gain
-    white_power = np.array([white_variance(column) for column in problem.X.T]) * gain
-    require_signal(problem.names, np.sum(real_X**2, axis=0), np.maximum(noise_power, white_power))
+    white_power = np.maximum(noise_power, white_variance(problem.X) * gain)
+    require_signal(problem.names, np.sum(real_X**2, axis=0), white_power)
     information = real_X.T @ real_X - np.diag(noise_power)
     checked = collinearity(information, problem.names)
     inverse = np.linalg.inv(information)

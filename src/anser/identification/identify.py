@@ -20,11 +20,12 @@ from anser.files import result_folder, write_file
 from anser.identification.aircraft_file import aircraft_file_text, slug
 from anser.identification.alignment import align_record
 from anser.identification.coefficients import airframe_derivatives
-from anser.identification.estimates import Estimate
-from anser.identification.estimation import METHODS, Fit, estimate, fit_model
+from anser.identification.estimates import COLLINEARITY_NOTABLE, Estimate, parameter_variables, table_entries
+from anser.identification.estimation import METHODS, estimate, fit_model
+from anser.identification.fits import Fit, PrintedTable
 from anser.identification.models import LATERAL, LONGITUDINAL, MODELS, ModelData, arrange
 from anser.identification.records import FlightRecord, flight_record, read_columns
-from anser.results.documents import notebook_table, software_versions, version_attributes, write_json
+from anser.results.documents import software_versions, version_attributes, write_json
 from anser.results.netcdf import write_netcdf
 from anser.results.variable_labels import unit_attributes
 from anser.single_aircraft.model import AircraftModel
@@ -32,13 +33,10 @@ from anser.single_aircraft.model import aircraft as load_aircraft
 
 _FIT_MIN = 0.8
 """Least coefficient of determination of a response without a caution."""
-_CONDITION_MAX = 30.0
-"""Greatest condition number without a caution (D. A. Belsley and others, *Regression Diagnostics*, 1980)."""
-_MASKED = "NaN between parameters of different equations, whose errors are not related"
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
-class Identification:
+class Identification(PrintedTable):
     """An aircraft, identified from a flight; printed as a table of the parameters with their 95 % intervals.
 
     Attributes
@@ -72,7 +70,7 @@ class Identification:
     @property
     def parameters(self) -> dict[str, float]:
         """Values of all parameters by name, in SI units and radians."""
-        return {name: value for solution in self.estimates for name, value in solution.parameters.items()}
+        return {name: value for estimate in self.estimates for name, value in estimate.parameters.items()}
 
     @property
     def record(self) -> FlightRecord:
@@ -89,12 +87,12 @@ class Identification:
             if r2 < _FIT_MIN
         ]
         cautions += [
-            f"Caution: parameters of {', '.join(e.responses)} are hard to tell apart (condition number "
-            f"{e.condition_number:.0f}); the correlation of the errors shows which."
-            for e in self.estimates
-            if e.condition_number > _CONDITION_MAX
+            f"Caution: parameters of {', '.join(estimate.responses)} are hard to tell apart (condition number "
+            f"{estimate.condition_number:.0f}); the correlation of the errors shows which."
+            for estimate in self.estimates
+            if estimate.condition_number > COLLINEARITY_NOTABLE
         ]
-        estimator_notes = [note for e in self.estimates for note in e.notes]
+        estimator_notes = [note for estimate in self.estimates for note in estimate.notes]
         return (*self.record.notes, *self.data.notes, *estimator_notes, *cautions)
 
     @property
@@ -105,107 +103,48 @@ class Identification:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return a row for each parameter: value, 95 % interval, standard error, variance inflation."""
-        rows = []
-        for solution in self.estimates:
-            columns = solution.values, solution.interval(), solution.standard_errors, solution.variance_inflation
-            rows += [
-                {
-                    "name": name,
-                    "estimate": float(value),
-                    "low": float(low),
-                    "high": float(high),
-                    "standard_error": float(error),
-                    "variance_inflation": float(inflation),
-                }
-                for name, value, (low, high), error, inflation in zip(solution.names, *columns, strict=True)
-            ]
-        return rows
+        return [row for estimate in self.estimates for row in estimate.rows()]
 
     def fit_rows(self) -> list[dict[str, Any]]:
         """Return a row for each response: R^2 and Theil's inequality coefficient, of fit and validation."""
-        rows = [
-            {"response": name, "r_squared": float(r2), "theil_inequality": float(tic)}
-            for name, r2, tic in zip(self.fit.responses, self.fit.r_squared, self.fit.theil_inequality, strict=True)
-        ]
-        if self.validation is not None:
-            measures = zip(self.validation.r_squared, self.validation.theil_inequality, strict=True)
-            others = dict(zip(self.validation.responses, measures, strict=True))
-            for row in rows:
-                r2, tic = others.get(row["response"], (None, None))
-                row |= {"validation_r_squared": None if r2 is None else float(r2)}
-                row |= {"validation_theil_inequality": None if tic is None else float(tic)}
+        rows: list[dict[str, Any]] = [{"response": name} for name in self.fit.responses]
+        for prefix, fit in (("", self.fit), ("validation_", self.validation)):
+            if fit is None:
+                continue
+            for measure in ("r_squared", "theil_inequality"):
+                values = dict(zip(fit.responses, map(float, getattr(fit, measure)), strict=True))
+                for row in rows:
+                    row[f"{prefix}{measure}"] = values.get(row["response"])
         return rows
 
-    def __repr__(self) -> str:
-        lines = [self.title]
-        for row in self.rows():
-            interval = f"{row['low']:.4g} to {row['high']:.4g}"
-            lines.append(
-                f"  {row['name']:<14} {row['estimate']:>10.4g}   {interval:<24} se {row['standard_error']:.2g}"
-            )
-        return "\n".join([*lines, *(f"  {line}" for line in (*self._fit_lines(), *self.notes))])
-
-    def _fit_lines(self) -> list[str]:
-        lines = []
+    def _table(self) -> tuple[str, list[dict[str, str]], list[str]]:
+        fits = []
         for row in self.fit_rows():
             other = row.get("validation_r_squared")
             text = "" if other is None else f", validation R2 {other:.4f}"
-            lines.append(f"{row['response']}: R2 {row['r_squared']:.4f}, TIC {row['theil_inequality']:.3f}{text}")
-        return lines
-
-    def _repr_html_(self) -> str:
-        cells = [
-            {
-                "parameter": row["name"],
-                "estimate": f"{row['estimate']:.4g}",
-                "95 % interval": f"{row['low']:.4g} to {row['high']:.4g}",
-                "standard error": f"{row['standard_error']:.2g}",
-            }
-            for row in self.rows()
-        ]
-        return notebook_table(self.title, cells, [*self._fit_lines(), *self.notes])
+            fits.append(f"{row['response']}: R2 {row['r_squared']:.4f}, TIC {row['theil_inequality']:.3f}{text}")
+        return self.title, table_entries(self.rows()), [*fits, *self.notes]
 
     @property
     def dataset(self) -> xr.Dataset:
         """Parameters, their correlation, responses over time, and autocorrelation of the residuals."""
-        rows = self.rows()
-        names = np.array([row["name"] for row in rows])
-        correlation = np.full((names.size, names.size), np.nan)
-        start = 0
-        for solution in self.estimates:
-            inside = slice(start, start + len(solution.names))
-            correlation[inside, inside] = solution.correlation
-            start = inside.stop
-        label = unit_attributes("1", "Correlation of the errors") | {"comment": _MASKED}
-        data: dict[str, Any] = {
-            key: ("parameter", [row[key] for row in rows], unit_attributes("", long_name))
-            for key, long_name in (
-                ("estimate", "Estimate"),
-                ("standard_error", "Standard error"),
-                ("low", "Lower bound of the 95 % interval"),
-                ("high", "Upper bound of the 95 % interval"),
-                ("variance_inflation", "Factor on the variance from collinearity"),
-            )
-        }
-        data["correlation"] = (("parameter", "parameter_2"), correlation, label)
-        data |= _fit_variables(self.fit, "")
-        acf = self.fit.autocorrelation
-        data["autocorrelation"] = (("lag", "response"), acf, unit_attributes("1", "Autocorrelation of the residuals"))
-        coordinates: dict[str, Any] = {
-            "parameter": names,
-            "parameter_2": names,
-            "response": np.array(self.fit.responses),
-            "time": ("time", self.fit.time_s, unit_attributes("s", "Time")),
-            "lag": ("lag", np.arange(len(acf)) * self.record.step_s, unit_attributes("s", "Lag")),
-        }
-        if self.validation is not None:
-            data |= _fit_variables(self.validation, "validation_")
-            coordinates["validation_response"] = np.array(self.validation.responses)
-            time = self.validation.time_s
-            coordinates["validation_time"] = ("validation_time", time, unit_attributes("s", "Time"))
+        data = parameter_variables(self.estimates)
+        for prefix, fit in (("", self.fit), ("validation_", self.validation)):
+            if fit is None:
+                continue
+            time, response = f"{prefix}time", f"{prefix}response"
+            data[response] = np.array(fit.responses)
+            data[time] = (time, fit.sample_points, unit_attributes("s", "Time"))
+            for name, values in (("measured", fit.measured), ("modelled", fit.fitted)):
+                attributes = unit_attributes("", f"{name.capitalize()} response")
+                data[f"{prefix}{name}"] = ((time, response), values, attributes)
+        autocorrelation = self.fit.autocorrelation
+        label = unit_attributes("1", "Autocorrelation of the residuals")
+        data["autocorrelation"] = (("lag", "response"), autocorrelation, label)
+        data["lag"] = ("lag", np.arange(len(autocorrelation)) * self.record.step_s, unit_attributes("s", "Lag"))
         identity = {} if self.aircraft is None else dict(self.aircraft.identity)
         attributes = {"model": self.model, "method": self.method, "notes": "\n".join(self.notes), "title": self.title}
-        return xr.Dataset(data, coordinates, {**identity, **attributes, **version_attributes()})
+        return xr.Dataset(data, attrs={**identity, **attributes, **version_attributes()})
 
     def document(self) -> dict[str, Any]:
         """Return parameters and fit as plain data, for JSON."""
@@ -281,14 +220,6 @@ class Identification:
         write_identification_report(dataset, self.fit_rows(), folder)
         if self.model == "derivatives":
             write_file(folder / "aircraft.toml", self.aircraft_file())
-
-
-def _fit_variables(fit: Fit, prefix: str) -> dict[str, Any]:
-    dimensions = (f"{prefix}time", f"{prefix}response")
-    return {
-        f"{prefix}measured": (dimensions, fit.measured, unit_attributes("", "Measured response")),
-        f"{prefix}modelled": (dimensions, fit.modelled, unit_attributes("", "Modelled response")),
-    }
 
 
 def identify(

@@ -8,13 +8,14 @@ import xarray as xr
 from jaxtyping import ArrayLike, Float
 
 from anser.identification.dynamic_models import DynamicModel, make_manoeuvre, prepare_parameters
-from anser.identification.estimates import collinearity, text_table
+from anser.identification.estimates import collinearity
+from anser.identification.fits import PrintedTable
 from anser.parts.input_signals import InputSignal
-from anser.results.documents import notebook_table
+from anser.results.variable_labels import unit_attributes
 
 
 @dataclass(frozen=True, repr=False)
-class PlannedManoeuvre:
+class PlannedManoeuvre(PrintedTable):
     """Predicted errors of the parameters that a manoeuvre will give: printed, a table.
 
     Attributes
@@ -58,40 +59,26 @@ class PlannedManoeuvre:
     @property
     def dataset(self) -> xr.Dataset:
         """Predicted errors, correlation, information and outputs as a labelled dataset."""
-        pair = ("parameter", "parameter_2")
+        one, pair = ("parameter",), ("parameter", "parameter_2")
+        variables = {
+            "assumed_value": (one, self.values, "Assumed value"),
+            "standard_error": (one, self.standard_errors, "Predicted standard error"),
+            "variance_inflation": (one, self.variance_inflation, "Factor on the variance from collinearity"),
+            "information": (pair, self.information, "Information"),
+            "correlation": (pair, self.correlation, "Predicted correlation of the errors"),
+            "output": (("time", "response"), self.outputs, "Predicted output"),
+        }
+        names = np.array(self.names)
+        coordinates = {"parameter": names, "parameter_2": names, "response": np.array(self.output_names)}
         return xr.Dataset(
-            {
-                "assumed_value": ("parameter", self.values, {"long_name": "Assumed value"}),
-                "standard_error": ("parameter", self.standard_errors, {"long_name": "Predicted standard error"}),
-                "variance_inflation": (
-                    *("parameter", self.variance_inflation),
-                    {"long_name": "Factor on the variance from collinearity"},
-                ),
-                "information": (pair, self.information, {"long_name": "Information"}),
-                "correlation": (pair, self.correlation, {"long_name": "Predicted correlation of the errors"}),
-                "output": (("time", "response"), self.outputs, {"long_name": "Predicted output"}),
-            },
-            {
-                "parameter": np.array(self.names),
-                "parameter_2": np.array(self.names),
-                "response": np.array(self.output_names),
-                "time": ("time", self.time_s, {"units": "s", "long_name": "Time"}),
-            },
+            {key: (axes, values, unit_attributes("", label)) for key, (axes, values, label) in variables.items()},
+            coordinates | {"time": ("time", self.time_s, unit_attributes("s", "Time"))},
             {"condition_number": self.condition_number},
         )
 
-    def __repr__(self) -> str:
-        return text_table(self._title(), self._entries(), self._notes())
-
-    def _repr_html_(self) -> str:
-        return notebook_table(self._title(), self._entries(), self._notes())
-
-    def _title(self) -> str:
-        return f"planned manoeuvre of {self.time_s[-1] - self.time_s[0]:g} s"
-
-    def _entries(self) -> list[dict[str, str]]:
+    def _table(self) -> tuple[str, list[dict[str, str]], list[str]]:
         columns = zip(self.names, self.values, self.standard_errors, self.variance_inflation, strict=True)
-        return [
+        entries = [
             {
                 "parameter": name,
                 "assumed": f"{value:.4g}",
@@ -101,11 +88,10 @@ class PlannedManoeuvre:
             }
             for name, value, error, inflation in columns
         ]
-
-    def _notes(self) -> list[str]:
         ranges = zip(self.output_names, self.outputs.min(axis=0), self.outputs.max(axis=0), strict=True)
         texts = [f"{name} {low:.3g} to {high:.3g}" for name, low, high in ranges]
-        return [f"condition number {self.condition_number:.3g}", f"outputs: {', '.join(texts)}"]
+        remarks = [f"condition number {self.condition_number:.3g}", f"outputs: {', '.join(texts)}"]
+        return f"planned manoeuvre of {self.time_s[-1] - self.time_s[0]:g} s", entries, remarks
 
 
 def plan_manoeuvre(
@@ -168,8 +154,7 @@ def plan_manoeuvre(
         names=prepared.names,
         values=assumed,
         information=information,
-        condition_number=checked.condition_number,
-        variance_inflation=checked.variance_inflation,
+        **checked._asdict(),
         time_s=times,
         outputs=prediction.outputs,
         output_names=model.outputs,

@@ -1,7 +1,10 @@
 """Kinematics of a record: specific force, and the rates of flow angles and attitude that inertial sensors imply."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.identification.records import FlightRecord
@@ -15,25 +18,55 @@ _VELOCITY_N = ("velocity_north", "velocity_east", "velocity_down")
 Rows3 = Float[np.ndarray, "3 sample"]
 
 
+def flow_rates(
+    airspeed: Any, alpha: Any, beta: Any, rates_b: Any, specific_force_b: Any, gravity_b: Any, xp: Any = np
+) -> Any:
+    """Return the rates of airspeed (m/s^2), angle of attack and sideslip (rad/s): stacked.
+
+    Body rates (rad/s), specific force and gravity (m/s^2) are rows of body axes; air at rest or moving steadily. `xp`
+    is the array module, `numpy` or `jax.numpy`. Source: [SL] eqs. 2.5-29 to 2.5-31.
+    """
+    P, Q, R = rates_b
+    ax, ay, az = specific_force_b + gravity_b
+    sa, ca, sb, cb = xp.sin(alpha), xp.cos(alpha), xp.sin(beta), xp.cos(beta)
+    forward = ax * ca + az * sa
+    return xp.stack(
+        [
+            forward * cb + ay * sb,
+            Q - xp.tan(beta) * (P * ca + R * sa) + (az * ca - ax * sa) / (airspeed * cb),
+            P * sa - R * ca + (ay * cb - forward * sb) / airspeed,
+        ]
+    )
+
+
+def attitude_rates(roll: Any, pitch: Any, rates_b: Any, xp: Any = np) -> Any:
+    """Return the rates of roll, pitch and yaw, rad/s, stacked; as for `flow_rates`. Source: [SL] eq. 1.4-4."""
+    P, Q, R = rates_b
+    turning = Q * xp.sin(roll) + R * xp.cos(roll)
+    return xp.stack([P + xp.tan(pitch) * turning, Q * xp.cos(roll) - R * xp.sin(roll), turning / xp.cos(pitch)])
+
+
+def gravity_in_body(roll: Any, pitch: Any, xp: Any = np) -> Any:
+    """Return the gravity in body axes, m/s^2, stacked."""
+    level = xp.cos(pitch)
+    return STANDARD_GRAVITY_M_S2 * xp.stack([-xp.sin(pitch), xp.sin(roll) * level, xp.cos(roll) * level])
+
+
 def with_attitude(record: FlightRecord) -> FlightRecord:
     """Return the record with roll, pitch and yaw, from the quaternion where the record has no angles.
 
-    The angles over a full turn are continuous. Source: [SL] eq. 1.3-32.
+    The angles over a full turn are continuous.
     """
     if all(key in record for key in ("roll", "pitch")) or "quaternion_0" not in record:
         return record
-    q0, q1, q2, q3 = record.stack(*(f"quaternion_{k}" for k in range(4)))
-    roll = np.arctan2(2.0 * (q0 * q1 + q2 * q3), q0**2 - q1**2 - q2**2 + q3**2)
-    pitch = np.arcsin(np.clip(2.0 * (q0 * q2 - q1 * q3), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (q1 * q2 + q0 * q3), q0**2 + q1**2 - q2**2 - q3**2)
+    quaternion = record.stack(*(f"quaternion_{k}" for k in range(4))).T
+    yaw, pitch, roll = Rotation.from_quat(quaternion, scalar_first=True).as_euler("ZYX").T
     return record.with_channels(roll=np.unwrap(roll), pitch=pitch, yaw=np.unwrap(yaw))
 
 
-def gravity_b(record: FlightRecord) -> Rows3:
-    """Return the gravity in body axes, m/s^2, from roll and pitch."""
-    roll, pitch = record.stack("roll", "pitch")
-    down = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
-    return STANDARD_GRAVITY_M_S2 * np.stack(down)
+def record_gravity(record: FlightRecord) -> Rows3:
+    """Return the gravity in body axes along a record, m/s^2."""
+    return gravity_in_body(record["roll"], record["pitch"])
 
 
 def with_specific_force(
@@ -64,7 +97,7 @@ def with_specific_force(
             return record
         angular = smooth(rates, record.step_s)
         force = record.stack(*SPECIFIC_FORCE) - _cross(angular.rate, position)
-        force -= _cross(angular.values, _cross(angular.values, np.broadcast_to(position, rates.shape)))
+        force -= _cross(angular.values, _cross(angular.values, position))
         note = "The specific force is corrected for the position of the accelerometers."
     else:
         force = _force_from_velocity(record, rates)
@@ -75,61 +108,43 @@ def with_specific_force(
 def _force_from_velocity(record: FlightRecord, rates: Rows3) -> Rows3:
     if all(key in record for key in _VELOCITY_B):
         velocity = smooth(record.stack(*_VELOCITY_B), record.step_s)
-        return velocity.rate + _cross(rates, velocity.values) - gravity_b(record)
+        return velocity.rate + _cross(rates, velocity.values) - record_gravity(record)
     if all(key in record for key in _VELOCITY_N):
         acceleration_n = smooth(record.stack(*_VELOCITY_N), record.step_s).rate
         acceleration_n[2] -= STANDARD_GRAVITY_M_S2
-        return _to_body(record, acceleration_n)
+        attitude = Rotation.from_euler("ZYX", record.stack("yaw", "pitch", "roll").T)
+        return attitude.inv().apply(acceleration_n.T).T
     raise ValueError(
         "record: arrived without specific_force_x_m_s2, _y_, _z_ (accelerometers) and without the velocity in body or "
         "NED axes; expected one of them, for forces"
     )
 
 
-def _to_body(record: FlightRecord, vector_n: Rows3) -> Rows3:
-    roll, pitch, yaw = record.stack("roll", "pitch", "yaw")
-    (sr, sp, sy), (cr, cp, cy) = np.sin((roll, pitch, yaw)), np.cos((roll, pitch, yaw))
-    x, y, z = vector_n
-    return np.stack(
-        [
-            cp * cy * x + cp * sy * y - sp * z,
-            (sr * sp * cy - cr * sy) * x + (sr * sp * sy + cr * cy) * y + sr * cp * z,
-            (cr * sp * cy + sr * sy) * x + (cr * sp * sy - sr * cy) * y + cr * cp * z,
-        ]
-    )
-
-
-def _cross(a: Rows3, b: Rows3) -> Rows3:
-    return np.cross(a, np.broadcast_to(b, a.shape), axis=0)
+def _cross(a: Rows3, b: Float[np.ndarray, "3 #sample"]) -> Rows3:
+    return np.cross(a, b, axis=0)
 
 
 def implied_rates(record: FlightRecord) -> dict[str, Float[np.ndarray, " sample"]]:
     """Return the time derivatives of airspeed, flow angles, attitude and altitude that other channels imply.
 
     Body rates and specific force of the record; air at rest relative to the ground or moving steadily. A derivative is
-    left out where the record lacks a channel for it. Source: [SL] eqs. 1.4-4 and 2.5-29 to 2.5-31.
+    left out where the record lacks a channel for it.
     """
-    P, Q, R = record.stack(*RATES)
+    rates = record.stack(*RATES)
     if "roll" not in record or "pitch" not in record:
         return {}
     roll, pitch = record.stack("roll", "pitch")
-    turning = Q * np.sin(roll) + R * np.cos(roll)
-    derivatives = {
-        "roll": P + np.tan(pitch) * turning,
-        "pitch": Q * np.cos(roll) - R * np.sin(roll),
-        "yaw": turning / np.cos(pitch),
-    }
+    derivatives: dict[str, Float[np.ndarray, " sample"]] = dict(
+        zip(("roll", "pitch", "yaw"), attitude_rates(roll, pitch, rates), strict=True)
+    )
     if "airspeed" in record and "alpha" in record:
         V, alpha = record.stack("airspeed", "alpha")
         beta = record.channels.get("beta", np.zeros_like(alpha))
-        (sa, sb), (ca, cb) = np.sin((alpha, beta)), np.cos((alpha, beta))
-        climb = [ca * cb * np.sin(pitch), -sb * np.sin(roll) * np.cos(pitch), -sa * cb * np.cos(roll) * np.cos(pitch)]
-        derivatives["altitude"] = V * np.sum(climb, axis=0)
+        along = np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
+        derivatives["altitude"] = -V * np.sum(along * record_gravity(record), axis=0) / STANDARD_GRAVITY_M_S2
         if all(key in record for key in SPECIFIC_FORCE):
-            ax, ay, az = record.stack(*SPECIFIC_FORCE) + gravity_b(record)
-            derivatives["airspeed"] = ax * ca * cb + ay * sb + az * sa * cb
-            derivatives["alpha"] = Q - np.tan(beta) * (P * ca + R * sa) + (az * ca - ax * sa) / (V * cb)
-            derivatives["beta"] = P * sa - R * ca + (ay * cb - sb * (ax * ca + az * sa)) / V
+            flow = flow_rates(V, alpha, beta, rates, record.stack(*SPECIFIC_FORCE), record_gravity(record))
+            derivatives |= dict(zip(("airspeed", "alpha", "beta"), flow, strict=True))
         elif "altitude" in record:  # wings nearly level: the pitch less the path angle
             path = np.clip(smooth(record["altitude"], record.step_s).rate / V, -1.0, 1.0)
             derivatives["alpha"] = np.gradient(pitch - np.arcsin(path), record.step_s)

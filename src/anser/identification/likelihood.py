@@ -25,35 +25,38 @@ class LikelihoodPoint(NamedTuple):
 
 def maximize_likelihood(
     evaluate: Callable[[Values], LikelihoodPoint], values: Values, lower: Values
-) -> tuple[Values, LikelihoodPoint] | None:
-    """Return the values of greatest likelihood, at least `lower`, with the point there; None without convergence.
+) -> tuple[Values, LikelihoodPoint]:
+    """Return the values of greatest likelihood, at least `lower`, with the point there.
 
-    A parameter at its lower bound stays there as long as the likelihood falls in its direction.
+    A parameter at its lower bound stays there as long as the likelihood falls in its direction. Raises ValueError if
+    the model diverges with the start values, or the search does not converge.
     """
     point, damping = evaluate(values), 1e-3
+    if not np.isfinite(point.cost):
+        raise ValueError("start: the model diverges; expected start values nearer to the solution")
     for _ in range(STEPS_MAX):
-        free = (values > lower) | (point.gradient < 0.0)
-        information, gradient = point.information[np.ix_(free, free)], point.gradient[free]
-        scale = np.diag(np.maximum(np.diag(information), 1e-12 * np.max(np.diag(information))))
         while damping < _DAMPING_MAX:
-            step = np.zeros_like(values)
-            step[free] = -np.linalg.solve(information + damping * scale, gradient)
-            step = np.maximum(values + step, lower) - values
+            step, length = _scoring_step(values, point, lower, damping)
             trial = evaluate(values + step)
             if trial.cost <= point.cost:
                 break
             damping *= 10.0
         else:
-            step = np.zeros_like(values)
-            step[free] = -np.linalg.solve(information + 1e-12 * scale, gradient)
-            step = np.maximum(values + step, lower) - values
-            return (values, point) if _length(step, point) < _CONVERGED else None
-        length = _length(step, point)
+            if _scoring_step(values, point, lower, 1e-12)[1] < _CONVERGED:
+                return values, point
+            break
         values, point, damping = values + step, trial, max(damping / 10.0, 1e-12)
         if length < _CONVERGED:
             return values, point
-    return None
+    raise ValueError("start: the search did not converge; expected start values nearer to the solution")
 
 
-def _length(step: Values, point: LikelihoodPoint) -> float:
-    return float(np.sqrt(step @ point.information @ step))
+def _scoring_step(values: Values, point: LikelihoodPoint, lower: Values, damping: float) -> tuple[Values, float]:
+    """Return a damped step of the free parameters, and its length in standard errors."""
+    free, step = (values > lower) | (point.gradient < 0.0), np.zeros_like(values)
+    information = point.information[np.ix_(free, free)]
+    diagonal = np.diag(information)
+    scale = np.diag(np.maximum(diagonal, 1e-12 * np.max(diagonal)))
+    step[free] = -np.linalg.solve(information + damping * scale, point.gradient[free])
+    step = np.maximum(values + step, lower) - values
+    return step, float(np.sqrt(step @ point.information @ step))

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.signal import bilinear, lfilter, lsim
+from scipy.signal import bilinear, lfilter
 
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.corrected_airframe import reference_lengths
@@ -17,7 +17,13 @@ from anser.identification.coefficients import (
     airframe_derivatives,
     compute_coefficients,
 )
-from anser.identification.kinematics import RATES, gravity_b, gust_rates, with_attitude, with_specific_force
+from anser.identification.kinematics import (
+    RATES,
+    gust_rates,
+    record_gravity,
+    with_attitude,
+    with_specific_force,
+)
 from anser.identification.records import FlightRecord
 from anser.identification.smoothing import integrate, noise_level
 
@@ -136,7 +142,7 @@ def _linear(
     record = with_attitude(record)
     moved = _moved_surfaces(record)
     V, alpha = record.stack("airspeed", "alpha")
-    gx, gy, gz = gravity_b(record)
+    gx, gy, gz = record_gravity(record)
     states = {"alpha": alpha, "beta": record.channels.get("beta", np.zeros_like(alpha))}
     states |= dict(zip(("p", "q", "r"), record.stack(*RATES), strict=True))
     if model == "short-period":
@@ -206,65 +212,3 @@ def _surface_axes(record: FlightRecord, airframe: AbstractAirframe, moved: Seque
         axes["longitudinal"] += (name,) if pitch >= least else ()
         axes["lateral"] += (name,) if max(roll, yaw) >= least else ()
     return axes
-
-
-class LinearSeries(NamedTuple):
-    """Series of a linear model: measured states, surfaces, and the known part of the rates, from gravity."""
-
-    names: tuple[str, ...]  # of the states
-    inputs: tuple[str, ...]
-    states: Float[np.ndarray, "sample state"]
-    u: Float[np.ndarray, "sample input"]
-    known: Float[np.ndarray, "sample state"]
-
-
-def linear_series(data: ModelData) -> LinearSeries:
-    """Return the series of a linear model."""
-    names = tuple(equation.response for equation in data.equations)
-    regressors = data.equations[0].regressors
-    inputs = tuple(name for name in regressors if name not in names)
-    states, u = (np.stack([regressors[name] for name in group], axis=1) for group in (names, inputs))
-    subtracted = states - np.stack([equation.values for equation in data.equations], axis=1)
-    return LinearSeries(names, inputs, states, u, np.gradient(subtracted, data.record.step_s, axis=0))
-
-
-def predict(
-    data: ModelData, parameters: Mapping[str, float]
-) -> tuple[tuple[str, ...], Float[np.ndarray, "sample response"], Float[np.ndarray, "sample response"]]:
-    """Return the responses of a model, measured and with given parameters: a linear model is integrated.
-
-    Start and constant terms of a linear model are fitted to the measured responses.
-    """
-    names = tuple(equation.response for equation in data.equations)
-    measured = np.stack([equation.values for equation in data.equations], axis=1)
-    if not data.equations[0].is_rate:
-        columns = []
-        for equation in data.equations:
-            terms = [parameters.get(f"{equation.prefix}0", 0.0)]
-            terms += [parameters.get(f"{equation.prefix}_{n}", 0.0) * x for n, x in _from_zero(equation).items()]
-            columns.append(np.broadcast_to(np.sum(np.broadcast_arrays(*terms), axis=0), equation.values.shape))
-        return names, measured, np.stack(columns, axis=1)
-    linear, order = linear_series(data), len(names)
-    A, B = (
-        np.array([[parameters.get(f"{equation.prefix}_{name}", 0.0) for name in group] for equation in data.equations])
-        for group in (names, linear.inputs)
-    )
-    C, zero = np.eye(order), np.zeros((order, order))
-    time_s = data.record.time_s - data.record.time_s[0]
-
-    def respond(gain: np.ndarray, values: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
-        return lsim((A, gain, C, 0.0 * gain), values, time_s, start)[1]
-
-    forced = respond(np.hstack([B, C]), np.hstack([linear.u, linear.known]))
-    rest, ones = np.zeros_like(linear.known), np.ones((time_s.size, 1))
-    free = [*(respond(zero, rest, e) for e in C), *(respond(e[:, None], ones) for e in C)]
-    basis = np.stack([np.ravel(response) for response in free], axis=1)
-    weights = np.linalg.lstsq(basis, np.ravel(linear.states - forced), rcond=None)[0]
-    return names, linear.states, forced + (basis @ weights).reshape(forced.shape)
-
-
-def _from_zero(equation: Equation) -> dict[str, Series]:
-    """Return the regressors as derivatives of an aircraft file multiply them: alpha squared from zero."""
-    if "alpha2" not in equation.regressors:
-        return equation.regressors
-    return equation.regressors | {"alpha2": equation.regressors["alpha"] ** 2}

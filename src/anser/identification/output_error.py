@@ -78,7 +78,21 @@ def estimate_output_error(
         prediction = parameters.predict(values, manoeuvre, gain)
         growth = growth or ("" if stabilized else describe_growth(parameters, values, manoeuvre))
         method = "output error, stabilised" if stabilized else "output error"
-        return _estimate(parameters, values, prediction, manoeuvre, levels, method, (growth,) if growth else ())
+        S, residuals = prediction.sensitivities / levels[:, None], (manoeuvre.outputs - prediction.outputs) / levels
+        flat = S.reshape(-1, values.size)
+        checked = collinearity(flat.T @ flat, parameters.names, "parameters")
+        return Estimate(
+            method=method,
+            names=parameters.names,
+            values=values,
+            **coloured_covariance(S, residuals, np.linalg.inv(flat.T @ flat))._asdict(),
+            **checked._asdict(),
+            responses=model.outputs,
+            measured=manoeuvre.outputs,
+            fitted=prediction.outputs,
+            sample_points=manoeuvre.time_s,
+            notes=(growth,) if growth else (),
+        )
     except ValueError as error:
         raise ValueError(f"{error}. {growth}" if growth else str(error)) from error
 
@@ -157,12 +171,8 @@ def _search(
         )
 
     with np.errstate(over="ignore", invalid="ignore"):
-        if not np.isfinite(evaluate(start).cost):
-            raise ValueError("start: the predicted outputs diverge; expected start values nearer to the solution")
-        optimum = maximize_likelihood(evaluate, start, np.full(start.size, -np.inf))
-    if optimum is None:
-        raise ValueError("output error: the search did not converge; expected start values nearer to the solution")
-    return optimum[0], optimum[1].prediction
+        values, point = maximize_likelihood(evaluate, start, np.full(start.size, -np.inf))
+    return values, point.prediction
 
 
 def describe_growth(parameters: ParameterSet, values: Values, manoeuvre: Manoeuvre) -> str:
@@ -194,35 +204,3 @@ def _stabilizing_gain(
             "state is seen"
         ) from error
     return P @ C.T @ np.linalg.inv(C @ P @ C.T + R) / levels
-
-
-def _estimate(
-    parameters: ParameterSet,
-    values: Values,
-    prediction: Prediction,
-    manoeuvre: Manoeuvre,
-    levels: Float[np.ndarray, " output"],
-    method: str,
-    notes: tuple[str, ...],
-) -> Estimate:
-    S = prediction.sensitivities / levels[:, None]
-    flat = S.reshape(-1, values.size)
-    information = flat.T @ flat
-    checked = collinearity(information, parameters.names, "parameters")
-    residuals = (manoeuvre.outputs - prediction.outputs) / levels
-    errors = coloured_covariance(S, residuals, np.linalg.inv(information))
-    return Estimate(
-        method=method,
-        names=parameters.names,
-        values=values,
-        covariance=errors.covariance,
-        degrees_of_freedom=errors.degrees_of_freedom,
-        responses=parameters.model.outputs,
-        measured=manoeuvre.outputs,
-        fitted=prediction.outputs,
-        sample_points=manoeuvre.time_s,
-        condition_number=checked.condition_number,
-        variance_inflation=checked.variance_inflation,
-        white_covariance=errors.white_covariance,
-        notes=notes,
-    )

@@ -38,12 +38,19 @@ class Regression(NamedTuple):
 
         Raises ValueError if a regressor does not vary or varies no more than its noise, or if regressors are collinear.
         """
-        X = self.X.copy()
+        X = self.require_excitation()
+        return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
+
+    def require_excitation(self) -> Matrix:
+        """Return the regressors as deviations; raises ValueError if noise, known or apparent, is most of one."""
+        X, noise = self.X.copy(), self.noise**2
         if self.names[-1] == CONSTANT:
             X[:, :-1] -= np.mean(X[:, :-1], axis=0)
             X[:, :-1][:, np.ptp(self.X[:, :-1], axis=0) == 0.0] = 0.0  # without the rounding of the mean
-        require_signal(self.names, np.sum(X**2, axis=0), len(X) * self.noise**2)
-        return collinearity(X.T @ X - len(X) * np.diag(self.noise**2), self.names)
+        if self.time_s is not None:
+            noise = np.maximum(noise, white_variance(self.X))
+        require_signal(self.names, np.sum(X**2, axis=0), len(X) * noise)
+        return X
 
     def error_covariance(self, X: Matrix, residuals: Float[np.ndarray, " sample"], inverse: Square) -> ErrorCovariance:
         """Return the covariance of parameters with errors inverse @ X^T v: see `coloured_covariance`."""
@@ -74,7 +81,6 @@ def prepare_regression(
     response_name: str = "response",
     constant: bool = True,
     noise: Mapping[str, float] | None = None,
-    check_excitation: bool = True,
 ) -> Regression:
     """Check the measured series and arrange a regression problem.
 
@@ -93,14 +99,11 @@ def prepare_regression(
     noise
         Standard deviations of the white noise in measured regressors, by name; 0 if absent. Ordinary least squares
         underestimates the parameter of a noisy regressor; with `noise` the share of the noise in X^T X is removed.
-    check_excitation
-        Whether a regressor of a record that is white noise is refused.
 
     Raises
     ------
     ValueError
-        A series has another length, a number that is not finite, or no more samples than parameters; or a regressor
-        of a record is white noise (no excitation).
+        A series has another length, a number that is not finite, or no more samples than parameters.
     """
     series = {name: np.asarray(values, dtype=float) for name, values in {**regressors, response_name: response}.items()}
     z = series[response_name]
@@ -116,9 +119,6 @@ def prepare_regression(
             raise ValueError(f"{name}: arrived {count} samples of {values.size} that are not finite; expected numbers")
     times = None if time_s is None else uniform_times(time_s, z.size)
     columns = {name: series[name] for name in regressors}
-    if times is not None and check_excitation:
-        for name, values in columns.items():
-            _require_excitation(name, values)
     if constant:
         columns[CONSTANT] = np.ones_like(z)
     if z.size <= len(columns):
@@ -146,19 +146,9 @@ def uniform_times(time_s: ArrayLike, count: int) -> Float[np.ndarray, " sample"]
     return times
 
 
-def _require_excitation(name: str, values: Float[np.ndarray, " sample"]) -> None:
-    """Refuse a series in which the noise, estimated from third differences, is half of the variance or more."""
-    noise, variance = white_variance(values), np.var(values)
-    if variance > 0.0 and noise > 0.5 * variance:
-        raise ValueError(
-            f"{name}: no excitation: {100.0 * min(noise / variance, 1.0):.0f} % of the variance is white noise; "
-            "expected a manoeuvre that moves it well above its noise"
-        )
-
-
-def white_variance(values: Float[np.ndarray, " sample"]) -> float:
-    """Estimate the variance of white noise in a smooth series from third differences, whose gain is 1 + 9 + 9 + 1."""
-    return float(np.mean(np.diff(values, 3) ** 2)) / 20.0
+def white_variance(X: Matrix) -> Float[np.ndarray, " parameter"]:
+    """Estimate the variance of white noise in smooth series from third differences, whose gain is 1 + 9 + 9 + 1."""
+    return np.mean(np.diff(X, 3, axis=0) ** 2, axis=0) / 20.0
 
 
 def regress(
@@ -211,15 +201,12 @@ def _estimate(
         method=method,
         names=problem.names,
         values=values,
-        covariance=errors.covariance,
-        white_covariance=errors.white_covariance,
-        degrees_of_freedom=float(errors.degrees_of_freedom),
+        **errors._asdict(),
+        **checked._asdict(),
         responses=(problem.response,),
         measured=problem.z[:, None],
         fitted=(problem.X @ values)[:, None],
         sample_points=np.arange(problem.z.size, dtype=float) if problem.time_s is None else problem.time_s,
-        condition_number=checked.condition_number,
-        variance_inflation=checked.variance_inflation,
         notes=notes,
     )
 
@@ -357,6 +344,7 @@ def regress_with_prior(
     problem = prepare_regression(regressors, response, time_s, response_name=response_name, constant=constant)
     if not set(prior) <= set(problem.names) or not all(0.0 < error < np.inf for _, error in prior.values()):
         raise ValueError(f"prior: arrived {dict(prior)}; expected (value, standard error above 0) of a regressor")
+    problem.require_excitation()
     X, z = problem.X, problem.z
     fit = X @ np.linalg.lstsq(X, z, rcond=1e-10)[0]
     inverse = np.linalg.pinv(X.T @ X, rcond=1e-10, hermitian=True)

@@ -1,0 +1,123 @@
+"""Fit of a model to measured responses: R^2, Theil's inequality, whiteness; and results that are printed as tables."""
+
+import abc
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Inexact
+
+from anser.results.documents import notebook_table
+
+Samples = Inexact[np.ndarray, "sample response"]
+
+
+class PrintedTable(abc.ABC):
+    """A result that is printed, in a console or a notebook, as a table with a title above and remarks below."""
+
+    @abc.abstractmethod
+    def _table(self) -> tuple[str, list[dict[str, str]], list[str]]:
+        """Return title, entries (the cells by column name), and remarks."""
+
+    def __repr__(self) -> str:
+        title, entries, remarks = self._table()
+        widths = {name: max(len(name), *(len(entry[name]) for entry in entries)) for name in entries[0]}
+        table = [dict(zip(widths, widths, strict=True)), *entries]
+        lines = ["  ".join(f"{entry[name]:>{width}}" for name, width in widths.items()) for entry in table]
+        return "\n".join([title, *(f"  {line}" for line in lines), *remarks])
+
+    def _repr_html_(self) -> str:
+        return notebook_table(*self._table())
+
+
+class Whiteness(NamedTuple):
+    """Autocorrelation of residuals over the lags 1, 2, ..., and the 95 % bound of white residuals."""
+
+    autocorrelation: Float[np.ndarray, "lag response"]
+    bound: float
+
+    @property
+    def share_outside(self) -> Float[np.ndarray, " response"]:
+        """Share of the lags outside the bounds; about 0.05 for white residuals."""
+        return np.mean(np.abs(self.autocorrelation) > self.bound, axis=0)
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Fit:
+    """Measured responses and those of a model.
+
+    Attributes
+    ----------
+    responses
+        Names of the measured quantities that the model reproduces.
+    measured, fitted
+        Measured and fitted values, shape (sample, response); complex in the frequency domain.
+    sample_points
+        Times of the samples, s, or their frequencies, Hz (`is_spectrum`).
+    is_spectrum
+        Whether the samples are those of a Fourier transform.
+    """
+
+    responses: tuple[str, ...]
+    measured: Samples
+    fitted: Samples
+    sample_points: Float[np.ndarray, " sample"]
+    is_spectrum: bool = False
+
+    @property
+    def residuals(self) -> Samples:
+        """Measured minus fitted values."""
+        return self.measured - self.fitted
+
+    @property
+    def r_squared(self) -> Float[np.ndarray, " response"]:
+        """Coefficient of determination R^2 of each response about the measured mean: 1 is a perfect fit."""
+        return 1.0 - _squares(self.residuals) / _squares(self.measured - self._middle)
+
+    @property
+    def rms(self) -> Float[np.ndarray, " response"]:
+        """Root mean square of the residuals of each response."""
+        return np.sqrt(_squares(self.residuals) / len(self.measured))
+
+    @property
+    def theil_inequality(self) -> Float[np.ndarray, " response"]:
+        """Theil's inequality coefficient of each response about the measured mean: 0 perfect, 1 without any fit.
+
+        Below 0.25 to 0.3 is good. Source: R. V. Jategaonkar, *Flight Vehicle System Identification*, section 11.2.
+        """
+        parts = (self.residuals, self.measured - self._middle, self.fitted - self._middle)
+        error, measured, fitted = (np.sqrt(_squares(part)) for part in parts)
+        return error / (measured + fitted)
+
+    @property
+    def autocorrelation(self) -> Float[np.ndarray, "lag response"]:
+        """Autocorrelation of the residuals in time, from lag 0 to a fifth of the record."""
+        gamma = autocovariances(np.real(self.residuals), len(self.measured) // 5)
+        autocovariance = np.diagonal(gamma, axis1=1, axis2=2)
+        return autocovariance / autocovariance[0]
+
+    @property
+    def whiteness(self) -> Whiteness | None:
+        """Autocorrelation of the residuals, with its bound if white; None in the frequency domain."""
+        bound = 1.96 / float(np.sqrt(len(self.measured)))
+        return None if self.is_spectrum else Whiteness(self.autocorrelation[1:], bound)
+
+    @property
+    def _middle(self) -> Inexact[np.ndarray, " response"]:
+        """Mean of the measured responses; the transform of a response has none."""
+        return np.mean(self.measured, axis=0) * (not self.is_spectrum)
+
+
+def _squares(samples: Samples) -> Float[np.ndarray, " response"]:
+    return np.sum(np.abs(samples) ** 2, axis=0)
+
+
+def autocovariances(
+    residuals: Float[np.ndarray, "sample response"], lag_max: int
+) -> Float[np.ndarray, "lag response response_2"]:
+    """Return the sums of v_i v_(i + lag)^T over a record of residuals v at the lags 0 to `lag_max`, over its length.
+
+    The division by the length of the record keeps their Fourier transform, a spectrum, positive.
+    """
+    count = len(residuals)
+    return np.stack([residuals[: count - lag].T @ residuals[lag:] for lag in range(lag_max + 1)]) / count
