@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
+import anser
 from anser.identification.frequency_regression import fourier_transforms, regress_spectra
 from support.identification_cases import SHORT_PERIOD_FREQUENCIES_HZ, short_period
 
@@ -112,6 +114,35 @@ def test_transform_of_a_held_input_is_that_of_its_pulse_without_the_filter_of_th
         F = fourier_transforms(time_s, frequencies, hold=hold, steady_start=True)
         filtered = np.sinc(frequencies * 0.1) * (F.held @ pulse)
         np.testing.assert_allclose(filtered, (np.exp(-0.2 * s) - np.exp(-0.7 * s)) / s, atol=1e-12)
+
+
+def roll_rate(u, gust, damping, effect, step_s=0.02):
+    """Solution of p' = damping (p - gust) + effect u with inputs that are held over a step."""
+    fade, p = np.exp(damping * step_s), np.zeros(u.size)
+    for k in range(u.size - 1):
+        p[k + 1] = fade * p[k] + (1.0 - fade) * (gust[k] - effect / damping * u[k])
+    return p
+
+
+def test_instruments_take_out_the_bias_of_gusts_that_cause_a_part_of_the_motion():
+    rng, time_s, truth = np.random.default_rng(0), np.arange(1000) * 0.02, np.array([-2.0, -10.0])
+    u = anser.multisine(0.02, (0.1, 1.5), 20.0)(time_s)
+    # the motion of a model with other parameters follows the commanded motion and has no gusts
+    instruments = {"p": roll_rate(u, np.zeros(1000), -1.5, -8.0)}
+    errors, covered, plain = [], [], []
+    for _ in range(60):
+        gust = lfilter([0.18], [1.0, -0.82], 0.5 * rng.normal(size=1000))  # up to 10 rad/s, as over a span at 120 m/s
+        p = roll_rate(u, gust, *truth)
+        z = truth[0] * (p - gust) + truth[1] * u
+        estimate = regress_spectra({"p": p, "u": u}, z, time_s, instruments=instruments)
+        errors.append(estimate.values - truth)
+        low, high = estimate.interval().T
+        covered.append((low < truth) & (truth < high))
+        plain.append(regress_spectra({"p": p, "u": u}, z, time_s).values - truth)
+    assert abs(np.mean(plain, axis=0)[0]) > 0.1 * abs(truth[0])
+    # four standard errors of the mean
+    assert np.all(np.abs(np.mean(errors, axis=0)) < 4.0 * np.std(errors, axis=0) / np.sqrt(60.0))
+    assert 0.90 <= np.mean(covered) <= 0.99
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from anser.aircraft.air_data import Wrench, air_data
+from anser.aircraft.air_data import air_data
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.corrected_airframe import ReferenceLengths, reference_lengths
 from anser.aircraft.derivative_aircraft import DerivativeAircraft
@@ -148,9 +148,8 @@ class AircraftMotion(eqx.Module):
         arguments = jnp.concatenate([jnp.stack([ones, alpha, beta, *hats, alpha**2, beta**2]), surfaces])
         CL, CD, CY, *moments = increments @ arguments
         sa, ca = jnp.sin(alpha), jnp.cos(alpha)
-        force = jnp.stack([CL * sa - CD * ca, CY, -CL * ca - CD * sa])
-        scale = data.qbar * self.lengths.wing_area
-        wrench = wrench + Wrench(scale * force, scale * scales * jnp.stack(moments))
+        body = jnp.stack([CL * sa - CD * ca, CY, -CL * ca - CD * sa, *moments])
+        wrench = wrench + self.lengths.wrench(data.qbar, body)
         specific_force = wrench.force_b / airframe.mass_properties.mass
         gravity = gravity_in_body(roll, pitch, jnp)
         flow = flow_rates(V, alpha, beta, rates, specific_force, gravity, jnp)

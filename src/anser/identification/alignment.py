@@ -13,9 +13,9 @@ from anser.variables import catalogue
 
 DELAY_MAX_S = 0.5
 """Longest delay that is searched, s."""
-_FIT_MIN = 0.8
+_SURFACE_FIT_MIN = 0.8
+_FIT_MIN = dict.fromkeys(("pitch", "roll", "alpha", "beta", "airspeed"), 0.8) | {"altitude": 0.98}
 """Share of a channel's variation that kinematics must explain before the channel is judged."""
-_FIT_OF_ALTITUDE = 0.98
 _SIGNIFICANCE = 5.0
 """Delay, in standard errors, that is corrected."""
 _UNIT_TOLERANCE = 0.2
@@ -28,7 +28,6 @@ _FACTORS = {
     "the opposite sign": -1.0,
 }
 """Factor of kinematics on a channel whose declared unit is wrong."""
-_COMPARED = ("pitch", "roll", "alpha", "beta", "airspeed")
 
 
 class ChannelMatch(NamedTuple):
@@ -109,15 +108,14 @@ def align_record(record: FlightRecord, delay_max_s: float = DELAY_MAX_S) -> Flig
         inertial = record  # without forces, attitude alone is compared
     matches = {}
     for key, rate in implied_rates(inertial).items():
-        if key in _COMPARED:
-            match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
-            if match.fit >= _FIT_MIN:
-                _refuse_unit(names[key], match.factor)
-                matches[key] = match
-        elif key == "altitude":  # errors of the path angle add up in the altitude: no delay follows from it
-            match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
-            if match.fit >= _FIT_OF_ALTITUDE:
-                _refuse_unit(f"{names[key]} or {names['airspeed']}", match.factor)
+        if key not in _FIT_MIN:
+            continue
+        match = match_channel(record[key], integrate(rate, record.step_s), record.step_s, delay_max_s)
+        if match.fit >= _FIT_MIN[key]:
+            name = f"{names[key]} or {names['airspeed']}" if key == "altitude" else names[key]
+            _refuse_unit(name, match.factor)
+            matches[key] = match
+    matches.pop("altitude", None)  # errors of the path angle add up in the altitude: no delay follows from it
     matches |= _surface_matches(record, delay_max_s)
     delays = {}
     for key, match in matches.items():
@@ -154,7 +152,7 @@ def _surface_matches(record: FlightRecord, delay_max_s: float) -> dict[str, Chan
         basis = _basis(np.stack([np.ones(record.time_s.size), *(record[key] for key in present), *remaining]))
         candidates = [_match_surface(record[name], row, basis, record.step_s, delay_max_s) for row in accelerations]
         match = max(candidates, key=lambda candidate: candidate.fit)
-        if match.fit >= _FIT_MIN:
+        if match.fit >= _SURFACE_FIT_MIN:
             matches[name] = match
     return matches
 

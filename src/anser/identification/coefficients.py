@@ -1,7 +1,8 @@
 """Aerodynamic coefficients along a record, from specific forces, body rates, mass properties and thrust."""
 
 import dataclasses
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from anser.aircraft.air_data import AirData
+from anser.aircraft.air_data import AirData, Wrench
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.corrected_airframe import reference_lengths
 from anser.aircraft.engines import NoEngine
@@ -21,13 +22,13 @@ from anser.identification.kinematics import RATES, SPECIFIC_FORCE, with_specific
 from anser.identification.records import FlightRecord
 from anser.identification.smoothing import smooth
 from anser.numerics.arrays import as_array, bucket_size, pad_to_multiple
+from anser.numerics.linear import cross
 from anser.results.variable_labels import unit_attributes
+from anser.shapes import Scalar, Vector3
 
 COEFFICIENT_NAMES: tuple[str, ...] = ("CL", "CD", "CY", "Cl", "Cm", "Cn", "CX", "CZ")
 """Lift, drag (turned from body axes by alpha alone), side force; moments of roll, pitch, yaw; forces in body axes."""
 _INERTIAL_RATES = ("inertial_roll_rate", "inertial_pitch_rate", "inertial_yaw_rate")
-_QBAR = 4
-"""Index of the dynamic pressure in the air data."""
 _ROWS = 512
 
 
@@ -97,34 +98,6 @@ def compute_coefficients(
         The record lacks a channel.
     """
     record = with_specific_force(record, accelerometer_m)
-    motion = _evaluate(record, airframe)
-    force_b = float(airframe.mass_properties.mass) * record.stack(*SPECIFIC_FORCE) - motion.thrust_b
-    moment_b = motion.moment_b - motion.engine_moment_b
-    moment_b = moment_b - np.cross(np.asarray(reference_m, dtype=float)[:, None], force_b, axis=0)
-    lengths = reference_lengths(airframe)
-    scale = motion.air[_QBAR] * float(lengths.wing_area)
-    CX, CY, CZ = force_b / scale
-    Cl, Cm, Cn = moment_b / scale / np.array([[lengths.span], [lengths.mean_chord], [lengths.span]], dtype=float)
-    sa, ca = np.sin(record["alpha"]), np.cos(record["alpha"])
-    values = (CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn, CX, CZ)
-    coefficients = dict(zip(COEFFICIENT_NAMES, values, strict=True))
-    arguments = _arguments_of(airframe, record)
-    present = {name: x for name, x in arguments.items() if name in record or name not in airframe.actuators.names}
-    return CoefficientHistory(coefficients, present, motion.air, record)
-
-
-class _Motion(NamedTuple):
-    """Air data (rows: fields of `AirData`), thrust and moment of the engine, and total moment along a record."""
-
-    air: Float[Any, "*dimensions"]
-    thrust_b: Float[Any, "*dimensions"]
-    engine_moment_b: Float[Any, "*dimensions"]
-    moment_b: Float[Any, "*dimensions"]
-
-
-def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
-    count = record.time_s.size
-    air = _air_rows(record)
     if "power" not in record and "thrust" not in record and not isinstance(airframe.engine, NoEngine):
         raise ValueError(
             "record: arrived without power_percent and thrust_n; expected one of them, to subtract the thrust (0 N "
@@ -132,27 +105,55 @@ def _evaluate(record: FlightRecord, airframe: AbstractAirframe) -> _Motion:
         )
     rates_channels = _INERTIAL_RATES if all(key in record for key in _INERTIAL_RATES) else RATES
     rates = smooth(record.stack(*rates_channels), record.step_s)
-    power = record.channels.get("power", np.zeros(count))
-    rows = np.stack([*air, power, *rates.values, *rates.rate]).T
-    padded = pad_to_multiple(rows, bucket_size(count, _ROWS))
-    motion = jax.tree.map(lambda values: np.asarray(values)[:count].T, _motion(airframe, as_array(padded)))
-    if "power" in record:
-        return motion
-    zero = np.zeros(count)
-    thrust_b = np.stack([record.channels.get("thrust", zero), zero, zero])
-    point = np.asarray(getattr(airframe.engine, "point_b", np.zeros(3)), dtype=float)
-    return motion._replace(thrust_b=thrust_b, engine_moment_b=np.cross(point[:, None], thrust_b, axis=0))
+    missing = np.full_like(rates.values[0], np.nan)
+    engine = [record.channels.get(key, missing) for key in ("power", "thrust")]
+    rows = np.stack([*_air_rows(record), *engine, *rates.values, *rates.rate, *record.stack(*SPECIFIC_FORCE)]).T
+    measured, air = _by_row(_measured_coefficients, airframe, as_array(np.asarray(reference_m, dtype=float)), rows)
+    coefficients = dict(zip(COEFFICIENT_NAMES, measured, strict=True))
+    arguments = _arguments_of(airframe, record)
+    present = {name: x for name, x in arguments.items() if name in record or name not in airframe.actuators.names}
+    return CoefficientHistory(coefficients, present, air, record)
+
+
+def _by_row(program: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the results, with the samples last, of a compiled program whose last argument has a row per sample."""
+    rows = arguments[-1]
+    padded = as_array(pad_to_multiple(rows, bucket_size(len(rows), _ROWS)))
+    return jax.tree.map(lambda values: np.asarray(values)[: len(rows)].T, program(*arguments[:-1], padded))
 
 
 @compiled_quickly
-def _motion(airframe: AbstractAirframe, rows: Float[Array, "row 13"]) -> _Motion:
-    def evaluate(row: Float[Array, "13"]) -> _Motion:
-        data, power = _air_of_row(row[:6]), row[6]
-        engine = airframe.engine.propulsion(power, data)
-        moment_b = moment_for_acceleration(airframe.mass_properties, row[7:10], row[10:13])
-        return _Motion(jnp.stack(jax.tree.leaves(data)), engine.force_b, engine.moment_b, moment_b)
+def _measured_coefficients(
+    airframe: AbstractAirframe, reference_b: Vector3, rows: Float[Array, "row 17"]
+) -> tuple[Float[Array, "row 8"], Float[Array, "row 7"]]:
+    """Return the coefficients of `COEFFICIENT_NAMES` and the air data.
+
+    Columns of the rows: those of `_air_of_row`, power, thrust, body rates, angular acceleration, specific force. Where
+    the power is NaN, the thrust acts along x at the engine's point.
+    """
+
+    def evaluate(row: Float[Array, "17"]) -> tuple[Float[Array, "8"], Float[Array, "7"]]:
+        data, power, thrust = _air_of_row(row[:6]), row[6], jnp.nan_to_num(row[7])
+        propulsion = airframe.engine.propulsion(jnp.nan_to_num(power), data)
+        thrust_b = jnp.stack([thrust, jnp.zeros_like(thrust), jnp.zeros_like(thrust)])
+        point_b = jnp.asarray(getattr(airframe.engine, "point_b", jnp.zeros(3)))
+        is_measured = jnp.isnan(power)
+        force_b = airframe.mass_properties.mass * row[14:17]
+        force_b = force_b - jnp.where(is_measured, thrust_b, propulsion.force_b)
+        moment_b = moment_for_acceleration(airframe.mass_properties, row[8:11], row[11:14])
+        moment_b = moment_b - jnp.where(is_measured, cross(point_b, thrust_b), propulsion.moment_b)
+        wrench = Wrench(force_b, moment_b - cross(reference_b, force_b))
+        body = reference_lengths(airframe).coefficients(data.qbar, wrench)
+        return jnp.concatenate([_in_lift_axes(body, data.alpha), body[::2][:2]]), jnp.stack(jax.tree.leaves(data))
 
     return jax.vmap(evaluate)(rows)
+
+
+def _in_lift_axes(body: Float[Array, "6"], alpha: Scalar) -> Float[Array, "6"]:
+    """Return CL, CD, CY, Cl, Cm, Cn from CX, CY, CZ, Cl, Cm, Cn."""
+    CX, CY, CZ, *moments = body
+    sa, ca = jnp.sin(alpha), jnp.cos(alpha)
+    return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, *moments])
 
 
 def _air_of_row(row: Float[Array, "6"]) -> AirData:
@@ -194,17 +195,12 @@ def model_coefficients(
     at = eqx.tree_at(lambda a: (a.alpha, a.beta), air, (alpha, beta))
     scales = jnp.stack([lengths.span, lengths.mean_chord, lengths.span])
     wrench = airframe.aerodynamics(at, arguments[2:5] * 2.0 * air.V / scales, arguments[5:])
-    CX, CY, CZ = wrench.force_b / (air.qbar * lengths.wing_area)
-    Cl, Cm, Cn = wrench.moment_b / (air.qbar * lengths.wing_area * scales)
-    sa, ca = jnp.sin(alpha), jnp.cos(alpha)
-    return jnp.stack([CX * sa - CZ * ca, -CX * ca - CZ * sa, CY, Cl, Cm, Cn])
+    return _in_lift_axes(lengths.coefficients(air.qbar, wrench), alpha)
 
 
 @compiled_quickly
-def _own_coefficients(
-    airframe: AbstractAirframe, arguments: Float[Array, "row argument"], air: Float[Array, "row 7"]
-) -> Float[Array, "row 6"]:
-    return jax.vmap(lambda row, data: model_coefficients(airframe, row, AirData(*data)))(arguments, air)
+def _own_coefficients(airframe: AbstractAirframe, rows: Float[Array, "row column"]) -> Float[Array, "row 6"]:
+    return jax.vmap(lambda row: model_coefficients(airframe, row[7:], AirData(*row[:7])))(rows)
 
 
 @compiled_quickly
@@ -219,10 +215,8 @@ def _own_derivatives(
 
 def airframe_coefficients(airframe: AbstractAirframe, history: CoefficientHistory) -> Float[np.ndarray, "6 sample"]:
     """Return CL, CD, CY, Cl, Cm, Cn (about the centre of gravity) of an airframe's own aerodynamics along a record."""
-    count = history.record.time_s.size
-    rows = np.stack(list(_arguments_of(airframe, history.record).values())).T, history.air.T
-    padded = [as_array(pad_to_multiple(array, bucket_size(count, _ROWS))) for array in rows]
-    return np.asarray(_own_coefficients(airframe, *padded))[:count].T
+    arguments = _arguments_of(airframe, history.record).values()
+    return _by_row(_own_coefficients, airframe, np.vstack([history.air, *arguments]).T)
 
 
 def airframe_derivatives(airframe: AbstractAirframe, record: FlightRecord) -> dict[str, float]:

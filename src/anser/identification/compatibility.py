@@ -12,23 +12,29 @@ from typing import Literal
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
-from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.identification.dynamic_models import DynamicModel, Parameters, make_manoeuvre
 from anser.identification.estimates import Estimate
 from anser.identification.filter_error import estimate_filter_error
-from anser.identification.kinematics import RATES, SPECIFIC_FORCE, with_specific_force
+from anser.identification.kinematics import (
+    RATES,
+    SPECIFIC_FORCE,
+    attitude_rates,
+    flow_rates,
+    gravity_in_body,
+    with_specific_force,
+)
 from anser.identification.output_error import estimate_output_error
 from anser.identification.records import FlightRecord
 from anser.identification.smoothing import noise_level
 
 _INPUTS = (*RATES, *SPECIFIC_FORCE)
-_OUTPUTS = ("airspeed", "alpha", "beta", "roll", "pitch", "yaw")
-_STATES = ("u", "v", "w", "roll", "pitch", "yaw")
+_STATES = ("airspeed", "alpha", "beta", "roll", "pitch", "yaw")
 DEFAULT_ERRORS = (*(f"bias({key})" for key in _INPUTS), "scale(alpha)", "scale(beta)")
 """Errors that most records tell: biases of the inertial sensors, and scale factors of the flow angles."""
-_PROCESS_NOISE = 1e-6
+_PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "pitch": 1e-6}
+"""Start values of the spectral densities of the noise in the rates of the states, in SI units squared times s."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -54,27 +60,12 @@ class Compatibility:
 def _kinematics(outputs: tuple[str, ...]) -> DynamicModel:
     def equations(x: Array, inputs: Array, theta: Parameters) -> tuple[Array, Array]:
         errors = jnp.stack([theta[f"bias({key})"] for key in _INPUTS])
-        P, Q, R, fx, fy, fz = inputs - errors
-        u, v, w, roll, pitch, _ = x
-        sr, cr, sp, cp = jnp.sin(roll), jnp.cos(roll), jnp.sin(pitch), jnp.cos(pitch)
-        g = STANDARD_GRAVITY_M_S2
-        turning = Q * sr + R * cr
-        rates = jnp.stack(
-            [
-                R * v - Q * w - g * sp + fx,
-                P * w - R * u + g * sr * cp + fy,
-                Q * u - P * v + g * cr * cp + fz,
-                P + sp / cp * turning,
-                Q * cr - R * sr,
-                turning / cp,
-            ]
-        )
-        V = jnp.sqrt(u**2 + v**2 + w**2)
-        true: dict[str, Array] = dict(
-            zip(_OUTPUTS, (V, jnp.arctan2(w, u), jnp.arcsin(v / V), roll, pitch, x[5]), strict=True)
-        )
+        rates, force = jnp.split(inputs - errors, 2)
+        V, alpha, beta, roll, pitch, _ = x
+        flow = flow_rates(V, alpha, beta, rates, force, gravity_in_body(roll, pitch, jnp), jnp)
+        true = dict(zip(_STATES, x, strict=True))
         measured = [(1.0 + theta[f"scale({key})"]) * true[key] + theta[f"bias({key})"] for key in outputs]
-        return rates, jnp.stack(measured)
+        return jnp.concatenate([flow, attitude_rates(roll, pitch, rates, jnp)]), jnp.stack(measured)
 
     return DynamicModel(equations, _STATES, _INPUTS, outputs)
 
@@ -96,8 +87,8 @@ def check_compatibility(
     errors
         Names of the errors to estimate: `bias(CHANNEL)`, `scale(CHANNEL)`.
     method
-        `output-error`: errors by regression on the integrated motion; `filter-error`: by a kinematic filter, for noise
-        of the inertial sensors that matters over the record.
+        `output-error`: errors by regression on the integrated motion, with intervals for the noise of the inertial
+        sensors that adds up in it; `filter-error`: by a kinematic filter, more exact where that noise is great.
     accelerometer_m
         Position of the accelerometers relative to the centre of gravity, body axes, m.
 
@@ -109,39 +100,30 @@ def check_compatibility(
     if not all(key in record for key in SPECIFIC_FORCE):
         raise ValueError("record: arrived without specific_force_x_m_s2, _y_, _z_; expected accelerometers")
     record = with_specific_force(record, accelerometer_m)
-    outputs = tuple(key for key in _OUTPUTS if key in record or key != "yaw")
+    outputs = tuple(key for key in _STATES if key in record or key != "yaw")
     known = [*(f"bias({key})" for key in (*_INPUTS, *outputs)), *(f"scale({key})" for key in outputs)]
     unknown = [name for name in errors if name not in known]
     if unknown or not errors:
         raise ValueError(f"errors: arrived {unknown or 'none'}; expected names among {', '.join(known)}")
     measured = record.stack(*outputs)
+    inputs, first = record.stack(*_INPUTS), np.zeros(len(_STATES))
+    first[: len(outputs)] = np.median(measured[:, :5], axis=1)
     model = _kinematics(outputs)
-    manoeuvre = make_manoeuvre(model, record.time_s, record.stack(*_INPUTS).T, measured.T, _start(record), held=False)
+    manoeuvre = make_manoeuvre(model, record.time_s, inputs.T, measured.T, first, held=False)
     start = dict.fromkeys(errors, 0.0)
     fixed = {name: 0.0 for name in [*known, "bias(yaw)", "scale(yaw)"] if name not in start}
-    states = _STATES if "yaw" in outputs else _STATES[:-1]
-    noise = np.maximum(noise_level(measured), 1e-6)
+    options = {"fixed": fixed, "initial_states": outputs, "noise": np.maximum(noise_level(measured), 1e-6).tolist()}
     if method == "output-error":
-        estimate = estimate_output_error(
-            model, manoeuvre, start, fixed=fixed, initial_states=states, noise=noise.tolist()
-        )
+        input_noise = noise_level(inputs).tolist()
+        estimate = estimate_output_error(model, manoeuvre, start, **options, input_noise=input_noise)
     else:
-        process = dict.fromkeys(states[3:5], _PROCESS_NOISE) | dict.fromkeys("uvw", 1e3 * _PROCESS_NOISE)
-        estimate = estimate_filter_error(
-            model, manoeuvre, start, process, fixed=fixed, initial_states=states, noise=noise.tolist()
-        )
+        estimate = estimate_filter_error(model, manoeuvre, start, _PROCESS_NOISE, **options)
     return Compatibility(estimate, _corrected(record, estimate, errors))
-
-
-def _start(record: FlightRecord) -> Float[np.ndarray, " state"]:
-    V, alpha, beta, roll, pitch = (float(np.median(record[key][:5])) for key in _OUTPUTS[:5])
-    velocity = [V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)]
-    return np.array([*velocity, roll, pitch, float(record.channels.get("yaw", np.zeros(1))[0])])
 
 
 def _corrected(record: FlightRecord, estimate: Estimate, errors: Sequence[str]) -> FlightRecord:
     values, channels = estimate.parameters, {}
-    for key in (*_INPUTS, *_OUTPUTS):
+    for key in (*_INPUTS, *_STATES):
         bias, scale = values.get(f"bias({key})", 0.0), values.get(f"scale({key})", 0.0)
         if bias or scale:
             channels[key] = (record[key] - bias) / (1.0 + scale)

@@ -144,6 +144,12 @@ class ParameterSet:
         gain = np.zeros((len(self.model.states), len(self.model.outputs))) if gain is None else gain
         return Prediction(*map(np.asarray, _predict(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(gain))))
 
+    def input_influence(
+        self, values: Values, manoeuvre: Manoeuvre, weights: Float[np.ndarray, "sample output parameter"]
+    ) -> Float[np.ndarray, "parameter sample input"]:
+        """Return the derivatives by every sample of the inputs of weighted sums of the outputs, by reverse mode."""
+        return np.asarray(_input_influence(self.case(manoeuvre), jnp.asarray(values), jnp.asarray(weights)))
+
     def linearize(self, values: Values, manoeuvre: Manoeuvre) -> StateSpace:
         """Linearize the model at the start of a manoeuvre, with the mean inputs."""
         return StateSpace(*map(np.asarray, _linearize(self.case(manoeuvre), jnp.asarray(values))))
@@ -208,21 +214,31 @@ def prepare_parameters(
     return ParameterSet(model, tuple(values), fixed), np.array([float(value) for value in values.values()])
 
 
+def _outputs(case: Case, values: Array, gain: Array) -> Array:
+    theta, start = case.start(values)
+
+    def proceed(x: Array, sample: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        u, u_next, z = sample
+        y = case.equations(x, u, theta)[1]
+        return case.advance(x + gain @ (z - y), u, u_next, theta), y
+
+    return jax.lax.scan(proceed, start, case.samples)[1]
+
+
 @compiled_quickly
 def _predict(case: Case, values: Array, gain: Array) -> tuple[Array, Array]:
-    def predict(values: Array) -> tuple[Array, Array]:
-        theta, start = case.start(values)
-
-        def proceed(x: Array, sample: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-            u, u_next, z = sample
-            y = case.equations(x, u, theta)[1]
-            return case.advance(x + gain @ (z - y), u, u_next, theta), y
-
-        outputs = jax.lax.scan(proceed, start, case.samples)[1]
-        return outputs, outputs
-
-    sensitivities, outputs = jax.jacfwd(predict, has_aux=True)(values)
+    sensitivities, outputs = jax.jacfwd(lambda v: 2 * (_outputs(case, v, gain),), has_aux=True)(values)
     return outputs, sensitivities
+
+
+@compiled_quickly
+def _input_influence(case: Case, values: Array, weights: Array) -> Array:
+    gain = jnp.zeros((len(case.states), case.measured.shape[1]))
+
+    def weighted(inputs: Array) -> Array:
+        return jnp.einsum("iap,ia->p", weights, _outputs(case._replace(inputs=inputs), values, gain))
+
+    return jax.jacrev(weighted)(case.inputs)
 
 
 @compiled_quickly

@@ -15,7 +15,7 @@ from anser.identification.estimates import Estimate
 from anser.identification.filter_error import estimate_filter_error
 from anser.identification.fits import Fit
 from anser.identification.frequency_regression import regress_spectra
-from anser.identification.models import Equation, ModelData, Series
+from anser.identification.models import MODELS, Equation, ModelData, Series, arrange_linear
 from anser.identification.output_error import estimate_output_error
 from anser.identification.regression import regress
 from anser.identification.smoothing import smooth
@@ -24,6 +24,8 @@ METHODS = ("frequency", "equation-error", "output-error", "filter-error")
 """Methods of `anser.identify`; the last two integrate a linear model."""
 _PROCESS_NOISE = 1e-6
 """Start value of the spectral density of the noise in the rates of a linear model."""
+_PASSES = 2
+"""Number of times that the linear model of the instruments is estimated: the second time by instruments."""
 _BAND_HZ = 1.5
 """Highest frequency of regressions, Hz, and lowest in periods per record: rigid-body motion of an aircraft."""
 
@@ -51,10 +53,43 @@ def estimate(data: ModelData, method: str, frequency_max_hz: float = _BAND_HZ) -
     """
     if method in METHODS[2:]:
         return (_integrate(data, method, estimate(data, "frequency", frequency_max_hz)),)
-    return tuple(_solve(data, equation, method, frequency_max_hz) for equation in data.equations)
+    instruments = _forced_motion(data, frequency_max_hz) if data.is_turbulent and method == "frequency" else {}
+    return tuple(_solve(data, equation, method, frequency_max_hz, instruments) for equation in data.equations)
 
 
-def _solve(data: ModelData, equation: Equation, method: str, frequency_max_hz: float) -> Estimate:
+def _forced_motion(data: ModelData, frequency_max_hz: float) -> dict[str, Series]:
+    """Return the motion that the recorded surfaces cause in linear models of the aircraft: without gusts and noise.
+
+    The aircraft's motion in turbulence correlates with the gusts that cause a part of it, such as the roll rate of the
+    air, which no sensor measures; the forced motion does not, unless feedback moves the surfaces. Unstable modes are
+    mirrored, so that they stay within the size of the measured ones.
+    """
+    motion: dict[str, Series] = {}
+    for model in MODELS[:2]:
+        try:
+            arranged = arrange_linear(model, data.record, data.airframe, {})
+        except ValueError:  # without excitation of this part of the motion
+            continue
+        linear = _linear_series(arranged)
+        for _ in range(_PASSES):
+            parameters: dict[str, float] = {}
+            for equation in arranged.equations:
+                parameters |= _solve(arranged, equation, "frequency", frequency_max_hz, motion).parameters
+            A, B = (linear.matrix(parameters, group) for group in (linear.names, linear.inputs))
+            eigenvalues, vectors = np.linalg.eig(A)
+            stable = -np.abs(np.real(eigenvalues)) + 1j * np.imag(eigenvalues)
+            A = np.real(vectors @ np.diag(stable) @ np.linalg.inv(vectors))
+            time_s = data.record.time_s - data.record.time_s[0]
+            states = lsim((A, B, np.eye(len(A)), 0.0 * B), linear.u - linear.u[0], time_s)[1]
+            motion |= dict(zip(linear.names, states.T, strict=True))
+    if "alpha" in motion:
+        motion["alpha2"] = (motion["alpha"] - np.mean(motion["alpha"])) ** 2
+    return motion
+
+
+def _solve(
+    data: ModelData, equation: Equation, method: str, frequency_max_hz: float, instruments: Mapping[str, Series]
+) -> Estimate:
     time_s, regressors, noise = data.record.time_s, equation.regressors, equation.noise
     if method == "frequency":
         duration = float(time_s[-1] - time_s[0])
@@ -66,6 +101,7 @@ def _solve(data: ModelData, equation: Equation, method: str, frequency_max_hz: f
             harmonics / duration,
             differentiate=equation.is_rate,
             noise=noise,
+            instruments=instruments,
         )
     else:
         smoothed = smooth(np.stack([equation.values, *regressors.values()]), data.record.step_s, shared=True)
@@ -80,41 +116,32 @@ def _with_constant(equation: Equation, solution: Estimate) -> Estimate:
     The constant follows from the means of response and regressors. Powers of the angle of attack were taken from its
     mean, where they are nearly uncorrelated, and become powers from zero.
     """
-    count = len(equation.regressors)
     names = tuple(f"{equation.prefix}_{name}" for name in equation.regressors)
-    slopes, covariance = solution.values[:count], solution.covariance[:count, :count]
-    inflation = solution.variance_inflation[:count]
-    if equation.is_rate:
-        return dataclasses.replace(
-            solution,
-            responses=(f"{equation.response} rate",),
-            names=names,
-            values=slopes,
-            covariance=covariance,
-            white_covariance=None,
-            variance_inflation=inflation,
+    keys, count = list(equation.regressors), len(names)
+    slopes, inflation = solution.values[:count], solution.variance_inflation[:count]
+    covariance = solution.covariance[:count, :count]
+    response = f"{equation.response} rate" if equation.is_rate else equation.response
+    if not equation.is_rate:
+        X = np.stack(list(equation.regressors.values()), axis=1)
+        means, scatter = np.mean(X, axis=0), np.var(equation.values - X @ slopes, ddof=count + 1) / len(X)
+        names, inflation = (
+            (*names, f"{equation.prefix}0"),
+            np.append(inflation, means @ covariance @ means / scatter + 1.0),
         )
-    X = np.stack(list(equation.regressors.values()), axis=1)
-    means = np.mean(X, axis=0)
-    scatter = np.var(equation.values - X @ slopes, ddof=count + 1) / len(X)
-    constant = float(np.mean(equation.values) - means @ slopes)
-    values = np.append(slopes, constant)
-    joint = np.block([[covariance, -(covariance @ means)[:, None]], [-(means @ covariance)[None], np.zeros((1, 1))]])
-    joint[-1, -1] = means @ covariance @ means + scatter
-    inflation = np.append(inflation, joint[-1, -1] / scatter)
-    if "alpha2" in equation.regressors:
-        mean, keys = float(np.mean(equation.regressors["alpha"])), list(equation.regressors)
-        shift = np.eye(count + 1)
-        if "alpha" in keys:
-            shift[keys.index("alpha"), keys.index("alpha2")] = -2.0 * mean
-        shift[-1, keys.index("alpha2")] = mean**2
-        values, joint = shift @ values, shift @ joint @ shift.T
+        from_slopes = np.vstack([np.eye(count), -means])
+        if "alpha2" in keys:
+            alpha, squared = keys.index("alpha"), keys.index("alpha2")
+            from_slopes[alpha, squared] = -2.0 * means[alpha]
+            from_slopes[-1, squared] += means[alpha] ** 2
+        slopes, covariance = from_slopes @ slopes, from_slopes @ covariance @ from_slopes.T
+        slopes[-1] += np.mean(equation.values)
+        covariance[-1, -1] += scatter
     return dataclasses.replace(
         solution,
-        responses=(equation.response,),
-        names=(*names, f"{equation.prefix}0"),
-        values=values,
-        covariance=joint,
+        responses=(response,),
+        names=names,
+        values=slopes,
+        covariance=covariance,
         white_covariance=None,
         variance_inflation=inflation,
     )

@@ -102,9 +102,10 @@ def regress_spectra(
     hold: str = "following",
     steady_start: bool = False,
     noise: Mapping[str, float] | None = None,
+    instruments: Mapping[str, Float[np.ndarray, " sample"]] | None = None,
     corrected: bool = True,
 ) -> Estimate:
-    """Estimate parameters by least squares on finite Fourier transforms: theta = Re(X* X)^-1 Re(X* z).
+    """Estimate parameters by least squares on finite Fourier transforms: theta = Re(W* X)^-1 Re(W* z) with W = X.
 
     Sources: E. A. Morelli, *Real-time parameter estimation in the frequency domain*, J. Guidance 23(5), 2000; the
     covariance is derived in the theory, section identification.
@@ -121,6 +122,10 @@ def regress_spectra(
         Names of the regressors that are inputs held over a step; `hold`: see `fourier_transforms`.
     steady_start
         Whether the series are perturbations from steady flight at the start of the record: see `fourier_transforms`.
+    instruments
+        Series that stand for regressors in W, by the name of the regressor, in any unit: instrumental variables, which
+        follow the regressor but have no part in the error of the equation, noise and gusts (T. Soderstrom, P. Stoica,
+        *Instrumental Variable Methods for System Identification*, 1983).
     corrected
         False: the transforms and the covariance as published in 2000, s^2 Re(X* X)^-1 with independent frequencies.
 
@@ -147,15 +152,18 @@ def regress_spectra(
     noise_power = problem.noise**2 * gain
     white_power = np.maximum(noise_power, white_variance(problem.X) * gain)
     require_signal(problem.names, np.sum(real_X**2, axis=0), white_power)
-    information = real_X.T @ real_X - np.diag(noise_power)
-    checked = collinearity(information, problem.names)
-    inverse = np.linalg.inv(information)
-    values = inverse @ real_X.T @ real_z
+    checked = collinearity(real_X.T @ real_X - np.diag(noise_power), problem.names)
+    W = real_X.copy()
+    for k, name in enumerate(problem.names):
+        if instruments and name in instruments:
+            W[:, k], noise_power[k] = _real_parts(transforms.signal @ instruments[name][:, None])[:, 0], 0.0
+    weights = np.linalg.solve(W.T @ real_X - np.diag(noise_power), W.T)
+    values = weights @ real_z
     residuals = real_z - real_X @ values
-    white_covariance = residuals @ residuals / (frequencies.size - values.size) * inverse
+    white_covariance = residuals @ residuals / (frequencies.size - values.size) * weights @ weights.T
     if corrected:
         components = [_real_parts(F) for F in (transforms.signal, transforms.derivative)]
-        covariance, freedom = _correlated_covariance(real_X, inverse, residuals, components)
+        covariance, freedom = _correlated_covariance(real_X, weights, residuals, components)
     else:
         covariance, freedom = white_covariance, float(frequencies.size - values.size)
     return Estimate(
@@ -201,19 +209,19 @@ def _real_parts(matrix: Complex[np.ndarray, "frequency n"]) -> RealMatrix:
 
 def _correlated_covariance(
     X: RealMatrix,
-    inverse: Float[np.ndarray, "parameter parameter"],
+    weights: Float[np.ndarray, "parameter part"],
     residuals: Float[np.ndarray, " part"],
     components: list[RealMatrix],
 ) -> tuple[Float[np.ndarray, "parameter parameter"], float]:
-    """Return the covariance of the parameters and the degrees of freedom of the residuals.
+    """Return the covariance of the parameters, `weights` @ z, and the degrees of freedom of the residuals.
 
     The error is a sum of independent parts, white noise through the matrices `components`: its variances are fitted to
-    the squares of the residuals, which the regression has reduced by P = 1 - X (X^T X)^-1 X^T. The degrees of freedom
+    the squares of the residuals, which the regression has reduced by P = 1 - X weights. The degrees of freedom
     are those of a chi-square distribution with the mean and variance of the sum of squares (F. E. Satterthwaite, 1946).
     """
-    P = np.eye(len(X)) - X @ inverse @ X.T
+    P = np.eye(len(X)) - X @ weights
     shapes = [F @ F.T for F in components]
-    powers = [np.sum(np.diag(P @ shape @ P).reshape(2, -1), axis=0) for shape in shapes]
+    powers = [np.sum(np.diag(P @ shape @ P.T).reshape(2, -1), axis=0) for shape in shapes]
     expected, power = np.stack(powers, axis=1), np.sum(residuals.reshape(2, -1) ** 2, axis=0)
     variances = 1.0 / np.sum(expected, axis=0)
     for _ in range(5):
@@ -222,7 +230,7 @@ def _correlated_covariance(
         scale = np.linalg.norm(weighted, axis=0)
         variances = nnls(weighted / scale, weight * power)[0] / scale
     shape = sum(variance * shape for variance, shape in zip(variances, shapes, strict=True))
-    reduced = P @ shape
+    reduced = P @ shape @ P.T
     mean = np.trace(reduced)
     shape = shape * (residuals @ residuals / mean)
-    return inverse @ X.T @ shape @ X @ inverse, float(mean**2 / np.sum(reduced * reduced.T))
+    return weights @ shape @ weights.T, float(mean**2 / np.sum(reduced * reduced.T))

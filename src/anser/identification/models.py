@@ -13,7 +13,6 @@ from scipy.signal import bilinear, lfilter
 from anser.aircraft.airframe import AbstractAirframe
 from anser.aircraft.corrected_airframe import reference_lengths
 from anser.identification.coefficients import (
-    CoefficientHistory,
     airframe_derivatives,
     compute_coefficients,
 )
@@ -25,12 +24,14 @@ from anser.identification.kinematics import (
     with_specific_force,
 )
 from anser.identification.records import FlightRecord
-from anser.identification.smoothing import integrate, noise_level
+from anser.identification.smoothing import integrate, noise_level, smooth
 
 MODELS = ("short-period", "lateral", "derivatives")
 LONGITUDINAL, LATERAL = ("CL", "CD", "Cm"), ("CY", "Cl", "Cn")
-_EXCITATION_MIN = 3.0
-"""Least standard deviation of a regressor, relative to its noise; below, the regressor is left out."""
+_EXCITATION_MIN = 0.5
+"""Least standard deviation of a smoothed regressor, relative to its noise; below, the regressor is left out.
+
+The noise within the band of the motion is a fifth of that, while a regressor with an effect must not be left out."""
 _MOTION_MIN = {"alpha": 2e-3, "beta": 2e-3, "p": 2e-4, "q": 2e-5, "r": 1e-4}
 """Least standard deviation of a regressor without noise: rad, and non-dimensional rates."""
 _SURFACE_MIN = 5e-4
@@ -39,7 +40,8 @@ _EFFECT_MIN = 0.05
 """Least moment of a surface about an axis, relative to the surface's greatest moment coefficient."""
 
 _GUST_NOTES: tuple[str, ...] = (
-    "Turbulence: the rates of the air are regressors, q_gust and r_gust, with the sign of the rates of alpha and beta.",
+    "Turbulence: the rates of the air are regressors, q_gust and r_gust, with the sign of the rates of alpha and beta; "
+    "the motion that the surfaces cause is the instrument of the regression in frequency.",
 )
 
 Series = Float[np.ndarray, " sample"]
@@ -61,7 +63,8 @@ class ModelData(NamedTuple):
 
     record: FlightRecord
     equations: tuple[Equation, ...]
-    history: CoefficientHistory | None  # coefficients along the record, of the model `derivatives`
+    airframe: AbstractAirframe | None
+    is_turbulent: bool  # whether rates of the air are among the regressors
     notes: tuple[str, ...]
 
 
@@ -92,7 +95,7 @@ def arrange(
             record = with_specific_force(record, accelerometer_m)
         except ValueError:
             gusts = False  # without forces the air and the aircraft cannot be told apart
-    return _linear(model, record, airframe, gust_rates(record) if gusts else {})
+    return arrange_linear(model, record, airframe, gust_rates(record) if gusts else {})
 
 
 def _derivatives(
@@ -118,7 +121,7 @@ def _derivatives(
             surfaces = effects["longitudinal"]
         else:
             flow, surfaces = ("beta", "p", "r"), effects["lateral"]
-        excited = [name for name in flow if name != "alpha2" and _is_excited(name, series[name], noise[name])]
+        excited = [name for name in flow if name != "alpha2" and _is_excited(name, series[name])]
         excited += ["alpha2"] if "alpha2" in flow and "alpha" in excited else []
         if not excited:
             notes.append(f"{coefficient} is not estimated: {', '.join(flow)} vary no more than their noise.")
@@ -133,12 +136,13 @@ def _derivatives(
         equations.append(Equation(coefficient, coefficient, values, regressors, levels, is_rate=False))
     if not equations:
         raise ValueError("record: arrived without excitation of flow angles and rates; expected a manoeuvre")
-    return ModelData(record, tuple(equations), history, tuple(notes))
+    return ModelData(record, tuple(equations), airframe, bool(gusts), tuple(notes))
 
 
-def _linear(
+def arrange_linear(
     model: str, record: FlightRecord, airframe: AbstractAirframe | None, gusts: Mapping[str, Series]
 ) -> ModelData:
+    """Arrange a record as the equations of the short period or of the lateral motion; `gusts`: see `gust_rates`."""
     record = with_attitude(record)
     moved = _moved_surfaces(record)
     V, alpha = record.stack("airspeed", "alpha")
@@ -154,7 +158,7 @@ def _linear(
     if airframe is not None:
         moved = _surface_axes(record, airframe, moved)["longitudinal" if model == "short-period" else "lateral"]
     noise = {name: float(noise_level(states[name])) for name in names}
-    silent = [name for name in names if not _is_excited(name, states[name], noise[name])]
+    silent = [name for name in names if not _is_excited(name, states[name])]
     if silent or not moved:
         arrived = f"{', '.join(silent)} that vary no more than their noise" if silent else "no surface that moved"
         raise ValueError(f"record: arrived {arrived}; expected a manoeuvre that excites the model {model}")
@@ -169,7 +173,7 @@ def _linear(
         known = integrate(gravity - np.mean(gravity), record.step_s) if name in ("alpha", "beta") else 0.0
         levels = {key: noise.get(key, 0.0) for key in regressors}
         equations.append(Equation(name, prefix, states[name] - known, regressors, levels, is_rate=True))
-    return ModelData(record, tuple(equations), None, _GUST_NOTES[: flow in gusts])
+    return ModelData(record, tuple(equations), airframe, flow in gusts, _GUST_NOTES[: flow in gusts])
 
 
 def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record: FlightRecord) -> Series:
@@ -186,8 +190,9 @@ def _averaged(gust: Series, flow: str, airframe: AbstractAirframe | None, record
     return np.asarray(lfilter(b, a, gust))
 
 
-def _is_excited(name: str, values: Series, noise: float) -> bool:
-    return float(np.std(values)) > max(_EXCITATION_MIN * noise, 0.1 * _MOTION_MIN[name])
+def _is_excited(name: str, values: Series) -> bool:
+    smoothed = smooth(values, 1.0)
+    return float(np.std(smoothed.values)) > max(_EXCITATION_MIN * float(smoothed.noise), 0.1 * _MOTION_MIN[name])
 
 
 def _moved_surfaces(record: FlightRecord) -> tuple[str, ...]:

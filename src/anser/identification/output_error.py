@@ -35,6 +35,7 @@ def estimate_output_error(
     initial_states: Sequence[str] = (),
     noise: Sequence[float] | None = None,
     stabilized: bool = False,
+    input_noise: Sequence[float] | None = None,
 ) -> Estimate:
     """Estimate parameters by output error: Gauss-Newton steps with exact sensitivities and Levenberg's damping.
 
@@ -53,6 +54,9 @@ def estimate_output_error(
     stabilized
         Whether measured outputs correct the state, by the least constant gain that makes the prediction stable: for
         unstable aircraft (R. V. Jategaonkar, *Flight Vehicle System Identification*, chapter 9).
+    input_noise
+        Standard deviations of white noise in the samples of the inputs. The part of the outputs that it causes is
+        linear in it to first order and widens the intervals; None: exact inputs.
 
     Returns
     -------
@@ -81,11 +85,17 @@ def estimate_output_error(
         S, residuals = prediction.sensitivities / levels[:, None], (manoeuvre.outputs - prediction.outputs) / levels
         flat = S.reshape(-1, values.size)
         checked = collinearity(flat.T @ flat, parameters.names, "parameters")
+        inverse = np.linalg.inv(flat.T @ flat)
+        errors = coloured_covariance(S, residuals, inverse)
+        if input_noise is not None:
+            influence = parameters.input_influence(values, manoeuvre, S / levels[:, None]) * np.asarray(input_noise)
+            B = inverse @ influence.reshape(values.size, -1)
+            errors = errors._replace(covariance=errors.covariance + B @ B.T)
         return Estimate(
             method=method,
             names=parameters.names,
             values=values,
-            **coloured_covariance(S, residuals, np.linalg.inv(flat.T @ flat))._asdict(),
+            **errors._asdict(),
             **checked._asdict(),
             responses=model.outputs,
             measured=manoeuvre.outputs,
