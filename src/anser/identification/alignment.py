@@ -14,7 +14,10 @@ from anser.variables import catalogue
 DELAY_MAX_S = 0.5
 """Longest delay that is searched, s."""
 _SURFACE_FIT_MIN = 0.8
-_FIT_MIN = dict.fromkeys(("pitch", "roll", "alpha", "beta", "airspeed"), 0.8) | {"altitude": 0.98}
+_FIT_MIN: dict[str, float] = {
+    **dict.fromkeys(("pitch", "roll", "alpha", "beta", "airspeed"), 0.8),
+    "altitude": 0.98,
+}
 """Share of a channel's variation that kinematics must explain before the channel is judged."""
 _SIGNIFICANCE = 5.0
 """Delay, in standard errors, that is corrected."""

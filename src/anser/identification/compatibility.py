@@ -30,7 +30,7 @@ from anser.identification.records import FlightRecord
 from anser.identification.smoothing import noise_level
 
 _INPUTS = (*RATES, *SPECIFIC_FORCE)
-_STATES = ("airspeed", "alpha", "beta", "roll", "pitch", "yaw")
+_STATES: tuple[str, ...] = ("airspeed", "alpha", "beta", "roll", "pitch", "yaw")
 DEFAULT_ERRORS = (*(f"bias({key})" for key in _INPUTS), "scale(alpha)", "scale(beta)")
 """Errors that most records tell: biases of the inertial sensors, and scale factors of the flow angles."""
 _PROCESS_NOISE = {"airspeed": 1e-3, "alpha": 1e-7, "beta": 1e-7, "roll": 1e-6, "pitch": 1e-6}
