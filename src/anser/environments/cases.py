@@ -207,7 +207,8 @@ def default_range(vehicle: Vehicle) -> FlightRange:
 
 
 _GRAVITY_M_S2 = 9.80665
-_DRAWS_MAX = 40
+_STEADY_SHARE_MIN = 0.02
+"""Least share of steady flights among the drawn conditions."""
 
 
 def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange, count: int, rng: Rng) -> TrimPoint:
@@ -219,9 +220,9 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
         The aircraft has hardly any steady flight in the range.
     """
     points: list[TrimPoint] = []
-    found = 0
-    for _ in range(_DRAWS_MAX):
-        size = max(count - found, 64)
+    found = drawn = 0
+    while drawn == 0 or found > _STEADY_SHARE_MIN * drawn:
+        size = max(count - found, _TRIM_BATCH)
         speed = rng.uniform(*flown.speed_m_s, size)
         bank = rng.uniform(-1.0, 1.0, size) * flown.bank_deg * DEG_RAD
         targets = {
@@ -234,10 +235,11 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
         trims, is_steady = trim_rows(vehicle.airframe, environment, targets)
         points.append(jax.tree.map(lambda leaf, flags=is_steady: leaf[flags], trims))
         found += int(is_steady.sum())
+        drawn += size
         if found >= count:
             return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *points)
     raise ValueError(
-        f"starts: {found} of {_DRAWS_MAX * 64} drawn conditions are steady flights; expected a range of airspeed, "
+        f"starts: {found} of {drawn} drawn conditions are steady flights; expected a range of airspeed, "
         f"altitude, path angle and bank within the trim map of the aircraft, not {flown}"
     )
 

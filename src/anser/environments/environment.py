@@ -6,7 +6,7 @@ The contract is that of gymnax 1.0: `reset`, `step` with six values, a reset wit
 """
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -97,8 +97,9 @@ class EpisodeState(eqx.Module):
     settled: Count
 
 
-class AircraftEnvironment(eqx.Module):
-    """Environment of one aircraft.
+@dataclasses.dataclass(frozen=True, eq=False)
+class AircraftEnvironment:
+    """Environment of one aircraft; hashable, so that `jax.jit(environment.step)` compiles it.
 
     Attributes
     ----------
@@ -119,13 +120,13 @@ class AircraftEnvironment(eqx.Module):
     task: AbstractTask
     level: AbstractActionLevel
     parameters: Parameters
-    observed: tuple[Entry, ...] = eqx.field(static=True)
-    commanded: tuple[Entry, ...] = eqx.field(static=True)
-    decision_steps: int = eqx.field(static=True)
-    name: str = eqx.field(static=True)
-    transition_gradients_enabled: bool = eqx.field(static=True, default=False)
+    observed: tuple[Entry, ...]
+    commanded: tuple[Entry, ...]
+    decision_steps: int
+    name: str
+    transition_gradients_enabled: bool = False
 
-    supports_transition_gradients = True
+    supports_transition_gradients: ClassVar[bool] = True
 
     @property
     def default_params(self) -> Parameters:

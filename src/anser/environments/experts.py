@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,7 +20,8 @@ Policy = Callable[[Array, Float[Array, " entry"], EpisodeState, Any], tuple[Floa
 """Function from a key, the observation, the state and the policy's own state to an action and that state."""
 
 
-class Expert(eqx.Module):
+@dataclasses.dataclass(frozen=True, eq=False)
+class Expert:
     """The autopilot by dynamic inversion, which flies a task through the environment's level of action.
 
     The autopilot computes its commands once in each decision; what the level takes of them is the action. Each aircraft

@@ -1,9 +1,8 @@
 """Environment of a fleet: aircraft that meet their goals at one time and keep their separation."""
 
 import dataclasses
-from typing import Any
+from typing import Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,7 +26,8 @@ from anser.shapes import Flag, Scalar
 from anser.spatial.vectors import norm
 
 
-class FleetEnvironment(eqx.Module):
+@dataclasses.dataclass(frozen=True, eq=False)
+class FleetEnvironment:
     """Environment of several aircraft of one type, which cooperate: the contract of `AircraftEnvironment` with an axis.
 
     Observations, actions and rewards have a leading axis over the aircraft; the episode ends for all aircraft at once.
@@ -46,10 +46,10 @@ class FleetEnvironment(eqx.Module):
     """
 
     member: AircraftEnvironment
-    agents: tuple[str, ...] = eqx.field(static=True)
-    separation_m: float = eqx.field(static=True)
+    agents: tuple[str, ...]
+    separation_m: float
 
-    supports_transition_gradients = True
+    supports_transition_gradients: ClassVar[bool] = True
 
     @property
     def name(self) -> str:

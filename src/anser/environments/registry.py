@@ -114,7 +114,14 @@ def make(
         raise ValueError(f"step_s: arrived {step_s:g}; expected a divisor of the decision, {level.decision_s:g} s")
     name = task if isinstance(task, str) else type(task).__name__
     step = cast_to_precision(as_array(step_s), precision)
+    if study is not None and not isinstance(chosen_task, AbstractPlannedTask):
+        raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
     if isinstance(chosen_task, AbstractPlannedTask):
+        if tables or aircraft != "f16" or flown is not None:
+            arrived = ", ".join(
+                [*tables, *(("flown",) if flown is not None else ()), *(("aircraft",) if aircraft != "f16" else ())]
+            )
+            raise ValueError(f"{name}: arrived {arrived}; expected these in the scenario of a study, study=PATH")
         bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, np.dtype(precision))
         is_fleet = isinstance(chosen_task, FleetArrival)
         if not is_fleet and len(agents) > 1:

@@ -86,15 +86,15 @@ def _command_errors(*pairs: tuple[Any, float]) -> Array:
 class VelocityCommand(AbstractTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
-    The commands are steady flights within the aircraft's limits: up to 30 m/s faster or slower, any path angle that
-    the engine sustains up to 10 deg, and a change of course up to 120 deg. Tolerances: 2 m/s, 1 deg, 2 deg.
+    The commands are steady flights within the aircraft's limits that its thrust reaches within 20 s: up to 30 m/s
+    faster or slower, a path angle up to 10 deg, and a change of course up to 90 deg. Tolerances: 2 m/s, 1 deg, 2 deg.
     """
 
     duration_s: float = eqx.field(static=True, default=40.0)
     settled_s: float = eqx.field(static=True, default=5.0)
     speed_change_m_s: float = eqx.field(static=True, default=30.0)
     path_angle_deg: float = eqx.field(static=True, default=10.0)
-    course_change_deg: float = eqx.field(static=True, default=120.0)
+    course_change_deg: float = eqx.field(static=True, default=90.0)
     expert_loop: Literal["attitude", "velocity"] = eqx.field(static=True, default="velocity")
 
     def draw(
@@ -111,8 +111,12 @@ class VelocityCommand(AbstractTask):
             faster = V[missing] + rng.uniform(-1.0, 1.0, size) * self.speed_change_m_s
             speed[missing] = np.clip(faster, *flown.speed_m_s)
             path_angle[missing] = rng.uniform(-1.0, 1.0, size) * self.path_angle_deg * DEG_RAD
-            targets = {"speed": speed, "altitude": altitude, "path_angle": path_angle}
-            is_steady = trim_rows(vehicle.airframe, environment, {k: v[missing] for k, v in targets.items()})[1]
+            # flight with a rate of the airspeed needs the thrust of steady flight on a steeper path
+            steeper = (speed - V) / (_SPEED_CHANGE_TIME_S * _GRAVITY_M_S2)
+            is_steady = np.ones(size, bool)
+            for angle in (path_angle, path_angle + steeper):
+                targets = {"speed": speed[missing], "altitude": altitude[missing], "path_angle": angle[missing]}
+                is_steady &= trim_rows(vehicle.airframe, environment, targets)[1]
             missing = missing[~is_steady]
             if not missing.size:
                 break
@@ -342,6 +346,8 @@ class AttitudeSteps(eqx.Module):
 
 
 _DRAWS_MAX = 40
+_GRAVITY_M_S2 = 9.80665
+_SPEED_CHANGE_TIME_S = 20.0
 _CLIMB_GAIN = 0.25
 _CLIMB_RATE_MAX_M_S = 8.0
 

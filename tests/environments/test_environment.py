@@ -1,0 +1,256 @@
+"""Environments of one aircraft: contract, equality with `anser.simulate`, gradients, reproducibility, and refusals."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import anser
+from anser.config.errors import ScenarioError
+from anser.environments import Expert, make
+from anser.environments.actions import SurfaceLevel
+from anser.environments.cases import FlightRange
+from anser.units import RAD_DEG
+
+
+@functools.cache
+def velocity_command(action="surfaces", precision="float64", **tables):
+    return make("VelocityCommand", action, cases=8, precision=precision, **tables)
+
+
+@functools.cache
+def programs(environment_key="surfaces"):
+    environment = velocity_command(environment_key)
+    reset = jax.jit(jax.vmap(environment.reset, (0, None)))
+    step = jax.jit(jax.vmap(environment.step, (0, 0, 0, None)))
+    return environment, reset, step
+
+
+def keys(count, seed=0):
+    return jax.random.split(jax.random.key(seed), count)
+
+
+def shortened(environment, decisions):
+    """Return the environment with episodes of a number of decisions."""
+    cases = environment.parameters.cases
+    batched = dataclasses.replace(cases.batched, decisions=jnp.full_like(cases.batched.decisions, decisions))
+    parameters = dataclasses.replace(environment.parameters, cases=type(cases)(batched, cases.shared))
+    return dataclasses.replace(environment, parameters=parameters)
+
+
+def test_a_step_has_the_six_values_of_the_contract():
+    environment, reset, step = programs()
+    params = environment.default_params
+    observation, state = reset(keys(4), params)
+    assert observation.shape == (4, len(environment.observed))
+    assert observation.dtype == jnp.float32
+    actions = jnp.zeros((4, environment.num_actions))
+    observation, state, reward, terminated, truncated, info = step(keys(4, 1), state, actions, params)
+    assert reward.shape == terminated.shape == truncated.shape == (4,)
+    assert terminated.dtype == truncated.dtype == bool
+    assert {"final_observation", "success", "terminated", "truncated", "discount"} == set(info)
+    assert bool(jnp.all((reward >= 0.0) & (reward <= 1.0)))
+    np.testing.assert_array_equal(info["final_observation"], observation)
+    assert bool(environment.observation_space().contains(observation))
+    assert [entry.name for entry in environment.commanded] == [
+        "elevator_command_deg",
+        "aileron_command_deg",
+        "rudder_command_deg",
+        "throttle",
+    ]
+
+
+def test_a_finished_episode_is_reset_within_the_step():
+    environment, reset, step = programs()
+    params = shortened(environment, 2).default_params
+    observation, state = reset(keys(4), params)
+    actions = jnp.zeros((4, environment.num_actions))
+    _, state, *_ = step(keys(4, 1), state, actions, params)
+    observation, state, _, terminated, truncated, info = step(keys(4, 2), state, actions, params)
+    assert not bool(terminated.any())
+    assert bool(truncated.all())
+    fresh_observation, fresh_state = reset(keys(4, 2), params)
+    for ours, fresh in zip(
+        jax.tree.leaves((observation, state)), jax.tree.leaves((fresh_observation, fresh_state)), strict=True
+    ):
+        np.testing.assert_array_equal(ours, fresh)  # no state survives
+    assert not np.array_equal(info["final_observation"], observation)
+
+
+def test_an_episode_is_the_same_at_any_index_and_in_any_batch():
+    environment, reset, step = programs()
+    params = environment.default_params
+
+    def fly(count, place):
+        chosen = keys(count, 5).at[place].set(jax.random.key(77))
+        observation, state = reset(chosen, params)
+        rows = []
+        for number in range(20):
+            actions = 0.3 * jnp.ones((count, environment.num_actions)) * np.sin(number)
+            observation, state, reward, *_ = step(chosen, state, actions, params)
+            rows.append(np.append(np.asarray(observation)[place], np.asarray(reward)[place]))
+        return np.array(rows)
+
+    np.testing.assert_array_equal(fly(4, 0), fly(4, 3))
+    np.testing.assert_allclose(fly(4, 0), fly(7, 5), rtol=0.0, atol=1e-9)
+
+
+def test_recorded_actions_fly_as_simulate_does():
+    environment = velocity_command()
+    params = environment.default_params
+    step = jax.jit(environment.step_env)
+    _, state = environment.reset(jax.random.key(3), params)
+    case = params.case(state.row)
+    actions = 0.2 * np.random.default_rng(0).uniform(-1.0, 1.0, (40, 4)) + np.array([-0.1, 0.0, 0.0, -0.3])
+    level = SurfaceLevel()
+    controls = [
+        level.command(jnp.asarray(action), case.autopilot, situation_of(environment, state)) for action in actions
+    ]
+    inputs = np.array([[*np.asarray(c.surfaces) * RAD_DEG, float(c.throttle)] for c in controls])
+    names = (*case.vehicle.airframe.actuators.names, "throttle")
+    wind_n = np.asarray(case.environment.wind.velocity_n)
+    flight = anser.simulate(
+        case.vehicle.airframe,
+        in_still_air(case),
+        {name: np.append(column, column[-1]) for name, column in zip(names, inputs.T, strict=True)},
+        duration_s=0.4,
+        wind={"speed_m_s": float(np.hypot(*wind_n[:2])), "from_deg": float(np.degrees(np.arctan2(*-wind_n[1::-1])))},
+        earth={"latitude_deg": 45.0},
+    ).dataset
+    for action in actions:
+        _, state, *_ = step(jax.random.key(0), state, jnp.asarray(action), params)
+    variables = environment.situation(state, params).variables
+    for name in ("airspeed_m_s", "alpha_deg", "beta_deg", "pitch_deg", "roll_deg", "roll_rate_deg_s", "altitude_m"):
+        assert float(variables[name]) == pytest.approx(float(flight[name][-1]), rel=1e-12, abs=1e-11), name
+
+
+def situation_of(environment, state):
+    return environment.situation(state).belief
+
+
+def in_still_air(case):
+    """Return the start of a case as a trim in still air, to which `simulate` adds the wind."""
+    import equinox as eqx
+
+    from anser.spatial.rotations import rotate, rotation_from_quaternion
+
+    wind_b = rotate(rotation_from_quaternion(case.start.state.quaternion), case.environment.wind.velocity_n)
+    return eqx.tree_at(lambda p: p.state.velocity_b, case.start, case.start.state.velocity_b - wind_b)
+
+
+def test_gradients_of_a_return_agree_with_finite_differences():
+    environment = velocity_command().with_transition_gradients()
+    params = environment.default_params
+    _, state = environment.reset(jax.random.key(4), params)
+
+    @jax.jit
+    def total(actions):
+        def advance(carried, action):
+            _, carried, reward, *_ = environment.step_env(jax.random.key(0), carried, action, params)
+            return carried, reward
+
+        return jnp.sum(jax.lax.scan(advance, state, actions)[1])
+
+    base = jnp.zeros((100, 4)).at[:, 3].set(-0.5)
+    gradient = np.asarray(jax.jit(jax.grad(total))(base))
+    assert np.all(np.isfinite(gradient))
+    direction = np.random.default_rng(1).normal(size=base.shape)
+    h = 1e-5
+    difference = float(total(base + h * direction) - total(base - h * direction)) / (2 * h)
+    assert float(np.sum(gradient * direction)) == pytest.approx(difference, rel=1e-5)
+    detached = velocity_command()
+    zero = jax.grad(lambda action: detached.step_env(jax.random.key(0), state, action, params)[0].sum())(base[0])
+    np.testing.assert_array_equal(zero, 0.0)  # without the request, transitions carry no gradient
+
+
+def test_the_expert_follows_a_command_and_begins_anew_with_each_episode():
+    environment = shortened(velocity_command("velocity"), 30)
+    params, expert = environment.default_params, Expert(environment)
+    _, state = environment.reset(jax.random.key(1), params)
+
+    @jax.jit
+    def advance(state, own, key):
+        action, own = expert.act(state, own, params)
+        _, state, reward, *_ = environment.step(key, state, action, params)
+        return state, own, reward
+
+    own = expert.init(state, params)
+    first = environment.situation(state, params)
+    errors = [np.abs(environment.task.errors(first))]
+    for number in range(29):
+        state, own, _ = advance(state, own, jax.random.key(number))
+        errors.append(np.abs(environment.task.errors(environment.situation(state, params))))
+    assert np.all(errors[-1] <= np.maximum(0.5 * errors[0], 10.0))
+    state, own, _ = advance(state, own, jax.random.key(99))  # the episode ends here
+    assert int(state.time) == 0
+    again, _ = expert.act(state, own, params)
+    fresh, _ = expert.act(state, expert.init(state, params), params)
+    np.testing.assert_array_equal(again, fresh)
+
+
+def test_turbulence_and_sensors_are_those_of_the_episode():
+    environment = make(
+        "VelocityCommand", cases=8, turbulence={"intensity": "light"}, navigation={"sensors": "satellite-inertial"}
+    )
+    params = environment.default_params
+    assert params.observations is None
+    step = jax.jit(environment.step)
+    _, state = environment.reset(jax.random.key(1), params)
+    action = jnp.zeros(4)
+    first = step(jax.random.key(7), state, action, params)
+    second = step(jax.random.key(8), state, action, params)  # the key of a step is that of the next episode alone
+    np.testing.assert_array_equal(first[0], second[0])
+    situation = environment.situation(first[1], params)
+    assert float(situation.estimates["alpha_deg"]) != float(situation.variables["alpha_deg"])
+    assert bool(jnp.all(jnp.isfinite(first[0])))
+
+
+def test_float32_stays_float32():
+    environment = velocity_command("surfaces", "float32")
+    _, state = environment.reset(jax.random.key(1))
+    _, state, reward, *_ = jax.jit(environment.step)(jax.random.key(2), state, jnp.zeros(4))
+    assert reward.dtype == jnp.float32
+    floats = {leaf.dtype for leaf in jax.tree.leaves(state) if jnp.issubdtype(leaf.dtype, jnp.floating)}
+    assert floats == {jnp.dtype("float32")}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("Velocity",), "task: arrived 'Velocity'; expected one of AttitudeHold"),
+        (("VelocityCommand", "stick"), "action: arrived 'stick'; expected one of surfaces, rates, velocity"),
+        (("UpsetRecovery", "velocity"), "expected one of surfaces, rates: at other levels"),
+    ],
+)
+def test_wrong_names_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        make(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"cases": 0}, "cases: arrived 0"),
+        ({"precision": "float16"}, "precision: arrived 'float16'"),
+        ({"step_s": 0.03}, "step_s: arrived 0.03; expected a divisor of the decision, 0.01 s"),
+        ({"study": "mine.toml"}, "study: arrived mine.toml; expected a task with a plan"),
+        ({"flown": FlightRange((5.0, 6.0), (1000.0, 2000.0))}, "drawn conditions are steady flights"),
+        ({"flown": FlightRange((100.0, 200.0), (1000.0, 2000.0)), "task": "Arrival"}, "Arrival: arrived flown"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        make(**{"task": "VelocityCommand", "cases": 8, **arguments})
+
+
+def test_a_wrong_table_is_refused_with_its_key():
+    with pytest.raises(ScenarioError, match=r"turbulence\.intensity"):
+        make("VelocityCommand", cases=8, turbulence={"intensity": "some"})
+
+
+def test_a_wrong_key_is_refused():
+    with pytest.raises(ValueError, match=r"key: arrived words of shape \(3,\)"):
+        velocity_command().reset(jnp.zeros(3, jnp.uint32))

@@ -1,0 +1,162 @@
+"""Tasks with plans: cases from a study, the expert on its plan, the stand-off, the fleet's separation, and refusals."""
+
+import dataclasses
+import functools
+import shutil
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from anser.config.errors import ScenarioError
+from anser.environments import Expert, FleetEnvironment, make
+
+
+def study_file(folder, name, flights):
+    """Copy a study of the package and its scenario, with another number of flights."""
+    data = resources.files("anser.environments").joinpath("data")
+    scenario = "fleet.toml" if name == "fleet" else "arrival.toml"
+    shutil.copy(str(data.joinpath(scenario)), folder)
+    text = data.joinpath(f"{name}-study.toml").read_text(encoding="utf-8")
+    path = Path(folder) / f"{name}-study.toml"
+    path.write_text(text.replace("flights = 512", f"flights = {flights}"), encoding="utf-8")
+    return path
+
+
+@functools.cache
+def arrival(task):
+    return make(task, "velocity", study=study_file(tempfile.mkdtemp(), "arrival", 3))
+
+
+@functools.cache
+def fleet():
+    return make("FleetArrival", "velocity", study=study_file(tempfile.mkdtemp(), "fleet", 8))
+
+
+def moved(environment, state, position_n, velocity_b=None):
+    """Return the state with the aircraft at another place."""
+    aircraft = state.vehicle.aircraft
+    aircraft = dataclasses.replace(aircraft, position_n=jnp.asarray(position_n, float))
+    return dataclasses.replace(state, vehicle=dataclasses.replace(state.vehicle, aircraft=aircraft))
+
+
+def fly_expert(environment, decisions):
+    params, expert = environment.default_params, Expert(environment)
+    observation, state = environment.reset(jax.random.key(1), params)
+
+    @jax.jit
+    def fly(state, own):
+        def advance(carry, _):
+            state, own = carry
+            action, own = expert.act(state, own, params)
+            observation, state, reward, terminated, info = environment.step_env(
+                jax.random.key(0), state, action, params
+            )
+            return (state, own), (observation, reward, terminated, info["success"])
+
+        return jax.lax.scan(advance, (state, own), None, length=decisions)
+
+    (state, _), rows = fly(state, expert.init(state, params))
+    return observation, state, rows
+
+
+def test_the_expert_stays_on_its_path_and_the_observation_tells_it():
+    environment = arrival("PathTracking")
+    names = [entry.name for entry in environment.observed]
+    first, state, (observations, _, terminated, _) = fly_expert(environment, 100)
+    assert not bool(terminated.any())
+    offset = [names.index(f"path_offset_{axis}_m") for axis in ("ahead", "right", "up")]
+    np.testing.assert_allclose(first[np.array(offset)], 0.0, atol=1e-6)  # the path begins at the start
+    assert float(np.abs(environment.task.errors(environment.situation(state)))[0]) < 0.2
+    assert bool(jnp.all(jnp.isfinite(observations)))
+
+
+def test_an_arrival_counts_at_its_time_alone():
+    environment = arrival("Arrival")
+    params = environment.default_params
+    case = params.case(jnp.asarray(0))
+    _, state = environment.reset(jax.random.key(1), params)
+    arrival_s = float(params.case(state.row).task.trajectory.arrival_time)
+    assert int(params.case(state.row).decisions) == int(arrival_s / 0.1 + 1e-9)
+    step = jax.jit(environment.step_env)
+    last = dataclasses.replace(state, time=params.case(state.row).decisions - 1)
+    rendezvous_n = np.asarray(params.case(state.row).task.rendezvous_n(arrival_s))
+    for north_m, success in ((0.0, True), (200.0, False)):
+        there = moved(environment, last, rendezvous_n + np.array([north_m, 0.0, 0.0]))
+        _, _, _, terminated, info = step(jax.random.key(0), there, jnp.zeros(3), params)
+        assert not bool(terminated)
+        assert bool(info["truncated"])
+        assert bool(info["success"]) is success
+    assert float(case.task.distance_min) == 150.0
+
+
+def test_an_aircraft_that_comes_too_near_its_goal_ends_the_episode():
+    environment = arrival("Arrival")
+    params = environment.default_params
+    _, state = environment.reset(jax.random.key(1), params)
+    goal_n = np.asarray(params.case(state.row).task.goal.position_n(0.1))
+    step = jax.jit(environment.step_env)
+    for above_m, ended in ((120.0, True), (900.0, False)):
+        there = moved(environment, state, goal_n - np.array([0.0, 0.0, above_m]))
+        assert bool(step(jax.random.key(0), there, jnp.zeros(3), params)[3]) is ended
+
+
+def test_a_fleet_shares_reward_and_end():
+    environment = fleet()
+    assert isinstance(environment, FleetEnvironment)
+    assert environment.agents == ("aircraft-1", "aircraft-2", "aircraft-3")
+    assert environment.separation_m == 200.0
+    params = environment.default_params
+    observation, state = environment.reset(jax.random.key(2), params)
+    assert observation.shape == (3, len(environment.observed))
+    step = jax.jit(environment.step)
+    observation, after, reward, terminated, truncated, info = step(jax.random.key(3), state, jnp.zeros((3, 3)), params)
+    assert observation.shape == (3, len(environment.observed))
+    assert len(set(np.asarray(reward).tolist())) == 1
+    assert terminated.shape == truncated.shape == info["success"].shape == ()
+    # two aircraft at one place end the episode, and the next one begins
+    positions_n = after.vehicle.aircraft.position_n
+    near = moved(environment, after, positions_n.at[1].set(positions_n[0] + jnp.array([0.0, 100.0, 0.0])))
+    _, again, _, terminated, _, info = step(jax.random.key(4), near, jnp.zeros((3, 3)), params)
+    assert bool(terminated)
+    assert int(again.time) == 0
+    assert float(info["discount"]) == 0.0
+
+
+def test_an_aircraft_observes_the_others_in_its_own_axes():
+    environment = fleet()
+    observation, state = environment.reset(jax.random.key(2))
+    names = [entry.name for entry in environment.observed]
+    columns = [names.index(f"other_1_{axis}_m") for axis in ("ahead", "right", "up")]
+    positions_n = np.asarray(state.vehicle.aircraft.position_n)
+    for index in range(3):
+        distance_m = np.linalg.norm(positions_n[(index + 1) % 3] - positions_n[index])
+        assert 5000.0 * np.linalg.norm(observation[index, np.array(columns)]) == pytest.approx(distance_m, rel=1e-5)
+
+
+def test_the_experts_of_a_fleet_follow_their_plans():
+    _, state, (_, rewards, terminated, _) = fly_expert(fleet(), 50)
+    assert not bool(terminated.any())
+    assert rewards.shape == (50, 3)
+    environment = fleet()
+    task = environment.cases(state, environment.default_params).map(lambda case: case.task.trajectory.position_n(5.0))
+    offset = np.linalg.norm(np.asarray(task) - np.asarray(state.vehicle.aircraft.position_n), axis=1)
+    assert np.all(offset < 5.0)
+
+
+def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
+    with pytest.raises(ValueError, match="study: arrived 3 aircraft; expected one, or the task FleetArrival"):
+        make("Arrival", "velocity", study=study_file(tmp_path, "fleet", 8))
+
+
+def test_a_study_without_a_plan_is_refused(tmp_path):
+    path = study_file(tmp_path, "arrival", 3)
+    scenario = tmp_path / "arrival.toml"
+    impossible = scenario.read_text(encoding="utf-8") + '\n[arrival]\nrule = "at"\ntime_s = 20.0\n'
+    scenario.write_text(impossible, encoding="utf-8")
+    with pytest.raises(ScenarioError, match="3 flights of which none has a plan"):
+        make("Arrival", "velocity", study=path)
