@@ -64,6 +64,7 @@ def fly_expert(environment, decisions):
     return observation, state, rows
 
 
+@pytest.mark.long
 def test_the_expert_stays_on_its_path_and_the_observation_tells_it():
     environment = arrival("PathTracking")
     names = [entry.name for entry in environment.observed]
@@ -75,6 +76,7 @@ def test_the_expert_stays_on_its_path_and_the_observation_tells_it():
     assert bool(jnp.all(jnp.isfinite(observations)))
 
 
+@pytest.mark.long
 def test_an_arrival_counts_at_its_time_alone():
     environment = arrival("Arrival")
     params = environment.default_params
@@ -94,6 +96,7 @@ def test_an_arrival_counts_at_its_time_alone():
     assert float(case.task.distance_min) == 150.0
 
 
+@pytest.mark.long
 def test_an_aircraft_that_comes_too_near_its_goal_ends_the_episode():
     environment = arrival("Arrival")
     params = environment.default_params
@@ -105,6 +108,7 @@ def test_an_aircraft_that_comes_too_near_its_goal_ends_the_episode():
         assert bool(step(jax.random.key(0), there, jnp.zeros(3), params)[3]) is ended
 
 
+@pytest.mark.long
 def test_a_fleet_shares_reward_and_end():
     environment = fleet()
     assert isinstance(environment, FleetEnvironment)
@@ -127,6 +131,7 @@ def test_a_fleet_shares_reward_and_end():
     assert float(info["discount"]) == 0.0
 
 
+@pytest.mark.long
 def test_an_aircraft_observes_the_others_in_its_own_axes():
     environment = fleet()
     observation, state = environment.reset(jax.random.key(2))
@@ -138,6 +143,7 @@ def test_an_aircraft_observes_the_others_in_its_own_axes():
         assert 5000.0 * np.linalg.norm(observation[index, np.array(columns)]) == pytest.approx(distance_m, rel=1e-5)
 
 
+@pytest.mark.long
 def test_the_experts_of_a_fleet_follow_their_plans():
     _, state, (_, rewards, terminated, _) = fly_expert(fleet(), 50)
     assert not bool(terminated.any())
@@ -153,10 +159,11 @@ def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
         make("Arrival", "velocity", study=study_file(tmp_path, "fleet", 8))
 
 
+@pytest.mark.long
 def test_a_study_without_a_plan_is_refused(tmp_path):
     path = study_file(tmp_path, "arrival", 3)
     scenario = tmp_path / "arrival.toml"
-    impossible = scenario.read_text(encoding="utf-8") + '\n[arrival]\nrule = "at"\ntime_s = 20.0\n'
-    scenario.write_text(impossible, encoding="utf-8")
+    text = scenario.read_text(encoding="utf-8")
+    scenario.write_text(text.replace("stand_off_up_m = 1000.0", "stand_off_up_m = 9000.0"), encoding="utf-8")
     with pytest.raises(ScenarioError, match="3 flights of which none has a plan"):
         make("Arrival", "velocity", study=path)
