@@ -126,6 +126,7 @@ def planned_cases(
     return cast_to_precision(Stacked(batched, stacked.shared), dtype), names, required[0] if required else 0.0
 
 
+_TIME_ROUNDING_S = 1e-6
 _TIME_FACTORS = (1.1, 1.4)
 """Arrival time over the time of the straight way at the fleet's airspeed, for a study without a rule of its own."""
 
@@ -145,7 +146,13 @@ def _straight_time_s(scenario: Scenario) -> float:
 def _cases_of(flight: Flight, trims: Sequence[Any], paths: TimedPath, decision_s: float) -> list[Case]:
     """Return the case of each aircraft of a planned flight, without its mission."""
     cases: list[Case] = []
-    arrival = float(np.max(np.asarray(paths.times)))
+    arrivals = np.asarray(paths.times)[:, -1]
+    arrival = float(arrivals[0])
+    if np.ptp(arrivals) > _TIME_ROUNDING_S:
+        raise ValueError(
+            f"arrival.rule: arrived a rule with several arrival times, {arrivals.min():g} to {arrivals.max():g} s; "
+            'expected one common time, rule = "together" or "at"'
+        )
     for index in range(flight.count):
         vehicle, _, _ = flight.aircraft(index)
         autopilot_of(vehicle)

@@ -29,7 +29,7 @@ from anser.planning.separation import separation_ratio
 from anser.shapes import Count, Scalar
 
 _STEP_UP, _FIRST_STEP = 1.12, 1.06  # ratio of consecutive times, and of the first tried to the first admissible time
-RESOLUTION = 1.02
+RESOLUTION = 1.01
 """Ratio of two neighbouring times at which the search stops."""
 
 
