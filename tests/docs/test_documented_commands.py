@@ -113,6 +113,10 @@ COVERED = {
         "tests/test_cli_identify.py",
         'anser(*arguments, "--aircraft", "f16", "--json"',
     ),
+    "python examples/train_velocity_command.py --seed 0 --out runs/velocity-command": (
+        "tests/examples/test_train_velocity_command.py",
+        'SCRIPT, "--seed"',
+    ),
     "anser verify": ("tests/verification/test_nesc.py", "NESC_CHECKS"),  # with its neighbours, each check by itself
 }
 """Commands too slow for this test, or installations: a file with the same or a smaller case, and a text in it."""
