@@ -1,8 +1,9 @@
 """Training of a policy for the task VelocityCommand at the level of body rates: PPO in plain JAX, from nothing.
 
-    python examples/train_velocity_command.py --seed 0 --out runs/ppo-0
+    python examples/train_velocity_command.py --seed 0 --out runs/velocity-command
 
-Proximal policy optimization: J. Schulman et al., arXiv:1707.06347; advantages: the same, arXiv:1506.02438.
+Proximal policy optimization: J. Schulman et al., arXiv:1707.06347. Generalized advantages: J. Schulman et al.,
+arXiv:1506.02438.
 """
 
 import argparse
@@ -282,7 +283,7 @@ def draw_curves(folder: Path, levels: dict[str, float]) -> None:
             axis.plot(rows["decisions"] / 1e6, mean, color=color, label=path.stem)
     for name, level in levels.items():
         axes[0].axhline(level, color="0.4", linewidth=0.9, linestyle="dashed")
-        axes[0].annotate(name, (0.0, level), (2, 2), textcoords="offset points", fontsize=8)
+        axes[0].text(0.99, level, name, transform=axes[0].get_yaxis_transform(), ha="right", va="bottom", fontsize=8)
     axes[0].set(xlabel="decisions, millions", ylabel="mean reward, with exploration", ylim=(0.0, 1.0))
     axes[1].set(xlabel="decisions, millions", ylabel="share of successes, with exploration", ylim=(0.0, 1.0))
     axes[1].legend(frameon=False)
