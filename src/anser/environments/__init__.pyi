@@ -1,9 +1,11 @@
 from .actions import AbstractActionLevel, RateLevel, SurfaceLevel, VelocityLevel
+from .agent_dictionaries import AgentDictionaries
 from .cases import Case, FlightRange, Situation
 from .environment import AircraftEnvironment, EpisodeState, Parameters
 from .experts import Expert, Score, score
 from .fleet import FleetEnvironment
 from .planned_tasks import AbstractPlannedTask, Arrival, FleetArrival, PathTracking
+from .recording import Episode, fly_episodes, record_flight
 from .registry import TASKS, make
 from .spaces import Box, Entry
 from .tasks import AbstractTask, AltitudeChange, AttitudeHold, UpsetRecovery, VelocityCommand
@@ -13,6 +15,7 @@ __all__ = [
     "AbstractActionLevel",
     "AbstractPlannedTask",
     "AbstractTask",
+    "AgentDictionaries",
     "AircraftEnvironment",
     "AltitudeChange",
     "Arrival",
@@ -20,6 +23,7 @@ __all__ = [
     "Box",
     "Case",
     "Entry",
+    "Episode",
     "EpisodeState",
     "Expert",
     "FleetArrival",
@@ -34,6 +38,8 @@ __all__ = [
     "UpsetRecovery",
     "VelocityCommand",
     "VelocityLevel",
+    "fly_episodes",
     "make",
+    "record_flight",
     "score",
 ]

@@ -113,8 +113,8 @@ class AircraftEnvironment:
         Tables of the entries of observations and actions.
     decision_steps
         Number of integration steps in a decision.
-    name
-        Name of the environment.
+    name, aircraft
+        Name of the environment, and of the aircraft.
     """
 
     task: AbstractTask
@@ -124,6 +124,7 @@ class AircraftEnvironment:
     commanded: tuple[Entry, ...]
     decision_steps: int
     name: str
+    aircraft: str = "custom"
     transition_gradients_enabled: bool = False
 
     supports_transition_gradients: ClassVar[bool] = True
@@ -235,8 +236,8 @@ class AircraftEnvironment:
         self, case: Case, key: UInt32[Array, "2"], params: Parameters, index: ScalarLike = 0
     ) -> VehicleState:
         """Return the state of an aircraft at the start of a case; `index` is its place in a fleet."""
-        instant = self._instant(case, jnp.zeros((), jnp.int32), key, params)
-        state = trimmed_vehicle(self._flown_vehicle(case, None), instant, case.start, index)
+        instant = self.instant(case, jnp.zeros((), jnp.int32), key, params)
+        state = trimmed_vehicle(self.flown_vehicle(case, None), instant, case.start, index)
         return cast_to_precision(state, params.step.dtype)
 
     def _initial_observation(self, state: EpisodeState, params: Parameters) -> Float[Array, " entry"]:
@@ -244,11 +245,12 @@ class AircraftEnvironment:
             return params.observations[state.row]
         return self.observation_of(self.situation_of(params.case(state.row), state, params))
 
-    def _instant(self, case: Case, number: Count, key: UInt32[Array, "2"], params: Parameters) -> Instant:
+    def instant(self, case: Case, number: Count, key: UInt32[Array, "2"], params: Parameters) -> Instant:
+        """Return the instant of the sample with a number since the start of an episode with a key."""
         return Instant(case.environment, number, params.step, SeededRandomness(key))
 
-    def _flown_vehicle(self, case: Case, command: Any) -> Vehicle:
-        """Return the aircraft with the controller of the action level and a held command."""
+    def flown_vehicle(self, case: Case, command: Any) -> Vehicle:
+        """Return the aircraft of a case with the controller of the action level and a held command."""
         parts = HeldCommand(command), self.level.controller(case.autopilot)
         return eqx.tree_at(lambda v: (v.guidance, v.controller), case.vehicle, parts)
 
@@ -258,13 +260,13 @@ class AircraftEnvironment:
         """Return the state of the aircraft of a case after the integration steps of one decision."""
         first = state.time * self.decision_steps
         belief = perceive(
-            self._flown_vehicle(case, None), state.vehicle, self._instant(case, first, state.key, params)
+            self.flown_vehicle(case, None), state.vehicle, self.instant(case, first, state.key, params)
         ).belief
         action = jnp.clip(jnp.asarray(action, params.step.dtype), -1.0, 1.0)
-        vehicle = self._flown_vehicle(case, self.level.command(action, case.autopilot, belief))
+        vehicle = self.flown_vehicle(case, self.level.command(action, case.autopilot, belief))
 
         def advance(k: Count, vehicle_state: VehicleState) -> VehicleState:
-            instant = self._instant(case, first + k, state.key, params)
+            instant = self.instant(case, first + k, state.key, params)
             perception = perceive(vehicle, vehicle_state, instant)
             return cast_like(act(vehicle, vehicle_state, perception, instant)[0], vehicle_state)
 
@@ -275,8 +277,8 @@ class AircraftEnvironment:
     def situation_of(self, case: Case, state: EpisodeState, params: Parameters) -> Situation:
         """Return what the task sees of a case in a state."""
         number = state.time * self.decision_steps
-        instant = self._instant(case, number, state.key, params)
-        perception = perceive(self._flown_vehicle(case, None), state.vehicle, instant)
+        instant = self.instant(case, number, state.key, params)
+        perception = perceive(self.flown_vehicle(case, None), state.vehicle, instant)
         truth, belief = perception.truth, perception.belief
         estimates = believed_variables(belief)
         variables = estimates if _is_exact(perception) else believed_variables(_true_belief(truth))

@@ -111,7 +111,7 @@ def score(
     """
     params = environment.default_params
     decisions = int(np.max(np.asarray(params.cases.batched.decisions)))
-    function = _policy(environment, policy)
+    function = resolve_policy(environment, policy)
 
     @jax.jit
     def fly(keys: Array, params: Parameters) -> tuple[Array, Array, Array]:
@@ -123,7 +123,7 @@ def score(
 
 def _episode(
     environment: AircraftEnvironment | FleetEnvironment,
-    policy: "_Policy",
+    policy: "ResolvedPolicy",
     key: Array,
     params: Parameters,
     decisions: int,
@@ -149,23 +149,31 @@ def _episode(
 
 
 @dataclasses.dataclass(frozen=True)
-class _Policy:
+class ResolvedPolicy:
+    """A policy as two functions: its state at the start of an episode; the action, and its new state.
+
+    The arguments of `act`: key, observation, state of the episode, state of the policy, parameters.
+    """
+
     init: Callable[[EpisodeState, Parameters], Any]
     act: Callable[[Array, Array, EpisodeState, Any, Parameters], tuple[Array, Any]]
 
 
-def _policy(environment: AircraftEnvironment | FleetEnvironment, policy: str | Policy) -> _Policy:
+def resolve_policy(environment: AircraftEnvironment | FleetEnvironment, policy: str | Policy) -> ResolvedPolicy:
+    """Return the functions of a policy given by name or as a function. Raises ValueError for an unknown name."""
     if callable(policy):
-        return _Policy(lambda state, params: None, lambda key, obs, state, own, params: policy(key, obs, state, own))
+        return ResolvedPolicy(
+            lambda state, params: None, lambda key, obs, state, own, params: policy(key, obs, state, own)
+        )
     if policy == "expert":
         expert = Expert(environment)
-        return _Policy(expert.init, lambda key, obs, state, own, params: expert.act(state, own, params))
+        return ResolvedPolicy(expert.init, lambda key, obs, state, own, params: expert.act(state, own, params))
     space = environment.action_space()
     shape = (len(environment.agents), *space.shape) if isinstance(environment, FleetEnvironment) else space.shape
     if policy == "zero":
-        return _Policy(lambda state, params: None, lambda *_: (jnp.zeros(shape), None))
+        return ResolvedPolicy(lambda state, params: None, lambda *_: (jnp.zeros(shape), None))
     if policy == "random":
-        return _Policy(
+        return ResolvedPolicy(
             lambda state, params: None, lambda key, *_: (jax.random.uniform(key, shape, jnp.float32, -1.0, 1.0), None)
         )
     raise ValueError(f'policy: arrived {policy!r}; expected "expert", "zero", "random", or a function')

@@ -146,10 +146,17 @@ def make(
         commanded=level.entries(autopilot_of(vehicle), vehicle.airframe),
         decision_steps=decision_steps,
         name=name,
+        aircraft=_aircraft_name(aircraft, chosen_task),
     )
     if isinstance(chosen_task, FleetArrival):
         return FleetEnvironment(made, agents, separation_m)
     return with_start_observations(made)
+
+
+def _aircraft_name(aircraft: str | Mapping[str, Any], task: AbstractTask) -> str:
+    if isinstance(task, AbstractPlannedTask):
+        return "aircraft of the study"
+    return aircraft if isinstance(aircraft, str) else str(aircraft.get("airframe", aircraft.get("type", "f16")))
 
 
 def _first_vehicle(bank: Stacked[Case]) -> Vehicle:

@@ -1,0 +1,228 @@
+"""Gymnasium's contract: the single environment, the vector of environments, episodes as flights and datasets."""
+
+import importlib
+import json
+import sys
+import warnings
+
+import equinox as eqx
+import gymnasium
+import jax
+import minari
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+
+from anser.environments import gymnasium_environments as wrapped
+from anser.environments.experts import score
+from anser.environments.minari_datasets import save_minari
+from anser.environments.recording import Episode, figure_pixels, fly_episodes, record_flight
+from anser.environments.registry import TASKS
+from anser.environments.tasks import VelocityCommand
+
+DECISIONS = 12
+COUNT = 5
+NAME = "anser/VelocityCommand-v0"
+
+
+class ShortCommand(VelocityCommand):
+    """A short task that fails after five decisions below an airspeed: ends of both sorts in a few steps."""
+
+    duration_s: float = eqx.field(static=True, default=0.05 * DECISIONS)
+    settled_s: float = eqx.field(static=True, default=0.05)
+
+    def has_failed(self, situation):
+        return (situation.time > 0.22) & (situation.variables["airspeed_m_s"] < 150.0)
+
+
+ARGUMENTS = {"task": ShortCommand(), "cases": 64}
+
+
+@pytest.fixture(scope="module")
+def single():
+    return gymnasium.make(NAME, **ARGUMENTS).unwrapped
+
+
+@pytest.fixture(scope="module")
+def vector():
+    return gymnasium.make_vec(NAME, num_envs=COUNT, **ARGUMENTS)
+
+
+def test_the_single_environment_passes_gymnasiums_check_without_warnings(single):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(single)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("task", [task for task in TASKS if task != "FleetArrival"])
+def test_every_task_passes_gymnasiums_check_at_its_default_level(task):
+    check_env(gymnasium.make(f"anser/{task}-v0", cases=64).unwrapped)
+
+
+def test_the_vector_is_gymnasiums_own_vector_of_single_environments(vector):
+    sync = gymnasium.make_vec(
+        NAME,
+        num_envs=COUNT,
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP},
+        **ARGUMENTS,
+    )
+    assert isinstance(vector, wrapped.GymnasiumVectorEnvironment)
+    assert vector.metadata["autoreset_mode"] == sync.metadata["autoreset_mode"]
+    for space in ("observation_space", "action_space", "single_observation_space", "single_action_space"):
+        assert getattr(vector, space) == getattr(sync, space)
+    starts, expected = vector.reset(seed=3)[0], sync.reset(seed=3)[0]
+    np.testing.assert_array_equal(starts, expected)
+    rng = np.random.default_rng(0)
+    failures = lengths = 0
+    for _ in range(3 * DECISIONS):
+        actions = rng.uniform(-1.2, 1.2, (COUNT, 4)).astype(np.float32)
+        *results, info = vector.step(actions)
+        *expected, expected_info = sync.step(np.clip(actions, -1.0, 1.0))
+        for result, reference in zip(results, expected, strict=True):
+            assert result.dtype == reference.dtype
+            assert result.flags.writeable
+            # observations are float32: one rounding, where the batch's program rounds otherwise than the single one
+            np.testing.assert_allclose(result, reference, rtol=0.0, atol=2e-6)
+        assert info.keys() == expected_info.keys()
+        if info:
+            np.testing.assert_array_equal(info["_final_obs"], results[2] | results[3])
+            for name in ("_final_obs", "_final_info"):
+                np.testing.assert_array_equal(info[name], expected_info[name])
+            for name, values in expected_info["final_info"].items():
+                np.testing.assert_array_equal(info["final_info"][name], values)
+            for last, reference in zip(info["final_obs"], expected_info["final_obs"], strict=True):
+                assert (last is None) == (reference is None)
+                if last is not None:
+                    np.testing.assert_allclose(last, reference, rtol=0.0, atol=2e-6)
+            failures, lengths = failures + results[2].sum(), lengths + results[3].sum()
+    assert failures > 0
+    assert lengths > 0
+
+
+def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
+    reset = jax.jit(single.environment.reset)
+
+    def start(seed, number):
+        return np.asarray(reset(jax.random.fold_in(jax.random.key(seed), number))[0])
+
+    np.testing.assert_array_equal(single.reset(seed=7)[0], start(7, 0))
+    np.testing.assert_array_equal(single.reset()[0], start(7, 1))
+    np.testing.assert_array_equal(vector.reset(seed=7)[0], [start(7 + k, 0) for k in range(COUNT)])
+    np.testing.assert_array_equal(vector.reset()[0], [start(7 + k, 1) for k in range(COUNT)])
+    seeds = [None, 2**40 + 1, None, None, 0]
+    expected = [start(7, 2), start(2**40 + 1, 0), start(9, 2), start(10, 2), start(0, 0)]
+    np.testing.assert_array_equal(vector.reset(seed=seeds)[0], expected)
+
+
+def test_without_a_seed_each_environment_begins_elsewhere(single):
+    starts = [wrapped.GymnasiumEnvironment(**ARGUMENTS).reset()[0] for _ in range(4)]
+    assert len({tuple(start) for start in starts}) > 1
+
+
+def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_text():
+    for task in set(TASKS) - {"FleetArrival"}:
+        spec = gymnasium.spec(f"anser/{task}-v0")
+        assert json.loads(spec.to_json())["kwargs"] == {"task": task}
+    before = dict(gymnasium.registry)
+    wrapped.register_gymnasium()
+    assert dict(gymnasium.registry) == before
+
+
+def test_wrong_arguments_are_refused(single, vector):
+    fresh = wrapped.GymnasiumEnvironment(**ARGUMENTS)
+    with pytest.raises(ValueError, match=r"step: arrived before the first reset"):
+        fresh.step(np.zeros(4))
+    single.reset(seed=0)
+    with pytest.raises(ValueError, match=r"action: arrived the shape \(3,\); expected \(4,\)"):
+        single.step(np.zeros(3))
+    vector.reset(seed=0)
+    actions = np.zeros((COUNT, 4))
+    actions[2, 1] = np.nan
+    with pytest.raises(ValueError, match=r"action: arrived nan at index \[2, 1\]"):
+        vector.step(actions)
+    with pytest.raises(ValueError, match="seed: arrived 2 seeds; expected 5"):
+        vector.reset(seed=[1, 2])
+    with pytest.raises(ValueError, match="render_mode: arrived 'human'; expected 'rgb_array' or None"):
+        wrapped.GymnasiumEnvironment(render_mode="human", **ARGUMENTS)
+    with pytest.raises(ValueError, match="num_envs: arrived 0"):
+        wrapped.GymnasiumVectorEnvironment(num_envs=0, **ARGUMENTS)
+    with pytest.raises(ValueError, match="task: arrived an environment with action"):
+        wrapped.GymnasiumEnvironment(single.environment, "rates")
+
+
+def test_without_gymnasium_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    monkeypatch.delitem(sys.modules, wrapped.__name__)
+    with pytest.raises(ImportError, match=r'Gymnasium is not installed: pip install "anser\[learning\]"'):
+        importlib.import_module(wrapped.__name__)
+
+
+def fly(single, seed):
+    """One episode under random actions."""
+    observations, actions, rewards, is_over = [single.reset(seed=seed)[0]], [], [], False
+    start = single._compiled.state(single._start)
+    rng = np.random.default_rng(seed)
+    while not is_over:
+        actions.append(rng.uniform(-1.0, 1.0, 4).astype(np.float32))
+        observation, reward, terminated, truncated, info = single.step(actions[-1])
+        observations, rewards, is_over = [*observations, observation], [*rewards, reward], terminated or truncated
+    rows = map(np.array, (observations, actions, rewards))
+    return Episode(single.environment, start, *rows, terminated, info["is_success"])
+
+
+def test_the_flight_of_an_episode_has_the_observed_variables(single):
+    episode = fly(single, seed=1)
+    flight, steps = single.flight(), single.environment.decision_steps
+    dataset = flight.dataset
+    assert dataset.sizes["time"] == len(episode.actions) * steps + 1
+    np.testing.assert_allclose(np.diff(dataset.time), 0.01, rtol=1e-9)
+    motion = single.environment.observed[: -len(single.environment.task.entries())]
+    assert {"airspeed_m_s", "alpha_deg", "elevator_deg"} <= {entry.name for entry in motion}
+    for k, entry in enumerate(motion):
+        values = entry.normalize(dataset[entry.name].values[::steps])
+        # a float32 has 1.2e-7 of its value, which is at most about 3 here
+        np.testing.assert_allclose(episode.observations[:, k], values, rtol=0.0, atol=5e-7, err_msg=entry.name)
+    throttle = 0.5 * (episode.actions[:, 3].astype(float) + 1.0)
+    np.testing.assert_allclose(dataset["throttle"].values[:-1:steps], throttle, rtol=0.0, atol=1e-12)
+    pixels = figure_pixels(flight.plot())
+    assert pixels.ndim == 3
+    assert pixels.std() > 10.0
+    too_many = np.zeros((DECISIONS + 1, 4), np.float32)
+    with pytest.raises(ValueError, match="actions: arrived 13 decisions; expected at most 12"):
+        record_flight(single.environment, episode.start, too_many)
+
+
+def test_recorded_episodes_are_datasets_of_minari(single, tmp_path, monkeypatch):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    episodes = [fly(single, seed) for seed in range(6)]
+    assert {episode.terminated for episode in episodes} == {True, False}
+    texts = ("algorithm_name", "author", "author_email", "code_permalink", "description")
+    dataset = save_minari("anser/short/random-v0", episodes, **dict.fromkeys(texts, "test"))
+    assert dataset.total_steps == sum(len(episode.actions) for episode in episodes)
+    saved_episodes = list(minari.load_dataset("anser/short/random-v0").iterate_episodes())
+    for saved, episode in zip(saved_episodes, episodes, strict=True):
+        np.testing.assert_array_equal(saved.observations, episode.observations)
+        np.testing.assert_array_equal(saved.actions, episode.actions)
+        np.testing.assert_array_equal(saved.rewards, episode.rewards)
+        assert saved.terminations[-1] == episode.terminated
+        assert saved.truncations[-1] != episode.terminated
+        assert not saved.terminations[:-1].any()
+    with pytest.raises(ValueError, match="episodes: arrived none"):
+        save_minari("anser/short/none-v0", [])
+
+
+@pytest.mark.long
+def test_episodes_flown_together_are_those_of_the_score(single):
+    environment = single.environment
+    episodes = fly_episodes(environment, "expert", episodes=8, seed=2)
+    result = score(environment, "expert", episodes=8, seed=2)
+    np.testing.assert_array_equal([episode.success for episode in episodes], result.successes)
+    np.testing.assert_allclose(np.mean([e.rewards.sum() / DECISIONS for e in episodes]), result.mean_return, rtol=1e-9)
+    for episode in episodes:
+        row = episode.flight().dataset.isel(time=-1)
+        altitude = environment.observed[1]
+        assert altitude.name == "altitude_m"
+        np.testing.assert_allclose(episode.observations[-1, 1], altitude.normalize(float(row.altitude_m)), atol=5e-7)
