@@ -2,10 +2,12 @@
 
 A copy stands between the comments `<!-- copy of SOURCE -->` and `<!-- end of copy -->`. SOURCE is a file, with
 the number of its first line (`scenarios/single-aircraft.toml, from line 5`) or a function in it (`tests/x.py, function
-f`), or `keys of scenario files`, or `variables of plans`. `make copies` writes the copies anew; a test compares them.
+f`), or `keys of scenario files`, `variables of plans`, `tasks of environments` (or `observations`, `actions`). `make
+copies` writes the copies anew; a test compares them.
 """
 
 import ast
+import inspect
 import re
 import sys
 from collections.abc import Iterable
@@ -14,6 +16,11 @@ from pathlib import Path
 from anser.aircraft_files.schema import AirframeFile
 from anser.campaigns.study import Study
 from anser.config.file_schema import key_tables
+from anser.environments.actions import LEVELS
+from anser.environments.cases import autopilot_of, scenario_tables, single_aircraft
+from anser.environments.environment import MOTION
+from anser.environments.registry import TASKS
+from anser.environments.spaces import Entry
 from anser.scenario.schema import Scenario
 from anser.variables import CATALOGUE, MEASUREMENT_VARIABLES, PLAN_VARIABLES, Variable, surface_variables
 
@@ -41,6 +48,8 @@ def copied(source: str) -> str:
         return key_tables(KEYS[source.split()[2]]).strip("\n")
     if source.startswith("variables of "):
         return variable_table(VARIABLES[source.removeprefix("variables of ")])
+    if source.endswith(" of environments"):
+        return {"tasks": task_table, "observations": observation_table, "actions": action_table}[source.split()[0]]()
     match = _FILE.fullmatch(source)
     if match is None:
         raise ValueError(f"copy of {source}: expected a path, a path and a line, or a path and a function")
@@ -64,6 +73,38 @@ def variable_table(variables: Iterable[Variable]) -> str:
         flags = f": {', '.join(f'{k} {flag}' for k, flag in enumerate(entry.flags))}" if entry.flags else ""
         symbol = entry.symbol.replace("_", "\\_")
         rows.append(f"| `{entry.name}` | {symbol} | {entry.unit} | {entry.frame} | {entry.long_name}{flags} |")
+    return "\n".join(rows)
+
+
+def task_table() -> str:
+    """Return the Markdown table of the tasks: levels of action, duration, ranges and tolerances."""
+    rows = ["| task | levels | duration, s | ranges and tolerances |", "|---|---|---|---|"]
+    for name, task in TASKS.items():
+        text = " ".join((inspect.getdoc(task) or "").split())
+        rows.append(f"| `{name}` | {', '.join(task().levels)} | {task().duration_s:g} | {text} |")
+    return "\n".join(rows)
+
+
+def observation_table() -> str:
+    """Return the Markdown table of the entries of observations: the motion, then those of each task."""
+    entries = [("every task", MOTION), *((f"`{name}`", task().entries()) for name, task in TASKS.items())]
+    return entry_table("task", entries)
+
+
+def action_table() -> str:
+    """Return the Markdown table of the entries of the F-16's actions by level."""
+    vehicle, _ = single_aircraft(scenario_tables("f16", {}))
+    autopilot = autopilot_of(vehicle)
+    return entry_table("level", [(f'"{k}"', level.entries(autopilot, vehicle.airframe)) for k, level in LEVELS.items()])
+
+
+def entry_table(head: str, groups: Iterable[tuple[str, Iterable[Entry]]]) -> str:
+    """Return the Markdown table of entries in groups: the quantity's values at -1 and 1."""
+    rows = [f"| {head} | entry | at -1 | at 1 | unit | meaning |", "|---|---|---|---|---|---|"]
+    for group, entries in groups:
+        for entry in entries:
+            low, high = entry.centre - entry.half_range, entry.centre + entry.half_range
+            rows.append(f"| {group} | `{entry.name}` | {low:g} | {high:g} | {entry.unit} | {entry.meaning} |")
     return "\n".join(rows)
 
 

@@ -125,11 +125,11 @@ def test_the_packages_fleet_flies_in_pettingzoo_and_in_dictionaries():
     flown, step = state, jax.jit(environment.step_env)
     for number in range(len(actions)):
         flown = step(key, flown, actions[number], environment.default_params)[1]
-    for index, agent in enumerate(environment.agents):
+    positions_n = np.asarray(environment.situations(flown).truth.state.position_n)
+    for position_n, agent in zip(positions_n, environment.agents, strict=True):
         last = record_flight(environment, state, actions, agent).dataset.isel(time=-1)
-        position_n = [float(last[name]) for name in ("north_m", "east_m")]
-        motion = jax.tree.map(lambda leaf, index=index: leaf[index], flown.vehicle.aircraft)
-        # one second and more of flight in programs that round differently
-        np.testing.assert_allclose(position_n, motion.position_n[:2], rtol=1e-9, atol=1e-6)
+        recorded_n = [float(last.north_m), float(last.east_m), -float(last.altitude_m)]
+        # seconds of flight in programs that round differently
+        np.testing.assert_allclose(recorded_n, position_n, rtol=1e-9, atol=1e-6)
     with pytest.raises(ValueError, match="agent: arrived None; expected one of"):
         record_flight(environment, state, actions)

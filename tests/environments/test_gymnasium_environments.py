@@ -1,5 +1,6 @@
 """Gymnasium's contract: the single environment, the vector of environments, episodes as flights and datasets."""
 
+import copy
 import importlib
 import json
 import sys
@@ -18,7 +19,7 @@ from anser.environments import gymnasium_environments as wrapped
 from anser.environments.experts import score
 from anser.environments.minari_datasets import save_minari
 from anser.environments.recording import Episode, figure_pixels, fly_episodes, record_flight
-from anser.environments.registry import TASKS
+from anser.environments.registry import TASKS, make
 from anser.environments.tasks import VelocityCommand
 
 DECISIONS = 12
@@ -36,17 +37,19 @@ class ShortCommand(VelocityCommand):
         return (situation.time > 0.22) & (situation.variables["airspeed_m_s"] < 150.0)
 
 
-ARGUMENTS = {"task": ShortCommand(), "cases": 64}
+@pytest.fixture(scope="module")
+def environment():
+    return make(ShortCommand(), "rates", cases=64)
 
 
 @pytest.fixture(scope="module")
-def single():
-    return gymnasium.make(NAME, **ARGUMENTS).unwrapped
+def single(environment):
+    return gymnasium.make(NAME, task=environment).unwrapped
 
 
 @pytest.fixture(scope="module")
-def vector():
-    return gymnasium.make_vec(NAME, num_envs=COUNT, **ARGUMENTS)
+def vector(environment):
+    return gymnasium.make_vec(NAME, num_envs=COUNT, task=environment)
 
 
 def test_the_single_environment_passes_gymnasiums_check_without_warnings(single):
@@ -61,13 +64,13 @@ def test_every_task_passes_gymnasiums_check_at_its_default_level(task):
     check_env(gymnasium.make(f"anser/{task}-v0", cases=64).unwrapped)
 
 
-def test_the_vector_is_gymnasiums_own_vector_of_single_environments(vector):
+def test_the_vector_is_gymnasiums_own_vector_of_single_environments(environment, vector):
     sync = gymnasium.make_vec(
         NAME,
         num_envs=COUNT,
         vectorization_mode="sync",
         vector_kwargs={"autoreset_mode": AutoresetMode.SAME_STEP},
-        **ARGUMENTS,
+        task=environment,
     )
     assert isinstance(vector, wrapped.GymnasiumVectorEnvironment)
     assert vector.metadata["autoreset_mode"] == sync.metadata["autoreset_mode"]
@@ -117,9 +120,16 @@ def test_episodes_are_those_of_the_keys_of_the_seed(single, vector):
     np.testing.assert_array_equal(vector.reset(seed=seeds)[0], expected)
 
 
-def test_without_a_seed_each_environment_begins_elsewhere(single):
-    starts = [wrapped.GymnasiumEnvironment(**ARGUMENTS).reset()[0] for _ in range(4)]
+def test_without_a_seed_each_environment_begins_elsewhere(environment):
+    starts = [wrapped.GymnasiumEnvironment(environment).reset()[0] for _ in range(4)]
     assert len({tuple(start) for start in starts}) > 1
+
+
+def test_environments_with_the_same_arguments_share_the_compiled_programs(environment):
+    first, second = (wrapped.GymnasiumEnvironment(environment) for _ in range(2))
+    assert first._compiled is second._compiled
+    assert copy.deepcopy(environment) is environment
+    assert wrapped.default_level("PathTracking") == "rates"
 
 
 def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_text():
@@ -131,8 +141,8 @@ def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_t
     assert dict(gymnasium.registry) == before
 
 
-def test_wrong_arguments_are_refused(single, vector):
-    fresh = wrapped.GymnasiumEnvironment(**ARGUMENTS)
+def test_wrong_arguments_are_refused(environment, single, vector):
+    fresh = wrapped.GymnasiumEnvironment(environment)
     with pytest.raises(ValueError, match=r"step: arrived before the first reset"):
         fresh.step(np.zeros(4))
     single.reset(seed=0)
@@ -146,11 +156,11 @@ def test_wrong_arguments_are_refused(single, vector):
     with pytest.raises(ValueError, match="seed: arrived 2 seeds; expected 5"):
         vector.reset(seed=[1, 2])
     with pytest.raises(ValueError, match="render_mode: arrived 'human'; expected 'rgb_array' or None"):
-        wrapped.GymnasiumEnvironment(render_mode="human", **ARGUMENTS)
+        wrapped.GymnasiumEnvironment(environment, render_mode="human")
     with pytest.raises(ValueError, match="num_envs: arrived 0"):
-        wrapped.GymnasiumVectorEnvironment(num_envs=0, **ARGUMENTS)
+        wrapped.GymnasiumVectorEnvironment(environment, num_envs=0)
     with pytest.raises(ValueError, match="task: arrived an environment with action"):
-        wrapped.GymnasiumEnvironment(single.environment, "rates")
+        wrapped.GymnasiumEnvironment(environment, "rates")
 
 
 def test_without_gymnasium_the_error_names_the_extra(monkeypatch):

@@ -129,6 +129,9 @@ class AircraftEnvironment:
 
     supports_transition_gradients: ClassVar[bool] = True
 
+    def __deepcopy__(self, memo: Any) -> "AircraftEnvironment":
+        return self  # nothing of it can change
+
     @property
     def default_params(self) -> Parameters:
         """Return the parameters with which the environment was made."""

@@ -51,6 +51,9 @@ class FleetEnvironment:
 
     supports_transition_gradients: ClassVar[bool] = True
 
+    def __deepcopy__(self, memo: Any) -> "FleetEnvironment":
+        return self  # nothing of it can change
+
     @property
     def name(self) -> str:
         """Name of the environment."""

@@ -5,6 +5,8 @@ Importing the module registers every task as `anser/VelocityCommand-v0` and so o
 `environment.reset(jax.random.fold_in(jax.random.key(s), k))`, alone or in a batch.
 """
 
+import functools
+import pickle
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -106,12 +108,20 @@ def default_level(task: str | AbstractTask) -> str:
     return "rates"
 
 
-_ENVIRONMENTS_MAX = 4
-_made: dict[str, CompiledEnvironment] = {}
+@functools.lru_cache(maxsize=4)
+def _compile(environment: AircraftEnvironment | FleetEnvironment) -> CompiledEnvironment:
+    return CompiledEnvironment(environment)
+
+
+@functools.lru_cache(maxsize=4)
+def _make_named(task: str, action: str, options: bytes) -> AircraftEnvironment | FleetEnvironment:
+    return make(task, action, **pickle.loads(options))
 
 
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
-    """Return a task's environment with its compiled functions; the latest ones are stored.
+    """Return a task's environment with its compiled functions.
+
+    Environments with the same arguments are one object, and so are the compiled functions of one environment.
 
     Parameters
     ----------
@@ -122,18 +132,15 @@ def compiled_environment(task: Any, action: str | None, options: Mapping[str, An
     options
         Further arguments of `anser.environments.make`.
     """
-    if not isinstance(task, str | AbstractTask):
-        if action is not None or options:
-            names = ", ".join(["action"] * (action is not None) + sorted(options))
-            raise ValueError(f"task: arrived an environment with {names}; expected the environment alone")
-        return CompiledEnvironment(task)
-    name = repr((task, action, sorted(options.items())))
-    if name not in _made:
-        made = CompiledEnvironment(make(task, default_level(task) if action is None else action, **options))
-        while len(_made) >= _ENVIRONMENTS_MAX:
-            del _made[next(iter(_made))]
-        _made[name] = made
-    return _made[name]
+    if isinstance(task, str | AbstractTask):
+        level = default_level(task) if action is None else action
+        if isinstance(task, str):
+            return _compile(_make_named(task, level, pickle.dumps(sorted(options.items()))))
+        return _compile(make(task, level, **options))
+    if action is not None or options:
+        names = ", ".join(["action"] * (action is not None) + sorted(options))
+        raise ValueError(f"task: arrived an environment with {names}; expected the environment alone")
+    return _compile(task)
 
 
 def seed_words(seed: int) -> np.ndarray:
@@ -167,7 +174,7 @@ class GymnasiumEnvironment(gymnasium.Env):
     Parameters
     ----------
     task
-        Name of a task, an own task, or an `AircraftEnvironment`.
+        Name of a task, an own task, or an `AircraftEnvironment`, whose compiled program all wrappers of it share.
     action
         Level of action: "surfaces", "rates" or "velocity"; None: "rates", if the task has it.
     render_mode
