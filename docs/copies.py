@@ -87,8 +87,11 @@ def task_table() -> str:
 
 def observation_table() -> str:
     """Return the Markdown table of the entries of observations: the motion, then those of each task."""
-    entries = [("every task", MOTION), *((f"`{name}`", task().entries()) for name, task in TASKS.items())]
-    return entry_table("task", entries)
+    tasks_by_entries: dict[tuple[Entry, ...], list[str]] = {}
+    for name, task in TASKS.items():
+        tasks_by_entries.setdefault(task().entries(), []).append(f"`{name}`")
+    groups = ((", ".join(names), entries) for entries, names in tasks_by_entries.items())
+    return entry_table("task", [("every task", MOTION), *groups])
 
 
 def action_table() -> str:
