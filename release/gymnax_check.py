@@ -1,4 +1,4 @@
-"""gymnax's own wrappers fly every task, with the results of the environment itself.
+"""gymnax's own wrappers fly every task of one aircraft, with the results of the environment itself.
 
     python release/gymnax_check.py
 
@@ -41,6 +41,8 @@ def _fly_tasks() -> int:
 
     failures = 0
     for task, factory in TASKS.items():
+        if task == "FleetArrival":  # gymnax has no environments of several agents
+            continue
         levels = factory().levels
         level = "rates" if "rates" in levels else levels[0]
         environment = make(task, level, cases=64)
