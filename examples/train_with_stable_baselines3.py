@@ -1,7 +1,7 @@
 """Training with Stable-Baselines3: PPO on the task VelocityCommand at the level of body rates.
 
     pip install "anser[learning]" stable-baselines3
-    python examples/stable_baselines3.py --decisions 2000000 --out runs/sb3
+    python examples/train_with_stable_baselines3.py --decisions 2000000 --out runs/sb3
 
 Stable-Baselines3 has an interface of its own for many environments, `VecEnv`; the class below is the bridge from the
 vector of anser, in which one compiled program flies all of them. The training in plain JAX beside this file is many
