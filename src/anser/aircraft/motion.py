@@ -83,6 +83,24 @@ def flight_condition(
     )
 
 
+def modelled_condition(
+    airframe: AbstractAirframe, condition: FlightCondition, data: AirData, state: AircraftState
+) -> FlightCondition:
+    """Return a flight condition with the forces and moments that an airframe has at measured air data.
+
+    Thrust loss is not known to the airframe, nor is the rotation of gusts, which no sensor of air data measures.
+    """
+    rates_air_b = state.rates_b + rotate(condition.R_bn, condition.earth.transport_rate_n)
+    return FlightCondition(
+        R_bn=condition.R_bn,
+        wind_n=condition.wind_n,
+        air_data=data,
+        earth=condition.earth,
+        aerodynamic=airframe.aerodynamics(data, rates_air_b, state.surfaces),
+        propulsive=airframe.engine.propulsion(state.power, data),
+    )
+
+
 def angular_acceleration(mass_properties: MassProperties, rates_b: Vector3, moment_b: Vector3) -> Vector3:
     """Return the angular acceleration J^-1 [M - w x (J w + h)], body axes, rad/s^2.
 

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from anser.aircraft.air_data import Disturbance, no_disturbance
+from anser.aircraft.air_data import AirData, Disturbance, air_data, no_disturbance
 from anser.aircraft.airframe import AbstractAirframe, AircraftState
 from anser.aircraft.motion import FlightCondition
 from anser.environment.environment import Environment
@@ -200,6 +200,13 @@ class Reading(eqx.Module):
     velocity_air_b: Vector3 | None = None
     #: False after the loss of the goal sensor: the aircraft detects this failure.
     goal_sensor_works: Flag = eqx.field(default_factory=lambda: as_array(True, bool))
+
+    def air_data(self, environment: Environment) -> AirData:
+        """Return the measured air data, gusts included."""
+        data = self.condition.air_data
+        if self.velocity_air_b is None:
+            return data
+        return air_data(self.velocity_air_b, data.altitude, environment.atmosphere.at(data.altitude))
 
 
 class Belief(eqx.Module):

@@ -8,7 +8,6 @@ import xarray as xr
 
 from anser.report.estimates import (
     EFFECTIVENESS,
-    fault_time,
     recorded_estimates,
     scenario_deviations,
     true_effectiveness,
@@ -16,6 +15,7 @@ from anser.report.estimates import (
 from anser.report.flight_sheet import FlightSheet
 from anser.report.labels import LIMIT_COLOR, math_symbol
 from anser.report.style import COMMAND_LINE, LineStyle
+from anser.results.faults import fault_time
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

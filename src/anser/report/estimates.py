@@ -60,9 +60,3 @@ def true_effectiveness(time: np.ndarray, name: str, deviations: Deviations) -> n
         factor *= np.prod([coefficients.get(key, 1.0) for key in factors])
         truth = np.where(time >= time_s, factor * truth, truth)
     return truth
-
-
-def fault_time(time: np.ndarray, codes: np.ndarray) -> float | None:
-    """Return the time at which a fault was found, s; None without any. `codes` is the variable `fault`."""
-    reported = np.flatnonzero(codes)
-    return float(time[reported[0]]) if reported.size else None

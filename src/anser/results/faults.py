@@ -46,6 +46,12 @@ class Fault:
         return asdict(self)
 
 
+def fault_time(time_s: np.ndarray, codes: np.ndarray) -> float | None:
+    """Return the time at which a fault was found, s; None without any. `codes` is the variable `fault`."""
+    reported = np.flatnonzero(codes != NO_FAULT)
+    return float(time_s[reported[0]]) if reported.size else None
+
+
 def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surfaces: Sequence[str]) -> Fault | None:
     """Return the fault in the record of one aircraft; None if its autopilot found none.
 
@@ -56,12 +62,12 @@ def find_fault(time_s: np.ndarray, codes: np.ndarray, sizes: np.ndarray, surface
     surfaces
         Names of the aircraft's control surfaces, in the order of the airframe.
     """
-    reported = np.flatnonzero(codes != NO_FAULT)
-    if not reported.size:
+    found_s = fault_time(time_s, codes)
+    if found_s is None:
         return None
-    code, size = int(codes[reported[0]]), float(sizes[reported[-1]])
+    code, size = int(codes[np.searchsorted(time_s, found_s)]), float(sizes[codes != NO_FAULT][-1])
     name = _NAMES[code] if code in _NAMES else surface_label(surfaces[code - SURFACE])
-    return Fault(name, round(float(time_s[reported[0]]), 6), size, _UNITS.get(code, _SURFACE_UNIT))
+    return Fault(name, round(found_s, 6), size, _UNITS.get(code, _SURFACE_UNIT))
 
 
 def dataset_fault(dataset: xr.Dataset) -> Fault | None:

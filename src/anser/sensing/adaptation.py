@@ -26,7 +26,7 @@ from anser.aircraft.corrected_airframe import (
     reference_regressors,
     regressors,
 )
-from anser.aircraft.motion import angular_acceleration
+from anser.aircraft.motion import angular_acceleration, modelled_condition
 from anser.numerics.linear import times3
 from anser.parts.perception import AbstractEstimator, Belief, Instant, Reading
 from anser.sensing.fault_detection import FaultDetection, FaultState, fault_detection, fault_effects
@@ -219,10 +219,15 @@ class AdaptiveEstimator(AbstractEstimator):
         """Return the belief with the corrected airframe, and the new state."""
         belief, base = self.base.estimate(estimator_state.base, reading, airframe, instant)
         state = eqx.tree_at(lambda s: s.base, estimator_state, base, is_leaf=lambda leaf: leaf is None)
-        return self.correct(state, belief, instant.step)
+        # the filter of gusts lags: with its air data the lift slope would be too small
+        data = reading.air_data(instant.environment)
+        condition = modelled_condition(self.model, belief.condition, data, belief.state)
+        measured = eqx.tree_at(lambda b: b.condition, belief, condition)
+        next_state = self.learn(state, measured, instant.step)
+        return self.corrected_belief(next_state, belief), next_state
 
-    def correct(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> tuple[Belief, AdaptationState]:
-        """Update the estimates with a sample; return the belief with the corrected airframe, and the new state."""
+    def learn(self, state: AdaptationState, belief: Belief, step: ScalarLike) -> AdaptationState:
+        """Return the state after a sample, a belief with the forces and moments at the measured air data."""
         is_first, lengths = state.count == 0, reference_lengths(self.model)
         data, surfaces, rates_b = belief.condition.air_data, belief.state.surfaces, belief.state.rates_b
         missing, acceleration_b = _missing_coefficients(lengths, state, belief, step)
@@ -245,7 +250,7 @@ class AdaptiveEstimator(AbstractEstimator):
         faults = self.faults.advance(state.faults, filtered_response, effects, jnp.sqrt(noise), fade, step)
         # what was learnt while the fault began is void: the next manoeuvre starts from the prior's uncertainty
         covariance = jnp.where(faults.code != state.faults.code, _prior_covariance(state.prior_deviation), covariance)
-        next_state = AdaptationState(
+        return AdaptationState(
             base=state.base,
             derivatives=state.derivatives,
             prior_deviation=state.prior_deviation,
@@ -264,7 +269,6 @@ class AdaptiveEstimator(AbstractEstimator):
             faults=faults,
             count=state.count + 1,
         )
-        return self.corrected_belief(next_state, belief), next_state
 
     def corrected_belief(self, state: AdaptationState, belief: Belief) -> Belief:
         """Return the belief with the increments in the airframe and in the forces."""

@@ -1,0 +1,61 @@
+"""Estimators with an onboard model: air data as measured, gusts included, forces and moments of the model."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+import anser
+from anser.aircraft.air_data import Disturbance
+from anser.aircraft.motion import flight_condition
+from anser.aircraft_files.library import load_airframe
+from anser.environment.environment import standard_environment
+from anser.environment.gusts import Gust
+from anser.parts.perception import Instant, Reading
+from anser.sensing.adaptation import adaptive_estimator
+from anser.sensing.estimators import DirectEstimator, TrackingEstimator
+from anser.sensing.navigation import AirFilter
+from anser.single_aircraft.starts import resolve_start
+from anser.spatial.wind_axes import air_direction_b
+
+AIRFRAME, ENVIRONMENT = load_airframe("f16"), standard_environment()
+GUST = Disturbance(Gust(jnp.asarray([1.0, 2.0, -3.0]), jnp.zeros(3)), jnp.asarray(1.0))
+INSTANT = Instant(ENVIRONMENT, jnp.asarray(0, dtype=jnp.int32), jnp.asarray(0.01), None)
+
+
+def reading_in_a_gust():
+    trim = anser.aircraft("f16").trim(speed_m_s=150.0, altitude_m=1000.0)
+    state = resolve_start(AIRFRAME, ENVIRONMENT, trim).state
+    condition = flight_condition(AIRFRAME, ENVIRONMENT, 0.0, state, disturbance=GUST)
+    return Reading(state, condition, condition.wrench.force_b / AIRFRAME.mass_properties.mass, None)
+
+
+def test_the_direct_estimator_has_the_model_at_the_measured_air_data():
+    reading = reading_in_a_gust()
+    heavier = eqx.tree_at(lambda a: a.wing_area, AIRFRAME, 1.1 * AIRFRAME.wing_area)
+    for estimator in (DirectEstimator(heavier), TrackingEstimator(model=heavier)):
+        belief, _ = estimator.estimate(estimator.init(reading, AIRFRAME, INSTANT), reading, AIRFRAME, INSTANT)
+        expected = flight_condition(heavier, ENVIRONMENT, 0.0, reading.state, disturbance=GUST)
+        np.testing.assert_array_equal(belief.condition.air_data.alpha, reading.condition.air_data.alpha)
+        np.testing.assert_allclose(belief.condition.wrench.force_b, expected.wrench.force_b, rtol=1e-12)
+        np.testing.assert_allclose(belief.condition.wrench.moment_b, expected.wrench.moment_b, rtol=1e-12)
+
+
+def test_measured_air_data_are_those_of_pitot_tube_and_vanes():
+    reading = reading_in_a_gust()
+    exact = reading.air_data(ENVIRONMENT)
+    turned = 0.98 * exact.V * air_direction_b(exact.alpha + 0.01, exact.beta)
+    noisy = eqx.tree_at(lambda r: r.velocity_air_b, reading, turned, is_leaf=lambda leaf: leaf is None)
+    measured = noisy.air_data(ENVIRONMENT)
+    np.testing.assert_allclose(measured.alpha, exact.alpha + 0.01, rtol=1e-12)
+    np.testing.assert_allclose(measured.qbar, 0.98**2 * exact.qbar, rtol=1e-12)
+
+
+def test_a_gust_that_the_filter_of_the_air_does_not_follow_is_no_missing_coefficient():
+    """With the lagging air data the gust would be a missing lift, which the increments would take up."""
+    reading = reading_in_a_gust()
+    slow = TrackingEstimator(air=AirFilter(jnp.asarray(20.0), jnp.asarray(10.0)), model=AIRFRAME)
+    estimator = adaptive_estimator(slow, AIRFRAME)
+    state = estimator.init(reading, AIRFRAME, INSTANT)
+    belief, state = estimator.estimate(state, reading, AIRFRAME, INSTANT)
+    assert abs(float(belief.condition.air_data.alpha - reading.condition.air_data.alpha)) > 0.01
+    np.testing.assert_allclose(state.previous_missing, 0.0, atol=1e-12)
