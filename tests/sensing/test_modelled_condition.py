@@ -6,6 +6,7 @@ import numpy as np
 
 import anser
 from anser.aircraft.air_data import Disturbance
+from anser.aircraft.corrected_airframe import without_aerodynamics
 from anser.aircraft.motion import flight_condition
 from anser.aircraft_files.library import load_airframe
 from anser.environment.environment import standard_environment
@@ -50,12 +51,17 @@ def test_measured_air_data_are_those_of_pitot_tube_and_vanes():
     np.testing.assert_allclose(measured.qbar, 0.98**2 * exact.qbar, rtol=1e-12)
 
 
-def test_a_gust_that_the_filter_of_the_air_does_not_follow_is_no_missing_coefficient():
-    """With the lagging air data the gust would be a missing lift, which the increments would take up."""
+def test_without_known_aerodynamics_a_gust_belongs_to_the_measured_angle_of_attack():
+    """With the lagging air data of the filter the lift of the gust would be missing at another angle of attack."""
     reading = reading_in_a_gust()
-    slow = TrackingEstimator(air=AirFilter(jnp.asarray(20.0), jnp.asarray(10.0)), model=AIRFRAME)
-    estimator = adaptive_estimator(slow, AIRFRAME)
+    blank = without_aerodynamics(AIRFRAME)
+    slow = TrackingEstimator(air=AirFilter(jnp.asarray(20.0), jnp.asarray(10.0)), model=blank)
+    estimator = adaptive_estimator(slow, blank, aerodynamics_known=False)
     state = estimator.init(reading, AIRFRAME, INSTANT)
     belief, state = estimator.estimate(state, reading, AIRFRAME, INSTANT)
-    assert abs(float(belief.condition.air_data.alpha - reading.condition.air_data.alpha)) > 0.01
-    np.testing.assert_allclose(state.previous_missing, 0.0, atol=1e-12)
+    measured, filtered = reading.condition.air_data, belief.condition.air_data
+    assert abs(float(filtered.alpha - measured.alpha)) > 0.01
+    moved = float(state.previous_regressors[0, 1] + state.reference[0, 1])
+    np.testing.assert_allclose(moved, measured.alpha, rtol=1e-12)
+    missing = reading.condition.aerodynamic.force_b[2] / (measured.qbar * AIRFRAME.wing_area)
+    np.testing.assert_allclose(state.previous_missing[2], missing, rtol=1e-9)
