@@ -132,6 +132,18 @@ def test_environments_with_the_same_arguments_share_the_compiled_programs(enviro
     assert wrapped.default_level("PathTracking") == "rates"
 
 
+def test_an_environment_by_name_is_made_once_from_its_arguments(environment, monkeypatch):
+    calls = []
+    monkeypatch.setattr(wrapped, "make", lambda *names, **options: calls.append((names, options)) or environment)
+    wrapped._make_named.cache_clear()
+    options = {"cases": 7, "wind": {"speed_m_s": 3.0}}
+    named = [gymnasium.make(NAME, **options).unwrapped, gymnasium.make_vec(NAME, num_envs=2, **options)]
+    gymnasium.make(NAME, action="surfaces")
+    wrapped._make_named.cache_clear()
+    assert calls == [(("VelocityCommand", "rates"), options), (("VelocityCommand", "surfaces"), {})]
+    assert all(wrapper.environment is environment for wrapper in named)
+
+
 def test_the_tasks_of_one_aircraft_are_registered_and_their_specifications_are_text():
     for task in set(TASKS) - {"FleetArrival"}:
         spec = gymnasium.spec(f"anser/{task}-v0")

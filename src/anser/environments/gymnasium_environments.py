@@ -115,7 +115,7 @@ def _compile(environment: AircraftEnvironment | FleetEnvironment) -> CompiledEnv
 
 @functools.lru_cache(maxsize=4)
 def _make_named(task: str, action: str, options: bytes) -> AircraftEnvironment | FleetEnvironment:
-    return make(task, action, **pickle.loads(options))
+    return make(task, action, **dict(pickle.loads(options)))
 
 
 def compiled_environment(task: Any, action: str | None, options: Mapping[str, Any]) -> CompiledEnvironment:
