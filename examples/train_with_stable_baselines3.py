@@ -102,6 +102,7 @@ def main() -> None:
         verbose=1,
     )
     model.learn(options.decisions)
+    options.out.mkdir(parents=True, exist_ok=True)
     model.save(options.out / "policy")
     single = gymnasium.make(TASK, cases=options.cases)
     mean, deviation = evaluate_policy(model, single, n_eval_episodes=5, warn=False)
