@@ -154,6 +154,7 @@ def test_the_experts_of_a_fleet_follow_their_plans():
     assert np.all(offset < 5.0)
 
 
+@pytest.mark.long
 def test_a_fleet_is_refused_where_one_aircraft_is_expected(tmp_path):
     with pytest.raises(ValueError, match="study: arrived 3 aircraft; expected one, or the task FleetArrival"):
         make("Arrival", "velocity", study=study_file(tmp_path, "fleet", 8))

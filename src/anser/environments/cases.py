@@ -146,7 +146,7 @@ def _trims(airframe: AbstractAirframe, environment: Environment, targets: TrimTa
     return jax.vmap(lambda target: solve_trim(airframe, environment, target))(targets)
 
 
-_TRIM_BATCH = 512
+_TRIM_BATCH = 64
 """Trims that are computed together: one compiled program for every size of a bank."""
 
 
