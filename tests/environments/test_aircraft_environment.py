@@ -163,7 +163,7 @@ def test_gradients_of_a_return_agree_with_finite_differences():
     base = trim[None, :] + 0.01 * np.random.default_rng(0).normal(size=(100, 4))
     gradient = np.asarray(jax.jit(jax.grad(total))(base))
     assert np.all(np.isfinite(gradient))
-    direction = np.random.default_rng(1).normal(size=base.shape)
+    direction = gradient / np.linalg.norm(gradient)  # the derivative does not cancel along it
     h = 1e-5
     difference = float(total(base + h * direction) - total(base - h * direction)) / (2 * h)
     assert float(np.sum(gradient * direction)) == pytest.approx(difference, rel=1e-5)
@@ -190,7 +190,7 @@ def test_the_expert_follows_a_command_and_begins_anew_with_each_episode():
     for number in range(29):
         state, own, _ = advance(state, own, jax.random.key(number))
         errors.append(np.abs(environment.task.errors(environment.situation(state, params))))
-    assert np.all(errors[-1] <= np.maximum(0.5 * errors[0], 10.0))
+    assert np.linalg.norm(errors[-1]) < 0.9 * np.linalg.norm(errors[0])
     state, own, _ = advance(state, own, jax.random.key(99))  # the episode ends here
     assert int(state.time) == 0
     again, _ = expert.act(state, own, params)

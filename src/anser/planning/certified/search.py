@@ -32,7 +32,6 @@ from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLI
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # factors of the first time
 _DELAY_RATIO = 1.008  # ratio of two consecutive arrival times of the search
-_WINDOW_DELAY_RATIO = 1.004  # the same for an aircraft with a window, which is delayed alone
 # Factors of the first time: every kind of candidate is tried before a longer delay.
 _DELAY_BOUNDS = (1.0, 1.03, 1.3, 3.0)
 _LONG_DELAY = 1.3  # factor up to which the standard candidates are tried in single steps
@@ -198,8 +197,9 @@ def _delays(
 ) -> _Delays:
     """Admissible arrival times between `delay_min` and `delay_max` times the first times; offsets stay."""
     windows, offsets = fleet.request.windows_s, fleet.offsets
-    ratio = _DELAY_RATIO if windows is None else _WINDOW_DELAY_RATIO
-    factors = ratio ** np.arange(np.ceil(np.log(delay_min) / np.log(ratio)), np.log(delay_max) / np.log(ratio))
+    factors = _DELAY_RATIO ** np.arange(
+        np.ceil(np.log(delay_min) / np.log(_DELAY_RATIO)), np.log(delay_max) / np.log(_DELAY_RATIO)
+    )
     times = factors[:, None] * (first_times - offsets) + offsets
     latest = fleet.request.latest_s if windows is None else windows[indices, 1]
     times = times[np.all(times[:, indices] <= latest, axis=1)]
