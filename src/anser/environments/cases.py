@@ -18,6 +18,7 @@ from anser.analysis.airframes import valid_airspeed_range
 from anser.analysis.step_flights import default_flight_point
 from anser.analysis.trim_points import resolve_airframe
 from anser.compiling.options import compiled, compiled_quickly
+from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.environment import Environment, SteadyWind
 from anser.numerics.arrays import Stacked, as_array, cast_to_precision
@@ -206,7 +207,6 @@ def default_range(vehicle: Vehicle) -> FlightRange:
     return FlightRange((1.1 * slowest, 0.9 * fastest), (lowest, max(min(8000.0, float(top)), lowest)))
 
 
-_GRAVITY_M_S2 = 9.80665
 _STEADY_SHARE_MIN = 0.02
 """Least share of steady flights among the drawn conditions."""
 
@@ -230,7 +230,7 @@ def steady_starts(vehicle: Vehicle, environment: Environment, flown: FlightRange
             "altitude": rng.uniform(*flown.altitude_m, size),
             "path_angle": rng.uniform(-1.0, 1.0, size) * flown.path_angle_deg * DEG_RAD,
             "course": rng.uniform(-np.pi, np.pi, size),
-            "turn_rate": _GRAVITY_M_S2 * np.tan(bank) / speed,
+            "turn_rate": STANDARD_GRAVITY_M_S2 * np.tan(bank) / speed,
         }
         trims, is_steady = trim_rows(vehicle.airframe, environment, targets)
         points.append(jax.tree.map(lambda leaf, flags=is_steady: leaf[flags], trims))

@@ -13,7 +13,6 @@ from anser.compiling.options import enable_compilation_cache
 from anser.environment.gusts import NoGusts
 from anser.environments.actions import LEVELS
 from anser.environments.cases import (
-    Case,
     FlightRange,
     autopilot_of,
     default_range,
@@ -75,7 +74,8 @@ def make(
     study
         Path of a study file whose flights are the cases of "PathTracking", "Arrival" and "FleetArrival", with the
         aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned before;
-        flights without a plan are left out. Excludes `aircraft`, `flown`, `cases`, `seed` and tables.
+        flights without a plan are left out. Excludes `aircraft`, `flown` and tables;
+        `cases` and `seed` are those of the study.
     cases
         Number of cases: starts and commands from which a reset draws.
     seed
@@ -126,9 +126,9 @@ def make(
         is_fleet = isinstance(chosen_task, FleetArrival)
         if not is_fleet and len(agents) > 1:
             raise ValueError(f"study: arrived {len(agents)} aircraft; expected one, or the task FleetArrival")
+        vehicle = bank.combine(jax.tree.map(lambda leaf: leaf[0, 0], bank.batched)).vehicle
         if not is_fleet:
             bank = Stacked(jax.tree.map(lambda leaf: leaf[:, 0], bank.batched), bank.shared)
-        vehicle = jax.tree.map(np.asarray, bank.at(0).vehicle) if not is_fleet else _first_vehicle(bank)
     else:
         vehicle, environment = single_aircraft(scenario_tables(aircraft, tables))
         flown = default_range(vehicle) if flown is None else flown
@@ -157,10 +157,6 @@ def _aircraft_name(aircraft: str | Mapping[str, Any], task: AbstractTask) -> str
     if isinstance(task, AbstractPlannedTask):
         return "aircraft of the study"
     return aircraft if isinstance(aircraft, str) else str(aircraft.get("airframe", aircraft.get("type", "f16")))
-
-
-def _first_vehicle(bank: Stacked[Case]) -> Vehicle:
-    return bank.combine(jax.tree.map(lambda leaf: leaf[0, 0], bank.batched)).vehicle
 
 
 def _surface_entries(vehicle: Vehicle) -> tuple[Entry, ...]:

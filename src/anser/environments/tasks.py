@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from anser.constants import STANDARD_GRAVITY_M_S2
 from anser.control.feedback import wrap_angle
 from anser.control.inversion_autopilot import LoopCommand
 from anser.environment.environment import Environment
@@ -87,7 +88,8 @@ class VelocityCommand(AbstractTask):
     """Reach and hold a commanded airspeed, path angle and course.
 
     The commands are steady flights within the aircraft's limits that its thrust reaches within 20 s: up to 30 m/s
-    faster or slower, a path angle up to 10 deg, and a change of course up to 90 deg. Tolerances: 2 m/s, 1 deg, 2 deg.
+    faster or slower, a path angle up to 10 deg, and a change of course up to 90 deg. A start for which 40 draws give no
+    such command has level flight at its airspeed instead. Tolerances: 2 m/s, 1 deg, 2 deg.
     """
 
     duration_s: float = eqx.field(static=True, default=40.0)
@@ -112,7 +114,7 @@ class VelocityCommand(AbstractTask):
             speed[missing] = np.clip(faster, *flown.speed_m_s)
             path_angle[missing] = rng.uniform(-1.0, 1.0, size) * self.path_angle_deg * DEG_RAD
             # flight with a rate of the airspeed needs the thrust of steady flight on a steeper path
-            steeper = (speed - V) / (_SPEED_CHANGE_TIME_S * _GRAVITY_M_S2)
+            steeper = (speed - V) / (_SPEED_CHANGE_TIME_S * STANDARD_GRAVITY_M_S2)
             is_steady = np.ones(size, bool)
             for angle in (path_angle, path_angle + steeper):
                 targets = {"speed": speed[missing], "altitude": altitude[missing], "path_angle": angle[missing]}
@@ -120,7 +122,6 @@ class VelocityCommand(AbstractTask):
             missing = missing[~is_steady]
             if not missing.size:
                 break
-        # a command without steady flight is replaced by level flight at the airspeed of the start
         speed[missing], path_angle[missing] = V[missing], 0.0
         course = chi + rng.uniform(-1.0, 1.0, count) * self.course_change_deg * DEG_RAD
         return starts, CommandedState(as_array(np.stack([speed, path_angle, course], axis=-1)))
@@ -346,7 +347,6 @@ class AttitudeSteps(eqx.Module):
 
 
 _DRAWS_MAX = 40
-_GRAVITY_M_S2 = 9.80665
 _SPEED_CHANGE_TIME_S = 20.0
 _CLIMB_GAIN = 0.25
 _CLIMB_RATE_MAX_M_S = 8.0
