@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, UInt32
 
 from anser.environments.actions import AbstractActionLevel, HeldCommand
 from anser.environments.cases import Case, Situation
+from anser.environments.planned_tasks import PlannedMission, comes_too_near
 from anser.environments.spaces import Box, Entry, catalogue_entry
 from anser.environments.tasks import AbstractTask
 from anser.numerics.arrays import Stacked, cast_like, cast_to_precision
@@ -209,7 +210,7 @@ class AircraftEnvironment:
         flown = dataclasses.replace(state, time=state.time + 1, vehicle=vehicle)
         situation = self.situation_of(case, flown, params)
         errors = self.task.errors(situation)
-        terminated = out_of_envelope(situation) | self.task.has_failed(situation)
+        terminated = has_failed(self.task, situation)
         reward, observation = self.task.reward(situation, errors), self.observation_of(situation)
         observation, flown, reward, info = end_decision(
             self, flown, errors, reward, terminated, case.decisions, observation
@@ -351,6 +352,12 @@ def _key_words(key: Array) -> UInt32[Array, "2"]:
     if words.shape != (2,):
         raise ValueError(f"key: arrived words of shape {words.shape}; expected (2,), as of jax.random.key(seed)")
     return words
+
+
+def has_failed(task: AbstractTask, situation: Situation) -> Flag:
+    """Whether an episode ends by failure: of the envelope, of the stand-off, which no task can lower, or of the task."""
+    failure = out_of_envelope(situation) | task.has_failed(situation)
+    return failure | comes_too_near(situation) if isinstance(situation.case.task, PlannedMission) else failure
 
 
 def out_of_envelope(situation: Situation) -> Flag:

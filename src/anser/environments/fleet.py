@@ -15,7 +15,7 @@ from anser.environments.environment import (
     Parameters,
     draw_case,
     end_decision,
-    out_of_envelope,
+    has_failed,
     reset_if,
 )
 from anser.environments.planned_tasks import axes_entries, in_course_axes
@@ -154,7 +154,7 @@ class FleetEnvironment:
 
         def judge(situation: Situation) -> tuple[Array, Scalar, Flag]:
             errors = task.errors(situation)
-            return errors, task.reward(situation, errors), out_of_envelope(situation) | task.has_failed(situation)
+            return errors, task.reward(situation, errors), has_failed(task, situation)
 
         errors, rewards, failures = jax.vmap(judge)(situations)
         is_near = self.separation(situations) < self.separation_m

@@ -209,16 +209,17 @@ class AbstractPlannedTask(AbstractTask):
         case, belief = situation.case, situation.belief
         return case.vehicle.guidance.command(None, belief, case.task, situation.instant)[0]
 
-    def has_failed(self, situation: Situation) -> Flag:
-        """Whether the aircraft must break off because it comes too near its goal."""
-        task, truth, time = situation.case.task, situation.truth, situation.time
-        earth = situation.instant.environment.earth
-        to_goal_n, goal_velocity_n = earth.sight(
-            truth.state.position_n, task.goal.position_n(time), task.goal.velocity_n(time)
-        )
-        acceleration = truth.condition.earth.gravity * jnp.tan(situation.case.autopilot.limits.bank_max)
-        velocity_n = velocity_over_ground_n(truth.condition, truth.state)
-        return must_break_away(to_goal_n, velocity_n, goal_velocity_n, task.distance_min, acceleration, task.turn)
+
+def comes_too_near(situation: Situation) -> Flag:
+    """Whether an aircraft must break off because it comes too near its goal; the environment ends the episode then."""
+    task, truth, time = situation.case.task, situation.truth, situation.time
+    earth = situation.instant.environment.earth
+    to_goal_n, goal_velocity_n = earth.sight(
+        truth.state.position_n, task.goal.position_n(time), task.goal.velocity_n(time)
+    )
+    acceleration = truth.condition.earth.gravity * jnp.tan(situation.case.autopilot.limits.bank_max)
+    velocity_n = velocity_over_ground_n(truth.condition, truth.state)
+    return must_break_away(to_goal_n, velocity_n, goal_velocity_n, task.distance_min, acceleration, task.turn)
 
 
 def in_course_axes(situation: Situation, vector_n: Vector3) -> tuple[Scalar, Scalar, Scalar]:
@@ -252,8 +253,8 @@ class PathTracking(AbstractPlannedTask):
         return norm(planned_n - situation.truth.state.position_n)[None] / 50.0
 
     def has_failed(self, situation: Situation) -> Flag:
-        """Whether the aircraft is more than 1 km off its path, or comes too near its goal."""
-        return super().has_failed(situation) | (self.errors(situation)[0] > 20.0)
+        """Whether the aircraft is more than 1 km off its path."""
+        return self.errors(situation)[0] > 20.0
 
     def entries(self) -> tuple[Entry, ...]:
         """Return the planned position now and in 2 s, and the planned velocity, in axes of the course."""
