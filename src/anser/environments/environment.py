@@ -355,7 +355,7 @@ def _key_words(key: Array) -> UInt32[Array, "2"]:
 
 
 def has_failed(task: AbstractTask, situation: Situation) -> Flag:
-    """Whether an episode ends by failure: of the envelope, of the stand-off, which no task can lower, or of the task."""
+    """Whether an episode ends by failure: of the envelope, the stand-off (which no task lowers) or the task."""
     failure = out_of_envelope(situation) | task.has_failed(situation)
     return failure | comes_too_near(situation) if isinstance(situation.case.task, PlannedMission) else failure
 
