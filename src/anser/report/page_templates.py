@@ -29,20 +29,23 @@ def format_number(value: float | None, digits: int) -> str:
     return f"{value:,.{digits}f}".replace("-", "−")
 
 
-def render(template: str, **values: Any) -> "Markup":
-    """Return the HTML of a template of this package, marked so that other templates do not escape it again."""
+def render(template: str, *, package: str = "anser.report", **values: Any) -> "Markup":
+    """Return the HTML of a template of a package, marked so that other templates do not escape it again.
+
+    A template of another package than `anser.report` may extend and include the templates of `anser.report`.
+    """
     from markupsafe import Markup
 
-    return Markup(_environment().get_template(template).render(values))
+    return Markup(_environment(package).get_template(template).render(values))
 
 
 @functools.cache
-def _environment() -> "jinja2.Environment":
+def _environment(package: str) -> "jinja2.Environment":
     import jinja2
     from markupsafe import Markup
 
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("anser.report"),
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(name) for name in dict.fromkeys((package, "anser.report"))]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -64,18 +67,20 @@ def render_page(
     styles: Sequence[str],
     scripts: Sequence[str],
     data: tuple[str, Any],
+    package: str = "anser.report",
     **values: Any,
 ) -> str:
-    """Return the HTML of a page from a template that extends `page.html`.
+    """Return the HTML of a page from a template of a package that extends `page.html`.
 
-    `styles` and `scripts` are file names of assets, in order; `data` is the identifier and content of the script
-    element with the data.
+    `styles` and `scripts` are names of assets (see `read_asset`), in order; `data` is the identifier and content of the
+    script element with the data.
     """
     from markupsafe import Markup
 
     programs = [Markup(read_asset(name)) for name in scripts]
     return render(
         template,
+        package=package,
         body_class=body_class,
         style=Markup(page_colors() + "".join(map(read_asset, styles))),
         scripts=programs,
@@ -87,8 +92,9 @@ def render_page(
 
 
 def read_asset(name: str) -> str:
-    """Return the text of a style or script file of this package."""
-    return files("anser.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
+    """Return the text of a style or script file of `anser.report`, or of the package before a colon in the name."""
+    package, _, path = name.rpartition(":")
+    return files(package or "anser.report").joinpath("assets", *path.split("/")).read_text(encoding="utf-8")
 
 
 def script_json(data: Any) -> str:
