@@ -1,6 +1,7 @@
 from .analysis import linearize, trim
 from .campaigns import campaign, compare_campaigns, load_campaign, rare
 from .identification.identify import identify
+from .live.notebook import live
 from .missions import load_flight, plan, run, sweep
 from .parts.input_signals import doublet, multisine, sine_sweep, step_input, three_two_one_one
 from .scenario import load, loads
@@ -17,6 +18,7 @@ __all__ = [
     "doublet",
     "identify",
     "linearize",
+    "live",
     "load",
     "load_campaign",
     "load_flight",

@@ -22,6 +22,7 @@ from anser.cli.campaigns import report as report_campaign
 from anser.cli.console import RefusedError, print_problem
 from anser.cli.flights import demo, plan, run
 from anser.cli.identify import identify
+from anser.cli.live import live
 from anser.cli.margins import margins
 from anser.cli.process import interrupts
 from anser.cli.reports import export, figures, report
@@ -97,6 +98,7 @@ def _top(
 
 for _command in (
     demo,
+    live,
     run,
     plan,
     sweep,

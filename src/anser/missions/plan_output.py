@@ -153,7 +153,7 @@ def _record(
 ) -> RecordedPlan:
     scenario = details.scenario
     times = sample_times(0.0, arrivals)
-    goals = np.stack([_goal_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
+    goals = np.stack([goal_positions_n(scenario.goal_of(aircraft), times[0]) for aircraft in scenario.aircraft], axis=1)
     samples = sample_plan(
         paths, 0.0, arrivals, gravity, goals, times, scenario.separation.required_m, scenario.keep_out, limits
     )
@@ -161,7 +161,7 @@ def _record(
     return RecordedPlan(dataset, plan_summary(dataset))
 
 
-def _goal_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
+def goal_positions_n(goal: Goal, times_s: np.ndarray) -> np.ndarray:
     """Position of a scenario's goal at each time, (time, NED axis), m."""
     if goal.waypoints is None:
         north, east, up = goal.velocity_m_s()

@@ -30,6 +30,20 @@ _TIME_TOLERANCE_S = 0.5
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
 
+class Refusal(str):
+    """A reason for a missing plan: one sentence, with the aircraft and the keys of the scenario that it concerns."""
+
+    aircraft: tuple[str, ...]  #: Names of the aircraft.
+    keys: tuple[str, ...]  #: Key paths of the constraints that bind, such as "limits.bank_max_deg".
+
+    def __new__(cls, text: str, aircraft: Sequence[str] = (), keys: Sequence[str] = ()) -> "Refusal":
+        """Attach aircraft and keys to a sentence."""
+        refusal = super().__new__(cls, text)
+        refusal.aircraft, refusal.keys = tuple(aircraft), tuple(keys)
+        return refusal
+
+
+_SEPARATION_KEYS = ("separation.horizontal_m", "separation.vertical_m")
 UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep-outs"
 """Message for a path that is delivered although the certificate does not prove it."""
 
@@ -37,11 +51,15 @@ UNPROVEN = "nothing proves that it keeps its limits, the separation and the keep
 def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
     """One sentence for each aircraft whose path is not proven (`feasible` is False)."""
     pairs = zip(scenario.aircraft, feasible, strict=True)
-    return tuple(f'aircraft "{aircraft.name}": {UNPROVEN}' for aircraft, is_proven in pairs if not is_proven)
+    return tuple(
+        Refusal(f'aircraft "{aircraft.name}": {UNPROVEN}', [aircraft.name])
+        for aircraft, is_proven in pairs
+        if not is_proven
+    )
 
 
-def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[str, ...]:
-    """Return sentences with the reasons that the search found no plan for a scenario's fleet.
+def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:
+    """Return the reasons that the search found no plan for a scenario's fleet.
 
     `outcome` is the result of the search, without padding.
     """
@@ -63,8 +81,8 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
     return (_largest_feasible_separation(names, fleet, outcome),)
 
 
-def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[str, ...]:
-    """Return sentences about aircraft that can arrive but cannot hold afterwards.
+def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:
+    """Return one reason for each aircraft that can arrive but cannot hold afterwards.
 
     `holds` are the holds that the search found for the plan up to the arrivals.
     """
@@ -74,16 +92,18 @@ def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedH
     for k in np.flatnonzero(~np.asarray(holds.clear)[scenario_aircraft] & fleet.active):
         nearest = int(np.argmin(ratios[k]))
         if ratios[k, nearest] >= 1.0:
-            messages.append(
+            text = (
                 f'aircraft "{names[k]}" can arrive, but no hold afterwards keeps it within the limits of altitude, '
                 "off its goal and out of the keep-outs"
             )
+            messages.append(Refusal(text, [names[k]], ["hold.radius_m", "limits.altitude_min_m"]))
         elif k < nearest or ratios[nearest, k] >= 1.0:
-            messages.append(
+            text = (
                 f'"{names[k]}" and "{names[nearest]}" can arrive, but no holds afterwards keep them apart until the '
                 f"flight ends: {ratios[k, nearest]:.2f} of the separation at best; other courses of arrival, "
                 "rendezvous points farther apart or arrivals one after another would help"
             )
+            messages.append(Refusal(text, [names[k], names[nearest]], _SEPARATION_KEYS))
     return tuple(messages[:_MESSAGES_MAX])
 
 
@@ -98,8 +118,8 @@ def format_intervals(intervals: Sequence[tuple[float, float]]) -> str:
     return " and ".join(parts) + suffix
 
 
-def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[str]:
-    """Sentences about pairs of aircraft whose rendezvous points are too close at every permitted arrival time."""
+def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[Refusal]:
+    """Reasons about pairs of aircraft whose rendezvous points are too close at every permitted arrival time."""
     if fleet.request.windows_s is not None or len(names) > _ALL_PAIRS_MAX:
         return []
     times = fleet.requested_times()
@@ -114,11 +134,12 @@ def _conflicting_rendezvous(names: Sequence[str], fleet: FleetTask) -> list[str]
     for i, j in zip(*np.nonzero(np.triu(is_conflict)), strict=True):
         widest = int(np.argmax(horizontal_m[:, i, j]))
         attainable_m = horizontal_m[widest, i, j], vertical_m[widest, i, j]
-        messages.append(
+        text = (
             f'the rendezvous points of "{names[i]}" and "{names[j]}" are too close to each other: {time_text} '
             f"they leave {_distances(*attainable_m, required_m[1] > 0.0)} at most, "
             f"{_distances(*required_m, required_m[1] > 0.0)} asked, the reserve included"
         )
+        messages.append(Refusal(text, (names[int(i)], names[int(j)]), _SEPARATION_KEYS))
     return messages[:_MESSAGES_MAX]
 
 
@@ -129,8 +150,8 @@ def _distances(horizontal_m: float, vertical_m: float, with_vertical: bool) -> s
 
 def _infeasible_aircraft(
     names: Sequence[str], fleet: FleetTask, arrival_intervals: Sequence[Intervals], outcome: SearchOutcome
-) -> list[str]:
-    """Sentences about aircraft that cannot meet the request even without the other aircraft."""
+) -> list[Refusal]:
+    """Reasons about aircraft that cannot meet the request even without the other aircraft."""
     messages, request, best = [], fleet.request, outcome.best_attempt
     # The search covers more than the arrival sets: an aircraft with a path from the search is not infeasible.
     is_feasible = (
@@ -144,21 +165,24 @@ def _infeasible_aircraft(
         intervals = arrival_intervals[k]
         if not intervals:
             refusal = f"cannot arrive within {request.latest_s:.0f} s"
-            requested_s = request.latest_s
+            requested_s, keys = request.latest_s, ("timing.duration_s",)
         elif request.times_s is not None:
             requested_s = float(request.times_s[k])
             if any(a - _TIME_TOLERANCE_S <= requested_s <= b + _TIME_TOLERANCE_S for a, b in intervals):
                 continue
             refusal = f"cannot arrive at {requested_s:.1f} s"
+            keys = ("arrival.time_s",) if request.rule == "at" else (f"aircraft[{k}].arrive_s",)
         elif request.windows_s is not None:
             window_start, window_end = request.windows_s[k]
             if any(a <= window_end and b >= window_start for a, b in intervals):
                 continue
             refusal, requested_s = f"cannot arrive between {window_start:.1f} and {window_end:.1f} s", float(window_end)
+            keys = f"aircraft[{k}].arrive_from_s", f"aircraft[{k}].arrive_to_s"
         else:
             continue
         nearest = f"; by itself it can {format_intervals(intervals)}" if intervals else ""
-        messages.append(f'aircraft "{name}" {refusal}{_binding_constraint(k, fleet, requested_s)}{nearest}')
+        constraint, constraint_keys = _binding_constraint(k, fleet, requested_s)
+        messages.append(Refusal(f'aircraft "{name}" {refusal}{constraint}{nearest}', [name], constraint_keys + keys))
     return messages
 
 
@@ -175,10 +199,11 @@ def _relax_constraint(fleet: FleetTask, constraint: str, factor: float) -> Fleet
     return FleetTask(eqx.tree_at(lambda t: t.limits, fleet.tasks, limits), fleet.airspace, fleet.request)
 
 
-def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> str:
+def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> tuple[str, tuple[str, ...]]:
     """Describe the constraint that prevents an aircraft from arriving at `requested_s`, and how far it must be relaxed.
 
-    Constraints are relaxed one at a time; a constraint counts if relaxing it alone lets the aircraft arrive.
+    Also returns the scenario's keys of the constraint. Constraints are relaxed one at a time; a constraint counts if
+    relaxing it alone lets the aircraft arrive.
     """
     best: tuple[float, str] | None = None
     for constraint in (*RELAXED_TOGETHER, "keep-outs"):
@@ -200,37 +225,40 @@ def _binding_constraint(aircraft: int, fleet: FleetTask, requested_s: float) -> 
         if best is None or _RELAXATIONS[high] < best[0]:
             best = float(_RELAXATIONS[high]), constraint
     if best is None:
-        return ": no single limit, loosened up to four times, changes that"
+        return ": no single limit, loosened up to four times, changes that", ()
     factor, constraint = best
-    keys = " and ".join(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER.get(constraint, ()))
-    description = f"{constraint} ({keys})" if keys else constraint
-    return f": the {description} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
+    keys = tuple(f"limits.{limit.scenario_key}" for limit in RELAXED_TOGETHER.get(constraint, ()))
+    description = f"{constraint} ({' and '.join(keys)})" if keys else constraint
+    text = f": the {description} stands in the way, and loosened by {100 * (factor - 1):.0f} % it would do"
+    return text, keys or ("keep_out",)
 
 
 def _no_common_time(
     names: Sequence[str], arrival_intervals: Sequence[Intervals], offsets_s: np.ndarray, latest_s: float
-) -> str:
+) -> Refusal:
     starts = [intervals[0][0] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
     ends = [intervals[-1][1] - offset for intervals, offset in zip(arrival_intervals, offsets_s, strict=True)]
     latest, earliest = int(np.argmax(starts)), int(np.argmin(ends))
     latest_text, earliest_text = (format_intervals(arrival_intervals[k]) for k in (latest, earliest))
-    return (
+    text = (
         f'no arrival time up to {latest_s:.0f} s is open to all: "{names[latest]}" can arrive {latest_text}, '
         f'"{names[earliest]}" {earliest_text}'
     )
+    return Refusal(text, [names[latest], names[earliest]], ["arrival.rule", "fleet.speed_m_s", "timing.duration_s"])
 
 
-def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> str:
-    """Sentence with the largest separation for which a plan exists, found by new searches."""
+def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome: SearchOutcome) -> Refusal:
+    """Reason with the largest separation for which a plan exists, found by new searches."""
     separation = fleet.airspace.separation
     horizontal, vertical = float(separation.horizontal), float(separation.vertical)
     if horizontal == 0.0:
-        return f"no plan was found in {outcome.attempts} tries, though each aircraft by itself has one"
-    pair = ""
+        return Refusal(f"no plan was found in {outcome.attempts} tries, though each aircraft by itself has one")
+    pair, pair_names = "", ()
     if outcome.best_attempt is not None:
         ratios = np.asarray(outcome.best_attempt.certificate.clearance_ratio)
         aircraft_a, aircraft_b = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
-        pair = f' ("{names[aircraft_a]}" and "{names[aircraft_b]}" are the closest)'
+        pair_names = names[aircraft_a], names[aircraft_b]
+        pair = f' ("{pair_names[0]}" and "{pair_names[1]}" are the closest)'
     low, high = 0.0, 1.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -240,6 +268,8 @@ def _largest_feasible_separation(names: Sequence[str], fleet: FleetTask, outcome
         is_feasible = search(0.0, fleet.tasks, airspace, fleet.request, thorough=False).plan is not None
         low, high = (middle, high) if is_feasible else (low, middle)
     if low == 0.0:
-        return f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"
+        text = f"the aircraft do not keep apart{pair}: not even a small part of the separation asked was reached"
+        return Refusal(text, pair_names, _SEPARATION_KEYS)
     attainable, requested = (_distances(share * horizontal, share * vertical, vertical > 0.0) for share in (low, 1.0))
-    return f"separation {attainable} reachable, {requested} asked{pair}, the reserve included"
+    text = f"separation {attainable} reachable, {requested} asked{pair}, the reserve included"
+    return Refusal(text, pair_names, _SEPARATION_KEYS)

@@ -5,7 +5,7 @@ import importlib
 import json
 import os
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -144,6 +144,7 @@ def run(
     sensors: Any = None,
     estimator: Any = None,
     planner: Any = None,
+    on_segment: Callable[[np.ndarray, dict[str, np.ndarray]], None] = lambda time_s, history: None,
 ) -> FlightResult:
     """Fly a scenario.
 
@@ -162,6 +163,9 @@ def run(
     controller, guidance, sensors, estimator, planner
         User-defined parts in place of the scenario's: an object of a subclass of `anser.parts.AbstractController` and
         so on, its name as text ("my_package:MyController"), or, but for the planner, a mapping by the aircraft's name.
+    on_segment
+        Called after each segment of the flight with its times, s, and the recorded values by key of the catalogue,
+        (time, aircraft), SI units and radians.
 
     Raises
     ------
@@ -197,12 +201,14 @@ def run(
         flight, state = schedule.apply_due(flight, state, sample_index)
         step_count = schedule.steps_until_next(sample_index, min(SEGMENT_STEPS, steps + 1 - sample_index))
         final_state, history = fly_with_replanning(flight, state, sample_index, step_count)
+        segment_times_s = np.arange(sample_index, sample_index + step_count) * timing.step_s
         sample_index += step_count
         state = schedule.check_replanning(flight, final_state, sample_index)
         selection = slice(None), slice(len(scenario.aircraft))
         segments.append(
             {key: np.asarray(values)[selection] for key, values in cast_to_precision(history, float).items()}
         )
+        on_segment(segment_times_s, segments[-1])
         on_progress("flying", min(sample_index / (steps + 1), 1.0))
     history = {key: np.concatenate([partial[key] for partial in segments])[: steps + 1] for key in segments[0]}
     time_s = np.arange(steps + 1) * timing.step_s

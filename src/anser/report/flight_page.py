@@ -286,10 +286,11 @@ def write_comparison(runs: Sequence[_Run], path: Path, *, overwrite: bool = Fals
 def _write(runs: list[_Run], path: Path, overwrite: bool) -> None:
     if path.exists() and not overwrite:  # fail early
         raise FileExistsError(f"{path} exists and is not overwritten")
-    write_file(path, _page(runs), overwrite=overwrite)
+    write_file(path, flight_page(runs), overwrite=overwrite)
 
 
-def _page(runs: list[_Run]) -> str:
+def flight_page(runs: Sequence[_Run]) -> str:
+    """Return the report page of one flight, or of two side by side: entries name, dataset, summary."""
     scenarios = [recorded_table(dataset) for _, dataset, _ in runs]
     datasets = [add_derived_variables(run[1], scenario) for run, scenario in zip(runs, scenarios, strict=True)]
     labels, summaries = [run[0] for run in runs], [run[2] for run in runs]

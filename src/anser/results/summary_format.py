@@ -17,7 +17,7 @@ def format_summary(summary: Mapping[str, Any]) -> str:
     entries = summary["aircraft"]
     shown = entries if len(entries) <= _AIRCRAFT_LINES_MAX else entries[: _AIRCRAFT_LINES_MAX - 1]
     lines = [
-        _verdict(summary),
+        format_verdict(summary),
         *(f"  {_aircraft_line(entry)}" for entry in shown),
         *(f"  {line}" for line in _omitted_aircraft(entries, shown)),
     ]
@@ -38,10 +38,11 @@ def format_summary_html(summary: Mapping[str, Any]) -> str:
         }
         for entry in shown
     ]
-    return notebook_table(_verdict(summary), cells, [*_omitted_aircraft(entries, shown), *_fleet_lines(summary)])
+    return notebook_table(format_verdict(summary), cells, [*_omitted_aircraft(entries, shown), *_fleet_lines(summary)])
 
 
-def _verdict(summary: Mapping[str, Any]) -> str:
+def format_verdict(summary: Mapping[str, Any]) -> str:
+    """Return the verdict on a flight in one line: arrivals, and the requirements that are not met."""
     entries = summary["aircraft"]
     arrived = sum(entry["status"] == "arrived" for entry in entries)
     unmet = [requirement["name"] for requirement in summary["requirements"] if not requirement["met"]]

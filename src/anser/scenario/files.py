@@ -43,11 +43,16 @@ def loads(text: str, source: str = "<string>") -> Scenario:
     """
     values = parse_scenario(text, source)
     with attach_line_numbers(text, source):
-        scenario = validate(values, source)
-        problems = unused_key_problems(scenario)
-        if problems:
-            raise ScenarioError(source, problems)
-        return scenario
+        return from_values(values, source)
+
+
+def from_values(values: dict[str, Any], source: str = "<values>") -> Scenario:
+    """Validate a scenario given as nested dictionaries and lists, like the text of a file in `loads`."""
+    scenario = validate(values, source)
+    problems = unused_key_problems(scenario)
+    if problems:
+        raise ScenarioError(source, problems)
+    return scenario
 
 
 def parse_scenario(text: str, source: str) -> dict[str, Any]:

@@ -66,6 +66,13 @@ class FlightScene {
     });
   }
 
+  /** Show another run in place of the present run; a camera that was moved stays where it is. */
+  replace(run, frame, lift) {
+    Object.assign(this, { run, frame });
+    Object.assign(this.eye, { frame, lift });
+    this._repaint();
+  }
+
   /** Redraw in the current colours, in the current size of the element. */
   _repaint() {
     this.scene.traverse((part) => { part.geometry?.dispose(); part.material?.dispose(); });

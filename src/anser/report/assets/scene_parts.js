@@ -43,6 +43,50 @@ function trackOf(run, prefix, k, middle, until = Infinity) {
   return { points: all.filter((_, i) => kept[Math.floor(i / 3)]), records: records.filter((_, i) => kept[i]) };
 }
 
+/** Bounding box of the tracks of all runs, km, and the centre (north, east; m) of the scenes. */
+function frameOf(runs) {
+  const ends = [Infinity, -Infinity, Infinity, -Infinity, 0, -Infinity];
+  for (const run of runs) {
+    ["north", "east", "altitude"].forEach((axis, a) => {
+      for (const prefix of ["", "rendezvous_"]) {
+        for (const row of run.values(`${prefix}${axis}_m`)) {
+          for (const value of row) {
+            if (value < ends[2 * a]) ends[2 * a] = value;
+            if (value > ends[2 * a + 1]) ends[2 * a + 1] = value;
+          }
+        }
+      }
+    });
+  }
+  const [n0, n1, e0, e1, h0, h1] = ends.map((value) => (Number.isFinite(value) ? value : 0));
+  const middle = [(n0 + n1) / 2, (e0 + e1) / 2];
+  const box = new THREE.Box3(
+    new THREE.Vector3((e0 - middle[1]) / 1000, h0 / 1000, -(n1 - middle[0]) / 1000),
+    new THREE.Vector3((e1 - middle[1]) / 1000, h1 / 1000, -(n0 - middle[0]) / 1000)
+  );
+  return { middle, box, points: pointsOf(runs, middle) };
+}
+
+/** About a hundred points of every track, and their projections on the ground. */
+function pointsOf(runs, middle) {
+  const points = [];
+  for (const run of runs) {
+    run.aircraft.forEach((_, k) => {
+      const track = trackOf(run, "", k, middle).points;
+      for (let j = 0; j < track.length; j += 3 * Math.max(1, Math.floor(track.length / 300))) {
+        points.push([track[j], track[j + 1], track[j + 2]], [track[j], 0, track[j + 2]]);
+      }
+    });
+  }
+  return points;
+}
+
+/** Vertical exaggeration that makes heights visible in a wide scene. */
+function liftOf(box) {
+  const wide = Math.max(box.max.x - box.min.x, box.max.z - box.min.z), tall = Math.max(box.max.y - box.min.y, 0.05);
+  return [1, 2, 3, 5].find((lift) => lift * tall >= 0.16 * wide) || 5;
+}
+
 /** Line with a width in pixels. */
 function fatLine(points, color, width, options = {}) {
   const geometry = new THREE.LineGeometry();

@@ -1,0 +1,3 @@
+from .notebook import live
+
+__all__ = ["live"]

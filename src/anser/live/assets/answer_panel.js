@@ -1,0 +1,99 @@
+/* The answer: verdict, reasons of a refusal, margins, arrivals on a common axis, closest pair. */
+"use strict";
+
+const BARS_SHOWN = 10;
+const HEADS = { planned: "Certified plan", refused: "No certified plan", invalid: "Not a valid scenario" };
+
+class AnswerPanel {
+  constructor(place, page) {
+    Object.assign(this, { place, page });
+    this.all = false;
+  }
+
+  draw() {
+    const { answer, problems, invalid } = this.page, status = invalid ? "invalid" : answer?.status;
+    if (!status) return;
+    const box = element("div", `answer ${status === "planned" ? "good" : status === "refused" ? "bad" : "mixed"}`), spoken = HEADS[status];
+    box.append(element("p", "head", spoken), ...problems.map((problem) => this._problem(problem)));
+    for (const note of answer?.notes || []) box.append(element("p", "note", note));
+    if (status === "planned") {
+      const first = answer.first_s, last = answer.last_s;
+      box.append(element("p", "note", Math.abs(last - first) < 0.005 ? `All arrive at ${printed(first, 2)} s.` : `Arrivals from ${printed(first, 2)} s to ${printed(last, 2)} s.`));
+    } else if (answer?.aircraft.length) box.append(element("p", "note", status === "refused" ? "Dashed: the best attempt, not proven. Faint: the last certified plan." : "Grey: the last answer."));
+    const parts = [box];
+    if (answer?.aircraft.length) parts.push(...this._arrivals(answer), ...this._closest(answer), ...this._margins(answer));
+    const at = this.place.scrollTop;
+    const focused = this.place.contains(document.activeElement) ? document.activeElement.dataset.jump : null;
+    this.place.replaceChildren(...parts);
+    if (focused) this.place.querySelector(`[data-jump="${CSS.escape(focused)}"]`)?.focus();
+    this.place.scrollTop = at;
+    this.place.classList.toggle("stale", this.page.isStale);
+  }
+
+  /** A sentence, followed by links to the inputs that it is about. */
+  _problem(problem) {
+    const line = element("p", "problem", problem.text);
+    for (const key of problem.keys) {
+      const button = element("button", "jump", `→ ${this.page.nameOfKey(key)}`);
+      button.type = "button";
+      button.dataset.jump = key;
+      button.addEventListener("click", () => this.page.jump(key));
+      line.append(" ", button);
+    }
+    return line;
+  }
+
+  _arrivals({ aircraft }) {
+    const known = aircraft.filter((one) => Number.isFinite(one.arrival_s));
+    if (!known.length) return [];
+    const times = known.map((one) => one.arrival_s), low = Math.min(...times), high = Math.max(...times), room = Math.max(2, 0.15 * (high - low));
+    const list = element("ol", "arrivals");
+    for (const one of known) {
+      const row = element("li"), name = element("span", "name", one.name), axis = element("span", "axis"), mark = element("i");
+      mark.style.left = `${(100 * (one.arrival_s - low + room)) / (high - low + 2 * room)}%`;
+      mark.style.background = this.page.colorOf(one.name);
+      axis.append(mark);
+      row.append(name, axis, element("span", "share", `${printed(one.arrival_s, 1)} s`));
+      row.title = `${one.name} to ${one.goal}: ${one.path}, ${printed(one.length_m, 0)} m, ${printed(one.speed_mean_m_s, 1)} m/s`;
+      list.append(row);
+    }
+    return [element("h2", "", "Arrivals"), list];
+  }
+
+  _closest({ separation, keep_outs: keepOuts }) {
+    const lines = [];
+    if (separation?.pair) {
+      const needed = separation.required_m > 0 ? `, ${printed(separation.required_m, 0)} m required` : "";
+      lines.push(element("p", separation.utilization > 1 ? "fact over" : "fact", `Closest pair: ${separation.pair.join(" and ")}, ${printed(separation.least_m, 0)} m at ${printed(separation.time_s, 1)} s${needed}.`));
+    }
+    for (const one of keepOuts || []) lines.push(element("p", one.clearance_m < 0 ? "fact over" : "fact", `Keep-out ${one.name}: ${printed(one.clearance_m, 0)} m clear of ${one.aircraft ?? "all"}.`));
+    return lines.length ? [element("h2", "", "Clearance"), ...lines] : [];
+  }
+
+  /** Bars of the limits, the fullest first. */
+  _margins({ aircraft }) {
+    const rows = aircraft.flatMap((one) => one.limits.map((limit) => ({ one, limit }))).filter(({ limit }) => Number.isFinite(limit.utilization));
+    rows.sort((a, b) => b.limit.utilization - a.limit.utilization);
+    const shown = this.all ? rows : rows.slice(0, BARS_SHOWN), list = element("ul", "bars");
+    for (const { one, limit } of shown) {
+      const share = limit.utilization, row = element("li", share > 1 + 1e-6 ? "over" : share > 0.9 ? "near" : ""), bar = element("span", "bar"), fill = element("i");
+      fill.style.width = `${Math.min(100, Math.max(0, 100 * share))}%`;
+      bar.append(fill);
+      const swatch = element("span", "swatch"), name = element("span", "name");
+      swatch.style.background = this.page.colorOf(one.name);
+      name.append(swatch, `${limit.label}`);
+      row.append(name, bar, element("span", "share", `${printed(limit.bound ?? limit.planned, 1)} of ${printed(limit.limit, 1)} ${limit.unit}`));
+      row.title = `${one.name}: ${limit.label} ${printed(limit.planned)} ${limit.unit}, bound ${printed(limit.bound)} ${limit.unit}, limit ${printed(limit.limit)} ${limit.unit}`;
+      list.append(row);
+    }
+    const parts = [element("h2", "", "Limits"), list];
+    if (rows.length > BARS_SHOWN) {
+      const more = element("button", "plain", this.all ? "fewer" : `${rows.length - BARS_SHOWN} more`);
+      more.type = "button";
+      more.dataset.jump = "more";
+      more.addEventListener("click", () => { this.all = !this.all; this.draw(); });
+      parts.push(more);
+    }
+    return rows.length ? parts : [];
+  }
+}

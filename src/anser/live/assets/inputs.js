@@ -1,0 +1,186 @@
+/* Inputs that edit what the map edits: aircraft, goals, keep-outs, sliders, arrival rule. */
+"use strict";
+
+const AIRCRAFT_FIELDS = [["start.north_m", "North", "m"], ["start.east_m", "East", "m"], ["start.altitude_m", "Altitude", "m"], ["start.speed_m_s", "Speed", "m/s"], ["start.course_deg", "Course", "°"],
+  ["rendezvous.stand_off_up_m", "Above the goal", "m", 300]];
+const ARRIVAL_FIELDS = { times: [["arrive_s", "Arrival", "s"]], windows: [["arrive_from_s", "Arrival from", "s"], ["arrive_to_s", "Arrival to", "s"]] };
+const GOAL_FIELDS = [["north_m", "North", "m"], ["east_m", "East", "m"], ["altitude_m", "Altitude", "m", 0], ["speed_m_s", "Speed", "m/s", 0], ["course_deg", "Course", "°", 0]];
+const WAYPOINT_FIELDS = [["time_s", "Time", "s"], ["north_m", "North", "m"], ["east_m", "East", "m"], ["altitude_m", "Altitude", "m", 0]];
+const KEEP_OUT_FIELDS = [["north_m", "North", "m"], ["east_m", "East", "m"], ["radius_m", "Radius", "m"], ["bottom_m", "Bottom", "m", 0], ["top_m", "Top", "m", 15240]];
+const LISTS = { aircraft: ["Aircraft", "aircraft"], goal: ["Goals", "goal"], keep_out: ["Keep-outs", "keep-out"] };
+
+class Inputs {
+  constructor(place, page) {
+    Object.assign(this, { place, page, fields: new Map(), names: new Map(), opened: new Set() });
+  }
+
+  /** Build the inputs anew where their number or kind has changed; show the values. */
+  draw() {
+    const { scenario, welcome } = this.page;
+    const shape = JSON.stringify([["aircraft", "goal", "keep_out"].map((key) => scenario.list(key).map((one) => [one.name, one.kind, one.waypoints?.length])), scenario.get("arrival.rule"), welcome?.sliders.length, this.page.fixed]);
+    if (shape !== this.shape) {
+      this.shape = shape;
+      this._build();
+    }
+    this.fields.forEach((field) => { if (document.activeElement !== field.input || field.input.type === "range" || !field.typed) field.show(); });
+    this._mark();
+  }
+
+  _build() {
+    const { welcome } = this.page, focused = document.activeElement?.dataset?.path;
+    this.fields.clear();
+    this.names.clear();
+    const parts = Object.keys(LISTS).map((key) => this._list(key));
+    if (welcome) parts.push(this._rule(welcome.rules), this._sliders(welcome.sliders));
+    const fieldset = element("fieldset");
+    fieldset.disabled = this.page.fixed;
+    fieldset.append(...parts);
+    this.place.replaceChildren(fieldset);
+    if (focused) this.fields.get(focused)?.input.focus();
+  }
+
+  _list(key) {
+    const { scenario, welcome, page } = { ...this.page, page: this.page, scenario: this.page.scenario }, [title, noun] = LISTS[key], group = element("section"), head = element("div", "list-head");
+    head.append(element("h2", "", title));
+    if (welcome) {
+      const add = element("button", "plain", "+ add");
+      add.type = "button";
+      add.setAttribute("aria-label", `Add ${noun}`);
+      add.addEventListener("click", () => page.add(key));
+      head.append(add);
+    }
+    group.append(head, ...scenario.list(key).map((table, k) => this._entry(key, table, k, noun)));
+    return group;
+  }
+
+  _entry(key, table, k, noun) {
+    const { page } = this, path = `${key}[${k}]`, box = element("details"), summary = element("summary"), swatch = element("span", "swatch");
+    swatch.style.background = key === "aircraft" ? page.colorOf(table.name) : key === "goal" ? "var(--goal)" : "var(--limit)";
+    summary.append(swatch, table.name);
+    summary.dataset.path = path;
+    box.open = this.opened.has(path);
+    box.addEventListener("toggle", () => { if (box.open) this.opened.add(path); else this.opened.delete(path); });
+    summary.addEventListener("focus", () => page.select({ key, k }));
+    const body = element("div", "fields");
+    body.append(this._name(key, table, k));
+    if (key === "aircraft") body.append(this._choice(`${path}.goal`, "Goal", () => page.scenario.list("goal").map((goal) => [goal.name, goal.name])));
+    if (key === "goal" && page.welcome) body.append(this._choice(`${path}.kind`, "Kind", () => page.welcome.goal_kinds.map((kind) => [kind, kind])));
+    const extra = ARRIVAL_FIELDS[page.scenario.get("arrival.rule")] || [];
+    const fields = { aircraft: [...AIRCRAFT_FIELDS, ...extra], goal: table.waypoints ? [] : GOAL_FIELDS, keep_out: KEEP_OUT_FIELDS }[key];
+    body.append(...fields.map(([name, label, unit, otherwise]) => this._number(`${path}.${name}`, label, unit, otherwise, table.name)));
+    (table.waypoints || []).forEach((_, j) => body.append(element("p", "caption wide", `Waypoint ${j + 1}`), ...WAYPOINT_FIELDS.map(([name, label, unit, otherwise]) => this._number(`${path}.waypoints[${j}].${name}`, label, unit, otherwise, `${table.name}, waypoint ${j + 1}`))));
+    const remove = element("button", "plain wide", `remove this ${noun}`);
+    remove.type = "button";
+    remove.addEventListener("click", () => page.remove({ key, k }));
+    body.append(remove);
+    box.append(summary, body);
+    this.names.set(path, { text: table.name, input: summary });
+    return box;
+  }
+
+  _label(text, unit, input, path, about = "") {
+    const label = element("label");
+    label.append(element("span", "", unit ? `${text} (${unit})` : text), input);
+    input.dataset.path = path;
+    this.names.set(path, { text: about ? `${about}, ${text.toLowerCase()}` : text, input });
+    return label;
+  }
+
+  _name(key, table, k) {
+    const input = element("input"), path = `${key}[${k}].name`;
+    Object.assign(input, { type: "text", value: table.name, maxLength: 60, autocomplete: "off" });
+    input.addEventListener("change", () => this.page.scenario.rename(key, k, input.value.trim()));
+    this.fields.set(path, { input, typed: true, show: () => { input.value = this.page.scenario.get(path) ?? ""; } });
+    return this._label("Name", "", input, path, table.name);
+  }
+
+  /** Input of a number; an empty input leaves the key out. */
+  _number(path, label, unit, otherwise, about) {
+    const input = element("input"), { scenario } = this.page;
+    Object.assign(input, { type: "number", step: "any" });
+    if (otherwise !== undefined) input.placeholder = String(otherwise);
+    const put = (event) => {
+      if (input.value === "" && (otherwise === undefined || event.type !== "change")) return;
+      scenario.set(path, input.value === "" ? undefined : Number(input.value), { stamp: event.timeStamp });
+    };
+    input.addEventListener("input", put);
+    input.addEventListener("change", put);
+    const show = () => { const value = scenario.get(path); input.value = value === undefined ? "" : String(value); };
+    this.fields.set(path, { input, typed: true, show });
+    return this._label(label, unit, input, path, about);
+  }
+
+  _choice(path, label, options, otherwise) {
+    const input = element("select"), { scenario } = this.page;
+    input.append(...options().map(([value, text]) => Object.assign(element("option", "", text), { value })));
+    input.addEventListener("change", (event) => scenario.set(path, input.value, { stamp: event.timeStamp }));
+    this.fields.set(path, { input, show: () => { input.value = scenario.get(path) ?? otherwise; } });
+    return this._label(label, "", input, path);
+  }
+
+  _rule(rules) {
+    const group = element("section"), fields = element("div", "fields"), now = this.page.scenario.get("arrival.rule") ?? rules[0].value;
+    fields.append(this._choice("arrival.rule", "Rule", () => rules.map(({ value, label }) => [value, label]), rules[0].value));
+    fields.firstChild.className = "wide";
+    for (const key of rules.find((rule) => rule.value === now)?.keys || []) if (key.startsWith("arrival.") && !key.endsWith("order")) fields.append(this._number(key, { "arrival.time_s": "Arrival", "arrival.spacing_s": "Spacing" }[key] ?? key, "s"));
+    group.append(element("h2", "", "Arrival times"), fields);
+    return group;
+  }
+
+  _sliders(sliders) {
+    const group = element("section"), { scenario } = this.page;
+    group.append(element("h2", "", "Wind, speeds, limits"), ...sliders.map(({ key, label, unit, min, max, step, value }) => {
+      const input = element("input"), output = element("output"), reset = element("button", "plain reset", "↺"), row = element("div", "slider");
+      Object.assign(input, { type: "range", min, max, step });
+      reset.type = "button";
+      reset.title = "back to the default";
+      reset.setAttribute("aria-label", `${label}: back to the default`);
+      input.addEventListener("input", (event) => scenario.set(key, Number(input.value), { held: true, stamp: event.timeStamp }));
+      input.addEventListener("change", (event) => this.page.released(event.timeStamp));
+      reset.addEventListener("click", () => scenario.set(key, undefined));
+      const show = () => {
+        const set = scenario.get(key), now = typeof set === "number" ? set : value;
+        input.value = String(now);
+        output.textContent = `${now} ${unit}`;
+        input.setAttribute("aria-valuetext", `${now} ${unit}`);
+        reset.hidden = set === undefined;
+      };
+      this.fields.set(key, { input, show });
+      row.append(this._label(label, "", input, key), output, reset);
+      return row;
+    }));
+    return group;
+  }
+
+  /** Mark the inputs that the problems are about. */
+  _mark() {
+    const keys = new Set(this.page.problems.flatMap((problem) => problem.keys).map((key) => this._nearest(key)));
+    this.names.forEach(({ input }, path) => {
+      const bound = keys.has(path);
+      input.classList.toggle("bound", bound);
+      if (input.tagName === "INPUT") input.toggleAttribute("aria-invalid", bound);
+      if (bound && input.tagName === "INPUT") input.setAttribute("aria-invalid", "true");
+    });
+  }
+
+  /** The longest key path with an input that is equal to a key or contains it. */
+  _nearest(key) {
+    let path = key;
+    while (path && !this.names.has(path)) path = path.slice(0, Math.max(0, path.lastIndexOf(".", path.length - 1), path.endsWith("]") ? path.lastIndexOf("[") : 0));
+    return path;
+  }
+
+  nameOfKey(key) {
+    return this.names.get(this._nearest(key))?.text ?? key;
+  }
+
+  /** Bring the input of a key into view and into focus. */
+  jump(key) {
+    const input = this.names.get(this._nearest(key))?.input;
+    if (!input) return;
+    const box = input.closest("details");
+    if (box) box.open = true;
+    input.scrollIntoView({ block: "center" });
+    input.focus();
+  }
+}

@@ -1,0 +1,297 @@
+/* The live page: the parts share the scenario, the answer to it, and the flight that is played. */
+"use strict";
+
+const STATUS_MS = 500;
+
+class LivePage {
+  constructor({ colors, recording }) {
+    const at = (id) => document.getElementById(id);
+    Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
+    this.scenario = new Scenario();
+    this.latencies = new Latencies();
+    this.connection = new Connection();
+    this.requests = new PlanRequests(this.connection, this.scenario);
+    this.status = at("status");
+    this.waited = at("waited");
+    this.flights = new Flights(this);
+    this.map = new LiveMap(at("map"), this);
+    this.profile = new Profile(at("profile"), this);
+    this.scene = new SceneView(at("scene"), this);
+    this.panel = new AnswerPanel(at("answer"), this);
+    this.inputs = new Inputs(at("inputs"), this);
+    this.files = new FileDialogs(this);
+    this._buttons(at);
+    if (recording) this._startRecording(at);
+    else this._connect();
+  }
+
+  /** Whether nothing may be edited: a recorded page. */
+  get fixed() {
+    return this.recording !== null;
+  }
+
+  get flight() {
+    return this.flights.rows;
+  }
+
+  /** Time of the flight that is played, s, or null. */
+  get playedTime() {
+    return this.flights.rows ? this.flights.time : null;
+  }
+
+  /** Whether the answer belongs to an earlier scenario. */
+  get isStale() {
+    return this.invalid;
+  }
+
+  hueOf(name) {
+    const k = this.scenario.list("aircraft").findIndex((one) => one.name === name);
+    return k < 0 ? "others" : `c${k % this.colors}`;
+  }
+
+  colorOf(name) {
+    return `var(--${this.hueOf(name)})`;
+  }
+
+  /** Keep-outs from the beginning and from events, each with its key path and the time from which it is there. */
+  keepOuts() {
+    const from = this.scenario.list("keep_out").map((table, k) => ({ path: `keep_out[${k}]`, table, from: 0, select: { key: "keep_out", k } }));
+    const later = this.scenario.list("event").map((event, k) => ({ path: `event[${k}].keep_out`, table: event.keep_out, from: event.time_s, select: { key: "event", k } }));
+    return [...from, ...later.filter(({ table }) => table)];
+  }
+
+  _buttons(at) {
+    const { scenario } = this;
+    at("undo").addEventListener("click", () => scenario.undo());
+    at("redo").addEventListener("click", () => scenario.redo());
+    at("fit").addEventListener("click", () => this.map.fit());
+    at("zoom-in").addEventListener("click", () => this.map.zoom(1.4));
+    at("zoom-out").addEventListener("click", () => this.map.zoom(1 / 1.4));
+    document.addEventListener("keydown", (event) => this._key(event));
+    scenario.on((stamp) => {
+      this.draw();
+      this.report();
+      if (!this.fixed) this.requests.ask(stamp);
+    });
+    Theme.on(() => this.draw());
+  }
+
+  _key(event) {
+    const typed = /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && event.target.type !== "range";
+    if (this.fixed || document.querySelector("dialog[open]")) return;
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z" && !typed) {
+      event.preventDefault();
+      if (event.shiftKey) this.scenario.redo();
+      else this.scenario.undo();
+    } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") {
+      event.preventDefault();
+      this.files.save();
+    } else if (event.key === "Delete" && !typed && this.selection) this.remove(this.selection);
+  }
+
+  _connect() {
+    const { connection, flights } = this;
+    connection.on("open", (again) => {
+      this.message = "";
+      if (again) connection.send("resume", { flight_ids: flights.known.map((one) => one.id) });
+      if (this.scenario.table) this.requests.ask(performance.now(), true);
+      this.report();
+    });
+    connection.on("closed", () => {
+      this.requests.reset();
+      flights.cut();
+      this.progress = null;
+      this.report();
+    });
+    connection.on("welcome", (message) => this._welcome(message));
+    connection.on("plan", (message) => this._planned(message));
+    connection.on("rows", (message) => flights.append(message));
+    connection.on("flight", (message) => flights.welcome([{ ...message, name: message.name ?? message.verdict }]));
+    connection.on("progress", (message) => {
+      this.progress = message;
+      this.report();
+    });
+    connection.on("failed", (message) => this._failed(message));
+    connection.start();
+    setInterval(() => this._wait(), STATUS_MS);
+    this.report();
+  }
+
+  _welcome(message) {
+    const before = this.scenario.table !== null;
+    this.welcome = message;
+    if (before || this.scenario.restore()) this.scenario._tell(performance.now());
+    else this.scenario.open(message.scenario, message.name);
+    this.flights.welcome(message.flights);
+    document.documentElement.dataset.ready ||= "1";
+    this.report();
+  }
+
+  /** An answer to a plan request: it is drawn at once, unless a newer one is shown. */
+  _planned({ number, answer }) {
+    if (!this.requests.answer(number)) return;
+    if (answer.status !== "invalid") this.message = "";
+    this._take(answer);
+    const stamp = this.requests.stamps.get(number);
+    this.drawNow();
+    if (stamp !== undefined) this.latencies.measure(number, stamp, answer.elapsed_ms);
+    this.requests.stamps.delete(number);
+    this.progress = null;
+    this.report();
+  }
+
+  _take(answer) {
+    this.problems = answer.problems || [];
+    this.invalid = answer.status === "invalid";
+    if (this.invalid && this.answer) return; // the last answer stays, in grey
+    this.answer = answer;
+    if (answer.status === "planned") this.certified = answer;
+    if (!this.map.fitted) this.map.fit();
+  }
+
+  _failed({ number, problems }) {
+    if (this.requests.stamps.has(number)) {
+      this.requests.answer(number);
+      this.problems = problems;
+      this.invalid = true;
+      this.draw();
+    }
+    this.fail(problems);
+  }
+
+  /** Draw everything in the next frame. */
+  draw() {
+    this.frame ||= requestAnimationFrame(() => this.drawNow());
+  }
+
+  drawNow() {
+    cancelAnimationFrame(this.frame);
+    this.frame = 0;
+    if (!this.scenario.table) return;
+    this.map.draw();
+    this.profile.draw();
+    const shown = [this.answer, this.problems, this.invalid];
+    if (shown.some((part, k) => part !== this.shown?.[k])) this.panel.draw();
+    this.shown = shown;
+    this.inputs.draw();
+    this.flights.draw();
+    this.scene.draw();
+    document.getElementById("undo").disabled = this.fixed || !this.scenario.done.length;
+    document.getElementById("redo").disabled = this.fixed || !this.scenario.undone.length;
+  }
+
+  /** A drag has ended: the final scenario is planned. */
+  released(stamp) {
+    this.scenario.release();
+    this.requests.ask(stamp, true);
+    this.draw();
+  }
+
+  select(selection) {
+    if (selection) this.selection = selection;
+  }
+
+  add(key) {
+    const { welcome, map, scenario } = this, template = structuredClone(welcome.templates[key]);
+    const put = (table) => Object.assign(table, { north_m: roundTo(map.view.north, 10), east_m: roundTo(map.view.east, 10) });
+    if (key === "aircraft") {
+      const goals = scenario.list("goal");
+      template.goal = goals[scenario.list("aircraft").length % Math.max(1, goals.length)]?.name ?? template.goal;
+      put((template.start ??= {}));
+      template.start.east_m = roundTo(map.position(0.15 * map.width, 0).east_m, 10);
+    } else put(template);
+    const k = scenario.add(key, template), path = `${key}[${k}]`;
+    this.inputs.opened.add(path);
+    this.select({ key, k });
+    this.drawNow();
+    this.inputs.jump(path);
+  }
+
+  remove({ key, k }) {
+    if (!this.scenario.list(key)[k]) return;
+    this.selection = null;
+    this.scenario.remove(key, k);
+  }
+
+  nameOfKey(key) {
+    return this.inputs.nameOfKey(key);
+  }
+
+  jump(key) {
+    this.flights.show("plan");
+    this.inputs.jump(key);
+  }
+
+  opened(table, name) {
+    this.flights.leave();
+    Object.assign(this, { answer: null, certified: null, problems: [], invalid: false, shown: null });
+    this.map.fitted = false;
+    this.scenario.open(table, name);
+    this.map.fit();
+  }
+
+  /** Send a request; a failure is told in the status line. */
+  request(type, content, reply) {
+    const number = this.connection.send(type, content, (message) => (message.type === "failed" ? this.fail(message.problems) : reply(message)));
+    if (!number) this.say("No connection to the server: try again when it is back.");
+  }
+
+  fail(problems) {
+    this.say(problems.map((problem) => problem.text).join(" "));
+  }
+
+  say(text) {
+    this.message = text;
+    this.report();
+  }
+
+  /** State of the page in words; the seconds that pass are not announced. */
+  report() {
+    if (this.recording) return;
+    const { connection, progress, scenario } = this, planning = this.requests.flying && performance.now() - this.requests.since > 300;
+    const compiling = progress && (this.requests.flying || this.flights.number);
+    const state = !connection.open ? (connection.opened ? "Connection lost; connecting again. Nothing is lost." : "Connecting …")
+      : compiling ? progress.text : this.flights.number ? "Flying." : planning ? "Planning." : "Ready.";
+    const text = this.message ? `${state} ${this.message}` : state;
+    if (this.status.textContent !== text) this.status.textContent = text;
+    const bar = document.getElementById("share");
+    bar.hidden = !compiling || progress.share === null;
+    if (!bar.hidden) bar.value = progress.share;
+    document.getElementById("name").textContent = `${scenario.name ?? "not saved"}${scenario.changed ? " *" : ""}`;
+    document.getElementById("fly").disabled = !connection.open || !scenario.table;
+    this._wait();
+  }
+
+  _wait() {
+    const seconds = this.requests.flying ? (performance.now() - this.requests.since) / 1000 : 0;
+    if (seconds > 0.3 && this.connection.open && this.status.textContent === "Ready.") this.report();
+    this.waited.textContent = seconds > 1 ? `since ${seconds.toFixed(0)} s` : "";
+  }
+
+  /** Step through the entries of a recorded page. */
+  _startRecording(at) {
+    const slider = at("entry"), { recording } = this;
+    document.body.classList.add("recorded");
+    at("recorded").hidden = false;
+    slider.max = String(recording.length - 1);
+    const show = (k) => {
+      const entry = recording[k];
+      slider.value = String(k);
+      slider.setAttribute("aria-valuetext", entry.label);
+      at("entry-label").textContent = `${k + 1} of ${recording.length}: ${entry.label}`;
+      at("previous").disabled = k === 0;
+      at("next").disabled = k === recording.length - 1;
+      this.scenario.table = entry.scenario;
+      this._take(entry.answer);
+      this.drawNow();
+    };
+    slider.addEventListener("input", () => show(Number(slider.value)));
+    at("previous").addEventListener("click", () => show(Number(slider.value) - 1));
+    at("next").addEventListener("click", () => show(Number(slider.value) + 1));
+    show(0);
+    this.map.fit();
+    document.documentElement.dataset.ready = "1";
+  }
+}
+
+window.live = new LivePage(JSON.parse(document.getElementById("live").textContent));

@@ -1,0 +1,212 @@
+"""Documents of the page: scenarios as plain data, confined to one folder, saved with the comments of their file."""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeGuard
+
+from anser.config.errors import Problem, ScenarioError, describe_value
+from anser.config.toml_text import read_text
+from anser.files import write_file
+from anser.scenario.files import from_values, parse_scenario
+from anser.scenario.schema import Scenario
+
+AIRCRAFT_MAX = 20
+"""Greatest fleet on the page: larger fleets are planned by `anser plan`."""
+_FILE_KEYS = frozenset({"airframe", "field", "sounding"})  # keys whose text may be the path of a file
+_SUFFIX = ".toml"
+
+
+@dataclass(frozen=True)
+class DocumentFolder:
+    """The folder in which the page reads and writes scenarios.
+
+    `parts` is the table `[parts]` of the scenario that the server was started with: no other code is imported.
+    """
+
+    path: Path
+    parts: Mapping[str, Any] | None = None
+
+    def names(self) -> list[str]:
+        """Return the names of the scenario files in the folder, sorted."""
+        return sorted(entry.name for entry in self.path.glob(f"*{_SUFFIX}") if self._is_inside(entry))
+
+    def read(self, name: str) -> tuple[str, dict[str, Any]]:
+        """Return text and values of a scenario file.
+
+        Raises ScenarioError if the name is not that of a scenario file in the folder, or if the text is not TOML.
+        """
+        path = self._file(name)
+        text = read_text(path)
+        return text, parse_scenario(text, name)
+
+    def scenario(self, values: dict[str, Any]) -> Scenario:
+        """Validate a document. Raises ScenarioError, also for a file outside the folder and for foreign code."""
+        problems = list(self._confinement_problems(values))
+        if problems:
+            raise ScenarioError("", problems)
+        # validation names the file for relative paths of aircraft files
+        return from_values(values, str(self.path / "document.toml"))
+
+    def text(self, values: dict[str, Any], base: str | None) -> str:
+        """Return a document as TOML, with comments and layout of the file `base` of the folder."""
+        return merge_into_toml(self.read(base)[0] if base is not None and self._exists(base) else "", values)
+
+    def save(self, name: str, values: dict[str, Any], base: str | None, overwrite: bool) -> None:
+        """Write a document, which must be a valid scenario, to a file of the folder.
+
+        Raises FileExistsError if the file exists and is not to be overwritten, ScenarioError as `read` and `scenario`.
+        """
+        path = self._file(name)
+        self.scenario(values)
+        write_file(path, self.text(values, base), overwrite=overwrite)
+
+    def _file(self, name: str) -> Path:
+        """Return the path of a file of the folder; raises ScenarioError for other names."""
+        is_plain = Path(name).name == name and name.isprintable() and not name.startswith(".")
+        if not is_plain or not name.endswith(_SUFFIX) or not self._is_inside(self.path / name):
+            expected = f"the name of a file in the folder {self.path.name}, such as mine{_SUFFIX}"
+            raise ScenarioError("", [Problem("", f"the file name {describe_value(name)}", expected)])
+        return self.path / name
+
+    def _exists(self, name: str) -> bool:
+        return self._file(name).is_file()
+
+    def _is_inside(self, path: Path) -> bool:
+        """Whether a path, symbolic links followed, lies in the folder."""
+        try:
+            return path.resolve().is_relative_to(self.path.resolve())
+        except (OSError, ValueError, RuntimeError):
+            return False
+
+    def _confinement_problems(self, values: dict[str, Any]) -> Iterator[Problem]:
+        if values.get("parts") is not None and values["parts"] != self.parts:
+            expected = "the parts of the file that anser live was started with: the page does not import other code"
+            yield Problem("parts", "other user-defined parts", expected)
+        fleet = values.get("aircraft")
+        if isinstance(fleet, list) and len(fleet) > AIRCRAFT_MAX:
+            yield Problem("aircraft", f"{len(fleet)} aircraft", f"at most {AIRCRAFT_MAX} on the live page")
+        for key_path, text in _file_paths(values):
+            if not self._is_inside(self.path / text):
+                yield Problem(key_path, describe_value(text), f"a file in the folder {self.path.name}")
+
+
+def _file_paths(value: Any, key_path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield key path and text of each entry that may name a file."""
+    if isinstance(value, dict):
+        for key, entry in value.items():
+            entry_path = f"{key_path}.{key}".removeprefix(".")
+            if key in _FILE_KEYS and isinstance(entry, str):
+                yield entry_path, entry
+            yield from _file_paths(entry, entry_path)
+    elif isinstance(value, list):
+        for k, entry in enumerate(value):
+            yield from _file_paths(entry, f"{key_path}[{k}]")
+
+
+def merge_into_toml(text: str, values: dict[str, Any]) -> str:
+    """Return TOML with the values of a document; comments, order and number formats of `text` stay where values stay.
+
+    Entries of a list of tables are matched by name. Raises ValueError if a value has no form in TOML.
+    """
+    import tomlkit
+
+    _must_be_plain(values)
+    document = tomlkit.parse(text)
+    _update_table(document, values)
+    merged = tomlkit.dumps(document)
+    if parse_scenario(merged, "the merged text") != values:
+        raise ValueError("the document could not be written into the text of the file that was opened")
+    return merged
+
+
+def _must_be_plain(value: Any) -> None:
+    if isinstance(value, dict):
+        for entry in value.values():
+            _must_be_plain(entry)
+    elif isinstance(value, list):
+        for entry in value:
+            _must_be_plain(entry)
+    elif value is None or (isinstance(value, float) and not math.isfinite(value)):
+        raise ValueError(f"a document holds {value}, which has no form in a scenario file; expected the key left out")
+
+
+def _is_table_list(value: Any) -> TypeGuard[list[dict[str, Any]]]:
+    return isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+
+
+def _update_table(table: Any, values: Mapping[str, Any]) -> None:
+    """Change a table of a parsed document in place."""
+    import tomlkit
+    from tomlkit.items import AoT
+
+    for key in [key for key in table if key not in values]:
+        table.remove(key)
+    for key, value in values.items():
+        present = table.get(key)
+        if isinstance(value, dict) and isinstance(present, dict):
+            _update_table(present, value)
+        elif _is_table_list(value) and isinstance(present, AoT):
+            _update_table_list(present, value)
+        elif key not in table and _is_table_list(value) and isinstance(table, tomlkit.TOMLDocument):
+            tables = tomlkit.aot()
+            for entry in value:
+                tables.append(_new_table(entry))
+            table.append(key, tables)
+        elif key not in table and isinstance(value, dict) and isinstance(table, tomlkit.TOMLDocument):
+            table.append(key, _new_table(value))
+        elif key not in table or not _is_same(present, value):
+            table[key] = _inline(value)
+
+
+def _is_same(present: Any, value: Any) -> bool:
+    """Whether a parsed value equals a value of a document; true and 1 differ."""
+    plain = present.unwrap() if hasattr(present, "unwrap") else present
+    return plain == value and isinstance(plain, bool) == isinstance(value, bool)
+
+
+def _update_table_list(tables: Any, values: list[dict[str, Any]]) -> None:
+    """Change a list of tables in place: tables with a name that stays keep their comments."""
+    names = [value.get("name") for value in values]
+    for k in reversed(range(len(tables))):
+        if tables[k].get("name") not in names:
+            del tables[k]
+    present = {table.get("name"): k for k, table in enumerate(tables)}
+    is_in_order = [present[name] for name in names if name in present] == sorted(present.values())
+    if not is_in_order or len(present) != len(tables) or len(set(names)) != len(names):
+        while len(tables):
+            del tables[0]
+        present = {}
+    for k, value in enumerate(values):
+        if value.get("name") in present:
+            _update_table(tables[k], value)
+        else:
+            tables.insert(k, _new_table(value))
+
+
+def _new_table(values: Mapping[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in values.items():
+        table.append(key, _inline(value))
+    table.add(tomlkit.nl())
+    return table
+
+
+def _inline(value: Any) -> Any:
+    """Return a value as an item of one line; tables inside become inline tables."""
+    import tomlkit
+
+    if isinstance(value, dict):
+        table = tomlkit.inline_table()
+        for key, entry in value.items():
+            table.append(key, _inline(entry))
+        return table
+    if isinstance(value, list):
+        items = tomlkit.array()
+        for entry in value:
+            items.append(_inline(entry))
+        return items
+    return value

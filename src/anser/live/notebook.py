@@ -1,0 +1,83 @@
+"""The live page inside a notebook, or in the browser from Python."""
+
+import html
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from anser.config.toml_text import read_text
+from anser.scenario.files import parse_scenario
+from anser.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from anser.live.server import LiveServer
+
+MISSING = "the live page needs starlette, uvicorn, websockets and tomlkit: pip install 'anser[live]'"
+"""Message for an installation without the extra `live`."""
+
+
+def open_server(
+    scenario: str | os.PathLike[str] | dict[str, Any], folder: Path | None = None, **options: Any
+) -> "LiveServer":
+    """Start a server for a scenario file or a document; raises ScenarioError, or ImportError without the extra."""
+    try:
+        from anser.live.server import LiveServer
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "websockets", "tomlkit"):
+            raise
+        raise ImportError(MISSING) from None
+    if isinstance(scenario, dict):
+        return LiveServer(scenario, folder or Path.cwd(), **options)
+    path = Path(scenario)
+    document = parse_scenario(read_text(path), str(path))
+    target = path.parent if folder is None else folder
+    name = path.name if target.resolve() == path.parent.resolve() else None
+    return LiveServer(document, target, name, **options)
+
+
+class LivePage:
+    """A live page; a notebook shows it inline. `url` is its address, `close()` ends its server."""
+
+    def __init__(self, server: "LiveServer", height_px: int) -> None:
+        self._server, self._height_px = server, height_px
+
+    @property
+    def url(self) -> str:
+        """Address of the page, on this machine only."""
+        return self._server.url
+
+    def close(self) -> None:
+        """End the server of the page."""
+        self._server.close()
+
+    def __repr__(self) -> str:
+        return f"live page at {self.url}"
+
+    def _repr_html_(self) -> str:
+        address = html.escape(self.url)
+        style = f"width:100%;height:{self._height_px}px;border:0"
+        return f'<iframe title="anser live" src="{address}" style="{style}"></iframe>'
+
+
+def live(scenario: Scenario | str | os.PathLike[str], *, height_px: int = 860) -> LivePage:
+    """Show the live page of a scenario: aircraft, goals and limits are moved, the certified plan follows at once.
+
+    A notebook on this machine shows the page inline; elsewhere, open `url` in a browser.
+
+    Parameters
+    ----------
+    scenario
+        From `load`, or the path of a scenario file. The page opens and saves files in the file's folder, or in the
+        current folder for a scenario from `load`.
+    height_px
+        Height of the page in the notebook, pixels.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read or is not a valid scenario.
+    ImportError
+        Without the extra `live`.
+    """
+    source = scenario.model_dump(mode="json", exclude_unset=True) if isinstance(scenario, Scenario) else scenario
+    return LivePage(open_server(source, in_notebook=True), height_px)

@@ -1,0 +1,215 @@
+"""Web server of the live page: this machine only, a random token in the address, requests of other pages refused."""
+
+import asyncio
+import contextlib
+import hmac
+import json
+import secrets
+import socket
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from pydantic import ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from anser.live.answers import plain_problem
+from anser.live.documents import DocumentFolder
+from anser.live.messages import SIZE_MAX, ResumeRequest, read_message
+from anser.live.page import render_live_page
+from anser.live.sessions import Workbench, queue_sender
+from anser.report.flight_page import flight_page
+
+HOST = "127.0.0.1"
+_NOTEBOOK_ANCESTORS = "http://localhost:* http://127.0.0.1:*"
+
+
+class LocalRequestsOnly:
+    """Refuse requests without the token, with a foreign Host header, or from another origin."""
+
+    def __init__(self, app: ASGIApp, port: int, token: str, ancestors: str) -> None:
+        self._app, self._token = app, token
+        self._hosts = {f"{name}:{port}" for name in (HOST, "localhost")}
+        self._headers = [
+            (b"cache-control", b"no-store"),
+            (b"referrer-policy", b"no-referrer"),
+            (b"x-content-type-options", b"nosniff"),
+            (b"cross-origin-resource-policy", b"same-origin"),
+            (b"content-security-policy", f"frame-ancestors 'self' {ancestors}".strip().encode()),
+        ]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle an ASGI request."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        refusal = self._refusal(scope)
+        if refusal is None:
+            await self._app(scope, receive, lambda message: send(self._with_headers(message)))
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": 1008, "reason": refusal})
+        else:
+            await PlainTextResponse(refusal, status_code=403)(scope, receive, send)
+
+    def _with_headers(self, message: Any) -> Any:
+        if message["type"] != "http.response.start":
+            return message
+        return {**message, "headers": [*message.get("headers", []), *self._headers]}
+
+    def _refusal(self, scope: Scope) -> str | None:
+        headers = [(name.lower(), value.decode("latin-1")) for name, value in scope["headers"]]
+        hosts = [value for name, value in headers if name == b"host"]
+        origins = [value for name, value in headers if name == b"origin"]
+        if len(hosts) != 1 or hosts[0] not in self._hosts:
+            return "the Host header names another server"
+        if any(origin != f"http://{hosts[0]}" for origin in origins):
+            return "the request comes from another page"
+        if scope["type"] == "websocket" and not origins:
+            return "the request names no page that it comes from"
+        token = scope["path"].removeprefix("/").partition("/")[0]
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
+            return "the address lacks the token that anser live printed"
+        return None
+
+
+def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -> ASGIApp:
+    """Return the web application of a workbench."""
+
+    async def page(_: Request) -> Response:
+        return HTMLResponse(await run_in_threadpool(render_live_page))
+
+    async def report(request: Request) -> Response:
+        identifiers = [value for key, value in sorted(request.path_params.items()) if key != "token"]
+        flights = [workbench.flights.get(identifier) for identifier in identifiers]
+        if any(flight is None for flight in flights):
+            return PlainTextResponse("this flight is no longer kept; fly it again", status_code=404)
+        runs = [
+            (flight.scenario.name if len(flights) == 1 else f"flight {k}", flight.dataset, flight.summary)
+            for k, flight in enumerate(flights, 1)
+            if flight is not None
+        ]
+        return HTMLResponse(await run_in_threadpool(flight_page, runs))
+
+    async def talk(websocket: WebSocket) -> None:
+        await websocket.accept()
+        await _converse(workbench, websocket)
+
+    routes = [
+        Route("/{token}/", page),
+        Route("/{token}/report/{a}", report),
+        Route("/{token}/compare/{a}/{b}", report),
+        WebSocketRoute("/{token}/socket", talk),
+    ]
+    return LocalRequestsOnly(Starlette(routes=routes), port, token, ancestors)
+
+
+async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
+    """Answer the messages of a page until its socket closes."""
+    queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+    send = queue_sender(asyncio.get_running_loop(), queue)
+    session = workbench.session(None)
+    session.attach(send)
+
+    async def write() -> None:
+        while True:
+            message = await queue.get()
+            await websocket.send_text(json.dumps(message, allow_nan=False, separators=(",", ":")))
+
+    writer = asyncio.create_task(write())
+    try:
+        send(session.welcome())
+        while True:
+            text = await websocket.receive_text()
+            try:
+                request = read_message(text)
+            except (ValueError, ValidationError) as error:
+                send({"type": "failed", "number": None, "problems": [plain_problem(_malformed(error))]})
+                continue
+            if isinstance(request, ResumeRequest) and request.session in workbench.sessions:
+                session.detach(send)
+                workbench.sessions.pop(session.key, None)
+                session = workbench.session(request.session)
+                session.attach(send)
+            await run_in_threadpool(session.handle, request)
+    except (WebSocketDisconnect, KeyError, RuntimeError):
+        pass  # a closed socket, a binary message, or a socket closed while a message was being sent
+    finally:
+        session.detach(send)
+        writer.cancel()
+
+
+def _malformed(error: ValueError) -> str:
+    if isinstance(error, ValidationError):
+        detail = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        place = ".".join(map(str, detail["loc"]))
+        return f"a malformed message: {place}: {detail['msg']}"
+    return f"a malformed message: {error}"
+
+
+class LiveServer:
+    """A server of the live page in a thread of its own.
+
+    Parameters
+    ----------
+    document
+        Scenario as plain data of a TOML file.
+    folder
+        Folder in which scenarios are opened and saved.
+    name
+        File of the document in the folder; None for a new document.
+    in_notebook
+        Whether pages of a notebook on this machine may show the page.
+    """
+
+    def __init__(
+        self, document: Mapping[str, Any], folder: Path, name: str | None = None, *, in_notebook: bool = False
+    ) -> None:
+        documents = DocumentFolder(folder, document.get("parts"))
+        documents.scenario(dict(document))  # raises ScenarioError before anything is served
+        self.workbench = Workbench(documents, name, dict(document))
+        self._socket = socket.create_server((HOST, 0))
+        self.port, self.token = self._socket.getsockname()[1], secrets.token_urlsafe(24)
+        app = make_app(self.workbench, self.port, self.token, _NOTEBOOK_ANCESTORS if in_notebook else "")
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                app,
+                log_level="error",
+                access_log=False,  # addresses contain the token
+                lifespan="off",
+                ws="websockets-sansio",
+                ws_max_size=SIZE_MAX,
+                timeout_graceful_shutdown=1,
+            )
+        )
+        self._thread = threading.Thread(target=self._serve, name="anser live", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Address of the page, with the token."""
+        return f"http://{HOST}:{self.port}/{self.token}/"
+
+    def wait(self) -> None:
+        """Wait until the server ends, or for Ctrl-C."""
+        while self._thread.is_alive():
+            self._thread.join(0.2)
+
+    def close(self) -> None:
+        """End the server and its pages."""
+        self.workbench.close()
+        self._server.should_exit = True
+        self._thread.join(5.0)
+        with contextlib.suppress(OSError):
+            self._socket.close()
+
+    def _serve(self) -> None:
+        asyncio.run(self._server.serve(sockets=[self._socket]))

@@ -1,0 +1,326 @@
+"""One page's session: requests are answered by worker threads, the newest plan first, without blocking other pages."""
+
+import asyncio
+import secrets
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from anser.compiling.measuring import compilation_message
+from anser.config.errors import ScenarioError
+from anser.live import messages
+from anser.live.answers import Answer, invalid_answer, invalid_problem, make_answer, plain_problem
+from anser.live.controls import GOAL_KINDS, RULES, new_tables, sliders
+from anser.live.documents import DocumentFolder
+from anser.live.page import render_live_page
+from anser.missions.first_plan import FirstPlan, NoPlanError
+from anser.missions.runs import FlightResult, run
+from anser.results.summary_format import format_verdict
+from anser.scenario.schema import Scenario
+from anser.version import source_version
+
+FLIGHTS_MAX = 16
+"""Flights that the server keeps for reports and comparisons; the oldest is dropped first."""
+_SUPERSEDED_AFTER_S = 0.7  # a search of this duration ends if a newer request waits
+_PROGRESS_PERIOD_S = 0.3
+_ROW_PERIOD_S = 0.5  # between two rows of a flight on the page
+
+Send = Callable[[dict[str, Any]], None]
+"""Callback that queues a message to the page; callable from any thread."""
+
+
+class StoppedError(Exception):
+    """A plan or flight was stopped: a newer request waits, the user stopped it, or the page has gone."""
+
+
+@dataclass
+class Workbench:
+    """What all pages of a server share: folder, worker threads, opened document, flights and the last plan."""
+
+    folder: DocumentFolder
+    name: str | None  # file of the opened document
+    document: dict[str, Any]
+    # one thread each, so that plans are answered during a flight
+    planning: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "planning"))
+    flying: ThreadPoolExecutor = field(default_factory=lambda: ThreadPoolExecutor(1, "flying"))
+    flights: dict[str, FlightResult] = field(default_factory=dict)
+    sessions: dict[str, "Session"] = field(default_factory=dict)
+
+    def session(self, key: str | None) -> "Session":
+        """Return the session of a page that reconnects, or a new one; at most 64 are kept."""
+        if key is not None and key in self.sessions:
+            return self.sessions[key]
+        while len(self.sessions) >= 64:
+            del self.sessions[next(iter(self.sessions))]
+        session = Session(self, secrets.token_urlsafe(12))
+        self.sessions[session.key] = session
+        return session
+
+    def keep(self, flight: FlightResult) -> str:
+        """Keep a flight, and return its identifier."""
+        while len(self.flights) >= FLIGHTS_MAX:
+            del self.flights[next(iter(self.flights))]
+        identifier = secrets.token_urlsafe(9)
+        self.flights[identifier] = flight
+        return identifier
+
+    def close(self) -> None:
+        """Stop all work; running programs end first."""
+        for session in self.sessions.values():
+            session.detach()
+        for executor in (self.planning, self.flying):
+            executor.shutdown(wait=False, cancel_futures=True)
+
+
+class Session:
+    """Requests and results of one page; survives a reconnect of the page."""
+
+    def __init__(self, workbench: Workbench, key: str) -> None:
+        self.workbench, self.key = workbench, key
+        self._send: Send | None = None
+        self._waiting: messages.PlanRequest | None = None  # newest plan request without an answer
+        self._is_planning = False
+        self._plan: FirstPlan | None = None  # last plan, flown without a new search
+        self._stop_flight = threading.Event()
+        self._flight_messages: dict[str, dict[str, Any]] = {}  # answers about finished flights, by flight
+        self._lock = threading.Lock()
+
+    def attach(self, send: Send) -> None:
+        """Connect the session with the socket of its page."""
+        self._send = send
+
+    def detach(self, send: Send | None = None) -> None:
+        """Disconnect from a socket; a flight in progress goes on, its result waits for the page."""
+        if send is None:
+            self._stop_flight.set()
+        if send is None or self._send is send:
+            self._send = None
+
+    def welcome(self) -> dict[str, Any]:
+        """Return the first message to the page: document, sliders, rules, and new tables."""
+        bench = self.workbench
+        scenario = bench.folder.scenario(bench.document)
+        return {
+            "type": "welcome",
+            "version": source_version(),
+            "session": self.key,
+            "folder": bench.folder.path.resolve().name,
+            "name": bench.name,
+            "scenario": bench.document,
+            "sliders": sliders(scenario),
+            "rules": list(RULES),
+            "goal_kinds": list(GOAL_KINDS),
+            "templates": new_tables(scenario),
+            "flights": [],
+        }
+
+    def handle(self, request: messages.Request) -> None:
+        """Answer a request; plans and flights are answered later, by worker threads."""
+        match request:
+            case messages.PlanRequest():
+                self._request_plan(request)
+            case messages.FlyRequest():
+                self._stop_flight.clear()
+                self.workbench.flying.submit(self._guarded, request.number, lambda: self._fly(request))
+            case messages.StopRequest():
+                self._stop_flight.set()
+            case messages.RecordedRequest():
+                self.workbench.planning.submit(self._guarded, request.number, lambda: self._record(request))
+            case messages.ResumeRequest():
+                for identifier, message in self._flight_messages.items():
+                    if identifier not in request.flight_ids and identifier in self.workbench.flights:
+                        self._tell(message)
+            case _:
+                self._guarded(request.number, lambda: self._answer_file_request(request))
+
+    def _tell(self, message: dict[str, Any]) -> None:
+        send = self._send
+        if send is not None:
+            send(message)
+
+    def _fail(self, number: int, problems: Sequence[dict[str, Any]]) -> None:
+        self._tell({"type": "failed", "number": number, "problems": list(problems)})
+
+    def _guarded(self, number: int, work: Callable[[], None]) -> None:
+        """Do work, and report errors of the input to the page."""
+        try:
+            work()
+        except ScenarioError as error:
+            self._fail(number, [invalid_problem(problem) for problem in error.problems])
+        except NoPlanError as error:
+            self._fail(number, [plain_problem(reason) for reason in error.reasons])
+        except StoppedError:
+            self._fail(number, [plain_problem("the flight was stopped")])
+        except (OSError, ValueError) as error:
+            self._fail(number, [plain_problem(str(error))])
+        except Exception as error:
+            self._fail(number, [plain_problem(f"an error of anser: {type(error).__name__}: {error}")])
+            raise
+
+    def _answer_file_request(self, request: messages.Request) -> None:
+        folder = self.workbench.folder
+        match request:
+            case messages.FilesRequest():
+                self._tell({"type": "files", "number": request.number, "names": folder.names()})
+            case messages.OpenRequest():
+                scenario = folder.read(request.name)[1]
+                self._tell({"type": "opened", "number": request.number, "name": request.name, "scenario": scenario})
+            case messages.SaveRequest():
+                kind = "saved"
+                try:
+                    folder.save(request.name, request.scenario, request.base, request.overwrite)
+                except FileExistsError:
+                    kind = "exists"
+                self._tell({"type": kind, "number": request.number, "name": request.name})
+            case messages.TextRequest():
+                text = folder.text(request.scenario, request.base)
+                self._tell({"type": "text", "number": request.number, "text": text})
+
+    def _request_plan(self, request: messages.PlanRequest) -> None:
+        """Plan the newest request next; older ones that wait are dropped."""
+        with self._lock:
+            self._waiting = request
+            if self._is_planning:
+                return
+            self._is_planning = True
+        self.workbench.planning.submit(self._plan_newest)
+
+    def _plan_newest(self) -> None:
+        """Answer the newest request, and make room for other pages before the next."""
+        with self._lock:
+            request, self._waiting = self._waiting, None
+        if request is not None:
+            self._guarded(request.number, lambda: self._answer_plan(request))
+        with self._lock:
+            self._is_planning = self._waiting is not None
+        if self._is_planning:
+            self.workbench.planning.submit(self._plan_newest)
+
+    def _answer_plan(self, request: messages.PlanRequest) -> None:
+        begin = time.monotonic()
+
+        def is_superseded() -> bool:
+            is_old = self._waiting is not None and time.monotonic() - begin > _SUPERSEDED_AFTER_S
+            return self._send is None or is_old
+
+        try:
+            with _Progress(self._tell, request.number) as progress:
+                answer, _ = self._planned(request.scenario, _stop_if(is_superseded, progress.report))
+        except StoppedError:
+            return
+        self._tell({"type": "plan", "number": request.number, "answer": answer})
+
+    def _planned(self, document: dict[str, Any], on_progress: Callable[[str], None]) -> tuple[Answer, Scenario | None]:
+        """Return the answer to a document, and its scenario if it is valid; keeps the plan for a flight."""
+        try:
+            scenario = self.workbench.folder.scenario(document)
+            answer, self._plan = make_answer(scenario, on_progress)
+        except ScenarioError as error:
+            return invalid_answer(error), None
+        return answer, scenario
+
+    def _record(self, request: messages.RecordedRequest) -> None:
+        answer, scenario = self._planned(request.scenario, lambda message: None)
+        label = "Scenario" if scenario is None else scenario.name
+        page = render_live_page([{"label": label, "scenario": request.scenario, "answer": answer}])
+        self._tell({"type": "recorded", "number": request.number, "html": page})
+
+    def _fly(self, request: messages.FlyRequest) -> None:
+        bench, scenario = self.workbench, self.workbench.folder.scenario(request.scenario)
+        last = self._plan
+        planned = last if last is not None and last.scenario == scenario and not last.refusals else None
+        names = [aircraft.name for aircraft in scenario.aircraft]
+        stride = max(1, round(_ROW_PERIOD_S / scenario.timing.step_s))
+
+        def send_rows(time_s: np.ndarray, history: dict[str, np.ndarray]) -> None:
+            rows = np.flatnonzero(np.round(time_s / scenario.timing.step_s).astype(int) % stride == 0)
+            columns = [("north_m", "north"), ("east_m", "east"), ("altitude_m", "altitude")]
+            aircraft = [
+                {"name": name} | {column: _finite(history[key][rows, k]) for column, key in columns}
+                for k, name in enumerate(names)
+            ]
+            self._tell(
+                {"type": "rows", "number": request.number, "time_s": _finite(time_s[rows]), "aircraft": aircraft}
+            )
+
+        with _Progress(self._tell, request.number) as progress:
+            stop = _stop_if(self._stop_flight.is_set, progress.report)
+            flight = run(scenario, stop, planned, on_segment=send_rows)
+        identifier = bench.keep(flight)
+        compared = request.compare if request.compare in bench.flights else None
+        message = {
+            "type": "flight",
+            "number": request.number,
+            "id": identifier,
+            "report": f"report/{identifier}",
+            "compare": None if compared is None else f"compare/{compared}/{identifier}",
+            "success": flight.met,
+            "verdict": format_verdict(flight.summary),
+            "arrivals": [
+                {"name": entry["name"], "arrival_s": entry["arrival_s"], "miss_m": entry["miss_m"]}
+                for entry in flight.summary["aircraft"]
+            ],
+        }
+        self._flight_messages[identifier] = message
+        while len(self._flight_messages) > FLIGHTS_MAX:
+            del self._flight_messages[next(iter(self._flight_messages))]
+        self._tell(message)
+
+
+def _finite(values: np.ndarray) -> list[float | None]:
+    """Return values for the page, to a millimetre; None for an aircraft that has left the fleet."""
+    return [round(float(value), 3) if np.isfinite(value) else None for value in values]
+
+
+def _stop_if(is_stopped: Callable[[], bool], report: Callable[..., None]) -> Callable[..., None]:
+    """Return a progress callback that raises StoppedError once `is_stopped` is True."""
+
+    def on_progress(text: str, share: float | None = None) -> None:
+        if is_stopped():
+            raise StoppedError
+        report(text, share)
+
+    return on_progress
+
+
+class _Progress:
+    """Progress messages of a request, from a thread that also tells which program is being compiled."""
+
+    def __init__(self, tell: Callable[[dict[str, Any]], None], number: int) -> None:
+        self._tell, self._number, self._state, self._last = tell, number, ("", None), ("", None)
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> "_Progress":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+
+    def report(self, text: str, share: float | None = None) -> None:
+        """Set the description of the current work and its completed share."""
+        self._state = text, share
+
+    def _watch(self) -> None:
+        while not self._end.wait(_PROGRESS_PERIOD_S):
+            message = compilation_message()
+            state = self._state if message is None else (message, None)
+            if state != self._last:
+                self._last = state
+                self._tell({"type": "progress", "number": self._number, "text": state[0], "share": state[1]})
+
+
+def queue_sender(loop: asyncio.AbstractEventLoop, queue: "asyncio.Queue[dict[str, Any]]") -> Send:
+    """Return a callback that puts messages into a queue of an event loop, from any thread."""
+
+    def send(message: dict[str, Any]) -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(queue.put_nowait, message)
+
+    return send
