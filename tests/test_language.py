@@ -72,7 +72,7 @@ def test_modules_functions_classes_and_attributes_have_names_of_the_field():
 
 
 LATER_ROOMS = re.compile(
-    r"anser/(single_aircraft/|identification/|environments/|cli/simulate|simulation/open_loop|report/aircraft_flight)"
+    r"anser/(single_aircraft/|identification/|environments/|live/|cli/simulate|cli/live|simulation/open_loop|report/aircraft_flight)"
 )
 
 

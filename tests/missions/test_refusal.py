@@ -19,7 +19,7 @@ AT = ArrivalRequest("at", 600.0, times_s=np.full(3, 92.0))
 
 @pytest.fixture(autouse=True)
 def no_binding_constraint(monkeypatch):
-    monkeypatch.setattr(refusal, "_binding_constraint", lambda *arguments: "")
+    monkeypatch.setattr(refusal, "_binding_constraint", lambda *arguments: ("", ()))
 
 
 def make_fleet_task(request_):
