@@ -194,7 +194,7 @@ def judged(scenario: Scenario, event: Event, flown: FlightResult) -> str:
         scenario.separation.horizontal_m,
         scenario.separation.vertical_m,
         ArrivalRule(name, times, np.full((len(replanned), 2), np.nan), scenario.arrival.spacing_s or math.nan, order),
-        scenario.fleet.speed_m_s,
+        scenario.fleet.airspeed_m_s,
         9.80665,
     )
     return second_search(case, _ITERATIONS, horizon=_LATEST_S).status

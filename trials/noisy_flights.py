@@ -276,7 +276,7 @@ def main() -> None:
     np.savez_compressed(options.out, allow_pickle=False, **results)
     scenario = load(options.scenario)
     for line in told(
-        results, scenario.timing.freeze_s, scenario.estimator.acceleration_m_s2**2, scenario.fleet.speed_m_s
+        results, scenario.timing.freeze_s, scenario.estimator.acceleration_m_s2**2, scenario.fleet.airspeed_m_s
     ):
         print(line)  # noqa: T201
 

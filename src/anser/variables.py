@@ -207,6 +207,10 @@ CATALOGUE: tuple[Variable, ...] = (
     _variable("beta", "deg", _BODY, "β", "Angle of sideslip"),
     _variable("mach", "", _NONE, "M", "Mach number"),
     _variable("dynamic_pressure", "pa", _NONE, "q̄", "Dynamic pressure"),
+    _variable("airspeed_calibrated", "m_s", _NONE, "V_CAS", "Calibrated airspeed"),
+    _variable("airspeed_equivalent", "m_s", _NONE, "V_EAS", "Equivalent airspeed"),
+    _variable("pressure_altitude", "m", _NONE, "H_p", "Pressure altitude"),
+    _variable("density_altitude", "m", _NONE, "H_ρ", "Density altitude"),
     # attitude, rates, flight path
     _variable("quaternion_0", "", _ATTITUDE, "q_0", "Attitude quaternion, scalar part"),
     _variable("quaternion_1", "", _ATTITUDE, "q_1", "Attitude quaternion, x part"),
@@ -304,7 +308,12 @@ CATALOGUE: tuple[Variable, ...] = (
 )
 """Every recorded variable, in dataset order."""
 
-DERIVED_KEYS: frozenset[str] = frozenset({"latitude", "longitude"})
+DERIVED_KEYS: frozenset[str] = frozenset(
+    {
+        *("latitude", "longitude"),
+        *("airspeed_calibrated", "airspeed_equivalent", "pressure_altitude", "density_altitude"),
+    }
+)
 """Keys of variables that no flight records; computed when a history becomes a dataset."""
 
 ADAPTATION_KEYS: frozenset[str] = frozenset(variable.key for variable in _ADAPTATION_VARIABLES)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from anser.report import write_report
-from anser.report.exports.formats import FORMATS
-from anser.report.exports.tables import has_parquet
+from anser.report.exports.tables import FORMATS, has_parquet
 from anser.results import read_netcdf, write_netcdf
 from anser.results.dataset import surface_names
 from anser.variables import OPTIONAL_KEYS, STANDARD_SURFACES, recorded_keys

@@ -13,7 +13,10 @@ def test_every_variable_of_the_catalogue_is_labelled(time_s, history, names, att
     dataset = to_dataset(time_s, history, names, attributes)
     assert list(dataset.data_vars) == [variable.name for variable in CATALOGUE]
     assert list(dataset["aircraft"].values) == list(names)
-    assert dataset.attrs == attributes | {"surfaces": "elevator aileron rudder"}
+    assert dataset.attrs == attributes | {
+        "surfaces": "elevator aileron rudder",
+        "qnh_hpa": pytest.approx(1013.25, rel=1e-12),
+    }
     assert dataset["time"].attrs["units"] == "s"
     for variable in CATALOGUE:
         variable_data = dataset[variable.name]

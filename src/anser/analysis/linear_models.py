@@ -16,7 +16,7 @@ from anser.aircraft.f16 import AbstractF16
 from anser.analysis.linearization import CHANNELS, LinearModel, linearize_loop
 from anser.analysis.linearization import linearize as linear_model
 from anser.analysis.modes import Mode, modes_of, wind_axis_states
-from anser.analysis.trim_points import ConditionError, resolve_airframe, steady_trim
+from anser.analysis.trim_points import ConditionError, flight_point, resolve_airframe, steady_trim
 from anser.compiling.options import compiled, enable_compilation_cache
 from anser.control.gains import AutopilotGains, published_gains
 from anser.control.inversion_autopilot import Loop
@@ -265,8 +265,11 @@ def linearize(
     aircraft: str | AbstractAirframe = "f16",
     variant: str = "textbook",
     *,
-    speed_m_s: float,
-    altitude_m: float,
+    speed_m_s: float | None = None,
+    altitude_m: float | None = None,
+    speed_cas_m_s: float | None = None,
+    speed_eas_m_s: float | None = None,
+    mach: float | None = None,
     x_cg_over_c: float | None = None,
     path_angle_deg: float = 0.0,
     turn_rate_deg_s: float = 0.0,
@@ -285,7 +288,9 @@ def linearize(
 
     Parameters
     ----------
-    aircraft, variant, x_cg_over_c, speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s
+    aircraft, variant, x_cg_over_c
+        See `trim`.
+    speed_m_s, altitude_m, speed_cas_m_s, speed_eas_m_s, mach, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s
         See `trim`; a pitch rate excludes the other two rates.
     path_rate_deg_s
         Rate of the climb angle, up positive.
@@ -306,6 +311,7 @@ def linearize(
     if isinstance(airframe, AbstractF16) and airframe is not aircraft:
         attributes["x_cg_over_c"] = float(airframe.x_cg)
     environment = standard_environment() if environment is None else environment
+    speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)
     rates = (rate * DEG_RAD for rate in (turn_rate_deg_s, path_rate_deg_s, pitch_rate_deg_s))
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, 0.0, *rates)
     trim = steady_trim(airframe, environment, target)

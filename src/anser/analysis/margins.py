@@ -27,7 +27,7 @@ from anser.analysis.loop_margins import (
     loop_state_fields,
 )
 from anser.analysis.surveys import Survey, SurveyResult, SurveyVariables, limit_attributes, select_rows
-from anser.analysis.trim_points import ConditionError, Inversion, map_points, survey_gains
+from anser.analysis.trim_points import ConditionError, Inversion, flight_point, map_points, survey_gains
 from anser.control.gains import AutopilotGains
 from anser.control.limits import FlightLimits
 from anser.missions.batches import Progress
@@ -198,8 +198,11 @@ def margins_at(
     aircraft: str | AbstractAirframe = "f16",
     variant: str = "textbook",
     *,
-    speed_m_s: float,
-    altitude_m: float,
+    speed_m_s: float | None = None,
+    altitude_m: float | None = None,
+    speed_cas_m_s: float | None = None,
+    speed_eas_m_s: float | None = None,
+    mach: float | None = None,
     inversion: Inversion = "model",
     step_s: float = 0.01,
     gains: AutopilotGains | None = None,
@@ -217,6 +220,8 @@ def margins_at(
         Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
+    speed_cas_m_s, speed_eas_m_s, mach
+        Calibrated or equivalent airspeed, or Mach number, instead of the true airspeed.
     inversion
         Inversion of the autopilot: of the onboard model, or incremental.
     step_s
@@ -232,6 +237,7 @@ def margins_at(
     """
     survey = Survey(aircraft, variant)
     airframe, environment = survey.airframe, survey.environment
+    speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)
     target = trim_target(speed_m_s, altitude_m)
     points = map_points((airframe, environment), (jax.tree.map(lambda leaf: leaf[None], target), None))
     if not bool(points.trimmable[0]):

@@ -22,6 +22,8 @@ from anser.aircraft_files.library import load_airframe
 from anser.aircraft_files.sources import VARIANTS
 from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
 from anser.control.gains import AutopilotGains, Bandwidths, automatic_gains, derived_bandwidths, published_gains
+from anser.environment.air import AIRSPEED_FORMS, true_airspeed
+from anser.environment.atmosphere import AbstractAtmosphere, Air
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.scenario.schema_aircraft import Gains
@@ -186,18 +188,23 @@ class TrimResult:
 
 def trim(
     aircraft: str | AbstractAirframe,
-    speed_m_s: float,
-    altitude_m: float,
+    speed_m_s: float | None = None,
+    altitude_m: float | None = None,
     path_angle_deg: float = 0.0,
     turn_rate_deg_s: float = 0.0,
     *,
+    speed_cas_m_s: float | None = None,
+    speed_eas_m_s: float | None = None,
+    mach: float | None = None,
     pitch_rate_deg_s: float = 0.0,
     variant: str = "textbook",
     x_cg_over_c: float | None = None,
+    environment: Environment | None = None,
 ) -> TrimResult:
-    """Trim an airframe in the standard atmosphere, in still air and standard gravity.
+    """Trim an airframe in still air and standard gravity.
 
-    Raises ValueError as `resolve_airframe`, and if a pitch rate was given in a turn.
+    Raises ValueError as `resolve_airframe`, if a pitch rate was given in a turn, and if not exactly one airspeed was
+    given.
 
     Parameters
     ----------
@@ -205,20 +212,19 @@ def trim(
         Aircraft: see `resolve_airframe`.
     speed_m_s, altitude_m
         True airspeed and geometric altitude.
+    speed_cas_m_s, speed_eas_m_s, mach
+        Calibrated or equivalent airspeed, or Mach number, instead of the true airspeed.
     path_angle_deg, turn_rate_deg_s
         Climb angle and rate of the course, right positive.
     pitch_rate_deg_s
         Body pitch rate of a pull-up with wings level and no roll and yaw rate ([SL] section 3.6); not in a turn.
+    environment
+        Air, wind and Earth; None: standard atmosphere and gravity, no wind.
     """
     enable_compilation_cache()
-    _require_numbers(
-        speed_m_s=speed_m_s,
-        altitude_m=altitude_m,
-        path_angle_deg=path_angle_deg,
-        turn_rate_deg_s=turn_rate_deg_s,
-        pitch_rate_deg_s=pitch_rate_deg_s,
-    )
-    environment = standard_environment()
+    environment = standard_environment() if environment is None else environment
+    speed_m_s, altitude_m = flight_point(environment, altitude_m, speed_m_s, speed_cas_m_s, speed_eas_m_s, mach)
+    _require_numbers(path_angle_deg=path_angle_deg, turn_rate_deg_s=turn_rate_deg_s, pitch_rate_deg_s=pitch_rate_deg_s)
     airframe, _ = resolve_airframe(aircraft, variant, x_cg_over_c)
     turn_rate, pitch_rate = turn_rate_deg_s * DEG_RAD, pitch_rate_deg_s * DEG_RAD
     target = trim_target(speed_m_s, altitude_m, path_angle_deg * DEG_RAD, turn_rate=turn_rate, pitch_rate=pitch_rate)
@@ -236,7 +242,49 @@ def trim(
         "pitch_rate_deg_s": pitch_rate_deg_s,
     }
     mass_kg = float(airframe.mass_properties.mass)
-    return TrimResult(point, _quantities(airframe, point, altitude_m, speed_m_s), diagnosis, condition, mass_kg)
+    return TrimResult(
+        point,
+        _quantities(airframe, environment.atmosphere, point, altitude_m, speed_m_s),
+        diagnosis,
+        condition,
+        mass_kg,
+    )
+
+
+@compiled_quickly
+def _air_at(atmosphere: AbstractAtmosphere, altitude: Scalar) -> Air:
+    return atmosphere.at(altitude)
+
+
+def flight_point(
+    environment: Environment,
+    altitude_m: float | None,
+    speed_m_s: float | None = None,
+    speed_cas_m_s: float | None = None,
+    speed_eas_m_s: float | None = None,
+    mach: float | None = None,
+) -> tuple[float, float]:
+    """Return true airspeed (m/s) and geometric altitude (m) of a condition with an airspeed in one of four forms.
+
+    Raises ValueError if no altitude, or not exactly one airspeed, is given, or if one is not a positive number.
+    """
+    values = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
+    airspeeds = {form: value for form, value in values.items() if value is not None}
+    if len(airspeeds) != 1:
+        arrived = " and ".join(airspeeds) or "nothing"
+        raise ValueError(f"airspeed: arrived {arrived}; expected one of {', '.join(AIRSPEED_FORMS)}")
+    if altitude_m is None:
+        raise ValueError("altitude_m: arrived nothing; expected the geometric altitude, m")
+    ((form, value),) = airspeeds.items()
+    for name, number in ((form, value), ("altitude_m", altitude_m)):
+        if not isinstance(number, int | float | np.integer | np.floating) or not math.isfinite(number):
+            raise ValueError(f"{name}: arrived {number!r}; expected a finite number")
+    if value <= 0.0:
+        raise ValueError(f"{form}: arrived {value:g}; expected a positive airspeed")
+    if form == "speed_m_s":
+        return value, altitude_m
+    air = jax.tree.map(float, _air_at(environment.atmosphere, as_array(altitude_m)))
+    return float(true_airspeed(form, float(value), air)), altitude_m
 
 
 def _require_numbers(**condition: float) -> None:
@@ -244,8 +292,6 @@ def _require_numbers(**condition: float) -> None:
     for name, value in condition.items():
         if not isinstance(value, int | float | np.integer | np.floating) or not math.isfinite(value):
             raise ValueError(f"{name}: arrived {value!r}; expected a finite number")
-    if condition["speed_m_s"] <= 0.0:
-        raise ValueError(f"speed_m_s: arrived {condition['speed_m_s']:g}; expected a positive airspeed")
     if abs(condition["path_angle_deg"]) >= 90.0:
         raise ValueError(
             f"path_angle_deg: arrived {condition['path_angle_deg']:g}; expected more than -90, less than 90"
@@ -254,20 +300,19 @@ def _require_numbers(**condition: float) -> None:
 
 @compiled_quickly
 def _derived_quantities(
-    airframe: AbstractAirframe, point: TrimPoint, altitude: Scalar, speed: Scalar
+    airframe: AbstractAirframe, atmosphere: AbstractAtmosphere, point: TrimPoint, altitude: Scalar, speed: Scalar
 ) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-    """Return roll and pitch (rad), thrust (N) and Mach number of a trim in standard air."""
+    """Return roll and pitch (rad), thrust (N) and Mach number of a trim."""
     roll, pitch, _ = euler_from_quaternion(point.state.quaternion)
-    air = standard_environment().atmosphere.at(altitude)
-    data = air_data(speed * air_direction_b(point.alpha, point.beta), altitude, air)
+    data = air_data(speed * air_direction_b(point.alpha, point.beta), altitude, atmosphere.at(altitude))
     return roll, pitch, airframe.engine.propulsion(point.power, data).force_b[0], data.mach
 
 
 def _quantities(
-    airframe: AbstractAirframe, point: TrimPoint, altitude_m: float, speed_m_s: float
+    airframe: AbstractAirframe, atmosphere: AbstractAtmosphere, point: TrimPoint, altitude_m: float, speed_m_s: float
 ) -> tuple[tuple[str, float, str], ...]:
     roll, pitch, thrust, mach = map(
-        float, _derived_quantities(airframe, point, as_array(altitude_m), as_array(speed_m_s))
+        float, _derived_quantities(airframe, atmosphere, point, as_array(altitude_m), as_array(speed_m_s))
     )
     is_heavy = float(airframe.mass_properties.mass) > _HEAVY_KG
     flow = {"angle of attack": point.alpha, "sideslip": point.beta, "roll": roll, "pitch": pitch}

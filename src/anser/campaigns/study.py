@@ -63,7 +63,10 @@ class OutputSelection(Table):
             if name in self.series[:k]:
                 problems.append(Problem(f"series[{k}]", describe_value(name), "each variable once"))
             elif name in DERIVED_KEYS:
-                expected = "a variable that is recorded: north and east lead to latitude and longitude"
+                expected = (
+                    "a variable that is recorded: north and east lead to latitude and longitude, airspeed and altitude "
+                    "to the other airspeeds and altitudes"
+                )
                 problems.append(Problem(f"series[{k}]", describe_value(name), expected))
             elif name not in _KEYS:
                 problems.append(

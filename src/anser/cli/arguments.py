@@ -110,7 +110,10 @@ CentreOfGravity = Annotated[
         "--cg", "--x-cg", help="Centre of gravity, fraction of the mean aerodynamic chord; left out: the variant's own."
     ),
 ]
-TrueAirspeed = Annotated[float, typer.Option(help="True airspeed.")]
+TrueAirspeed = Annotated[float | None, typer.Option(help="True airspeed; or one of the three options below.")]
+CalibratedAirspeed = Annotated[float | None, typer.Option(help="Calibrated airspeed.")]
+EquivalentAirspeed = Annotated[float | None, typer.Option(help="Equivalent airspeed.")]
+MachNumber = Annotated[float | None, typer.Option("--mach", help="Mach number.")]
 Altitude = Annotated[float, typer.Option(help="Geometric altitude.")]
 PathAngle = Annotated[float, typer.Option(help="Climb angle.")]
 TurnRate = Annotated[float, typer.Option(help="Rate of the course, right positive.")]

@@ -36,6 +36,7 @@ from rich.text import Text
 
 from anser.aircraft_files.sources import DAVE_ML_SUFFIX, SUFFIXES, VARIANTS, aircraft_types, unknown_type_hint
 from anser.cli.process import interrupts
+from anser.environment.air import AIRSPEED_FORMS, STANDARD_LAYERS, AirspeedForm, air_in_layers, true_airspeed
 
 
 def _console(**look: Any) -> Console:
@@ -50,6 +51,9 @@ err = _console(stderr=True, highlight=False)
 _WIDTH_MIN = 120  # width of tables without a terminal
 _RANGES = {
     "speed_m_s": (1, 1000),
+    "speed_cas_m_s": (1, 1000),
+    "speed_eas_m_s": (1, 1000),
+    "mach": (0.001, 3),
     "altitude_m": (-500, 30000),
     "cg": (0.1, 0.5),
     "x_cg": (0.1, 0.5),
@@ -302,14 +306,46 @@ def print_table(
 
 
 def flight_point(at: str) -> tuple[float, float]:
-    """Return the speed (m/s) and altitude (m) of an option --at; raises RefusedError if invalid."""
+    """Return the true airspeed (m/s) and altitude (m) of an option --at; raises RefusedError if invalid.
+
+    The airspeed is true, or with a prefix another: "cas:140,2000", "eas:138,2000", "mach:0.45,2000".
+    """
     try:
-        speed, altitude = (float(part) for part in at.split(","))
-    except ValueError:
-        raise RefusedError(f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000") from None
-    must_be_in_range("--at, speed", speed, *_RANGES["speed_m_s"])
+        speed_text, altitude_text = at.split(",")
+        prefix, _, number_text = speed_text.rpartition(":")
+        form, speed, altitude = _AT_FORMS[prefix.strip().lower()], float(number_text), float(altitude_text)
+    except (ValueError, KeyError):
+        raise RefusedError(
+            f"--at: arrived {at!r}; expected SPEED,ALTITUDE in m/s and m, such as 150,2000 (true airspeed), "
+            "cas:140,2000, eas:138,2000 or mach:0.45,2000"
+        ) from None
+    must_be_in_range("--at, speed", speed, *_RANGES[form])
     must_be_in_range("--at, altitude", altitude, *_RANGES["altitude_m"])
-    return speed, altitude
+    return float(true_airspeed(form, speed, air_in_layers(STANDARD_LAYERS, altitude))), altitude
+
+
+_AT_FORMS: dict[str, AirspeedForm] = {
+    "": "speed_m_s",
+    "tas": "speed_m_s",
+    "cas": "speed_cas_m_s",
+    "eas": "speed_eas_m_s",
+    "mach": "mach",
+}
+"""Forms of the airspeed in an option --at, by the prefix of the number."""
+
+
+def true_airspeed_of(altitude_m: float, airspeeds: Mapping[AirspeedForm, float | None]) -> float:
+    """Return the true airspeed (m/s) of the options for an airspeed, by `AIRSPEED_FORMS`, at an altitude (m).
+
+    Raises RefusedError if not exactly one is given, or if it is outside its range.
+    """
+    arrived = [form for form in AIRSPEED_FORMS if airspeeds[form] is not None]
+    if len(arrived) != 1:
+        options = " and ".join(map(_option, arrived)) or "nothing"
+        raise RefusedError(f"airspeed: arrived {options}; expected one of {', '.join(map(_option, AIRSPEED_FORMS))}")
+    must_be_flight_condition({**airspeeds, "altitude_m": altitude_m})
+    ((form, value),) = ((form, value) for form, value in airspeeds.items() if value is not None)
+    return float(true_airspeed(form, value, air_in_layers(STANDARD_LAYERS, altitude_m)))
 
 
 @contextlib.contextmanager

@@ -45,7 +45,12 @@ _FIGURES = (
     unmet="no steady flight at this condition",
 )
 def margins(
-    at: Annotated[str | None, typer.Option(help=f"SPEED,ALTITUDE of level flight, m/s and m; left out: {_AT}.")] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            help=f"SPEED,ALTITUDE of level flight, m/s and m (or cas:140,1000, mach:0.4,1000); left out: {_AT}."
+        ),
+    ] = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     inversion: Inversion = "model",

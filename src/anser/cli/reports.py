@@ -94,9 +94,8 @@ def export(
     start_time = _started(start)
     if period_s is not None and not (math.isfinite(period_s) and period_s > 0):
         raise RefusedError(f"--period-s: arrived {period_s:g}; expected a number above 0")
-    from anser.report.exports.formats import FORMATS, thin_record
     from anser.report.exports.geographic import NEEDED_VARIABLES
-    from anser.report.exports.tables import PARQUET_MISSING, has_parquet
+    from anser.report.exports.tables import FORMATS, PARQUET_MISSING, has_parquet, thin_record
 
     format_names = list(dict.fromkeys(part.strip() for entry in formats for part in entry.split(",")))
     for name in format_names:

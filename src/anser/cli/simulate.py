@@ -8,7 +8,10 @@ import typer
 from anser.cli.app import help_epilog
 from anser.cli.arguments import (
     Altitude,
+    CalibratedAirspeed,
     CentreOfGravity,
+    EquivalentAirspeed,
+    MachNumber,
     PathAngle,
     TrueAirspeed,
     TurnRate,
@@ -27,8 +30,10 @@ from anser.cli.console import (
     print_note,
     print_table,
     refuse_on,
+    true_airspeed_of,
 )
 from anser.cli.folders import Force, open_output_folder
+from anser.environment.air import AIRSPEED_FORMS
 
 _SHOWN = (
     *("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
@@ -46,8 +51,11 @@ def simulate(
     aircraft: Annotated[
         str, typer.Argument(help="Name of an airframe, or path of an aircraft file.", autocompletion=complete_aircraft)
     ],
-    speed_m_s: TrueAirspeed,
     altitude_m: Altitude,
+    speed_m_s: TrueAirspeed = None,
+    speed_cas_m_s: CalibratedAirspeed = None,
+    speed_eas_m_s: EquivalentAirspeed = None,
+    mach: MachNumber = None,
     variant: VariantName = "textbook",
     cg: CentreOfGravity = None,
     path_angle_deg: PathAngle = 0.0,
@@ -81,8 +89,9 @@ def simulate(
 ) -> None:
     """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
     must_be_known_aircraft(aircraft, variant)
+    airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
-        "speed_m_s": speed_m_s,
+        "speed_m_s": true_airspeed_of(altitude_m, airspeeds),
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,
         "turn_rate_deg_s": turn_rate_deg_s,

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from anser.cli.app import help_epilog
-from anser.cli.arguments import AircraftName, Altitude, CentreOfGravity, PathAngle, TrueAirspeed, TurnRate, VariantName
+from anser.cli.arguments import (
+    AircraftName,
+    Altitude,
+    CalibratedAirspeed,
+    CentreOfGravity,
+    EquivalentAirspeed,
+    MachNumber,
+    PathAngle,
+    TrueAirspeed,
+    TurnRate,
+    VariantName,
+)
 from anser.cli.console import (
     RefusedError,
     activity,
@@ -22,8 +33,10 @@ from anser.cli.console import (
     print_table,
     screen,
     trim_progress,
+    true_airspeed_of,
 )
 from anser.cli.folders import Force, must_be_new_file, note_if_written, write_if_requested
+from anser.environment.air import AIRSPEED_FORMS
 
 if TYPE_CHECKING:
     from anser.analysis.linear_models import LinearizationResult
@@ -37,8 +50,11 @@ if TYPE_CHECKING:
     unmet="no steady flight at this condition",
 )
 def trim(
-    speed_m_s: TrueAirspeed,
     altitude_m: Altitude,
+    speed_m_s: TrueAirspeed = None,
+    speed_cas_m_s: CalibratedAirspeed = None,
+    speed_eas_m_s: EquivalentAirspeed = None,
+    mach: MachNumber = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     cg: CentreOfGravity = None,
@@ -50,8 +66,9 @@ def trim(
 ) -> None:
     """Find the steady flight at a condition, or report the limiting quantity and the nearest steady flight."""
     must_be_known_aircraft(aircraft, variant)
+    airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
-        "speed_m_s": speed_m_s,
+        "speed_m_s": true_airspeed_of(altitude_m, airspeeds),
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,
         "turn_rate_deg_s": turn_rate_deg_s,
@@ -70,7 +87,7 @@ def trim(
         end_without_result("no steady flight", [point.diagnosis])
     quantities = [{"name": name, "value": value, "unit": unit or "1"} for name, value, unit in point.quantities]
     print_document(lambda: {"format_version": 1, **identity, **x_cg, **condition, "quantities": quantities})
-    title = f"{airframe_label(identity)} at {speed_m_s:g} m/s, {altitude_m:g} m"
+    title = f"{airframe_label(identity)} at {condition['speed_m_s']:g} m/s, {altitude_m:g} m"
     headings = [*columns("quantity"), *columns("value", justify="right", digits=4), *columns("unit")]
     cg_rows = [("centre of gravity", value, "of chord") for value in x_cg.values()]
     print_table(title, headings, [*cg_rows, *point.quantities])
@@ -87,8 +104,11 @@ _ROUNDING = 1e-12
     unmet="no steady flight at this condition",
 )
 def linearize(
-    speed_m_s: TrueAirspeed,
     altitude_m: Altitude,
+    speed_m_s: TrueAirspeed = None,
+    speed_cas_m_s: CalibratedAirspeed = None,
+    speed_eas_m_s: EquivalentAirspeed = None,
+    mach: MachNumber = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",
     x_cg: CentreOfGravity = None,
@@ -113,8 +133,9 @@ def linearize(
 ) -> None:
     """Trim an aircraft and linearize it: A, B, C, D and the named modes, in SI units and radians."""
     must_be_known_aircraft(aircraft, variant)
+    airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
-        "speed_m_s": speed_m_s,
+        "speed_m_s": true_airspeed_of(altitude_m, airspeeds),
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,
         "turn_rate_deg_s": turn_rate_deg_s,

@@ -43,7 +43,13 @@ def step(
         typer.Option(help="Of that loop: p, q, r; mu, alpha, beta; v, gamma, chi. May be given several times."),
     ],
     size: Annotated[list[float], typer.Option(help="Of the step, deg/s, deg or m/s; one for each channel.")],
-    at: Annotated[str, typer.Option(help="SPEED,ALTITUDE of the level trim that is left, m/s and m.")],
+    at: Annotated[
+        str,
+        typer.Option(
+            help="SPEED,ALTITUDE of the level trim that is left, m/s and m; cas:140,1000, eas:140,1000 or "
+            "mach:0.4,1000 for calibrated or equivalent airspeed or the Mach number."
+        ),
+    ],
     duration_s: Annotated[
         float | None,
         typer.Option(

@@ -128,7 +128,10 @@ def robustness(
         bool, typer.Option("--sweep", help="Fly spreads of 10 to 60 percent and each factor alone, too.")
     ] = False,
     at: Annotated[
-        str | None, typer.Option(help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m.")
+        str | None,
+        typer.Option(
+            help="SPEED,ALTITUDE of the only steady flight to leave, m/s and m; other airspeeds: see anser step."
+        ),
     ] = None,
     aircraft: AircraftName = "f16",
     variant: VariantName = "textbook",

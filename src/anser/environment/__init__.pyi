@@ -1,4 +1,5 @@
-from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
+from .air import calibrated_from_true, true_from_calibrated
+from .atmosphere import AbstractAtmosphere, Air, LayeredAtmosphere, StandardAtmosphere
 from .earth import AbstractEarth, FlatEarth, RotatingEarth, wgs84_earth
 from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
 from .gusts import AbstractGusts, DiscreteGust
@@ -13,12 +14,15 @@ __all__ = [
     "DiscreteGust",
     "Environment",
     "FlatEarth",
+    "LayeredAtmosphere",
     "LayeredWind",
     "RotatingEarth",
     "StandardAtmosphere",
     "SteadyWind",
     "Turbulence",
     "VaryingWind",
+    "calibrated_from_true",
     "standard_environment",
+    "true_from_calibrated",
     "wgs84_earth",
 ]

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt8
 
+from anser.environment.atmosphere import atmosphere_layers
 from anser.environments.actions import SurfaceLevel
 from anser.environments.cases import Case
 from anser.environments.environment import AircraftEnvironment, EpisodeState, Parameters
@@ -171,7 +172,8 @@ def record_flight(
         **version_attributes(),
     }
     time_s = np.arange(rows) * float(params.step)
-    return AircraftFlight(flight_dataset(time_s, columns, case.vehicle.airframe.actuators.names, attributes))
+    layers = atmosphere_layers(case.environment.atmosphere)
+    return AircraftFlight(flight_dataset(time_s, columns, case.vehicle.airframe.actuators.names, attributes, layers))
 
 
 @functools.lru_cache(maxsize=4)

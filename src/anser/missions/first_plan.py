@@ -242,11 +242,13 @@ class PublishedFirstPlan(FirstPlan):
 
     def notes(self) -> tuple[str, ...]:
         """Notes on a mean airspeed other than requested, and on the change of the wind on the way."""
-        notes, preferred_m_s, speed_m_s = [], self.scenario.fleet.speed_m_s, float(self.plan.speed)
+        fleet, notes, speed_m_s = self.scenario.fleet, [], float(self.plan.speed)
+        preferred_m_s = fleet.airspeed_m_s
         if speed_m_s > preferred_m_s * (1.0 + _SPEED_TOLERANCE):
             farthest = self.scenario.aircraft[int(self.plan.farthest)].name
             notes.append(
-                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of fleet.speed_m_s = {preferred_m_s:g} m/s: "
+                f"the plan's mean airspeed is {speed_m_s:.1f} m/s instead of {fleet.airspeed_name('fleet')} = "
+                f"{preferred_m_s:g} m/s: "
                 f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
             )
         changes = {
@@ -387,7 +389,8 @@ class CertifiedFirstPlan(FirstPlan):
         names = ", ".join(f"{self.scenario.aircraft[k].name} {planned_m_s[k]:.1f} m/s" for k in differing)
         if np.ptp(preferred_m_s) > 0.0:
             return (f"mean airspeeds other than preferred: {names}",)
-        return (f"mean airspeeds other than the preferred fleet.speed_m_s = {preferred_m_s[0]:g} m/s: {names}",)
+        preferred = f"{self.scenario.fleet.airspeed_name('fleet')} = {preferred_m_s[0]:g} m/s"
+        return (f"mean airspeeds other than the preferred {preferred}: {names}",)
 
     def path_descriptions(self) -> tuple[str, ...]:
         """Shape of the path of each aircraft, such as "turns 83 deg"."""

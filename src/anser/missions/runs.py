@@ -14,6 +14,7 @@ import numpy as np
 
 from anser.compiling.program import PreparedProgram
 from anser.config.errors import Problem, ScenarioError
+from anser.environment.atmosphere import atmosphere_layers
 from anser.files import result_folder
 from anser.missions.batches import Progress, no_progress
 from anser.missions.events import EventSchedule
@@ -231,6 +232,7 @@ def run(
         [aircraft.name for aircraft in scenario.aircraft],
         attributes,
         surfaces,
+        atmosphere_layers(planned.flight.environment.atmosphere),
     )
     return FlightResult(dataset, summary, scenario, planned)
 

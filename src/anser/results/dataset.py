@@ -8,6 +8,16 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from anser.compiling.options import compiled
+from anser.environment.air import (
+    STANDARD_LAYERS,
+    Layers,
+    air_in_layers,
+    altimeter_setting_in_layers,
+    calibrated_from_true,
+    density_altitude,
+    equivalent_from_true,
+    pressure_altitude,
+)
 from anser.numerics.arrays import as_array, bucket_size, pad_to_multiple
 from anser.results.variable_labels import catalogue_attributes, record_coordinates, to_dataset_units
 from anser.shapes import Scalar
@@ -32,6 +42,7 @@ def to_dataset(
     aircraft_names: Sequence[str],
     attributes: Mapping[str, str | int | float],
     surfaces: Sequence[Sequence[str]] = (),
+    air_layers: Layers = STANDARD_LAYERS,
 ) -> xr.Dataset:
     """Convert a flight's history to an xarray dataset over (time, aircraft), one variable per catalogue entry.
 
@@ -49,6 +60,8 @@ def to_dataset(
         the geodetic position, at altitude 0, of the origin of the NED axes.
     surfaces
         Names of the control surfaces by aircraft; empty: `anser.variables.STANDARD_SURFACES` for every aircraft.
+    air_layers
+        Air of the flight, see `anser.environment.air`, for pressure altitude and other airspeeds.
 
     Returns
     -------
@@ -82,13 +95,44 @@ def to_dataset(
     arrays["latitude"], arrays["longitude"] = _geodetic(
         arrays, *(np.radians(attributes[key]) for key in _REFERENCE_KEYS)
     )
+    arrays |= air_variables(arrays["airspeed"], arrays["altitude"], air_layers)
     recorded = [v for v in variables if v.key in arrays]
     data = {
         v.name: (("time", "aircraft"), to_dataset_units(v, arrays[v.key]), catalogue_attributes(v)) for v in recorded
     }
     for v in surface_variables(name for name in all_surfaces if any(name not in group for group in surfaces)):
         data[v.name][2]["comment"] = "NaN for an aircraft without this surface"
-    return xr.Dataset(data, record_coordinates(time, names), {**attributes, "surfaces": " ".join(all_surfaces)})
+    return xr.Dataset(
+        data,
+        record_coordinates(time, names),
+        {**attributes, **qnh_attributes(air_layers), "surfaces": " ".join(all_surfaces)},
+    )
+
+
+def air_variables(airspeed: np.ndarray, altitude: np.ndarray, layers: Layers) -> dict[str, np.ndarray]:
+    """Compute the variables by key of the catalogue, SI units.
+
+    Parameters
+    ----------
+    airspeed, altitude
+        True airspeed (m/s) and geometric altitude (m), of one shape.
+    layers
+        Air of the flight, see `anser.environment.air`.
+    """
+    with np.errstate(all="ignore"):  # the motion of a lost aircraft is not finite
+        air = air_in_layers(layers, np.asarray(altitude, dtype=float))
+        speed = np.asarray(airspeed, dtype=float)
+        return {
+            "airspeed_calibrated": np.asarray(calibrated_from_true(speed, air)),
+            "airspeed_equivalent": np.asarray(equivalent_from_true(speed, air)),
+            "pressure_altitude": pressure_altitude(air.pressure),
+            "density_altitude": density_altitude(air.density),
+        }
+
+
+def qnh_attributes(layers: Layers) -> dict[str, float]:
+    """Return the altimeter setting of a flight's air, hPa, as an attribute of its dataset."""
+    return {"qnh_hpa": altimeter_setting_in_layers(layers) / 100.0}
 
 
 def surface_names(dataset: xr.Dataset) -> tuple[str, ...]:

@@ -199,7 +199,7 @@ def _build_changes(scenario: Scenario, aircraft: Aircraft, airframe: AbstractAir
 
 def _start(aircraft: Aircraft) -> TrimTarget:
     start = aircraft.start
-    return trim_target(start.speed_m_s, start.altitude_m, start.path_angle_deg * DEG_RAD, start.course_deg * DEG_RAD)
+    return trim_target(start.airspeed_m_s, start.altitude_m, start.path_angle_deg * DEG_RAD, start.course_deg * DEG_RAD)
 
 
 def _goals(goals: Sequence[Goal], events: Sequence[Event]) -> list[GoalMotion]:

@@ -337,7 +337,7 @@ def planned_limits(scenario: Scenario, aircraft: ResolvedAircraft) -> PathLimits
     limits, speed, reserve = aircraft.limits, scenario.speed_for(aircraft.table), scenario.fleet.reserve
     slowest = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fastest = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)
-    start_speed = aircraft.table.start.speed_m_s
+    start_speed = aircraft.table.start.airspeed_m_s
     slowest = max(min(slowest, start_speed - 1.0), limits.speed_min_m_s)
     fastest = min(max(fastest, start_speed + 1.0), limits.speed_max_m_s)
     return eqx.tree_at(

@@ -40,7 +40,7 @@ def _published(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
     return PublishedPlanner(
         start_positions_n=stack_rows([ned(aircraft.table.start.position_m) for aircraft in fleet]),
         sides=_sides(fleet),
-        speed=as_array(scenario.fleet.speed_m_s),
+        speed=as_array(scenario.fleet.airspeed_m_s),
         even_speed=as_array(scenario.fleet.speed_profile == "even", bool),
     )
 

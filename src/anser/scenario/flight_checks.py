@@ -26,7 +26,9 @@ def check_trimmable(scenario: Scenario, flight: Flight, steady: Any) -> None:
         vehicle, target, _ = flight.aircraft(int(k))
         diagnosis = nearest_trims(vehicle.airframe, flight.environment, target)
         aircraft, start = scenario.aircraft[k], scenario.aircraft[k].start
-        start_condition = f"{start.speed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
+        start_condition = (
+            f"{start.airspeed_m_s:g} m/s at {start.altitude_m:g} m, path angle {start.path_angle_deg:g} deg"
+        )
         nearest = (
             "; ".join(trim.message() for trim in diagnosis.nearest) or "none by speed, path angle or turn rate alone"
         )

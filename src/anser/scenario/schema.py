@@ -14,6 +14,7 @@ from anser.config.errors import Problem, ScenarioError, check_file_kind, describ
 from anser.config.key_paths import replace_values
 from anser.config.tables import content_hash
 from anser.config.validation_messages import validation_problems
+from anser.environment.air import STANDARD_LAYERS
 from anser.scenario import schema_airspace_checks as airspace
 from anser.scenario import schema_checks as checks
 from anser.scenario.schema_chart import chart_problems
@@ -100,13 +101,28 @@ class Scenario(ScenarioTables):
         limits, ranges = self.limits, {aircraft.range for aircraft in self.aircraft}
         if len(ranges) == 1:
             limits = limits.within(ranges.pop())
-        scenario = self._with_values(
-            fleet=self.fleet.with_defaults(planner=DEFAULT_PLANNERS[self.format]), limits=limits
-        )
+        fleet = self.fleet.with_defaults(planner=DEFAULT_PLANNERS[self.format])
+        scenario = self._with_values(fleet=fleet, limits=limits)._with_true_airspeeds()
         problems = scenario.consistency_problems()
         if problems:
             raise ScenarioError("", problems)
         return scenario
+
+    def _with_true_airspeeds(self) -> Self:
+        """Return the scenario with the true airspeeds of calibrated and equivalent airspeeds and Mach numbers.
+
+        Starts and airspeeds of single aircraft are converted at the aircraft's start altitude, the fleet's at the mean
+        of the start altitudes.
+        """
+        altitudes_m = [aircraft.start.altitude_m for aircraft in self.aircraft]
+        members = tuple(
+            aircraft._with_values(start=aircraft.start.with_airspeed(STANDARD_LAYERS, altitude_m)).with_airspeed(
+                STANDARD_LAYERS, altitude_m
+            )
+            for aircraft, altitude_m in zip(self.aircraft, altitudes_m, strict=True)
+        )
+        fleet = self.fleet.with_airspeed(STANDARD_LAYERS, sum(altitudes_m) / len(altitudes_m))
+        return self._with_values(aircraft=members, fleet=fleet)
 
     def consistency_problems(self) -> list[Problem]:
         """List the contradictions between tables; checks that depend on failed checks are skipped."""

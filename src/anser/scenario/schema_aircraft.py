@@ -37,7 +37,14 @@ from anser.config.tables import (
     tables,
     velocity_on_course,
 )
-from anser.scenario.schema_settings import DURATION_MAX_S
+from anser.scenario.schema_settings import (
+    DURATION_MAX_S,
+    AirspeedTable,
+    calibrated_airspeed_key,
+    equivalent_airspeed_key,
+    mach_key,
+    true_airspeed_key,
+)
 
 POSITION_MAX_M = 500_000.0
 GROUND_MIN_M = -500.0  # the deepest dry land lies at -430 m
@@ -127,13 +134,16 @@ DAMPING_MIN = 0.1
 _GAIN_WAYS = "either proportional and integral, or bandwidth_rad_s and damping; not both"
 
 
-class Start(Table):
+class Start(AirspeedTable):
     """Initial condition of an aircraft; speed and course are relative to the air."""
 
     north_m: float = number("north of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     east_m: float = number("east of the origin", -POSITION_MAX_M, POSITION_MAX_M, "m")
     altitude_m: float = number("height above sea level", 0, ALTITUDE_MAX_M, "m")
-    speed_m_s: float = number("airspeed", 1, SPEED_MAX_M_S, "m/s")
+    speed_m_s: float | None = true_airspeed_key("true airspeed, or one of the three keys below")
+    speed_cas_m_s: float | None = calibrated_airspeed_key()
+    speed_eas_m_s: float | None = equivalent_airspeed_key()
+    mach: float | None = mach_key()
     course_deg: float = number("direction of flight, clockwise from north", -360, 360, "deg")
     path_angle_deg: float = number("climb angle", -PATH_ANGLE_MAX_DEG, PATH_ANGLE_MAX_DEG, "deg", 0.0)
 
@@ -141,6 +151,10 @@ class Start(Table):
     def position_m(self) -> Vector:
         """Position (north, east, up), m."""
         return self.north_m, self.east_m, self.altitude_m
+
+    def consistency_problems(self) -> list[Problem]:
+        """List an airspeed that is missing or given twice."""
+        return self.airspeed_problems(required=True)
 
 
 class Rendezvous(Table):
@@ -310,7 +324,7 @@ class Adaptation(Table):
 LEARNING_MIN_S = 1.0
 
 
-class Aircraft(Table):
+class Aircraft(AirspeedTable):
     """One aircraft of the fleet."""
 
     name: str = identifier("name of the aircraft, unique")
@@ -328,9 +342,10 @@ class Aircraft(Table):
     bend: Literal["auto", "left", "right"] = Field(
         default="auto", description="side of a detour, seen along the flight"
     )
-    speed_m_s: float | None = number(
-        "preferred airspeed, instead of fleet.speed_m_s (certified)", 1, SPEED_MAX_M_S, "m/s", None
-    )
+    speed_m_s: float | None = true_airspeed_key("preferred true airspeed, instead of fleet.speed_m_s (certified)")
+    speed_cas_m_s: float | None = calibrated_airspeed_key()
+    speed_eas_m_s: float | None = equivalent_airspeed_key()
+    mach: float | None = mach_key()
     arrive_s: float | None = number('time of arrival, with arrival.rule "times"', 1, DURATION_MAX_S, "s", None)
     arrive_from_s: float | None = number('earliest arrival, with arrival.rule "windows"', 0, DURATION_MAX_S, "s", None)
     arrive_to_s: float | None = number('latest arrival, with arrival.rule "windows"', 1, DURATION_MAX_S, "s", None)
@@ -378,7 +393,7 @@ class Aircraft(Table):
         """List an airframe that is unknown or defined twice, keys of other airframes, and a start outside the data."""
         if self.type not in AIRFRAMES and self.type not in aircraft_types():
             return [Problem("type", describe_value(self.type), unknown_type_hint(self.type))]
-        problems = []
+        problems = self.airspeed_problems(required=False)
         expected_reason = "the library's F-16 alone has this key"
         if self.airframe is not None and self.type != "f16":
             problems.append(Problem("airframe", f'a file beside type = "{self.type}"', "one of the two, not both"))
@@ -411,7 +426,7 @@ class Aircraft(Table):
             ("altitude_m", data_range.altitude_m, "m"),
         ):
             value = getattr(self.start, key)
-            if bounds is not None and not bounds[0] <= value <= bounds[1]:
+            if bounds is not None and value is not None and not bounds[0] <= value <= bounds[1]:
                 expected = (
                     f"from {format_number(bounds[0])} to {format_number(bounds[1])} {unit}, where the data of "
                     f"{data_range.name} hold"

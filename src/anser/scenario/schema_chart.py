@@ -54,7 +54,7 @@ def chart_problems(scenario: ScenarioTables) -> list[Problem]:
 
 def _map_problem(scenario: ScenarioTables, positions: list[_Position], latitude_deg: float) -> tuple[str, str] | None:
     """Return the chart's defect for an origin's latitude, and a remedy other than a new origin; None without defect."""
-    speed_m_s, duration_s = scenario.fleet.speed_m_s, scenario.timing.duration_s
+    speed_m_s, duration_s = scenario.fleet.airspeed_m_s, scenario.timing.duration_s
     if scenario.earth.model == "wgs84":
         worst = max(positions, key=lambda position: scale_error(latitude_deg, position.north_m, position.east_m))
         error = scale_error(latitude_deg, worst.north_m, worst.east_m)

@@ -90,13 +90,14 @@ def speed_problems(scenario: ScenarioTables) -> list[Problem]:
 def _aircraft_speed_problems(scenario: ScenarioTables, index: int, aircraft: Aircraft) -> list[Problem]:
     problems, limits, wind = [], scenario.limits_for(aircraft), scenario.wind
     speed_m_s = scenario.speed_for(aircraft)
-    key = "fleet.speed_m_s" if aircraft.speed_m_s is None else f"aircraft[{index}].speed_m_s"
+    table, table_path = (aircraft, f"aircraft[{index}]") if aircraft.airspeed_forms else (scenario.fleet, "fleet")
+    key = f"{table_path}.{table.airspeed_key}"
     if not limits.speed_min_m_s < speed_m_s < limits.speed_max_m_s:
         expected = f"a speed between {_speed_bounds(limits, 'and')}{_limits_owner(scenario, aircraft)}"
-        subject = "" if aircraft.speed_m_s is None else aircraft.label
-        problems.append(Problem(key, format_number(speed_m_s), expected, subject))
+        subject = aircraft.label if aircraft.airspeed_forms else ""
+        problems.append(Problem(key, table.airspeed_text, expected, subject))
     if wind.speed_max_m_s >= speed_m_s:
-        expected = f"a wind slower than {key}, which is {format_number(speed_m_s)} m/s"
+        expected = f"a wind slower than {table.airspeed_name(table_path)}, which is {format_number(speed_m_s)} m/s"
         path, wind_m_s = ("speed_m_s", wind.speed_m_s) if wind.layers is None else ("layers", wind.speed_max_m_s)
         problems.append(Problem(f"wind.{path}", format_number(wind_m_s), expected))
     ground_speed_m_s = speed_m_s + max(math.hypot(*velocity[:2]) for _, velocity in wind.profile_m_s)
@@ -125,7 +126,7 @@ def _limits_owner(scenario: ScenarioTables, aircraft: Aircraft) -> str:
     """Return an addition to messages about a fleet of several types: the origin of the limits, and a remedy."""
     if len({fleet_member.range for fleet_member in scenario.aircraft}) == 1:
         return ""
-    remedy = "" if aircraft.speed_m_s is not None else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
+    remedy = "" if aircraft.airspeed_forms else "; aircraft[].speed_m_s gives an aircraft an airspeed of its own"
     return f", those of {aircraft.range.name}{remedy}"
 
 
@@ -134,9 +135,9 @@ def start_problems(scenario: ScenarioTables) -> list[Problem]:
     problems = []
     for index, aircraft in enumerate(scenario.aircraft):
         path, start, limits = f"aircraft[{index}].start", aircraft.start, scenario.limits_for(aircraft)
-        if not limits.speed_min_m_s <= start.speed_m_s <= limits.speed_max_m_s:
+        if not limits.speed_min_m_s <= start.airspeed_m_s <= limits.speed_max_m_s:
             expected = f"a speed from {_speed_bounds(limits, 'to')}"
-            problems.append(Problem(f"{path}.speed_m_s", format_number(start.speed_m_s), expected, aircraft.label))
+            problems.append(Problem(f"{path}.{start.airspeed_key}", start.airspeed_text, expected, aircraft.label))
         for is_exceeded, bound, key, limit_m in (
             (start.altitude_m < limits.altitude_min_m, "at least", "altitude_min_m", limits.altitude_min_m),
             (start.altitude_m > limits.altitude_max_m, "at most", "altitude_max_m", limits.altitude_max_m),
@@ -146,7 +147,7 @@ def start_problems(scenario: ScenarioTables) -> list[Problem]:
                 problems.append(
                     Problem(f"{path}.altitude_m", format_number(start.altitude_m), expected, aircraft.label)
                 )
-        problems.extend(_climb_rate_problems(path, aircraft, start.path_angle_deg, start.speed_m_s, limits))
+        problems.extend(_climb_rate_problems(path, aircraft, start.path_angle_deg, start.airspeed_m_s, limits))
     return problems
 
 

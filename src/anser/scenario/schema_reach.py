@@ -37,7 +37,8 @@ def reference_speed(scenario: ScenarioTables, aircraft: Aircraft) -> ReferenceSp
     certified = fleet.is_certified
     if not certified or arrival.rule == "together":
         rises = not certified and fleet.speed_profile == "even"
-        key = "fleet.speed_m_s" if aircraft.speed_m_s is None else f'the speed_m_s of "{aircraft.name}"'
+        fleet_key = fleet.airspeed_name("fleet")
+        key = f'the {aircraft.airspeed_key} of "{aircraft.name}"' if aircraft.airspeed_forms else fleet_key
         return ReferenceSpeed(
             scenario.speed_for(aircraft), key, is_mean=True, may_rise=rises, uses_wind_layers=certified
         )
@@ -155,7 +156,7 @@ def _fastest_mean_airspeed_m_s(scenario: ScenarioTables, reference: ReferenceSpe
         else:
             lowest_m = min(point.altitude_m for point in goal.waypoints)
         descent_m = max(0.0, aircraft.start.altitude_m - lowest_m - aircraft.rendezvous.stand_off_up_m)
-        speeds_m_s.append(math.sqrt(aircraft.start.speed_m_s**2 + 2.0 * STANDARD_GRAVITY_M_S2 * descent_m))
+        speeds_m_s.append(math.sqrt(aircraft.start.airspeed_m_s**2 + 2.0 * STANDARD_GRAVITY_M_S2 * descent_m))
     return max(speeds_m_s)
 
 

@@ -171,7 +171,7 @@ def goal_sigma_m(
     """
     if sensor.preset == "exact":
         return 0.0
-    range_m = distance_m + 0.5 * fleet.speed_m_s * timing.freeze_s
+    range_m = distance_m + 0.5 * fleet.airspeed_m_s * timing.freeze_s
     if sensor.number("kind") == "report":
         measurement_m = math.hypot(
             sensor.number("position_m"), navigation.position_m if navigation.sensors != "exact" else 0.0

@@ -3,11 +3,12 @@
 import math
 from typing import Any, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from anser.aircraft_files.sources import ALTITUDE_MAX_M, SPEED_MAX_M_S, AirframeRange
 from anser.config.errors import Problem, format_number
 from anser.config.tables import Table, expects, number, ordering_problems
+from anser.environment.air import AIRSPEED_FORMS, AirspeedForm, Layers, air_in_layers, true_airspeed
 
 DURATION_MAX_S = 7200.0
 
@@ -23,6 +24,86 @@ def multiple_message(period_s: float, key: str, step_s: float) -> str:
     below = math.floor(period_s / step_s)
     nearest = " or ".join(format_number(round(steps * step_s, 9)) for steps in (below, below + 1) if steps >= 1)
     return f"a whole multiple of {key}, which is {format_number(step_s)} s, such as {nearest}"
+
+
+_MACH_MAX = 1.2
+_FORMS_EXPECTED = f"one of {', '.join(AIRSPEED_FORMS)}"
+
+
+class AirspeedTable(Table):
+    """Table with an airspeed in one of four forms; the scenario adds the true airspeed, which needs its air."""
+
+    _airspeed_m_s: float | None = PrivateAttr(None)
+
+    @property
+    def airspeed_forms(self) -> tuple[AirspeedForm, ...]:
+        """Keys of the airspeed that the table has."""
+        return tuple(form for form in AIRSPEED_FORMS if getattr(self, form) is not None)
+
+    @property
+    def airspeed_m_s(self) -> float:
+        """True airspeed, m/s; raises ValueError if the table has none or is not part of a scenario."""
+        if self._airspeed_m_s is None:
+            value = getattr(self, "speed_m_s", None)
+            if value is None:
+                raise ValueError("airspeed_m_s: arrived a table without a true airspeed; expected one of a scenario")
+            return value
+        return self._airspeed_m_s
+
+    @property
+    def airspeed_key(self) -> str:
+        """Key of the airspeed for messages."""
+        return (*self.airspeed_forms, "speed_m_s")[0]
+
+    @property
+    def airspeed_text(self) -> str:
+        """Airspeed for messages: the value in the table, and the true airspeed of another form."""
+        value = format_number(getattr(self, self.airspeed_key))
+        return value if self.airspeed_key == "speed_m_s" else f"{value} (true airspeed {self.airspeed_m_s:.1f} m/s)"
+
+    def airspeed_name(self, table: str) -> str:
+        """Return the true airspeed's name in messages; `table` is the key path of the table."""
+        name = f"{table}.{self.airspeed_key}"
+        return name if self.airspeed_key == "speed_m_s" else f"the true airspeed of {name}"
+
+    def with_airspeed(self, layers: Layers, altitude_m: float) -> Self:
+        """Return the table with the true airspeed that its airspeed has in the air at an altitude (m)."""
+        if self.airspeed_forms in ((), ("speed_m_s",)):
+            return self
+        form = self.airspeed_forms[0]
+        table = self._with_values()
+        table._airspeed_m_s = float(true_airspeed(form, getattr(self, form), air_in_layers(layers, altitude_m)))
+        return table
+
+    def airspeed_problems(self, *, required: bool) -> list[Problem]:
+        """List an airspeed that is missing or given twice."""
+        forms = self.airspeed_forms
+        if len(forms) > 1:
+            values = " and ".join(f"{form} = {format_number(getattr(self, form))}" for form in forms)
+            return [Problem(forms[1], values, _FORMS_EXPECTED)]
+        if not forms and required:
+            return [Problem("speed_m_s", "nothing", f"an airspeed: {_FORMS_EXPECTED}")]
+        return []
+
+
+def true_airspeed_key(description: str) -> Any:
+    """Declare the key `speed_m_s` of an `AirspeedTable`."""
+    return number(description, 1, SPEED_MAX_M_S, "m/s", None)
+
+
+def calibrated_airspeed_key() -> Any:
+    """Declare the key `speed_cas_m_s` of an `AirspeedTable`."""
+    return number("the same as a calibrated airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
+
+
+def equivalent_airspeed_key() -> Any:
+    """Declare the key `speed_eas_m_s` of an `AirspeedTable`."""
+    return number("the same as an equivalent airspeed", 1, SPEED_MAX_M_S, "m/s", None, omit_default=True)
+
+
+def mach_key() -> Any:
+    """Declare the key `mach` of an `AirspeedTable`."""
+    return number("the same as a Mach number", 0.005, _MACH_MAX, "", None, omit_default=True)
 
 
 class Timing(Table):
@@ -52,16 +133,16 @@ class Timing(Table):
         return [*problems, *ordering_problems(self, "freeze_s", "duration_s", "s")]
 
 
-class Fleet(Table):
+class Fleet(AirspeedTable):
     """Settings common to the whole fleet."""
 
-    speed_m_s: float = number(
-        "mean airspeed of the plan, equal for all aircraft; higher if the farthest cannot descend so slowly "
-        "(certified: preferred airspeed)",
-        1,
-        SPEED_MAX_M_S,
-        "m/s",
+    speed_m_s: float | None = true_airspeed_key(
+        "mean true airspeed of the plan, equal for all aircraft; higher if the farthest cannot descend so slowly "
+        "(certified: preferred airspeed); or one of the three keys below"
     )
+    speed_cas_m_s: float | None = calibrated_airspeed_key()
+    speed_eas_m_s: float | None = equivalent_airspeed_key()
+    mach: float | None = mach_key()
     speed_profile: Literal["even", "published"] = Field(
         default="even", description="airspeed along a path: even, or by the published polynomials in time"
     )
@@ -77,6 +158,10 @@ class Fleet(Table):
         "",
         0.1,
     )
+
+    def consistency_problems(self) -> list[Problem]:
+        """List an airspeed that is missing or given twice."""
+        return self.airspeed_problems(required=True)
 
     @property
     def is_certified(self) -> bool:
@@ -226,7 +311,7 @@ def greatest_rate_range(fleet: Fleet, limits: Limits, wind_m_s: float) -> float:
     Accelerations scale with the square of the clock rate; the tangent of the bank angle grows at least in proportion to
     the angle. The clock rate scales the velocity over the ground; the wind speed is at most `wind_m_s`.
     """
-    reserve, speed = fleet.reserve, fleet.speed_m_s
+    reserve, speed = fleet.reserve, fleet.airspeed_m_s
     turning = math.sqrt(1.0 / (1.0 - reserve)) - 1.0
     slow = limits.speed_min_m_s + reserve * (speed - limits.speed_min_m_s)
     fast = limits.speed_max_m_s - reserve * (limits.speed_max_m_s - speed)

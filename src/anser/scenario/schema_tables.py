@@ -111,8 +111,8 @@ class ScenarioTables(Table):
         return self.limits.within(aircraft.range)
 
     def speed_for(self, aircraft: Aircraft) -> float:
-        """Return the preferred airspeed of one aircraft, m/s: from its table, or else from the fleet."""
-        return self.fleet.speed_m_s if aircraft.speed_m_s is None else aircraft.speed_m_s
+        """Return the preferred true airspeed of one aircraft, m/s: from its table, or else from the fleet."""
+        return aircraft.airspeed_m_s if aircraft.airspeed_forms else self.fleet.airspeed_m_s
 
     def goal_of(self, aircraft: Aircraft) -> Goal:
         """Return the goal of an aircraft of this scenario."""

@@ -21,6 +21,8 @@ from anser.aircraft.motion import flight_condition
 from anser.analysis.trim_points import Inversion, resolve_airframe
 from anser.compiling.options import compiled_by_older_generator, enable_compilation_cache
 from anser.control.inversion_autopilot import InversionAutopilot
+from anser.environment.air import STANDARD_LAYERS, Layers
+from anser.environment.atmosphere import atmosphere_layers
 from anser.environment.environment import Environment
 from anser.environment.gusts import AbstractGusts, NoGusts
 from anser.files import result_folder
@@ -30,6 +32,7 @@ from anser.parts.controllers import AbstractController, AbstractGuidance
 from anser.parts.excitation import Excitation
 from anser.parts.input_signals import InputSignal
 from anser.parts.perception import AbstractEstimator, AbstractSensors, Belief, Instant
+from anser.results.dataset import air_variables, qnh_attributes
 from anser.results.documents import version_attributes
 from anser.results.faults import dataset_fault, format_fault
 from anser.results.variable_labels import catalogue_attributes, to_dataset_units
@@ -271,7 +274,8 @@ def simulate(
         **({} if test_inputs is None else {"excitation": describe_inputs(excitation)}),
         **version_attributes(),
     }
-    return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes))
+    layers = atmosphere_layers(environment.atmosphere)
+    return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes, layers))
 
 
 @compiled_by_older_generator(("count",), "flight")
@@ -452,9 +456,11 @@ def flight_dataset(
     history: Mapping[str, Float[np.ndarray, " row"]],
     surfaces: Sequence[str],
     attributes: Mapping[str, Any],
+    air_layers: Layers = STANDARD_LAYERS,
 ) -> xr.Dataset:
     """Convert the recorded variables of one aircraft to a dataset over time, up to the end of the flight.
 
+    `air_layers` is the air of the flight, see `anser.environment.air`.
     The flight ends before the first sample on the ground or with a non-finite motion; the attribute `end` says which.
     """
     motion = np.stack(
@@ -471,6 +477,7 @@ def flight_dataset(
     if rows == 0:
         raise ValueError(f"start: {end}; expected a finite state above the ground (altitude_m > 0)")
     left_out = {"status", *(CONTROLLER_KEYS if attributes["controller"] == OPEN_LOOP else ())}
+    history = {**history, **air_variables(history["airspeed"], history["altitude"], air_layers)}
     data: dict[str, Any] = {
         variable.name: (
             "time",
@@ -481,4 +488,6 @@ def flight_dataset(
         if variable.key in history and variable.key not in left_out
     }
     coordinates = {"time": ("time", time_s[:rows], {"units": "s", "long_name": "Time", "symbol": "t"})}
-    return xr.Dataset(data, coordinates, {**attributes, "surfaces": " ".join(surfaces), "end": end})
+    return xr.Dataset(
+        data, coordinates, {**attributes, **qnh_attributes(air_layers), "surfaces": " ".join(surfaces), "end": end}
+    )

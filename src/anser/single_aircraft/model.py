@@ -70,16 +70,27 @@ class AircraftModel:
 
     def trim(
         self,
-        speed_m_s: float,
-        altitude_m: float,
+        speed_m_s: float | None = None,
+        altitude_m: float | None = None,
         path_angle_deg: float = 0.0,
         turn_rate_deg_s: float = 0.0,
         *,
+        speed_cas_m_s: float | None = None,
+        speed_eas_m_s: float | None = None,
+        mach: float | None = None,
         pitch_rate_deg_s: float = 0.0,
     ) -> TrimResult:
         """Trim the aircraft in still standard air: see `anser.trim`."""
         return trim(
-            self.airframe, speed_m_s, altitude_m, path_angle_deg, turn_rate_deg_s, pitch_rate_deg_s=pitch_rate_deg_s
+            self.airframe,
+            speed_m_s,
+            altitude_m,
+            path_angle_deg,
+            turn_rate_deg_s,
+            speed_cas_m_s=speed_cas_m_s,
+            speed_eas_m_s=speed_eas_m_s,
+            mach=mach,
+            pitch_rate_deg_s=pitch_rate_deg_s,
         )
 
     def linearize(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.analysis.trim_points import ConditionError, TrimResult
+from anser.analysis.trim_points import ConditionError, TrimResult, flight_point
 from anser.compiling.options import compiled_quickly
 from anser.environment.environment import Environment
 from anser.numerics.arrays import as_array
@@ -19,6 +19,7 @@ from anser.steady.trim import TrimPoint
 from anser.units import DEG_RAD, RAD_DEG
 
 _REQUIRED = ("airspeed_m_s", "altitude_m")
+_OTHER_AIRSPEEDS = ("airspeed_calibrated_m_s", "airspeed_equivalent_m_s", "mach")
 _OPTIONAL = (
     *("north_m", "east_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
     *("roll_rate_deg_s", "pitch_rate_deg_s", "yaw_rate_deg_s"),
@@ -28,7 +29,8 @@ _OPTIONAL = (
 def start_names(airframe: AbstractAirframe) -> tuple[str, ...]:
     """Return the names of the variables that define a start state.
 
-    All but airspeed and altitude default to 0, throttle and deflections included.
+    All but airspeed and altitude default to 0, throttle and deflections included. Calibrated or equivalent airspeed
+    (`airspeed_calibrated_m_s`, `airspeed_equivalent_m_s`) or `mach` may stand in the place of the true airspeed.
     """
     return (*_REQUIRED, *_OPTIONAL, *(f"{name}_deg" for name in airframe.actuators.names), "throttle")
 
@@ -74,6 +76,7 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
             f"start: arrived {type(start).__name__}; expected a trim, such as aircraft.trim(speed_m_s=150, "
             f"altitude_m=1000), or a mapping of {', '.join(start_names(airframe))}"
         )
+    start = _with_true_airspeed(environment, start)
     names = start_names(airframe)
     unknown = [name for name in start if name not in names]
     if unknown:
@@ -91,6 +94,19 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if not 0.0 <= values[-1] <= 1.0:
         raise ValueError(f"start: arrived throttle {values[-1]:g}; expected 0 to 1 (not percent)")
     return _named_start(airframe, environment, as_array(values))
+
+
+def _with_true_airspeed(environment: Environment, start: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a start with the true airspeed in the place of another form of it."""
+    others = [name for name in _OTHER_AIRSPEEDS if name in start]
+    if not others or "altitude_m" not in start:
+        return start
+    if len(others) > 1 or "airspeed_m_s" in start:
+        arrived = " and ".join(name for name in ("airspeed_m_s", *_OTHER_AIRSPEEDS) if name in start)
+        raise ValueError(f"start: arrived {arrived}; expected one of airspeed_m_s, {', '.join(_OTHER_AIRSPEEDS)}")
+    airspeeds = [_number(name, start[name]) if name in start else None for name in _OTHER_AIRSPEEDS]
+    airspeed_m_s, _ = flight_point(environment, _number("altitude_m", start["altitude_m"]), None, *airspeeds)
+    return {"airspeed_m_s": airspeed_m_s} | {name: value for name, value in start.items() if name != others[0]}
 
 
 def _number(name: str, value: Any) -> float:

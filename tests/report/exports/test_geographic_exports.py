@@ -13,8 +13,8 @@ from fastkml import validator
 from fastkml.features import Placemark
 from fastkml.utils import find_all
 
-from anser.report.exports.formats import thin_record
 from anser.report.exports.geographic import to_czml, to_kml
+from anser.report.exports.tables import thin_record
 
 START = datetime(2024, 5, 1, 10, 0, tzinfo=UTC)
 # Written to 1e-9 deg, 1e-4 m.

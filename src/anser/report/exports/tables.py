@@ -1,9 +1,10 @@
-"""Export to tables for other programs: a flight as CSV, Parquet and MATLAB file, and a campaign as Parquet."""
+"""Export formats by name; tables for other programs: a flight as CSV, Parquet or MATLAB file, campaigns as Parquet."""
 
 import importlib.util
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import xarray as xr
 from scipy.io import savemat
 
 from anser.files import write_file
+from anser.report.exports.geographic import to_czml, to_kml
 from anser.results.documents import escape_spreadsheet_text, install_hint
 from anser.results.flight_rows import worst_of_fleet
 
@@ -197,3 +199,24 @@ def to_mat(dataset: xr.Dataset) -> bytes:
     buffer = io.BytesIO()
     savemat(buffer, matrices | {"aircraft": names} | structures, long_field_names=True, do_compression=True)
     return buffer.getvalue()
+
+
+FORMATS: dict[str, Callable[[xr.Dataset, Mapping[str, Any], datetime], bytes]] = {
+    "czml": to_czml,
+    "kml": to_kml,
+    "csv": lambda dataset, summary, start: to_csv(dataset),
+    "parquet": lambda dataset, summary, start: to_parquet(dataset),
+    "mat": lambda dataset, summary, start: to_mat(dataset),
+}
+"""Function that makes the content of a file in each format, by name of the format.
+
+The arguments are a flight's dataset, its summary and its start (date and time). The name is also the suffix of the
+files."""
+
+
+def thin_record(dataset: xr.Dataset, period_s: float) -> xr.Dataset:
+    """Return a flight at the recorded times nearest to the first plus multiples of `period_s`, and at the last."""
+    time = dataset["time"].values
+    grid = time[0] + period_s * np.arange(int((time[-1] - time[0]) / period_s) + 1)
+    nearest = dataset.indexes["time"].get_indexer(grid, method="nearest")
+    return dataset.isel(time=sorted({*map(int, nearest), time.size - 1}))

@@ -1,0 +1,256 @@
+"""Air and airspeeds without JAX: layers over the geopotential altitude, and conversion between forms of an airspeed.
+
+A table of layers is an array (layer, 7) of base altitude (geopotential, m), temperature (K), lapse rate (K/m), lapse
+rate over temperature (1/m) and pressure (Pa) at the base, and the two coefficients of the pressure: at a height z above
+the base it is ``p exp(-power log1p(relative lapse z) - decay z)``. A hydrostatic layer with a lapse rate has ``power``
+= g/(R lapse) alone, an isothermal one ``decay`` = g/(R T) alone, and one between two measured pressures, whose
+logarithm is linear in altitude, ``decay`` alone. The first layer holds below its base too, the last up to any altitude.
+
+The temperature of moist air is the virtual one, that of dry air of the same pressure and density. The module needs
+NumPy alone, so that files are read without JAX.
+
+The calibrated airspeed is that which an ideal pitot-static airspeed indicator shows: the true airspeed that has the
+same impact pressure at sea level in the standard atmosphere. The impact pressure is that of compressible flow,
+isentropic below Mach 1 and behind a normal shock above (Rayleigh's pitot formula). The equivalent airspeed has the same
+dynamic pressure at the standard's sea-level density. These conversions are pure: NumPy arrays and numbers are computed
+by NumPy, everything else by its own array namespace; gradients are finite down to an airspeed of zero.
+"""
+
+import math
+from types import ModuleType
+from typing import Any, Literal, NamedTuple, Protocol, get_args
+
+import numpy as np
+
+from anser.constants import (
+    AIR_HEAT_RATIO,
+    AIR_MOLAR_MASS_KG_MOL,
+    GAS_CONSTANT_J_MOL_K,
+    GEOPOTENTIAL_RADIUS_M,
+    SEA_LEVEL_PRESSURE_PA,
+    SEA_LEVEL_TEMPERATURE_K,
+    STANDARD_GRAVITY_M_S2,
+)
+
+AIR_GAS_CONSTANT_J_KG_K = GAS_CONSTANT_J_MOL_K / AIR_MOLAR_MASS_KG_MOL
+CELSIUS_K = 273.15
+"""Kelvin temperature of 0 degrees Celsius."""
+LOWEST_M = -5000.0
+"""Geometric altitude below which the air is that at this altitude."""
+
+# [USSA76] table 4: geopotential bases in m and lapse rates in K/m; the last row carries the air on above the
+# standard's top.
+BASES_M = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3, 84852.0])
+LAPSES_K_M = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
+_HYDROSTATIC_K_M = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K
+
+Layers = np.ndarray
+"""Table of layers, shape (layer, 7)."""
+
+
+class AirValues(NamedTuple):
+    """Air at given altitudes: density kg/m^3, pressure Pa, (virtual) temperature K, speed of sound m/s."""
+
+    density: np.ndarray
+    pressure: np.ndarray
+    temperature: np.ndarray
+    speed_of_sound: np.ndarray
+
+
+def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA) -> "Layers":
+    """Return the layers of the standard atmosphere with another temperature or pressure at sea level.
+
+    Parameters
+    ----------
+    temperature_offset
+        Temperature above the standard's at every geopotential altitude, K.
+    sea_level_pressure
+        Pressure at sea level, Pa; base pressures follow upwards from the hydrostatic law. Source: [USSA76] eq. (33a),
+        (33b).
+    """
+    layers = []
+    temperature, pressure = SEA_LEVEL_TEMPERATURE_K + temperature_offset, sea_level_pressure
+    for base, top, lapse in zip(BASES_M, [*BASES_M[1:], BASES_M[-1]], LAPSES_K_M, strict=True):
+        power, decay = _hydrostatic_law(lapse, temperature)
+        layers.append([base, temperature, lapse, lapse / temperature, pressure, power, decay])
+        thickness = top - base
+        pressure *= math.exp(-power * math.log1p(lapse / temperature * thickness) - decay * thickness)
+        temperature += lapse * thickness
+    return np.array(layers)
+
+
+def _hydrostatic_law(lapse: float, temperature: float) -> tuple[float, float]:
+    """Return `power` and `decay` of a hydrostatic layer: one of them is zero."""
+    return (_HYDROSTATIC_K_M / lapse, 0.0) if lapse else (0.0, _HYDROSTATIC_K_M / temperature)
+
+
+STANDARD_LAYERS: Layers = standard_layers()
+
+
+def geopotential_altitude(altitude: np.ndarray | float) -> np.ndarray:
+    """Convert geometric to geopotential altitudes, m. Source: [USSA76] eq. (18)."""
+    z = np.asarray(altitude, dtype=float)
+    return GEOPOTENTIAL_RADIUS_M * z / (GEOPOTENTIAL_RADIUS_M + z)
+
+
+def geometric_altitude(geopotential: np.ndarray | float) -> np.ndarray:
+    """Convert geopotential to geometric altitudes, m. Source: [USSA76] eq. (19)."""
+    h = np.asarray(geopotential, dtype=float)
+    return GEOPOTENTIAL_RADIUS_M * h / (GEOPOTENTIAL_RADIUS_M - h)
+
+
+def air_in_layers(layers: Layers, altitude: np.ndarray | float) -> AirValues:
+    """Return the air at geometric altitudes above mean sea level (m), of any shape."""
+    return air_at_geopotential(layers, geopotential_altitude(np.maximum(altitude, LOWEST_M)))
+
+
+def air_at_geopotential(layers: Layers, geopotential: np.ndarray | float) -> AirValues:
+    """Return the air at geopotential altitudes (m), of any shape."""
+    h = np.asarray(geopotential, dtype=float)
+    row = layers[np.searchsorted(layers[1:, 0], h, side="right")]
+    base, temperature_base, lapse, relative_lapse, pressure_base, power, decay = np.moveaxis(row, -1, 0)
+    temperature = temperature_base + lapse * (h - base)
+    pressure = pressure_base * np.exp(-power * np.log1p(relative_lapse * (h - base)) - decay * (h - base))
+    density = pressure / (AIR_GAS_CONSTANT_J_KG_K * temperature)
+    return AirValues(density, pressure, temperature, np.sqrt(AIR_HEAT_RATIO * AIR_GAS_CONSTANT_J_KG_K * temperature))
+
+
+def pressure_altitude(pressure: np.ndarray | float) -> np.ndarray:
+    """Return the geopotential altitude (m) at which the standard atmosphere has a pressure (Pa)."""
+    ratio = np.log(np.asarray(pressure, dtype=float))
+    return _altitude_from(ratio, np.log(STANDARD_LAYERS[:, 4]), STANDARD_LAYERS[:, 5], STANDARD_LAYERS[:, 6])
+
+
+def density_altitude(density: np.ndarray | float) -> np.ndarray:
+    """Return the geopotential altitude (m) at which the standard atmosphere has a density (kg/m^3)."""
+    temperature, lapse = STANDARD_LAYERS[:, 1], STANDARD_LAYERS[:, 2]
+    base = np.log(STANDARD_LAYERS[:, 4] / (AIR_GAS_CONSTANT_J_KG_K * temperature))
+    # in a layer with a lapse rate the density is a power of the temperature too, with one more in the exponent
+    power = np.where(lapse == 0.0, 0.0, STANDARD_LAYERS[:, 5] + 1.0)
+    return _altitude_from(np.log(np.asarray(density, dtype=float)), base, power, STANDARD_LAYERS[:, 6])
+
+
+def _altitude_from(logarithm: np.ndarray, base: np.ndarray, power: np.ndarray, decay: np.ndarray) -> np.ndarray:
+    """Return the altitude at which a falling quantity of the standard has a logarithm, given those at the bases."""
+    row = np.searchsorted(-base[1:], -logarithm, side="right")
+    drop, relative_lapse = base[row] - logarithm, STANDARD_LAYERS[row, 3]
+    is_isothermal = power[row] == 0.0
+    curved = np.expm1(drop / np.where(is_isothermal, 1.0, power[row])) / np.where(is_isothermal, 1.0, relative_lapse)
+    straight = drop / np.where(is_isothermal, decay[row], 1.0)
+    return STANDARD_LAYERS[row, 0] + np.where(is_isothermal, straight, curved)
+
+
+def altimeter_setting(station_altitude: float, pressure: float) -> float:
+    """Return the QNH (Pa) of a station.
+
+    An altimeter with this setting shows the station's geopotential altitude (m) at the station's pressure (Pa).
+    """
+    return float(air_at_geopotential(STANDARD_LAYERS, pressure_altitude(pressure) - station_altitude).pressure)
+
+
+def altimeter_setting_in_layers(layers: Layers) -> float:
+    """Return the QNH (Pa) of a station at the lowest measured level, or at sea level in layers without measurement."""
+    station = layers[np.argmax(layers[:, 0] > LOWEST_M)]
+    return altimeter_setting(float(station[0]), float(station[4]))
+
+
+AirspeedForm = Literal["speed_m_s", "speed_cas_m_s", "speed_eas_m_s", "mach"]
+"""Keys of an airspeed in files, commands and functions: true, calibrated and equivalent airspeed, and Mach number."""
+AIRSPEED_FORMS: tuple[AirspeedForm, ...] = get_args(AirspeedForm)
+
+SEA_LEVEL_DENSITY_KG_M3 = SEA_LEVEL_PRESSURE_PA / (AIR_GAS_CONSTANT_J_KG_K * SEA_LEVEL_TEMPERATURE_K)
+SEA_LEVEL_SOUND_M_S = math.sqrt(AIR_HEAT_RATIO * AIR_GAS_CONSTANT_J_KG_K * SEA_LEVEL_TEMPERATURE_K)
+_CRITICAL_RATIO = 1.2**3.5 - 1.0  # impact pressure over static pressure at Mach 1
+_SLOWEST_MACH = 1e-5  # below, the flow is incompressible to 1e-11
+_NEWTON_STEPS = 8  # to rounding, for Mach numbers up to 30
+
+
+class AirState(Protocol):
+    """Air at a point: pressure (Pa), density (kg/m^3) and speed of sound (m/s)."""
+
+    @property
+    def pressure(self) -> Any:
+        """Pressure, Pa."""
+
+    @property
+    def density(self) -> Any:
+        """Density, kg/m^3."""
+
+    @property
+    def speed_of_sound(self) -> Any:
+        """Speed of sound, m/s."""
+
+
+def _namespace(*values: Any) -> ModuleType:
+    arrays = (value for value in values if not isinstance(value, np.ndarray | np.generic))
+    return next((value.__array_namespace__() for value in arrays if hasattr(value, "__array_namespace__")), np)
+
+
+def impact_pressure_ratio(mach: Any) -> Any:
+    """Return the impact pressure over the static pressure at a Mach number."""
+    xp = _namespace(mach)
+    squared = mach * mach
+    subsonic = xp.expm1(3.5 * xp.log1p(0.2 * squared))
+    fast = xp.where(squared > 1.0, squared, 1.0)
+    supersonic = (1.2 * fast) ** 3.5 * (6.0 / (7.0 * fast - 1.0)) ** 2.5 - 1.0
+    return xp.where(squared > 1.0, supersonic, subsonic)
+
+
+def mach_from_impact_pressure(ratio: Any) -> Any:
+    """Return the Mach number at an impact pressure over static pressure (positive); Newton's method above Mach 1."""
+    xp = _namespace(ratio)
+    subsonic = xp.sqrt(5.0 * xp.expm1(xp.log1p(ratio) / 3.5))
+    is_fast = ratio > _CRITICAL_RATIO
+    logarithm = xp.log1p(xp.where(is_fast, ratio, 1.0))
+    constant = 3.5 * math.log(1.2) + 2.5 * math.log(6.0)
+    mach = xp.sqrt(xp.where(is_fast, ratio, 1.0) / 1.29 + 0.31)  # nearly: the ratio grows with the square
+    for _ in range(_NEWTON_STEPS):
+        excess = 7.0 * xp.log(mach) - 2.5 * xp.log(7.0 * mach * mach - 1.0) + constant - logarithm
+        slope = 7.0 / mach - 35.0 * mach / (7.0 * mach * mach - 1.0)
+        mach = mach - excess / slope
+    return xp.where(is_fast, mach, subsonic)
+
+
+def calibrated_from_true(airspeed: Any, air: AirState) -> Any:
+    """Convert a true to a calibrated airspeed, m/s, in the given air."""
+    xp = _namespace(airspeed, air.pressure)
+    is_slow = airspeed < _SLOWEST_MACH * air.speed_of_sound
+    mach = xp.where(is_slow, _SLOWEST_MACH, airspeed / air.speed_of_sound)
+    pressure_ratio = air.pressure / SEA_LEVEL_PRESSURE_PA
+    calibrated = SEA_LEVEL_SOUND_M_S * mach_from_impact_pressure(pressure_ratio * impact_pressure_ratio(mach))
+    return xp.where(is_slow, equivalent_from_true(airspeed, air), calibrated)
+
+
+def true_from_calibrated(airspeed: Any, air: AirState) -> Any:
+    """Convert a calibrated to a true airspeed, m/s, in the given air."""
+    xp = _namespace(airspeed, air.pressure)
+    is_slow = airspeed < _SLOWEST_MACH * SEA_LEVEL_SOUND_M_S
+    sea_level_mach = xp.where(is_slow, _SLOWEST_MACH, airspeed / SEA_LEVEL_SOUND_M_S)
+    pressure_ratio = SEA_LEVEL_PRESSURE_PA / air.pressure
+    mach = mach_from_impact_pressure(pressure_ratio * impact_pressure_ratio(sea_level_mach))
+    return xp.where(is_slow, true_from_equivalent(airspeed, air), mach * air.speed_of_sound)
+
+
+def equivalent_from_true(airspeed: Any, air: AirState) -> Any:
+    """Convert a true to an equivalent airspeed, m/s, in the given air."""
+    xp = _namespace(airspeed, air.density)
+    return airspeed * xp.sqrt(air.density / SEA_LEVEL_DENSITY_KG_M3)
+
+
+def true_from_equivalent(airspeed: Any, air: AirState) -> Any:
+    """Convert an equivalent to a true airspeed, m/s, in the given air."""
+    xp = _namespace(airspeed, air.density)
+    return airspeed * xp.sqrt(SEA_LEVEL_DENSITY_KG_M3 / air.density)
+
+
+def true_airspeed(form: str, value: Any, air: AirState) -> Any:
+    """Return the true airspeed, m/s, from a value (m/s, or Mach number) in one of the forms, in the given air."""
+    match form:
+        case "speed_cas_m_s":
+            return true_from_calibrated(value, air)
+        case "speed_eas_m_s":
+            return true_from_equivalent(value, air)
+        case "mach":
+            return value * air.speed_of_sound
+        case _:
+            return value
