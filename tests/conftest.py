@@ -44,9 +44,10 @@ from anser.compiling.program import limit_memory_regions, release_all_programs
 
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
-# What tests compile themselves JAX keeps, for the other worker and for after a release; XLA has something to say of that.
+# What tests compile themselves JAX keeps, single operations included, for the other worker and for after a release: to
+# load one takes a tenth of the time of compiling it. XLA has something to say of that.
 jax.config.update("jax_compilation_cache_dir", os.environ["ANSER_TEST_CACHE"])
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
@@ -67,6 +68,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         "test_goal_filters.py",
     )
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
+
+
+def pytest_collection_finish() -> None:
+    """What is imported lives to the end of the process: the garbage collector need not look at it again."""
+    gc.freeze()
 
 
 _RESIDENT_MAX_KIB = 3 << 20

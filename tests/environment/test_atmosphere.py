@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 
 from anser.constants import AIR_HEAT_RATIO, AIR_MOLAR_MASS_KG_MOL, GAS_CONSTANT_J_MOL_K, STANDARD_GRAVITY_M_S2
 from anser.environment import StandardAtmosphere
-from anser.environment.atmosphere import geometric_from_geopotential, geopotential_from_geometric
+from anser.environment.air import standard_layers
+from anser.environment.atmosphere import (
+    LayeredAtmosphere,
+    geometric_from_geopotential,
+    geopotential_from_geometric,
+)
 from anser.units import FOOT_M, PSF_PA, RANKINE_K, SLUG_FT3_KG_M3
 
 air_at = jax.jit(StandardAtmosphere().at)
@@ -157,3 +162,22 @@ def test_batches_equal_single_evaluations():
     for i in (0, 20, 44):
         for whole, single in zip(jax.tree.leaves(batch), jax.tree.leaves(air_at(altitudes[i])), strict=True):
             np.testing.assert_allclose(whole[i], single, rtol=1e-14)  # vector exp and log may round differently
+
+
+def test_layers_of_the_standard_are_the_standard_atmosphere():
+    altitudes = jnp.linspace(-4000.0, 80_000.0, 200)
+    layered = jax.jit(jax.vmap(LayeredAtmosphere(jnp.asarray(standard_layers())).at))(altitudes)
+    standard = jax.jit(jax.vmap(StandardAtmosphere().at))(altitudes)
+    for field in ("density", "pressure", "temperature", "speed_of_sound"):
+        np.testing.assert_allclose(getattr(layered, field), getattr(standard, field), rtol=1e-13)
+
+
+def test_a_warm_day_of_low_pressure_satisfies_the_hydrostatic_equation():
+    """dp/dh = -rho g0 by geopotential altitude, 30 K above the standard and 98,000 Pa at sea level."""
+    atmosphere = LayeredAtmosphere(jnp.asarray(standard_layers(30.0, 98_000.0)))
+    assert float(atmosphere.at(0.0).pressure) == pytest.approx(98_000.0, rel=1e-12)
+    assert float(atmosphere.at(0.0).temperature) == pytest.approx(318.15, rel=1e-12)
+    geopotential = jnp.asarray([500.0, 5000.0, 15_000.0, 25_000.0])
+    slope = jax.vmap(jax.grad(lambda h: atmosphere.at(geometric_from_geopotential(h)).pressure))(geopotential)
+    density = jax.vmap(lambda h: atmosphere.at(geometric_from_geopotential(h)).density)(geopotential)
+    np.testing.assert_allclose(slope, -density * STANDARD_GRAVITY_M_S2, rtol=1e-9)

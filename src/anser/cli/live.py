@@ -26,7 +26,7 @@ def live(
             help="Folder in which the page opens and saves files; left out: the scenario's, or the current one."
         ),
     ] = None,
-    open_: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only; open no browser.")] = False,
 ) -> None:
     """Move aircraft, goals and limits on a page and see the certified plan or its refusal at once; fly it.
 
@@ -47,7 +47,7 @@ def live(
         print_document(lambda: {"format_version": 1, "url": server.url})
         print_line(f"the live page: {server.url}")
         print_note("on this machine only; Ctrl-C ends it")
-        if open_ and not webbrowser.open(server.url):
+        if not no_open and not webbrowser.open(server.url):
             print_note("no browser could be opened: open the address above")
         server.wait()
     finally:

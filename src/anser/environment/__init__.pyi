@@ -1,5 +1,5 @@
 from .air import calibrated_from_true, true_from_calibrated
-from .atmosphere import AbstractAtmosphere, Air, LayeredAtmosphere, StandardAtmosphere
+from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
 from .earth import AbstractEarth, FlatEarth, RotatingEarth, wgs84_earth
 from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
 from .gusts import AbstractGusts, DiscreteGust
@@ -14,7 +14,6 @@ __all__ = [
     "DiscreteGust",
     "Environment",
     "FlatEarth",
-    "LayeredAtmosphere",
     "LayeredWind",
     "RotatingEarth",
     "StandardAtmosphere",

@@ -8,7 +8,7 @@ from anser.report.style import COLORS
 
 _STYLES = ("page.css", "anser.live:live.css")
 _REPORT_SCRIPTS = (
-    *("vendor/three.min.js", "theme.js", "inflate.js", "store.js"),
+    *("vendor/three.min.js", "theme.js", "store.js", "timeline.js", "plots.js"),
     *("scene_parts.js", "scene_goals.js", "scene_eyes.js", "scene_labels.js", "scene.js"),
 )
 _LIVE_SCRIPTS = (
