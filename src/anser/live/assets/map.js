@@ -11,7 +11,7 @@ class LiveMap {
     this.svg.setAttribute("aria-label", "Map, north up");
     this.ground = new Layer(this.svg, "ground");
     this.plan = new Layer(this.svg, "plan");
-    this.flown = new Layer(this.svg, "flown");
+    this.flown = new Layer(this.svg, "of-flight");
     this.handles = new Handles(this.svg, page);
     this.names = new Layer(this.svg, "names");
     this.svg.addEventListener("pointerdown", (event) => this._grab(event));

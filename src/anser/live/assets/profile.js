@@ -11,7 +11,7 @@ class Profile {
     this.svg.setAttribute("aria-label", "Altitude over time");
     this.ground = new Layer(this.svg, "ground");
     this.plan = new Layer(this.svg, "plan");
-    this.flown = new Layer(this.svg, "flown");
+    this.flown = new Layer(this.svg, "of-flight");
     this.handles = new Handles(this.svg, page);
     new ResizeObserver(() => {
       Object.assign(this, { width: place.clientWidth, height: place.clientHeight });
