@@ -141,8 +141,8 @@ class Inputs {
       const show = () => {
         const set = scenario.get(key), now = typeof set === "number" ? set : value;
         input.value = String(now);
-        output.textContent = `${now} ${unit}`;
-        input.setAttribute("aria-valuetext", `${now} ${unit}`);
+        output.textContent = `${Number(now.toPrecision(4))} ${unit}`;
+        input.setAttribute("aria-valuetext", output.textContent);
         reset.hidden = set === undefined;
       };
       this.fields.set(key, { input, show });

@@ -60,7 +60,11 @@ class SceneView {
   }
 
   _draw() {
-    const { answer, scenario, playedTime } = this.page;
+    const { answer, scenario, playedTime, requests } = this.page;
+    if (requests.flying || requests.due) {
+      this.draw(); // the scene would delay the plans of a drag
+      return;
+    }
     if (!answer?.aircraft.length || !this.place.clientHeight || this.broken) return;
     if (answer !== this.shown) {
       this.shown = answer;
