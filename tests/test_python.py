@@ -20,6 +20,7 @@ ENTRIES = [
     "doublet",
     "identify",
     "linearize",
+    "live",
     "load",
     "load_campaign",
     "load_flight",

@@ -109,7 +109,7 @@ def send_mutations(server, count, seed):
         {"type": "files", "number": 1},
         {"type": "open", "number": 1, "name": "x.toml"},
         {"type": "text", "number": 1, "scenario": {"a": 1}, "base": None},
-        {"type": "resume", "session": "x", "flight_ids": ["a"]},
+        {"type": "resume", "number": 1, "session": "x", "flight_ids": ["a"]},
         {"type": "stop", "number": 1},
     ]
     with open_socket(server) as page:
@@ -197,3 +197,29 @@ def test_an_invalid_document_names_its_keys(server):
         answer = plan(page, 1, broken)
     assert answer["status"] == "invalid"
     assert answer["problems"][0]["keys"] == ["aircraft[1].start.altitude_m"]
+
+
+def test_a_page_that_reconnects_gets_the_flight_that_it_missed(server):
+    short = json.loads(json.dumps(DOCUMENT))
+    with open_socket(server) as page:
+        key = receive(page, "welcome")["session"]
+        page.send(json.dumps({"type": "fly", "number": 1, "scenario": short}))
+        receive(page, "rows")
+    end = time.monotonic() + 120.0
+    while not server.workbench.flights and time.monotonic() < end:
+        time.sleep(0.1)
+    with open_socket(server) as page:
+        receive(page, "welcome")
+        page.send(json.dumps({"type": "resume", "number": 2, "session": key, "flight_ids": []}))
+        flight = receive(page, "flight")
+        assert flight["success"]
+        status, content, _ = get(server, f"/{server.token}/{flight['report']}")
+        assert status == 200
+        assert b"storm-sampling" in content
+        # a second tab with the same session gets one of its own
+        with open_socket(server) as second_page:
+            own_key = receive(second_page, "welcome")["session"]
+            second_page.send(json.dumps({"type": "resume", "number": 1, "session": key, "flight_ids": []}))
+            assert plan(second_page, 2, DOCUMENT)["status"] == "planned"
+            assert own_key in server.workbench.sessions
+        assert plan(page, 3, DOCUMENT)["status"] == "planned"

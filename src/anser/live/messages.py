@@ -80,11 +80,11 @@ class RecordedRequest(_Request):
     scenario: _Document
 
 
-class ResumeRequest(_Message):
+class ResumeRequest(_Request):
     """First message after a reconnect: the session of the page, and the flights that it has."""
 
     type: Literal["resume"]
-    session: _Name | None = None
+    session: _Name
     flight_ids: Annotated[list[_Name], Field(max_length=64)] = []
 
 

@@ -29,6 +29,7 @@ from anser.live.sessions import Workbench, queue_sender
 from anser.report.flight_page import flight_page
 
 HOST = "127.0.0.1"
+_RESUME_TRIES = 10  # tenths of a second, for the end of the socket that was cut
 _NOTEBOOK_ANCESTORS = "http://localhost:* http://127.0.0.1:*"
 
 
@@ -116,7 +117,7 @@ async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
     """Answer the messages of a page until its socket closes."""
     queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
     send = queue_sender(asyncio.get_running_loop(), queue)
-    session = workbench.session(None)
+    session = workbench.new_session()
     session.attach(send)
 
     async def write() -> None:
@@ -134,11 +135,14 @@ async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
             except (ValueError, ValidationError) as error:
                 send({"type": "failed", "number": None, "problems": [plain_problem(_malformed(error))]})
                 continue
-            if isinstance(request, ResumeRequest) and request.session in workbench.sessions:
-                session.detach(send)
-                workbench.sessions.pop(session.key, None)
-                session = workbench.session(request.session)
-                session.attach(send)
+            if isinstance(request, ResumeRequest):
+                # a duplicated tab has the session of the first, which it must not take away
+                for _ in range(_RESUME_TRIES):
+                    if not workbench.is_attached(request.session):
+                        session = workbench.resume(session, request.session)
+                        session.attach(send)
+                        break
+                    await asyncio.sleep(0.1)
             await run_in_threadpool(session.handle, request)
     except (WebSocketDisconnect, KeyError, RuntimeError):
         pass  # a closed socket, a binary message, or a socket closed while a message was being sent

@@ -26,6 +26,7 @@ from anser.version import source_version
 
 FLIGHTS_MAX = 16
 """Flights that the server keeps for reports and comparisons; the oldest is dropped first."""
+_SESSIONS_MAX = 64
 _SUPERSEDED_AFTER_S = 0.7  # a search of this duration ends if a newer request waits
 _PROGRESS_PERIOD_S = 0.3
 _ROW_PERIOD_S = 0.5  # between two rows of a flight on the page
@@ -51,13 +52,26 @@ class Workbench:
     flights: dict[str, FlightResult] = field(default_factory=dict)
     sessions: dict[str, "Session"] = field(default_factory=dict)
 
-    def session(self, key: str | None) -> "Session":
-        """Return the session of a page that reconnects, or a new one; at most 64 are kept."""
-        if key is not None and key in self.sessions:
-            return self.sessions[key]
-        while len(self.sessions) >= 64:
-            del self.sessions[next(iter(self.sessions))]
-        session = Session(self, secrets.token_urlsafe(12))
+    def new_session(self) -> "Session":
+        """Return the session of a new page."""
+        return self._keep_session(Session(self, secrets.token_urlsafe(12)))
+
+    def resume(self, new: "Session", key: str) -> "Session":
+        """Return the session of a page that reconnects; an unknown one, of an earlier server, begins anew."""
+        self.sessions.pop(new.key, None)
+        if key not in self.sessions:
+            new.key = key
+            return self._keep_session(new)
+        new.detach()
+        return self.sessions[key]
+
+    def is_attached(self, key: str) -> bool:
+        """Whether a page of this session is connected."""
+        return key in self.sessions and self.sessions[key].is_attached
+
+    def _keep_session(self, session: "Session") -> "Session":
+        while len(self.sessions) >= _SESSIONS_MAX:
+            self.sessions.pop(next(iter(self.sessions))).detach()
         self.sessions[session.key] = session
         return session
 
@@ -100,6 +114,11 @@ class Session:
             self._stop_flight.set()
         if send is None or self._send is send:
             self._send = None
+
+    @property
+    def is_attached(self) -> bool:
+        """Whether the page is connected."""
+        return self._send is not None
 
     def welcome(self) -> dict[str, Any]:
         """Return the first message to the page: document, sliders, rules, and new tables."""

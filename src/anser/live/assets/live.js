@@ -1,13 +1,14 @@
 /* The live page: the parts share the scenario, the answer to it, and the flight that is played. */
 "use strict";
 
-const STATUS_MS = 500;
+const STATUS_MS = 500, SESSION = "anser live session";
 
 class LivePage {
   constructor({ colors, recording }) {
     const at = (id) => document.getElementById(id);
     Object.assign(this, { colors, recording, answer: null, certified: null, problems: [], invalid: false, welcome: null, selection: null, progress: null, message: "", frame: 0 });
     this.scenario = new Scenario();
+    this.session = recording ? null : sessionStorage.getItem(SESSION); // known to the server after a reload or a cut
     this.latencies = new Latencies();
     this.connection = new Connection();
     this.requests = new PlanRequests(this.connection, this.scenario);
@@ -93,7 +94,7 @@ class LivePage {
     const { connection, flights } = this;
     connection.on("open", (again) => {
       this.message = "";
-      if (again) connection.send("resume", { flight_ids: flights.known.map((one) => one.id) });
+      if (this.session) connection.send("resume", { session: this.session, flight_ids: flights.known.map((one) => one.id) });
       if (this.scenario.table) this.requests.ask(performance.now(), true);
       this.report();
     });
@@ -120,6 +121,7 @@ class LivePage {
   _welcome(message) {
     const before = this.scenario.table !== null;
     this.welcome = message;
+    if (!this.session) sessionStorage.setItem(SESSION, (this.session = message.session));
     if (before || this.scenario.restore()) this.scenario._tell(performance.now());
     else this.scenario.open(message.scenario, message.name);
     this.flights.welcome(message.flights);
