@@ -44,8 +44,8 @@ from anser.compiling.program import limit_memory_regions, release_all_programs
 
 gc.set_threshold(200_000)  # as on the command line: tracing makes many small objects that live
 enable_compilation_cache()
-# What tests compile themselves JAX keeps, single operations included, for the other worker and for after a release: to
-# load one takes a tenth of the time of compiling it. XLA has something to say of that.
+# JAX keeps the programs that tests compile themselves, single operations included, for the other worker and for use
+# after a release of the programs in memory.
 jax.config.update("jax_compilation_cache_dir", os.environ["ANSER_TEST_CACHE"])
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
@@ -71,7 +71,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """What is imported lives to the end of the process: the garbage collector need not look at it again."""
+    """Exclude the imported modules, which live to the end of the process, from garbage collection."""
     gc.freeze()
 
 

@@ -35,8 +35,9 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
     begin = time.perf_counter()
     planned = plan(scenario, on_progress)
     record = _best_record(planned)
+    is_flyable = not planned.problems()
     answer: Answer = {
-        "status": "refused" if planned.problems() else "planned",
+        "status": "planned" if is_flyable else "refused",
         "problems": [],
         "notes": list(planned.notes()),
         "rule": scenario.arrival.rule,
@@ -45,12 +46,11 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
         "aircraft": [],
         "separation": None,
         "keep_outs": [],
-        "goals": _goal_tracks(scenario, scenario.timing.duration_s),
+        "goals": [] if record is not None else _goal_tracks(scenario, scenario.timing.duration_s),
     }
     if record is not None:
-        is_proven = not planned.refusals and not planned.problems()
         holds = planned.holds if isinstance(planned, CertifiedFirstPlan) else None
-        answer |= _record_values(scenario, record, holds, is_proven)
+        answer |= _record_values(scenario, record, holds, is_flyable)
     answer["problems"] = [_refusal_problem(scenario, text, record) for text in planned.problems()]
     answer["elapsed_ms"] = 1e3 * (time.perf_counter() - begin)
     return answer, planned
@@ -77,11 +77,10 @@ def _best_record(planned: FirstPlan) -> RecordedPlan | None:
     """Return the record of the plan, or of the attempt with the fewest failed aircraft; None without any."""
     if not planned.refusals:
         return planned.record()
-    outcome = planned.outcome if isinstance(planned, CertifiedFirstPlan) else None
-    if outcome is None:
+    if not isinstance(planned, CertifiedFirstPlan) or planned.outcome is None:
         return None
-    attempt = outcome.plan_without_holds or outcome.best_attempt
-    if attempt is None or not isinstance(planned, CertifiedFirstPlan):
+    attempt = planned.outcome.plan_without_holds or planned.outcome.best_attempt
+    if attempt is None:
         return None
     count = len(planned.scenario.aircraft)
     attempt, tasks = attempt.leading(count), first_rows(planned.padded_tasks, count)
@@ -242,16 +241,11 @@ def _binding_positions(
         k = dataset["aircraft"].values.tolist().index(name)
         limit = next((limit for limit in LIMITS if f"limits.{limit.scenario_key}" in keys), None)
         row = int(np.flatnonzero(np.isfinite(dataset["north_m"].values[:, k]))[-1])
-        if limit is not None and (variable := _variable_name(dataset, limit.variable)) is not None:
-            values = dataset[variable].values[:, k]
-            demand = -values if limit.is_lower_bound else np.abs(values)
-            row = int(np.nanargmax(demand))
+        if limit is not None:
+            variable = f"{limit.variable}_{limit.suffix}" if limit.suffix else limit.variable
+            extremes = limit.extreme(dataset[variable].values[None, :, k], 0)
+            row = int(np.nanargmax(-extremes if limit.is_lower_bound else extremes))
         yield {key: round(float(dataset[key].values[row, k]), 3) for key in _TRACK_VARIABLES[:3]}
-
-
-def _variable_name(dataset: xr.Dataset, variable: str) -> str | None:
-    """Return the name of a catalogue's variable in a dataset, with its unit; None if absent."""
-    return next((str(name) for name in dataset.data_vars if str(name).startswith(f"{variable}_")), None)
 
 
 def _rounded(values: np.ndarray) -> list[float]:

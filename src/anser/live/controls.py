@@ -47,7 +47,11 @@ def sliders(scenario: Scenario) -> list[dict[str, Any]]:
     entries = []
     for key, label, unit, least, greatest, step in _SLIDERS:
         table, name = key.split(".")
-        value = float(getattr(tables[table], name))
+        value = getattr(tables[table], name)
+        # layers instead of one wind, or another form of the airspeed: the slider would contradict them
+        if value is None or (table == "wind" and scenario.wind.layers is not None):
+            continue
+        value = float(value)
         entries.append(
             {
                 "key": key,

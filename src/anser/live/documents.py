@@ -14,7 +14,6 @@ from anser.scenario.schema import Scenario
 
 AIRCRAFT_MAX = 20
 """Greatest fleet on the page: larger fleets are planned by `anser plan`."""
-_FILE_KEYS = frozenset({"airframe", "field", "sounding"})  # keys whose text may be the path of a file
 _SUFFIX = ".toml"
 
 
@@ -93,11 +92,11 @@ class DocumentFolder:
 
 
 def _file_paths(value: Any, key_path: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key path and text of each entry that may name a file."""
+    """Yield key path and text of each entry that names an aircraft file."""
     if isinstance(value, dict):
         for key, entry in value.items():
             entry_path = f"{key_path}.{key}".removeprefix(".")
-            if key in _FILE_KEYS and isinstance(entry, str):
+            if key == "airframe" and isinstance(entry, str):
                 yield entry_path, entry
             yield from _file_paths(entry, entry_path)
     elif isinstance(value, list):

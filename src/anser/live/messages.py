@@ -108,9 +108,10 @@ def read_message(text: str) -> Request:
         raise ValueError(f"a message of more than {SIZE_MAX:,} bytes")
     try:
         values = json.loads(text, parse_constant=_refuse_constant)
+        depth = _depth(values)
     except RecursionError:
         raise ValueError("a message nested too deeply") from None
-    if _depth(values) > _DEPTH_MAX:
+    if depth > _DEPTH_MAX:
         raise ValueError(f"a message of more than {_DEPTH_MAX} levels")
     return _REQUESTS.validate_python(values)
 

@@ -100,20 +100,20 @@ def make_app(workbench: Workbench, port: int, token: str, ancestors: str = "") -
         ]
         return HTMLResponse(await run_in_threadpool(flight_page, runs))
 
-    async def talk(websocket: WebSocket) -> None:
+    async def page_socket(websocket: WebSocket) -> None:
         await websocket.accept()
-        await _converse(workbench, websocket)
+        await _answer_messages(workbench, websocket)
 
     routes = [
         Route("/{token}/", page),
         Route("/{token}/report/{a}", report),
         Route("/{token}/compare/{a}/{b}", report),
-        WebSocketRoute("/{token}/socket", talk),
+        WebSocketRoute("/{token}/socket", page_socket),
     ]
     return LocalRequestsOnly(Starlette(routes=routes), port, token, ancestors)
 
 
-async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
+async def _answer_messages(workbench: Workbench, websocket: WebSocket) -> None:
     """Answer the messages of a page until its socket closes."""
     queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
     send = queue_sender(asyncio.get_running_loop(), queue)
@@ -121,17 +121,23 @@ async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
     session.attach(send)
 
     async def write() -> None:
-        while True:
-            message = await queue.get()
-            await websocket.send_text(json.dumps(message, allow_nan=False, separators=(",", ":")))
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the socket closes while a message is sent
+            while True:
+                message = await queue.get()
+                await websocket.send_text(json.dumps(message, allow_nan=False, separators=(",", ":")))
 
     writer = asyncio.create_task(write())
     try:
         send(session.welcome())
         while True:
-            text = await websocket.receive_text()
+            received = await websocket.receive()
+            if received["type"] == "websocket.disconnect":
+                break
+            if received.get("text") is None:
+                await websocket.close(1003, "binary messages are refused")
+                break
             try:
-                request = read_message(text)
+                request = read_message(received["text"])
             except (ValueError, ValidationError) as error:
                 send({"type": "failed", "number": None, "problems": [plain_problem(_malformed(error))]})
                 continue
@@ -144,8 +150,6 @@ async def _converse(workbench: Workbench, websocket: WebSocket) -> None:
                         break
                     await asyncio.sleep(0.1)
             await run_in_threadpool(session.handle, request)
-    except (WebSocketDisconnect, KeyError, RuntimeError):
-        pass  # a closed socket, a binary message, or a socket closed while a message was being sent
     finally:
         session.detach(send)
         writer.cancel()

@@ -4,6 +4,7 @@ import asyncio
 import secrets
 import threading
 import time
+import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -41,7 +42,7 @@ class StoppedError(Exception):
 
 @dataclass
 class Workbench:
-    """What all pages of a server share: folder, worker threads, opened document, flights and the last plan."""
+    """State that all pages of a server share: folder, opened document, worker threads, flights and sessions."""
 
     folder: DocumentFolder
     name: str | None  # file of the opened document
@@ -71,11 +72,12 @@ class Workbench:
 
     def _keep_session(self, session: "Session") -> "Session":
         while len(self.sessions) >= _SESSIONS_MAX:
-            self.sessions.pop(next(iter(self.sessions))).detach()
+            oldest = next((key for key in self.sessions if not self.is_attached(key)), next(iter(self.sessions)))
+            self.sessions.pop(oldest).detach()
         self.sessions[session.key] = session
         return session
 
-    def keep(self, flight: FlightResult) -> str:
+    def keep_flight(self, flight: FlightResult) -> str:
         """Keep a flight, and return its identifier."""
         while len(self.flights) >= FLIGHTS_MAX:
             del self.flights[next(iter(self.flights))]
@@ -85,7 +87,7 @@ class Workbench:
 
     def close(self) -> None:
         """Stop all work; running programs end first."""
-        for session in self.sessions.values():
+        for session in list(self.sessions.values()):
             session.detach()
         for executor in (self.planning, self.flying):
             executor.shutdown(wait=False, cancel_futures=True)
@@ -97,10 +99,11 @@ class Session:
     def __init__(self, workbench: Workbench, key: str) -> None:
         self.workbench, self.key = workbench, key
         self._send: Send | None = None
-        self._waiting: messages.PlanRequest | None = None  # newest plan request without an answer
+        # newest plan request without an answer, and the socket that it came from
+        self._waiting: tuple[messages.PlanRequest, Send | None] | None = None
         self._is_planning = False
         self._plan: FirstPlan | None = None  # last plan, flown without a new search
-        self._stop_flight = threading.Event()
+        self._stop_flight = threading.Event()  # of the newest flight
         self._flight_messages: dict[str, dict[str, Any]] = {}  # answers about finished flights, by flight
         self._lock = threading.Lock()
 
@@ -144,16 +147,17 @@ class Session:
             case messages.PlanRequest():
                 self._request_plan(request)
             case messages.FlyRequest():
-                self._stop_flight.clear()
-                self.workbench.flying.submit(self._guarded, request.number, lambda: self._fly(request))
+                self._stop_flight.set()
+                stop = self._stop_flight = threading.Event()
+                self.workbench.flying.submit(self._guarded, request.number, lambda: self._fly(request, stop))
             case messages.StopRequest():
                 self._stop_flight.set()
             case messages.RecordedRequest():
                 self.workbench.planning.submit(self._guarded, request.number, lambda: self._record(request))
             case messages.ResumeRequest():
-                for identifier, message in self._flight_messages.items():
+                for identifier, message in list(self._flight_messages.items()):
                     if identifier not in request.flight_ids and identifier in self.workbench.flights:
-                        self._tell(message)
+                        self._tell(message | {"number": 0})  # a page that was loaded anew numbers its requests anew
             case _:
                 self._guarded(request.number, lambda: self._answer_file_request(request))
 
@@ -177,9 +181,9 @@ class Session:
             self._fail(number, [plain_problem("the flight was stopped")])
         except (OSError, ValueError) as error:
             self._fail(number, [plain_problem(str(error))])
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001  the server outlives a fault, which is printed and told
+            traceback.print_exc()
             self._fail(number, [plain_problem(f"an error of anser: {type(error).__name__}: {error}")])
-            raise
 
     def _answer_file_request(self, request: messages.Request) -> None:
         folder = self.workbench.folder
@@ -203,7 +207,7 @@ class Session:
     def _request_plan(self, request: messages.PlanRequest) -> None:
         """Plan the newest request next; older ones that wait are dropped."""
         with self._lock:
-            self._waiting = request
+            self._waiting = request, self._send
             if self._is_planning:
                 return
             self._is_planning = True
@@ -212,27 +216,29 @@ class Session:
     def _plan_newest(self) -> None:
         """Answer the newest request, and make room for other pages before the next."""
         with self._lock:
-            request, self._waiting = self._waiting, None
-        if request is not None:
-            self._guarded(request.number, lambda: self._answer_plan(request))
+            waiting, self._waiting = self._waiting, None
+        if waiting is not None and waiting[1] is self._send:
+            self._guarded(waiting[0].number, lambda: self._answer_plan(*waiting))
         with self._lock:
             self._is_planning = self._waiting is not None
         if self._is_planning:
             self.workbench.planning.submit(self._plan_newest)
 
-    def _answer_plan(self, request: messages.PlanRequest) -> None:
+    def _answer_plan(self, request: messages.PlanRequest, send: Send | None) -> None:
+        """Send the answer to a plan request, unless the page has another socket now, or a newer request waits long."""
         begin = time.monotonic()
 
         def is_superseded() -> bool:
             is_old = self._waiting is not None and time.monotonic() - begin > _SUPERSEDED_AFTER_S
-            return self._send is None or is_old
+            return self._send is not send or is_old
 
         try:
             with _Progress(self._tell, request.number) as progress:
                 answer, _ = self._planned(request.scenario, _stop_if(is_superseded, progress.report))
         except StoppedError:
             return
-        self._tell({"type": "plan", "number": request.number, "answer": answer})
+        if send is not None and self._send is send:
+            send({"type": "plan", "number": request.number, "answer": answer})
 
     def _planned(self, document: dict[str, Any], on_progress: Callable[[str], None]) -> tuple[Answer, Scenario | None]:
         """Return the answer to a document, and its scenario if it is valid; keeps the plan for a flight."""
@@ -249,7 +255,7 @@ class Session:
         page = render_live_page([{"label": label, "scenario": request.scenario, "answer": answer}])
         self._tell({"type": "recorded", "number": request.number, "html": page})
 
-    def _fly(self, request: messages.FlyRequest) -> None:
+    def _fly(self, request: messages.FlyRequest, stop: threading.Event) -> None:
         bench, scenario = self.workbench, self.workbench.folder.scenario(request.scenario)
         last = self._plan
         planned = last if last is not None and last.scenario == scenario and not last.refusals else None
@@ -268,9 +274,8 @@ class Session:
             )
 
         with _Progress(self._tell, request.number) as progress:
-            stop = _stop_if(self._stop_flight.is_set, progress.report)
-            flight = run(scenario, stop, planned, on_segment=send_rows)
-        identifier = bench.keep(flight)
+            flight = run(scenario, _stop_if(stop.is_set, progress.report), planned, on_segment=send_rows)
+        identifier = bench.keep_flight(flight)
         compared = request.compare if request.compare in bench.flights else None
         message = {
             "type": "flight",

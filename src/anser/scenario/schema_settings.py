@@ -64,7 +64,7 @@ class AirspeedTable(Table):
     def airspeed_name(self, table: str) -> str:
         """Return the true airspeed's name in messages; `table` is the key path of the table."""
         name = f"{table}.{self.airspeed_key}"
-        return name if self.airspeed_key == "speed_m_s" else f"the true airspeed of {name}"
+        return name if self.airspeed_key == "speed_m_s" else f"{name} (true airspeed)"
 
     def with_airspeed(self, layers: Layers, altitude_m: float) -> Self:
         """Return the table with the true airspeed that its airspeed has in the air at an altitude (m)."""

@@ -5,6 +5,7 @@ class FileDialogs {
   constructor(page) {
     this.page = page;
     this.dialog = document.getElementById("dialog");
+    this.written = new Set(); // names of files that this page has written: saving again needs no confirmation
     const actions = { open: () => this.open(), save: () => this.save(), "save-as": () => this.saveAs(), "download-text": () => this.download("text"), "download-page": () => this.download("recorded") };
     for (const [id, action] of Object.entries(actions)) document.getElementById(id).addEventListener("click", action);
   }
@@ -41,7 +42,7 @@ class FileDialogs {
 
   save() {
     const { name } = this.page.scenario;
-    if (name) this._send(name, true);
+    if (name) this._send(name, this.written.has(name));
     else this.saveAs();
   }
 
@@ -61,6 +62,7 @@ class FileDialogs {
         if (await this._ask(`${message.name} exists`, [element("p", "", "The file is replaced by the present scenario.")], [["yes", "Replace"]])) this._send(name, true);
         return;
       }
+      this.written.add(message.name);
       scenario.saved(message.name);
       if (JSON.stringify(scenario.table) !== text) scenario.changed = true;
       page.say(`Saved as ${message.name}.`);

@@ -1,0 +1,104 @@
+"""A page's session: faults, cut sockets and stopped flights leave the next request unharmed."""
+
+import threading
+import time
+import tomllib
+
+import pytest
+
+from anser.config.shipped_files import shipped_files
+from anser.live import messages, sessions
+from anser.live.documents import DocumentFolder
+
+DOCUMENT = tomllib.loads(shipped_files()["storm-sampling"].read_text(encoding="utf-8"))
+ANSWER = {"status": "planned", "problems": []}
+
+
+@pytest.fixture
+def bench(tmp_path):
+    made = sessions.Workbench(DocumentFolder(tmp_path), None, DOCUMENT)
+    yield made
+    made.close()
+
+
+def plan_request(number):
+    return messages.PlanRequest(type="plan", number=number, scenario=DOCUMENT)
+
+
+def wait_for(condition):
+    end = time.monotonic() + 10.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def test_a_fault_is_told_and_the_next_plan_is_answered(bench, monkeypatch, capsys):
+    outcomes = iter([KeyError("fault"), (ANSWER, None)])
+
+    def make_answer(scenario, on_progress):
+        outcome = next(outcomes)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr(sessions, "make_answer", make_answer)
+    session, received = bench.new_session(), []
+    session.attach(received.append)
+    session.handle(plan_request(1))
+    wait_for(lambda: received)
+    assert "KeyError" in received[0]["problems"][0]["text"]
+    assert "Traceback" in capsys.readouterr().err
+    session.handle(plan_request(2))
+    wait_for(lambda: len(received) == 2)
+    assert received[1] == {"type": "plan", "number": 2, "answer": ANSWER}
+
+
+def test_a_page_that_was_loaded_anew_gets_no_answer_to_a_request_of_the_old_one(bench, monkeypatch):
+    """Its numbers begin anew: an old answer with a high number would hide all new ones."""
+    entered, release = threading.Event(), threading.Event()
+
+    def make_answer(scenario, on_progress):
+        entered.set()
+        assert release.wait(10.0)
+        return ANSWER, None
+
+    monkeypatch.setattr(sessions, "make_answer", make_answer)
+    session, old, new = bench.new_session(), [], []
+    session.attach(old.append)
+    session.handle(plan_request(57))
+    assert entered.wait(10.0)
+    session.attach(new.append)
+    session.handle(plan_request(1))
+    release.set()
+    wait_for(lambda: new)
+    assert [message["number"] for message in new if message["type"] == "plan"] == [1]
+    assert not [message for message in old if message["type"] == "plan"]
+
+
+def test_a_new_flight_stops_the_one_before(bench, monkeypatch):
+    entered = threading.Semaphore(0)
+
+    def run(scenario, on_progress, planned, on_segment):
+        entered.release()
+        while True:
+            on_progress("flying", 0.5)  # raises StoppedError
+            time.sleep(0.005)
+
+    monkeypatch.setattr(sessions, "run", run)
+    session, received = bench.new_session(), []
+    session.attach(received.append)
+    for number in (1, 2):
+        session.handle(messages.FlyRequest(type="fly", number=number, scenario=DOCUMENT))
+        assert entered.acquire(timeout=10.0)
+    wait_for(lambda: [message["number"] for message in received if message["type"] == "failed"] == [1])
+    session.handle(messages.StopRequest(type="stop", number=3))
+    wait_for(lambda: [message["number"] for message in received if message["type"] == "failed"] == [1, 2])
+
+
+def test_connected_pages_keep_their_sessions(bench):
+    first = bench.new_session()
+    first.attach(lambda message: None)
+    for _ in range(100):
+        bench.new_session()
+    assert bench.sessions[first.key] is first
+    assert len(bench.sessions) == 64
