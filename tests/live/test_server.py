@@ -199,6 +199,7 @@ def test_an_invalid_document_names_its_keys(server):
     assert answer["problems"][0]["keys"] == ["aircraft[1].start.altitude_m"]
 
 
+@pytest.mark.long
 def test_a_page_that_reconnects_gets_the_flight_that_it_missed(server):
     short = json.loads(json.dumps(DOCUMENT))
     with open_socket(server) as page:

@@ -3,6 +3,7 @@
 import threading
 import time
 import tomllib
+from types import SimpleNamespace
 
 import pytest
 
@@ -102,3 +103,30 @@ def test_connected_pages_keep_their_sessions(bench):
         bench.new_session()
     assert bench.sessions[first.key] is first
     assert len(bench.sessions) == 64
+
+
+def test_a_page_that_reconnects_gets_the_flight_that_it_missed(bench, monkeypatch):
+    release, flight = threading.Event(), SimpleNamespace(met=True, summary={"aircraft": []})
+
+    def run(scenario, on_progress, planned, on_segment):
+        assert release.wait(10.0)
+        return flight
+
+    monkeypatch.setattr(sessions, "run", run)
+    monkeypatch.setattr(sessions, "format_verdict", lambda summary: "met")
+    session, old, new = bench.new_session(), [], []
+    session.attach(old.append)
+    session.handle(messages.FlyRequest(type="fly", number=8, scenario=DOCUMENT))
+    session.detach(session._send)
+    release.set()
+    wait_for(lambda: bench.flights)
+    assert not [message for message in old if message["type"] == "flight"]
+    resumed = bench.resume(bench.new_session(), session.key)
+    assert resumed is session
+    resumed.attach(new.append)
+    wait_for(lambda: session._flight_messages)
+    resumed.handle(messages.ResumeRequest(type="resume", number=1, session=session.key))
+    (message,) = new
+    assert (message["type"], message["number"], bench.flights[message["id"]]) == ("flight", 0, flight)
+    resumed.handle(messages.ResumeRequest(type="resume", number=2, session=session.key, flight_ids=[message["id"]]))
+    assert new == [message]
