@@ -113,7 +113,6 @@ def test_the_page_for_newcomers_denies_nothing_that_a_scenario_has():
     assert not [key for key in keys if re.search("fuel|gear|terrain|ground", key)]
     wind = json_schema(Scenario, "file")["properties"]["wind"]["properties"]
     assert "field" not in wind, "the pages say that no field is read: validity.md, questions.md, ROADMAP.md"
-    assert "atmosphere" not in Scenario.model_fields, "the pages say that the atmosphere is the standard one"
 
 
 def _keys(schema):

@@ -108,3 +108,6 @@ def test_code_and_files_from_elsewhere_are_refused(tmp_path):
     values["aircraft"][0]["airframe"] = "../../etc/passwd"
     with pytest.raises(ScenarioError, match=r"aircraft\[0\]\.airframe.*a file in the folder"):
         folder.scenario(values)
+    values = document() | {"atmosphere": {"sounding": "../sounding.csv"}}
+    with pytest.raises(ScenarioError, match=r"atmosphere\.sounding.*a file in the folder"):
+        folder.scenario(values)

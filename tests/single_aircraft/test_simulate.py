@@ -286,3 +286,14 @@ def test_a_change_during_the_flight_is_flown_from_its_time_on():
 def test_a_change_that_is_not_valid_is_refused(change, message):
     with pytest.raises(ScenarioError, match=message):
         anser.simulate(f16(), level(), duration_s=1.0, change=change)
+
+
+def test_a_trim_in_hot_air_is_steady_there_and_refused_elsewhere():
+    f16, hot = anser.aircraft("f16"), {"temperature_offset_k": 20.0}
+    trim = f16.trim(150, 1000, atmosphere=hot)
+    flight = anser.simulate(f16, trim, duration_s=2, atmosphere=hot)
+    assert float(np.abs(flight.dataset.altitude_m - 1000.0).max()) < 1e-6
+    assert "+20 K" in flight.dataset.attrs["air"]
+    assert float(flight.dataset.density_altitude_m[0]) > 1500.0
+    with pytest.raises(ValueError, match=r"start: arrived a trim in another atmosphere"):
+        anser.simulate(f16, trim, duration_s=2)

@@ -23,7 +23,7 @@ from anser.aircraft_files.sources import VARIANTS
 from anser.compiling.options import compiled, compiled_quickly, enable_compilation_cache
 from anser.control.gains import AutopilotGains, Bandwidths, automatic_gains, derived_bandwidths, published_gains
 from anser.environment.air import AIRSPEED_FORMS, true_airspeed
-from anser.environment.atmosphere import AbstractAtmosphere, Air
+from anser.environment.atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.scenario.schema_aircraft import Gains
@@ -168,7 +168,9 @@ class TrimResult:
     quantities: tuple[tuple[str, float, str], ...]
     diagnosis: str | None
     condition: Mapping[str, float] = field(default_factory=dict)
-    mass_kg: float = math.nan  # mass of the trimmed aircraft, by which the trim of another aircraft is recognized
+    # mass of the trimmed aircraft, and the air, by which the trim of another aircraft or in other air is recognized
+    mass_kg: float = math.nan
+    atmosphere: AbstractAtmosphere = field(default_factory=StandardAtmosphere)
 
     def __repr__(self) -> str:
         if self.diagnosis is not None:
@@ -248,6 +250,7 @@ def trim(
         diagnosis,
         condition,
         mass_kg,
+        environment.atmosphere,
     )
 
 

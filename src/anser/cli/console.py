@@ -36,7 +36,7 @@ from rich.text import Text
 
 from anser.aircraft_files.sources import DAVE_ML_SUFFIX, SUFFIXES, VARIANTS, aircraft_types, unknown_type_hint
 from anser.cli.process import interrupts
-from anser.environment.air import AIRSPEED_FORMS, STANDARD_LAYERS, AirspeedForm, air_in_layers, true_airspeed
+from anser.environment.air import AIRSPEED_FORMS, STANDARD_LAYERS, AirspeedForm, Layers, air_in_layers, true_airspeed
 
 
 def _console(**look: Any) -> Console:
@@ -334,7 +334,9 @@ _AT_FORMS: dict[str, AirspeedForm] = {
 """Forms of the airspeed in an option --at, by the prefix of the number."""
 
 
-def true_airspeed_of(altitude_m: float, airspeeds: Mapping[AirspeedForm, float | None]) -> float:
+def true_airspeed_of(
+    altitude_m: float, airspeeds: Mapping[AirspeedForm, float | None], layers: Layers = STANDARD_LAYERS
+) -> float:
     """Return the true airspeed (m/s) of the options for an airspeed, by `AIRSPEED_FORMS`, at an altitude (m).
 
     Raises RefusedError if not exactly one is given, or if it is outside its range.
@@ -345,7 +347,7 @@ def true_airspeed_of(altitude_m: float, airspeeds: Mapping[AirspeedForm, float |
         raise RefusedError(f"airspeed: arrived {options}; expected one of {', '.join(map(_option, AIRSPEED_FORMS))}")
     must_be_flight_condition({**airspeeds, "altitude_m": altitude_m})
     ((form, value),) = ((form, value) for form, value in airspeeds.items() if value is not None)
-    return float(true_airspeed(form, value, air_in_layers(STANDARD_LAYERS, altitude_m)))
+    return float(true_airspeed(form, value, air_in_layers(layers, altitude_m)))
 
 
 @contextlib.contextmanager

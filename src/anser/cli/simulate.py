@@ -33,7 +33,7 @@ from anser.cli.console import (
     true_airspeed_of,
 )
 from anser.cli.folders import Force, open_output_folder
-from anser.environment.air import AIRSPEED_FORMS
+from anser.environment.air import AIRSPEED_FORMS, standard_layers
 
 _SHOWN = (
     *("airspeed_m_s", "altitude_m", "alpha_deg", "beta_deg", "roll_deg", "pitch_deg", "yaw_deg"),
@@ -79,6 +79,9 @@ def simulate(
     step_s: Annotated[float, typer.Option(help="Period of samples and integration.")] = 0.01,
     wind_m_s: Annotated[float, typer.Option(help="Wind speed.")] = 0.0,
     wind_from_deg: Annotated[float, typer.Option(help="Direction that the wind comes from.")] = 0.0,
+    temperature_offset_k: Annotated[
+        float, typer.Option(help="Temperature of the air above the standard atmosphere's.")
+    ] = 0.0,
     turbulence: Annotated[
         Literal["none", "light", "moderate", "severe"], typer.Option(help="Intensity of the turbulence.")
     ] = "none",
@@ -89,9 +92,11 @@ def simulate(
 ) -> None:
     """Fly one aircraft in open loop from a trim, under control inputs; write its dataset, figure and report."""
     must_be_known_aircraft(aircraft, variant)
+    must_be_in_range("--temperature-offset-k", temperature_offset_k, -60.0, 60.0)
+    atmosphere = {"temperature_offset_k": temperature_offset_k} if temperature_offset_k else None
     airspeeds = dict(zip(AIRSPEED_FORMS, (speed_m_s, speed_cas_m_s, speed_eas_m_s, mach), strict=True))
     condition: dict[str, Any] = {
-        "speed_m_s": true_airspeed_of(altitude_m, airspeeds),
+        "speed_m_s": true_airspeed_of(altitude_m, airspeeds, standard_layers(temperature_offset_k)),
         "altitude_m": altitude_m,
         "path_angle_deg": path_angle_deg,
         "turn_rate_deg_s": turn_rate_deg_s,
@@ -115,7 +120,7 @@ def simulate(
         with refuse_on(ValueError, f"--input {text}: "):
             signals[name] = parse_signal(signal)
     with activity("trimming"):
-        trim = model.trim(**condition)
+        trim = model.trim(**condition, atmosphere=atmosphere)
     if trim.diagnosis is not None:
         end_without_result("no steady flight", [trim.diagnosis])
     with activity("flying"), refuse_on(ValueError):
@@ -127,6 +132,7 @@ def simulate(
             step_s=step_s,
             increments=increments,
             wind={"speed_m_s": wind_m_s, "from_deg": wind_from_deg},
+            atmosphere=atmosphere,
             turbulence=turbulence,
             earth=None if earth == "standard" else earth,
             seed=seed,

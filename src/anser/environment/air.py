@@ -17,6 +17,7 @@ by NumPy, everything else by its own array namespace; gradients are finite down 
 """
 
 import math
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, Literal, NamedTuple, Protocol, get_args
 
@@ -79,12 +80,100 @@ def standard_layers(temperature_offset: float = 0.0, sea_level_pressure: float =
     return np.array(layers)
 
 
+def _hydrostatic_layer(base: float, temperature: float, temperature_top: float, pressure: float) -> list[float]:
+    """Return the layer of `_HUMID_STEP_M` between two virtual temperatures (K), with a pressure (Pa) at its base."""
+    lapse = (temperature_top - temperature) / _HUMID_STEP_M
+    return [base, temperature, lapse, lapse / temperature, pressure, *_hydrostatic_law(lapse, temperature)]
+
+
 def _hydrostatic_law(lapse: float, temperature: float) -> tuple[float, float]:
     """Return `power` and `decay` of a hydrostatic layer: one of them is zero."""
     return (_HYDROSTATIC_K_M / lapse, 0.0) if lapse else (0.0, _HYDROSTATIC_K_M / temperature)
 
 
 STANDARD_LAYERS: Layers = standard_layers()
+
+VAPOUR_MOLAR_RATIO = 0.62198
+"""Molar mass of water over that of dry air."""
+_HUMID_STEP_M = 500.0  # between the bases of the humid layers
+_HUMID_ROUNDS = 6  # fixed-point steps of the pressure at a layer's top, to rounding
+
+
+def vapour_pressure(temperature: np.ndarray | float) -> np.ndarray:
+    """Return the saturation pressure of water vapour (Pa) at a temperature (K).
+
+    Source: Bolton, "The Computation of Equivalent Potential Temperature", Monthly Weather Review 108 (1980), eq. (10).
+    """
+    celsius = np.asarray(temperature, dtype=float) - CELSIUS_K
+    return 611.2 * np.exp(17.67 * celsius / (celsius + 243.5))
+
+
+def virtual_temperature(
+    temperature: np.ndarray | float, pressure: np.ndarray | float, relative_humidity: np.ndarray | float
+) -> np.ndarray:
+    """Return the temperature (K) at which dry air has the density of moist air of a temperature (K) and pressure (Pa).
+
+    The relative humidity, 0 to 1, is that over water. Source: law of ideal gases with the molar masses of both gases.
+    """
+    vapour = np.minimum(relative_humidity * vapour_pressure(temperature), pressure)
+    return temperature / (1.0 - (1.0 - VAPOUR_MOLAR_RATIO) * vapour / pressure)
+
+
+def humid_layers(
+    relative_humidity: float, temperature_offset: float = 0.0, sea_level_pressure: float = SEA_LEVEL_PRESSURE_PA
+) -> "Layers":
+    """Return the layers of `standard_layers` in moist air below the tropopause.
+
+    The relative humidity, 0 to 1, is the same from sea level to 500 m below the tropopause (11 km), where the air is
+    dry. Within a layer of 500 m the virtual temperature is linear in the geopotential altitude.
+    """
+    bases = np.arange(0.0, BASES_M[1], _HUMID_STEP_M)
+    dry = standard_layers(temperature_offset)
+    rows: list[list[float]] = []
+    pressure = sea_level_pressure
+    temperature = float(virtual_temperature(dry[0, 1], pressure, relative_humidity))
+    for base in bases:
+        top = base + _HUMID_STEP_M
+        dry_top = dry[0, 1] + LAPSES_K_M[0] * top
+        humidity_top = relative_humidity if top < BASES_M[1] else 0.0
+        layer = _hydrostatic_layer(base, temperature, dry_top, pressure)
+        for _ in range(_HUMID_ROUNDS):  # the virtual temperature at the top depends on the pressure there
+            pressure_top = float(air_at_geopotential(np.array([layer]), top).pressure)
+            temperature_top = float(virtual_temperature(dry_top, pressure_top, humidity_top))
+            layer = _hydrostatic_layer(base, temperature, temperature_top, pressure)
+        rows.append(layer)
+        top_air = air_at_geopotential(np.array([layer]), top)
+        temperature, pressure = float(top_air.temperature), float(top_air.pressure)
+    upper = dry[1:].copy()
+    upper[:, 4] *= pressure / dry[1, 4]
+    return np.concatenate([np.array(rows), upper])
+
+
+def measured_layers(
+    geopotential: np.ndarray | Sequence[float],
+    temperature: np.ndarray | Sequence[float],
+    pressure: np.ndarray | Sequence[float],
+) -> "Layers":
+    """Return the layers between measured levels: geopotential altitude (m), virtual temperature (K), pressure (Pa).
+
+    Temperature and logarithm of the pressure are linear between levels. Below the lowest level the air continues by the
+    lowest layer, above the highest with the temperature there and the hydrostatic pressure.
+    """
+    h, T, p = (np.asarray(values, dtype=float) for values in (geopotential, temperature, pressure))
+    lapse = np.append(np.diff(T) / np.diff(h), 0.0)
+    decay = np.append(-np.diff(np.log(p)) / np.diff(h), _HYDROSTATIC_K_M / T[-1])
+    return np.stack([h, T, lapse, lapse / T, p, np.zeros_like(h), decay], axis=-1)
+
+
+def padded_layers(layers: Layers, count: int) -> "Layers":
+    """Return `count` layers with the same air: the highest one, cut into pieces of 1 km."""
+    missing = count - len(layers)
+    heights = layers[-1, 0] + 1000.0 * np.arange(1.0, missing + 1.0)
+    air = air_at_geopotential(layers, heights)
+    lapse, power, decay = layers[-1, [2, 5, 6]]
+    ones = np.ones(missing)
+    pieces = [heights, air.temperature, lapse * ones, lapse / air.temperature, air.pressure, power * ones, decay * ones]
+    return np.concatenate([layers, np.stack(pieces, axis=-1)])
 
 
 def geopotential_altitude(altitude: np.ndarray | float) -> np.ndarray:

@@ -189,7 +189,8 @@ def aircraft_model(airframe: AbstractAirframe, names: Sequence[str], outputs: Se
     """Return the nonlinear model of an aircraft in still standard air, with derivatives as parameters.
 
     The states are airspeed, flow angles, roll, pitch and body rates; the inputs are the positions of the surfaces
-    (rad), the engine's power (percent) and the altitude (m).
+    (rad), the engine's power (percent) and the altitude (m), at which the air is that of the standard
+    atmosphere; in other air the density altitude belongs in its place.
 
     Parameters
     ----------

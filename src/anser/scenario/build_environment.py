@@ -8,7 +8,8 @@ from importlib import resources
 
 import jax
 
-from anser.environment.atmosphere import StandardAtmosphere
+from anser.environment.air import padded_layers
+from anser.environment.atmosphere import AbstractAtmosphere, LayeredAtmosphere, StandardAtmosphere
 from anser.environment.earth import FlatEarth, somigliana, wgs84_earth
 from anser.environment.environment import AbstractWind, Environment, LayeredWind, SteadyWind
 from anser.environment.gusts import AbstractGusts, DiscreteGust, NoGusts, SummedGusts
@@ -16,19 +17,28 @@ from anser.environment.turbulence import ExceedanceTable, Turbulence
 from anser.numerics.arrays import as_array, bucket_size, stack_rows
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
-from anser.scenario.schema_environment import INTENSITIES
+from anser.scenario.schema_environment import INTENSITIES, Atmosphere
 from anser.shapes import ScalarLike, Vector3
 from anser.units import DEG_RAD, FOOT_M
 
+_AIR_LAYERS = 8  # smallest bucket size of the layers of an atmosphere
 _LAYERS = 4  # smallest bucket size of a shear profile
 _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 
 
 def build_environment(scenario: Scenario) -> Environment:
-    """Build the environment: standard atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
+    """Build the environment: atmosphere, wind, and a flat Earth (gravity at the latitude) or WGS-84."""
     latitude, longitude = (as_array(x * DEG_RAD) for x in (scenario.earth.latitude_deg, scenario.earth.longitude_deg))
     earth = wgs84_earth(latitude, longitude) if scenario.earth.model == "wgs84" else FlatEarth(somigliana(latitude))
-    return Environment(StandardAtmosphere(), build_wind(scenario), earth)
+    return Environment(build_atmosphere(scenario.atmosphere), build_wind(scenario), earth)
+
+
+def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
+    """Build the atmosphere: the standard one without a table, layers padded to a bucket size with one."""
+    if atmosphere is None:
+        return StandardAtmosphere()
+    layers = atmosphere.layers
+    return LayeredAtmosphere(as_array(padded_layers(layers, bucket_size(len(layers), _AIR_LAYERS))))
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:

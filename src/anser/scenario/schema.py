@@ -18,8 +18,10 @@ from anser.environment.air import STANDARD_LAYERS
 from anser.scenario import schema_airspace_checks as airspace
 from anser.scenario import schema_checks as checks
 from anser.scenario.schema_chart import chart_problems
+from anser.scenario.schema_environment import Wind
 from anser.scenario.schema_reach import arrival_time_problems, reach_problems
 from anser.scenario.schema_tables import DEFAULT_PLANNERS, FORMATS_EXPECTED, ScenarioTables
+from anser.scenario.sounding_file import read_sounding
 
 _EXCLUSIVE_KEYS = ("type", "variant", "x_cg_over_c")
 
@@ -62,6 +64,33 @@ def _aircraft_file_path(aircraft: object) -> str | None:
     return path if isinstance(path, str) else None
 
 
+def insert_sounding(values: dict[str, Any], source: str) -> dict[str, Any]:
+    """Replace the path of a sounding, in values that are not validated, by its levels, and the wind by its winds.
+
+    `source` as in `insert_aircraft_files`. Raises ScenarioError if the file is missing or invalid, or if a wind is
+    defined twice.
+    """
+    atmosphere = values.get("atmosphere")
+    if not isinstance(atmosphere, dict) or not isinstance(atmosphere.get("sounding"), str):
+        return values
+    path = atmosphere["sounding"]
+    measured = read_sounding(Path(source).parent / path)
+    values = {**values, "atmosphere": {**atmosphere, "sounding": {"level": measured.levels}}}
+    if not measured.winds:
+        return values
+    if not _is_calm(values.get("wind")):
+        expected = "either a wind, or a sounding with winds; not both"
+        raise ScenarioError(source, [Problem("wind", f"a wind beside the winds of {describe_value(path)}", expected)])
+    return {**values, "wind": {"layers": measured.winds}}
+
+
+def _is_calm(wind: object) -> bool:
+    """Whether a wind, not validated, is absent or zero."""
+    if isinstance(wind, Wind):
+        return wind.speed_max_m_s == 0.0
+    return not wind or (isinstance(wind, dict) and not any(wind.values()))
+
+
 _CHECKS = (
     checks.range_problems,
     checks.speed_problems,
@@ -71,6 +100,7 @@ _CHECKS = (
     airspace.separation_problems,
     chart_problems,
     checks.gust_problems,
+    checks.sounding_problems,
     checks.sensing_problems,
     checks.event_problems,
     checks.excitation_problems,
@@ -115,13 +145,14 @@ class Scenario(ScenarioTables):
         of the start altitudes.
         """
         altitudes_m = [aircraft.start.altitude_m for aircraft in self.aircraft]
+        layers = STANDARD_LAYERS if self.atmosphere is None else self.atmosphere.layers
         members = tuple(
-            aircraft._with_values(start=aircraft.start.with_airspeed(STANDARD_LAYERS, altitude_m)).with_airspeed(
-                STANDARD_LAYERS, altitude_m
+            aircraft._with_values(start=aircraft.start.with_airspeed(layers, altitude_m)).with_airspeed(
+                layers, altitude_m
             )
             for aircraft, altitude_m in zip(self.aircraft, altitudes_m, strict=True)
         )
-        fleet = self.fleet.with_airspeed(STANDARD_LAYERS, sum(altitudes_m) / len(altitudes_m))
+        fleet = self.fleet.with_airspeed(layers, sum(altitudes_m) / len(altitudes_m))
         return self._with_values(aircraft=members, fleet=fleet)
 
     def consistency_problems(self) -> list[Problem]:
@@ -185,7 +216,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so this is the only problem reported
         raise ScenarioError(source, [Problem("format", describe_value(version), FORMATS_EXPECTED)])
-    values = insert_aircraft_files(values, source)
+    values = insert_sounding(insert_aircraft_files(values, source), source)
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:

@@ -268,6 +268,20 @@ def planner_problems(scenario: ScenarioTables) -> list[Problem]:
     return problems
 
 
+def sounding_problems(scenario: ScenarioTables) -> list[Problem]:
+    """List starts and goals that are above or below the levels of the sounding."""
+    atmosphere = scenario.atmosphere
+    if atmosphere is None or atmosphere.sounding is None:
+        return []
+    low_m, high_m = (atmosphere.sounding.level[k].altitude_m for k in (0, -1))
+    altitudes_m = [
+        *((f"aircraft[{k}].start.altitude_m", x.start.altitude_m) for k, x in enumerate(scenario.aircraft)),
+        *((f"goal[{k}].altitude_m", x.altitude_m) for k, x in enumerate(scenario.goal) if x.kind == "airborne"),
+    ]
+    expected = f"an altitude within the sounding, {format_number(low_m)} to {format_number(high_m)} m"
+    return [Problem(key, format_number(x), expected) for key, x in altitudes_m if not low_m <= x <= high_m]
+
+
 def gust_problems(scenario: ScenarioTables) -> list[Problem]:
     """List gusts for unknown aircraft."""
     names = [aircraft.name for aircraft in scenario.aircraft]

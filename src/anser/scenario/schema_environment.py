@@ -1,14 +1,36 @@
-"""Scenario tables for the environment: Earth, wind, turbulence and discrete gusts."""
+"""Scenario tables for the environment: Earth, atmosphere, wind, turbulence and discrete gusts."""
 
 import itertools
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
+import numpy as np
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, WithJsonSchema
 from pydantic_core import CoreSchema
 
 from anser.config.errors import Problem, describe_value, format_number, problem_error, quoted_list
-from anser.config.tables import Table, Vector, expects, identifier, interpolate, number, tables, velocity_on_course
+from anser.config.tables import (
+    Table,
+    Vector,
+    expects,
+    identifier,
+    interpolate,
+    number,
+    table,
+    tables,
+    velocity_on_course,
+)
+from anser.constants import SEA_LEVEL_PRESSURE_PA, STANDARD_GRAVITY_M_S2
+from anser.environment.air import (
+    AIR_GAS_CONSTANT_J_KG_K,
+    CELSIUS_K,
+    Layers,
+    geopotential_altitude,
+    humid_layers,
+    measured_layers,
+    standard_layers,
+    virtual_temperature,
+)
 from anser.scenario.schema_settings import DURATION_MAX_S
 
 _EARTHS = ("flat", "wgs84")
@@ -100,6 +122,121 @@ class Wind(Table):
 
 def _wind_velocity(wind: Wind | WindLayer) -> Vector:
     return velocity_on_course(-wind.speed_m_s, wind.from_deg, wind.up_m_s)
+
+
+_SOUNDING_PATH = 'the path of a sounding (CSV, or a text listing of a radiosonde), such as "sounding.csv"'
+_THICKNESS_ERROR_MAX = 0.1
+"""Greatest relative difference between the fall of the pressure and that of air at rest with the temperature there."""
+_PRESSURE_ROUNDING_HPA = 1.0
+"""Rounding of the pressures in a listing, which matters at great altitudes."""
+
+
+class AirLevel(Table):
+    """Air at one altitude."""
+
+    altitude_m: float = number("geometric altitude above sea level", -500, 40_000, "m")
+    pressure_hpa: float = number("pressure", 1, 1_100, "hPa")
+    temperature_c: float = number("temperature", -130, 70, "deg C")
+    relative_humidity_percent: float = number("relative humidity over water", 0, 100, "%", 0.0)
+
+
+class Sounding(Table):
+    """Air as a sounding measured it."""
+
+    level: tuple[AirLevel, ...] = tables("the air at rising altitudes", "a list of levels, at least two", at_least=2)
+
+    def consistency_problems(self) -> list[Problem]:
+        """List levels that do not rise, and pressures that contradict the temperatures."""
+        for index, (lower, upper) in enumerate(itertools.pairwise(self.level), 1):
+            place = f"level[{index}]"
+            if upper.altitude_m <= lower.altitude_m:
+                expected = f"more than the level before it, {format_number(lower.altitude_m)} m"
+                return [Problem(f"{place}.altitude_m", format_number(upper.altitude_m), expected)]
+            if upper.pressure_hpa >= lower.pressure_hpa:
+                expected = f"less than the level below it, {format_number(lower.pressure_hpa)} hPa"
+                return [Problem(f"{place}.pressure_hpa", format_number(upper.pressure_hpa), expected)]
+        h, T, p = self._measured(0.0)
+        fall = -np.diff(np.log(p))
+        at_rest = STANDARD_GRAVITY_M_S2 / AIR_GAS_CONSTANT_J_KG_K * np.diff(h) / (0.5 * (T[:-1] + T[1:]))
+        error = np.abs(fall - at_rest) - _THICKNESS_ERROR_MAX * at_rest - _PRESSURE_ROUNDING_HPA * 100.0 / p[1:]
+        index = int(np.argmax(error))
+        if error[index] > 0.0:
+            lower, upper = self.level[index : index + 2]
+            arrived = f"{format_number(upper.pressure_hpa)} hPa at {format_number(upper.altitude_m)} m"
+            expected = (
+                f"about {lower.pressure_hpa * math.exp(-at_rest[index]):.1f} hPa, by the level below and the "
+                "temperatures; altitudes are in m, pressures in hPa, temperatures in deg C"
+            )
+            return [Problem(f"level[{index + 1}].pressure_hpa", arrived, expected)]
+        return []
+
+    def _measured(self, offset_k: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        columns = np.array(
+            [(x.altitude_m, x.pressure_hpa, x.temperature_c, x.relative_humidity_percent) for x in self.level]
+        ).T
+        pressure, temperature = 100.0 * columns[1], columns[2] + CELSIUS_K + offset_k
+        virtual = virtual_temperature(temperature, pressure, columns[3] / 100.0)
+        return geopotential_altitude(columns[0]), virtual, pressure
+
+    def layers(self, offset_k: float) -> Layers:
+        """Return the layers of `anser.environment.air`, all temperatures higher by an offset (K)."""
+        return measured_layers(*self._measured(offset_k))
+
+
+def _without_path(value: Any) -> Any:
+    """Refuse a path: `anser.scenario.schema` replaces the paths of a file by the contents."""
+    if isinstance(value, dict | Sounding | None):
+        return value
+    raise problem_error("", describe_value(value), _SOUNDING_PATH)
+
+
+class Atmosphere(Table):
+    """Air off the standard: another temperature or pressure, humid, or as a sounding measured it."""
+
+    temperature_offset_k: float = number("temperature above the standard's, or the sounding's", -60, 60, "K", 0.0)
+    sea_level_pressure_hpa: float | None = number(
+        "pressure at sea level; left out: the standard's, 1013.25", 850, 1_100, "hPa", None
+    )
+    relative_humidity_percent: float | None = number(
+        "relative humidity up to the tropopause; left out: dry", 0, 100, "%", None
+    )
+    sounding: Annotated[
+        Sounding | None, BeforeValidator(_without_path), WithJsonSchema({"type": ["string", "object"]})
+    ] = table("path of a sounding: CSV, or a text listing of a radiosonde", _SOUNDING_PATH, None)
+
+    def consistency_problems(self) -> list[Problem]:
+        """List keys that a sounding excludes."""
+        if self.sounding is None:
+            return []
+        keys = ("sea_level_pressure_hpa", "relative_humidity_percent")
+        given = [key for key in keys if getattr(self, key) is not None]
+        expected = "no such key beside a sounding, which measured it"
+        return [Problem(key, format_number(getattr(self, key)), expected) for key in given]
+
+    @property
+    def layers(self) -> Layers:
+        """Layers of the air, see `anser.environment.air`."""
+        if self.sounding is not None:
+            return self.sounding.layers(self.temperature_offset_k)
+        pressure = SEA_LEVEL_PRESSURE_PA
+        if self.sea_level_pressure_hpa is not None:
+            pressure = 100.0 * self.sea_level_pressure_hpa
+        if self.relative_humidity_percent is None:
+            return standard_layers(self.temperature_offset_k, pressure)
+        return humid_layers(self.relative_humidity_percent / 100.0, self.temperature_offset_k, pressure)
+
+    def describe(self) -> str:
+        """Return the air in some words."""
+        offset = f"{self.temperature_offset_k:+g} K" if self.temperature_offset_k else ""
+        if self.sounding is not None:
+            levels = self.sounding.level
+            heights = f"{levels[0].altitude_m:g} to {levels[-1].altitude_m:g} m"
+            return " ".join(filter(None, [f"sounding of {len(levels)} levels from {heights}", offset]))
+        parts = ["standard atmosphere", offset]
+        parts += [] if self.sea_level_pressure_hpa is None else [f"{self.sea_level_pressure_hpa:g} hPa at sea level"]
+        humidity = self.relative_humidity_percent
+        parts += [] if humidity is None else [f"{humidity:g} % relative humidity"]
+        return ", ".join(filter(None, parts))
 
 
 INTENSITIES = {"light": (7.71667, 1e-2), "moderate": (15.43333, 1e-3), "severe": (23.15, 1e-5)}

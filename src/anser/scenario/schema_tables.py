@@ -7,7 +7,7 @@ from pydantic import Field
 from anser.config.tables import SLUG_EXPECTED, SLUG_PATTERN, Table, expects, table, tables
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import AIRCRAFT_CHANGES, Arrival, Event, KeepOut, Separation
-from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.scenario.schema_environment import Atmosphere, DiscreteGust, Earth, EarthField, Turbulence, Wind
 from anser.scenario.schema_excitation import Excitation
 from anser.scenario.schema_sensing import Estimator, GoalSensor, Navigation
 from anser.scenario.schema_settings import Fleet, Guidance, Hold, Limits, Network, Parts, Requirements, Timing
@@ -40,6 +40,7 @@ class ScenarioTables(Table):
     )
     timing: Timing = table("time", "a table [timing]")
     earth: EarthField = table("the Earth and its origin", 'a table [earth], or the word "flat" or "wgs84"', Earth())
+    atmosphere: Atmosphere | None = table("air off the standard", "a table [atmosphere]", None, omit_default=True)
     wind: Wind = table("wind", "a table [wind]", Wind())
     fleet: Fleet = table("settings of the whole fleet", "a table [fleet]")
     limits: Limits = table("flight envelope", "a table [limits]", Limits())

@@ -10,17 +10,18 @@ from anser.config.tables import Table, table, tables, whole_number
 from anser.config.validation_messages import validation_problems
 from anser.environment.environment import Environment, standard_environment
 from anser.environment.gusts import AbstractGusts
-from anser.scenario.build_environment import build_environment, build_gusts, build_wind
-from anser.scenario.schema import Scenario
-from anser.scenario.schema_environment import DiscreteGust, Earth, EarthField, Turbulence, Wind
+from anser.scenario.build_environment import build_atmosphere, build_environment, build_gusts, build_wind
+from anser.scenario.schema import Scenario, insert_sounding
+from anser.scenario.schema_environment import Atmosphere, DiscreteGust, Earth, EarthField, Turbulence, Wind
 from anser.scenario.schema_tables import SEED_MAX
 from anser.shapes import ScalarLike
 
 
 class Air(Table):
-    """Earth, wind, turbulence and discrete gusts of one aircraft's flight, as in a scenario file."""
+    """Earth, atmosphere, wind, turbulence and discrete gusts of one aircraft's flight, as in a scenario file."""
 
     earth: EarthField | None = table("the Earth and its origin", 'a table, or the word "flat" or "wgs84"', None)
+    atmosphere: Atmosphere | None = table("air off the standard", "a table of an atmosphere", None, omit_default=True)
     wind: Wind = table("wind", "a table of wind", Wind())
     turbulence: Turbulence = table("gusts of the air", "a table of turbulence", Turbulence())
     gust: tuple[DiscreteGust, ...] = tables("single gusts", "a list of tables", at_least=0, default=())
@@ -43,7 +44,8 @@ class Air(Table):
         wind = "wind by layers" if self.wind.layers is not None else uniform
         is_calm = self.wind.speed_max_m_s == 0.0
         turbulence = f"{self.turbulence.intensity} turbulence, seed {self.seed}"
-        parts = [earth, "no wind" if is_calm else wind]
+        parts = [earth] if self.atmosphere is None else [earth, self.atmosphere.describe()]
+        parts += ["no wind" if is_calm else wind]
         parts += [turbulence] if self.is_random else []
         parts += [f"{len(self.gust)} gusts"] if self.gust else []
         return "; ".join(parts)
@@ -52,7 +54,7 @@ class Air(Table):
         """Build atmosphere, wind and Earth; without an Earth, a flat one with standard gravity."""
         if self.earth is None:
             standard = standard_environment()
-            return Environment(standard.atmosphere, build_wind(cast(Scenario, self)), standard.earth)
+            return Environment(build_atmosphere(self.atmosphere), build_wind(cast(Scenario, self)), standard.earth)
         return build_environment(cast(Scenario, self))
 
     def gusts(self, span_m: ScalarLike) -> AbstractGusts:
@@ -66,8 +68,11 @@ def read_air(
     turbulence: str | Mapping[str, Any] | Turbulence | None = None,
     gust: Sequence[Mapping[str, Any] | DiscreteGust] = (),
     seed: int = 0,
+    atmosphere: Mapping[str, Any] | Atmosphere | None = None,
 ) -> Air:
-    """Validate Earth, wind, turbulence (a table, or its intensity alone) and gusts.
+    """Validate Earth, wind, turbulence (a table, or its intensity alone), gusts and atmosphere.
+
+    The path of a sounding starts from the working folder.
 
     Raises
     ------
@@ -76,8 +81,9 @@ def read_air(
     """
     if isinstance(turbulence, str):
         turbulence = {"intensity": turbulence}
-    values: dict[str, Any] = {"earth": earth, "wind": wind, "turbulence": turbulence}
+    values: dict[str, Any] = {"earth": earth, "atmosphere": atmosphere, "wind": wind, "turbulence": turbulence}
     values = {key: value for key, value in values.items() if value is not None} | {"gust": tuple(gust), "seed": seed}
+    values = insert_sounding(values, "air and Earth")
     try:
         return Air.model_validate(values)
     except ValidationError as error:

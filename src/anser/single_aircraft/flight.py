@@ -158,6 +158,7 @@ def simulate(
     turbulence: str | Mapping[str, Any] | None = None,
     gust: Sequence[Mapping[str, Any]] = (),
     earth: str | Mapping[str, Any] | None = None,
+    atmosphere: Mapping[str, Any] | None = None,
     change: Mapping[str, Any] | Sequence[Mapping[str, Any]] = (),
     seed: int = 0,
     actuator_lag: bool = True,
@@ -198,9 +199,10 @@ def simulate(
         `pitch_rate_deg_s`, `yaw_rate_deg_s`, added to the commands between its loops.
     sensors, estimator
         Parts between the truth and the controller; None: ideal, with forces and moments of the unchanged aircraft.
-    wind, turbulence, gust, earth
-        Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`.
-        None: still air, a flat Earth with standard gravity.
+    wind, turbulence, gust, earth, atmosphere
+        Tables as in a scenario: `wind={"speed_m_s": 8, "from_deg": 270}`, `turbulence="moderate"`, `earth="wgs84"`,
+        `atmosphere={"temperature_offset_k": 20}`. None: still air, a flat Earth with standard gravity, the standard
+        atmosphere. A trim as the start is one in the same air if `trim` had the same atmosphere.
     change
         Change of the true aircraft during the flight, unknown to its controller, as of an event of a scenario:
         `{"time_s": 20, "surface_effectiveness": {"elevator": 0.5}, "cg_shift": 0.05}`; or several.
@@ -225,7 +227,7 @@ def simulate(
     """
     enable_compilation_cache()
     airframe, identity = resolve_aircraft(aircraft)
-    air = read_air(earth, wind, turbulence, gust, seed)
+    air = read_air(earth, wind, turbulence, gust, seed, atmosphere)
     environment = air.environment()
     point = resolve_start(airframe, environment, start)
     airframe, (point,) = set_lags(airframe, [point], actuator_lag=actuator_lag, engine_lag=engine_lag)

@@ -19,6 +19,7 @@ from anser.compiling.options import compiled_quickly
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.shapes import Scalar
+from anser.single_aircraft.air import read_air
 from anser.single_aircraft.starts import input_names, named_state, reference_inputs, resolve_start, start_names
 from anser.spatial.rotations import euler_from_quaternion, quaternion_from_euler
 
@@ -79,8 +80,12 @@ class AircraftModel:
         speed_eas_m_s: float | None = None,
         mach: float | None = None,
         pitch_rate_deg_s: float = 0.0,
+        atmosphere: Mapping[str, Any] | None = None,
     ) -> TrimResult:
-        """Trim the aircraft in still standard air: see `anser.trim`."""
+        """Trim the aircraft in still air: see `anser.trim`.
+
+        `atmosphere` is a table as in a scenario, such as `{"temperature_offset_k": 20}`; None: the standard atmosphere.
+        """
         return trim(
             self.airframe,
             speed_m_s,
@@ -91,6 +96,7 @@ class AircraftModel:
             speed_eas_m_s=speed_eas_m_s,
             mach=mach,
             pitch_rate_deg_s=pitch_rate_deg_s,
+            environment=read_air(atmosphere=atmosphere).environment(),
         )
 
     def linearize(
@@ -113,7 +119,8 @@ class AircraftModel:
         if trim is not None and not isinstance(trim, TrimResult):
             raise ValueError(f"linearize: arrived {type(trim).__name__}; expected a trim of this aircraft")
         values: dict[str, Any] = dict(condition) if trim is None else dict(trim.condition)
-        result = linearize(self.airframe, actuators=actuators, **values)
+        environment = None if trim is None else _environment_of(trim)
+        result = linearize(self.airframe, actuators=actuators, environment=environment, **values)
         return dataclasses.replace(result, condition={**result.condition, **self.identity})
 
     def performance(self, altitude_m: float = 0.0) -> "PerformanceSheet":
@@ -124,7 +131,7 @@ class AircraftModel:
 
     def start(self, trim: TrimResult) -> dict[str, float]:
         """Return a trim as a start by name, to be changed: `{**f16.start(trim), "alpha_deg": 12.0}`."""
-        environment = standard_environment()
+        environment = _environment_of(trim)
         return named_state(self.airframe, environment, resolve_start(self.airframe, environment, trim))
 
     def state_names(self, *, lag: bool = True) -> tuple[str, ...]:
@@ -213,6 +220,12 @@ def _derivatives(
     body = [rate.position_n * jnp.array([1.0, 1.0, -1.0]), rate.velocity_b, euler_rates, rate.rates_b]
     lags = [jnp.ravel(leaf) for leaf in jax.tree.leaves((rate.actuators, rate.engine))] if lag else []
     return jnp.concatenate([*body, *lags])
+
+
+def _environment_of(trim: TrimResult) -> Environment:
+    """Return the environment of a trim in still air."""
+    standard = standard_environment()
+    return Environment(trim.atmosphere, standard.wind, standard.earth)
 
 
 def aircraft(

@@ -59,7 +59,7 @@ class Simulator:
         Start of `anser.simulate`; or a sequence of starts, one for each of several aircraft.
     step_s
         Period of a step, s: the motion is integrated over a step by the classical Runge-Kutta method.
-    wind, earth
+    wind, earth, atmosphere
         Tables as in a scenario.
     actuator_lag, engine_lag
         False: the surfaces, or the power, jump to the command at each step.
@@ -85,6 +85,7 @@ class Simulator:
         *,
         wind: Mapping[str, Any] | None = None,
         earth: str | Mapping[str, Any] | None = None,
+        atmosphere: Mapping[str, Any] | None = None,
         actuator_lag: bool = True,
         engine_lag: bool = True,
     ) -> None:
@@ -92,7 +93,7 @@ class Simulator:
         if not isinstance(step_s, int | float | np.number) or not 0.0 < step_s < np.inf:
             raise ValueError(f"step_s: arrived {step_s}; expected a positive number of seconds")
         airframe, _ = resolve_aircraft(aircraft)
-        environment = read_air(earth, wind).environment()
+        environment = read_air(earth, wind, atmosphere=atmosphere).environment()
         starts = list(start) if isinstance(start, Sequence) else [start]
         if not starts:
             raise ValueError("start: arrived an empty sequence; expected a start for each aircraft")

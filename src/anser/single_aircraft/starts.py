@@ -3,12 +3,14 @@
 from collections.abc import Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
 from anser.analysis.trim_points import ConditionError, TrimResult, flight_point
 from anser.compiling.options import compiled_quickly
+from anser.environment.atmosphere import AbstractAtmosphere
 from anser.environment.environment import Environment
 from anser.numerics.arrays import as_array
 from anser.parts.paths import polar
@@ -68,6 +70,11 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
                 f"start: arrived a trim of an aircraft of {start.mass_kg:g} kg; expected one of this aircraft, of "
                 f"{mass_kg:g} kg"
             )
+        if not _same_air(start.atmosphere, environment.atmosphere):
+            raise ValueError(
+                "start: arrived a trim in another atmosphere than the flight's; expected one with the same, such as "
+                "aircraft.trim(..., atmosphere=...)"
+            )
         start = start.point
     if isinstance(start, TrimPoint):
         return _in_wind(environment, start)
@@ -94,6 +101,14 @@ def resolve_start(airframe: AbstractAirframe, environment: Environment, start: A
     if not 0.0 <= values[-1] <= 1.0:
         raise ValueError(f"start: arrived throttle {values[-1]:g}; expected 0 to 1 (not percent)")
     return _named_start(airframe, environment, as_array(values))
+
+
+def _same_air(trimmed: AbstractAtmosphere, flown: AbstractAtmosphere) -> bool:
+    """Whether two atmospheres are the same: of one class with equal numbers."""
+    if type(trimmed) is not type(flown):
+        return False
+    leaves = (jax.tree.leaves(atmosphere) for atmosphere in (trimmed, flown))
+    return all(np.array_equal(a, b) for a, b in zip(*leaves, strict=True))
 
 
 def _with_true_airspeed(environment: Environment, start: Mapping[str, Any]) -> Mapping[str, Any]:
