@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, UInt32
 
+from anser.environment.gridded_wind import has_left_field
 from anser.environments.actions import AbstractActionLevel, HeldCommand
 from anser.environments.cases import Case, Situation
 from anser.environments.planned_tasks import PlannedMission, comes_too_near
@@ -355,8 +356,13 @@ def _key_words(key: Array) -> UInt32[Array, "2"]:
 
 
 def has_failed(task: AbstractTask, situation: Situation) -> Flag:
-    """Whether an episode ends by failure: of the envelope, the stand-off (which no task lowers) or the task."""
-    failure = out_of_envelope(situation) | task.has_failed(situation)
+    """Whether an episode ends by failure: of the envelope, the stand-off (which no task lowers) or the task.
+
+    A flight beyond a wind field from a file is a failure too, unless the values of its boundary hold.
+    """
+    position_n, time = situation.truth.state.position_n, situation.instant.time
+    is_outside = has_left_field(situation.instant.environment.wind, position_n, time)
+    failure = out_of_envelope(situation) | is_outside | task.has_failed(situation)
     return failure | comes_too_near(situation) if isinstance(situation.case.task, PlannedMission) else failure
 
 

@@ -7,14 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
+import equinox as eqx
 import jax
 import numpy as np
 
 from anser.compiling.options import compiled, compiled_quickly
 from anser.compiling.program import PreparedProgram
-from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal, unproven_paths
+from anser.environment.environment import AbstractWind
+from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal, diagnose_wind_field, unproven_paths
 from anser.numerics.arrays import as_array, first_rows
 from anser.planning.certified.certified_plan import CertifiedPlan
+from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.certified.planner import CertifiedPlanner, CertifiedPlanState
 from anser.planning.certified.replanning import FIRST_PLAN
 from anser.planning.certified.search import FleetTask, SearchOutcome
@@ -25,6 +28,7 @@ from anser.planning.limits import LIMIT_MESSAGES, PathLimits, describe_bend, des
 from anser.planning.published.coordination import PLAN_MESSAGES, FleetPlan
 from anser.planning.published.planner import LimitReport, PublishedPlanState, check_limits, separation_min
 from anser.scenario.build_aircraft import build_path_limits
+from anser.scenario.build_environment import ned
 from anser.scenario.flight_checks import check_trimmable
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
@@ -252,7 +256,7 @@ class PublishedFirstPlan(FirstPlan):
                 f'aircraft "{farthest}" has the longest way and cannot slow down or come down more slowly'
             )
         changes = {
-            aircraft.name: _wind_change_m_s(self.scenario, aircraft, self.arrival_s)
+            aircraft.name: _wind_change_m_s(self.scenario, self.flight.environment.wind, aircraft, self.arrival_s)
             for aircraft in self.scenario.aircraft
         }
         name = max(changes, key=lambda aircraft: changes[aircraft])
@@ -291,10 +295,17 @@ class PublishedFirstPlan(FirstPlan):
         return record_published(self)
 
 
-def _wind_change_m_s(scenario: Scenario, aircraft: Aircraft, arrival_s: float) -> float:
+def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft, arrival_s: float) -> float:
     """Magnitude of the difference between the wind at an aircraft's rendezvous and at its start, m/s."""
-    up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
-    return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+    if scenario.wind.field is None:
+        up_m = scenario.goal_of(aircraft).position_m(arrival_s)[2] + aircraft.rendezvous.stand_off_up_m
+        return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
+    rendezvous_m = np.add(scenario.goal_of(aircraft).position_m(arrival_s), aircraft.rendezvous.stand_off_m)
+    at_rendezvous, at_start = (
+        np.asarray(wind.at(ned(position_m), time_s))
+        for position_m, time_s in ((rendezvous_m, arrival_s), (aircraft.start.position_m, 0.0))
+    )
+    return math.dist(at_rendezvous, at_start)
 
 
 def trim_and_build_tasks(flight: Flight, planner: CertifiedPlanner) -> tuple[TrimmedFleet, AircraftTask]:
@@ -309,6 +320,18 @@ trim_and_build_tasks_compiled = compiled_quickly(trim_and_build_tasks, "trim")
 def certified_plan_state(plan: CertifiedPlan, holds: PlannedHolds | None, limits: PathLimits) -> CertifiedPlanState:
     """Return the state of the certified planner with a first plan."""
     return CertifiedPlanState(plan, as_array(FIRST_PLAN, np.int64), holds, limits)
+
+
+def _diagnose_wind_field(
+    planner: CertifiedPlanner, scenario: Scenario, tasks: AircraftTask, fleet_task: FleetTask, outcome: SearchOutcome
+) -> tuple[str, ...]:
+    """Search again without the difference between a wind field and its layers; the reason if that finds a plan."""
+    if not isinstance(planner.airspace.wind, FittedWind):
+        return ()
+    no_difference = eqx.tree_at(lambda p: p.airspace.wind.residuals, planner, replace_fn=np.zeros_like)
+    request = arrival_request(scenario, tasks.active.shape[0])
+    without, _ = no_difference.search_plan(0.0, tasks, request, scenario.timing.duration_s)
+    return diagnose_wind_field(fleet_task, outcome, has_plan_without=without.plan is not None)
 
 
 @dataclass(frozen=True, repr=False, kw_only=True)
@@ -337,11 +360,13 @@ class CertifiedFirstPlan(FirstPlan):
             return cls(scenario, flight, fleet, (), plan_state, padded_tasks=tasks, outcome=outcome)
         on_progress("diagnosing the refusal")
         fleet_task = FleetTask(first_rows(tasks, count), planner.airspace, arrival_request(scenario))
-        refusals = (
-            diagnose_refusal(scenario, fleet_task, outcome.leading(count))
-            if holds is None
-            else diagnose_missing_holds(scenario, fleet_task, holds)
-        )
+        refusals = _diagnose_wind_field(planner, scenario, tasks, fleet_task, outcome.leading(count))
+        if not refusals:
+            refusals = (
+                diagnose_refusal(scenario, fleet_task, outcome.leading(count))
+                if holds is None
+                else diagnose_missing_holds(scenario, fleet_task, holds)
+            )
         return cls(scenario, flight, fleet, refusals, padded_tasks=tasks, outcome=outcome)
 
     @classmethod
@@ -377,20 +402,27 @@ class CertifiedFirstPlan(FirstPlan):
         return unproven_paths(self.scenario, np.asarray(self.plan.feasible))
 
     def notes(self) -> tuple[str, ...]:
-        """Mean airspeeds that differ from the preferred airspeeds, in one sentence; empty without a difference."""
+        """Difference between a wind field and the planner's layers; mean airspeeds other than the preferred ones."""
         if self.plan_state is None:
             return ()
+        notes = ()
+        if isinstance(self.airspace.wind, FittedWind):
+            error_m_s = float(np.max(np.asarray(self.plan.certificate.bounds.wind_error_max)))
+            notes = (
+                "the plan reckons with layers fitted to the wind field; along its paths the field differs from them by "
+                f"at most {error_m_s:.1f} m/s, which the certificate allows for",
+            )
         preferred_m_s = np.array([self.scenario.speed_for(aircraft) for aircraft in self.scenario.aircraft])
         plan = self.plan
         planned_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
         differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > _SPEED_TOLERANCE)
         if not differing.size:
-            return ()
+            return notes
         names = ", ".join(f"{self.scenario.aircraft[k].name} {planned_m_s[k]:.1f} m/s" for k in differing)
         if np.ptp(preferred_m_s) > 0.0:
-            return (f"mean airspeeds other than preferred: {names}",)
+            return (*notes, f"mean airspeeds other than preferred: {names}")
         preferred = f"{self.scenario.fleet.airspeed_name('fleet')} = {preferred_m_s[0]:g} m/s"
-        return (f"mean airspeeds other than the preferred {preferred}: {names}",)
+        return (*notes, f"mean airspeeds other than the preferred {preferred}: {names}")
 
     def path_descriptions(self) -> tuple[str, ...]:
         """Shape of the path of each aircraft, such as "turns 83 deg"."""

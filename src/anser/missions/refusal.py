@@ -4,6 +4,7 @@ Called by `anser.missions.first_plan` after a search of the certified planner wi
 scenario's aircraft and keys, so that the diagnosis needs the scenario.
 """
 
+import math
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -16,6 +17,7 @@ from anser.planning.certified.arrival_times import (
     common_times,
     reachable,
 )
+from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S, FittedWind
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import Intervals
 from anser.planning.holds.hold_paths import PlannedHolds
@@ -56,6 +58,30 @@ def unproven_paths(scenario: Scenario, feasible: np.ndarray) -> tuple[str, ...]:
         for aircraft, is_proven in pairs
         if not is_proven
     )
+
+
+def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_without: bool) -> tuple[Refusal, ...]:
+    """Return the reason for a missing plan in a wind field if the layers alone, without the difference, have a plan."""
+    if not has_plan_without:
+        return ()
+    attempts = [plan for plan in (outcome.plan_without_holds, outcome.best_attempt) if plan is not None]
+    wind = fleet.airspace.wind
+    assert isinstance(wind, FittedWind)
+    error_m_s = (
+        float(np.max(np.asarray(attempts[0].certificate.bounds.wind_error_max)[fleet.active])) if attempts else math.inf
+    )
+    if error_m_s >= BEYOND_FIELD_M_S:
+        text = (
+            "the paths or holds that the other constraints allow leave the wind field of the file; a larger field or "
+            'wind.outside = "hold" would help'
+        )
+        return (Refusal(text, (), ("wind.field", "wind.outside")),)
+    text = (
+        f"the wind field differs by up to {error_m_s:.1f} m/s from the layers of wind with which the planner computes, "
+        "and with this difference no path is proved to keep the limits of airspeed, bank angle and acceleration; with "
+        "the layers alone there is a plan"
+    )
+    return (Refusal(text, (), ("wind.field",)),)
 
 
 def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcome) -> tuple[Refusal, ...]:

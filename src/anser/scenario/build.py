@@ -34,6 +34,7 @@ from anser.scenario.build_environment import build_environment, build_gusts, ned
 from anser.scenario.build_excitation import build_aircraft_excitation
 from anser.scenario.build_planner import build_planner
 from anser.scenario.build_sensing import build_estimator, build_sensors
+from anser.scenario.build_wind_field import check_wind_field
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft, Goal
 from anser.scenario.schema_airspace import Event
@@ -109,6 +110,7 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
         Number of the flight; together with the scenario's seed it determines all random numbers.
     """
     timing = scenario.timing
+    check_wind_field(scenario)
     resolved = resolve_fleet(scenario)
     fleet = [*resolved, *resolved[-1:] * (-len(resolved) % _FLEET if pad_fleet else 0)]
     goals = _goals([scenario.goal_of(aircraft.table) for aircraft in fleet], scenario.event)

@@ -15,6 +15,7 @@ from anser.environment.environment import AbstractWind, Environment, LayeredWind
 from anser.environment.gusts import AbstractGusts, DiscreteGust, NoGusts, SummedGusts
 from anser.environment.turbulence import ExceedanceTable, Turbulence
 from anser.numerics.arrays import as_array, bucket_size, stack_rows
+from anser.scenario.build_wind_field import build_wind_field
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Aircraft
 from anser.scenario.schema_environment import INTENSITIES, Atmosphere
@@ -42,10 +43,12 @@ def build_atmosphere(atmosphere: Atmosphere | None) -> AbstractAtmosphere:
 
 
 def build_wind(scenario: Scenario) -> AbstractWind:
-    """Build the wind: uniform, or layers.
+    """Build the wind: uniform, layers, or the field of a file.
 
     Layers are padded to a bucket size with copies above the highest layer.
     """
+    if scenario.wind.field is not None:
+        return build_wind_field(scenario.wind, scenario.earth)
     profile = scenario.wind.profile_m_s
     if scenario.wind.layers is None:
         return SteadyWind(ned(profile[0][1]))

@@ -18,6 +18,7 @@ from anser.planning.published.planner import PublishedPlanner
 from anser.planning.separation import Separation
 from anser.scenario.build_aircraft import ResolvedAircraft, planned_limits
 from anser.scenario.build_environment import build_environment, build_wind, ned
+from anser.scenario.build_wind_field import build_fitted_wind
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import Network as NetworkTable
 from anser.sensing.vehicle_sensors import Dropouts
@@ -60,7 +61,7 @@ def _certified(scenario: Scenario, fleet: Sequence[ResolvedAircraft], guidance: 
         limits=stack_rows([planned_limits(scenario, aircraft) for aircraft in fleet]),
         roll_rates_max=as_array([aircraft.plan_roll_rate for aircraft in fleet]),
         airspace=Airspace(
-            wind=build_wind(scenario),
+            wind=build_wind(scenario) if scenario.wind.field is None else build_fitted_wind(scenario),
             gravity=build_environment(scenario).gravity,
             separation=Separation(
                 as_array(separation.horizontal_m + reserve_m if is_separated else 0.0),

@@ -59,6 +59,15 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
     return {**values, "aircraft": tables_with_files}
 
 
+def insert_wind_field(values: dict[str, Any], source: str) -> dict[str, Any]:
+    """Make the path of a wind field relative to the folder of the scenario file `source`; values not validated."""
+    wind = values.get("wind")
+    path = wind.get("field") if isinstance(wind, dict) else None
+    return (
+        values if not isinstance(path, str) else {**values, "wind": {**wind, "field": str(Path(source).parent / path)}}
+    )
+
+
 def _aircraft_file_path(aircraft: object) -> str | None:
     path = aircraft.get("airframe") if isinstance(aircraft, dict) else None
     return path if isinstance(path, str) else None
@@ -163,7 +172,9 @@ class Scenario(ScenarioTables):
         naming_problems = checks.name_problems(self)
         applicable = _CHECKS if naming_problems else (*_CHECKS, *_CHECKS_WITH_GOALS)
         problems = [*naming_problems, *(problem for check in applicable for problem in check(self))]
-        return problems or reach_problems(self) or arrival_time_problems(self)
+        if problems or self.wind.field is not None:  # the wind of a field is not known here: the planner refuses
+            return problems
+        return reach_problems(self) or arrival_time_problems(self)
 
     @property
     def hash(self) -> str:
@@ -216,7 +227,7 @@ def validate(values: dict[str, Any], source: str = "<values>") -> Scenario:
     if "format" in values and (type(version) is not int or version not in DEFAULT_PLANNERS):
         # in another format all keys may differ, so this is the only problem reported
         raise ScenarioError(source, [Problem("format", describe_value(version), FORMATS_EXPECTED)])
-    values = insert_sounding(insert_aircraft_files(values, source), source)
+    values = insert_wind_field(insert_sounding(insert_aircraft_files(values, source), source), source)
     try:
         return Scenario.model_validate(values)
     except ValidationError as error:
@@ -227,10 +238,13 @@ def scenario_hash(scenario: Scenario) -> str:
     """Compute a scenario's hash, which comments, the order of keys and written-out defaults do not change.
 
     SHA-256 of the canonical JSON (keys sorted, no blanks, ASCII), 64 hexadecimal digits. Airframes from entry points,
-    which are code, enter with the name and version of their distribution.
+    which are code, enter with the name and version of their distribution; a wind field with the checksum of its file.
     """
     offered = {
         aircraft.type: entry_point_origin(aircraft.type) for aircraft in scenario.aircraft if aircraft.airframe is None
     }
     code = {name: origin for name, origin in offered.items() if origin}
-    return content_hash(scenario, {"entry_points": code} if code else None)
+    extra: dict[str, Any] = {"entry_points": code} if code else {}
+    if scenario.wind.field is not None:
+        extra["wind"] = {**scenario.wind.model_dump(mode="json"), "field": scenario.wind.field.sha256}
+    return content_hash(scenario, extra)

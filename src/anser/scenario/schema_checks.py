@@ -96,7 +96,7 @@ def _aircraft_speed_problems(scenario: ScenarioTables, index: int, aircraft: Air
         expected = f"a speed between {_speed_bounds(limits, 'and')}{_limits_owner(scenario, aircraft)}"
         subject = aircraft.label if aircraft.airspeed_forms else ""
         problems.append(Problem(key, table.airspeed_text, expected, subject))
-    if wind.speed_max_m_s >= speed_m_s:
+    if wind.field is None and wind.speed_max_m_s >= speed_m_s:
         expected = f"a wind slower than {table.airspeed_name(table_path)}, which is {format_number(speed_m_s)} m/s"
         path, wind_m_s = ("speed_m_s", wind.speed_m_s) if wind.layers is None else ("layers", wind.speed_max_m_s)
         problems.append(Problem(f"wind.{path}", format_number(wind_m_s), expected))

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -32,9 +33,10 @@ from anser.environment.air import (
     virtual_temperature,
 )
 from anser.scenario.schema_settings import DURATION_MAX_S
+from anser.scenario.wind_field_file import file_digest
 
 _EARTHS = ("flat", "wgs84")
-_WAYS = "either speed_m_s, from_deg and up_m_s, the same at all altitudes, or layers; not both"
+_WAYS = "one of the three: speed_m_s, from_deg and up_m_s, the same at all altitudes; layers; or field"
 
 
 class Earth(Table):
@@ -77,8 +79,46 @@ class WindLayer(Table):
     up_m_s: float = number("vertical wind, positive upwards", -20, 20, "m/s", 0.0)
 
 
+FIELD_SPEED_MAX_M_S = 150.0
+"""Greatest speed of the air in a wind field, as for a layer of wind."""
+
+
+class WindFieldSource(Table):
+    """File of a wind field, with the checksum of its content."""
+
+    path: str = Field(description="path of the NetCDF file", json_schema_extra=expects("a path in quotes"))
+    sha256: str = Field(
+        pattern=r"^[0-9a-f]{64}$",
+        description="SHA-256 of the file's content",
+        json_schema_extra=expects("64 hexadecimal digits"),
+    )
+
+
+def _field_from_path(value: Any) -> Any:
+    """Read ``field = "FILE.nc"`` as a table with the checksum of the file's content."""
+    if not isinstance(value, str):
+        return value
+    path = Path(value).absolute()
+    return {"path": str(path), "sha256": file_digest(path)}
+
+
+class _FieldPathSchema:
+    """JSON Schema annotation: the path of a file."""
+
+    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, handler(core)]}
+
+
+def _field_key(description: str, expected: str, default: Any, **options: Any) -> Any:
+    """Declare a key of a wind field, which is left out of a dump at its default: other scenarios keep their hash."""
+    exclude_if = lambda value: value == default  # noqa: E731
+    return Field(
+        default, description=description, json_schema_extra=expects(expected), exclude_if=exclude_if, **options
+    )
+
+
 class Wind(Table):
-    """Wind: uniform and steady, or a shear profile."""
+    """Wind: uniform and steady, a shear profile, or a field from a file."""
 
     speed_m_s: float = number("horizontal wind speed", 0, 100, "m/s", 0.0)
     from_deg: float = number("direction that the wind comes from, clockwise from north", -360, 360, "deg", 0.0)
@@ -89,13 +129,34 @@ class Wind(Table):
         at_least=1,
         default=None,
     )
+    field: Annotated[WindFieldSource, BeforeValidator(_field_from_path), _FieldPathSchema()] | None = _field_key(
+        "NetCDF file with the wind over time, altitude and two horizontal axes", "the path of a file, in quotes", None
+    )
+    start_time: float | str | None = _field_key(
+        "time of the file at which the flight begins; left out: the first",
+        'a date and time (UTC) in quotes, such as "2026-01-05T12:00"; a number of seconds for a file without dates',
+        None,
+    )
+    member: int = _field_key("member of an ensemble, from 0", "a whole number from 0 to 999", 0, ge=0, le=999)
+    outside: Literal["refuse", "hold"] = _field_key(
+        "beyond the field: the flight is refused, or the wind is as at the boundary", '"refuse" or "hold"', "refuse"
+    )
 
     def consistency_problems(self) -> list[Problem]:
-        """List a wind defined twice, and layers whose altitudes do not rise."""
-        if self.layers is None:
-            return []
+        """List a wind defined twice, keys of a field without a field, and layers whose altitudes do not rise."""
+        alternatives = ("layers", "field")
+        used = [key for key in alternatives if getattr(self, key) is not None]
         uniform_keys = [key for key in ("speed_m_s", "from_deg", "up_m_s") if key in self.model_fields_set]
-        problems = [Problem(key, f"{format_number(getattr(self, key))} beside layers", _WAYS) for key in uniform_keys]
+        problems = [
+            Problem(key, f"{format_number(getattr(self, key))} beside {used[0]}", _WAYS) for key in uniform_keys if used
+        ]
+        if len(used) > 1:
+            problems.append(Problem("layers", "layers beside field", _WAYS))
+        if self.field is None:
+            keys = [key for key in ("start_time", "member", "outside") if key in self.model_fields_set]
+            problems += [Problem(key, f"{key} without field", "the key only beside field") for key in keys]
+        if self.layers is None:
+            return problems
         altitudes_m = [layer.altitude_m for layer in self.layers]
         for index, (lower_altitude, altitude) in enumerate(itertools.pairwise(altitudes_m), 1):
             if altitude <= lower_altitude:
@@ -105,14 +166,19 @@ class Wind(Table):
 
     @property
     def profile_m_s(self) -> tuple[tuple[float, Vector], ...]:
-        """Layers of the wind: pairs of altitude (m) and velocity over the ground (north, east, up), m/s."""
+        """Layers of the wind: pairs of altitude (m) and velocity over the ground (north, east, up), m/s.
+
+        One layer of still air for a wind field, whose file is not read for the checks of a scenario.
+        """
         if self.layers is None:
             return ((0.0, _wind_velocity(self)),)
         return tuple((layer.altitude_m, _wind_velocity(layer)) for layer in self.layers)
 
     @property
     def speed_max_m_s(self) -> float:
-        """Greatest speed of the air over the ground at any altitude, m/s."""
+        """Greatest speed of the air over the ground at any altitude, m/s; for a wind field, the greatest allowed."""
+        if self.field is not None:
+            return FIELD_SPEED_MAX_M_S
         return max(math.hypot(*velocity) for _, velocity in self.profile_m_s)
 
     def velocity_m_s(self, altitude_m: float) -> Vector:

@@ -14,6 +14,7 @@ from anser.aircraft.air_data import Disturbance
 from anser.aircraft.airframe import AircraftState
 from anser.aircraft.motion import flight_condition, to_local_state, to_motion_state
 from anser.environment.environment import Environment
+from anser.environment.gridded_wind import has_left_field
 from anser.environment.gusts import AirFlow, NoGusts
 from anser.numerics.arrays import cast_like, select_if_any
 from anser.numerics.randomness import AIR, AbstractRandomness
@@ -28,8 +29,10 @@ from anser.spatial.rotations import rotate, rotation_from_quaternion, safe_norm
 from anser.steady.trim import TrimPoint
 
 FLYING = 0
-_EVENT_CODES = range(len(PLAN_MESSAGES), len(PLAN_MESSAGES) + 9)
-NO_TRIM, NOT_FINITE, BREAKAWAY, AT_GROUND, TOO_NEAR, PLAN_TOO_NEAR, LEFT_FLEET, GOAL_UNSEEN, GOAL_LOST = _EVENT_CODES
+_EVENT_CODES = range(len(PLAN_MESSAGES), len(PLAN_MESSAGES) + 10)
+NO_TRIM, NOT_FINITE, BREAKAWAY, AT_GROUND, TOO_NEAR, PLAN_TOO_NEAR, LEFT_FLEET, GOAL_UNSEEN, GOAL_LOST, OUTSIDE_WIND = (
+    _EVENT_CODES
+)
 
 STATUS_MESSAGES: tuple[str, ...] = (
     "arrived",
@@ -45,6 +48,7 @@ STATUS_MESSAGES: tuple[str, ...] = (
     "left the fleet and flew its exit path",
     "its goal was never seen: it held at the reported position of the goal",
     "the filter of its goal diverged: it held at the last estimated position of the goal",
+    "left the wind field of the file, in space or time; later samples repeat the last state",
 )
 """Message of each status code; the first messages are the planner's."""
 
@@ -214,10 +218,15 @@ def act(
     stopped = state.stopped
     if vehicle.mission is not None:
         finite = _all_finite((aircraft, part_states))
-        grounded = to_local_state(instant.environment, aircraft).position_n[2] >= 0.0
+        position_n = to_local_state(instant.environment, aircraft).position_n
+        grounded = position_n[2] >= 0.0
         event = jnp.where(~finite, NOT_FINITE, jnp.where(grounded, AT_GROUND, status)).astype(status.dtype)
+        is_over = ~finite | grounded
+        is_outside = has_left_field(instant.environment.wind, position_n, instant.time + instant.step)
+        event = jnp.where(is_outside & ~is_over, OUTSIDE_WIND, event).astype(status.dtype)
+        is_over = is_over | is_outside
         status = jnp.where(stopped, sample.status, event)
-        stopped = stopped | ~finite | grounded
+        stopped = stopped | is_over
         aircraft, part_states = jax.tree.map(
             lambda old, new: jnp.where(stopped, old, new), previous, (aircraft, part_states)
         )

@@ -42,6 +42,8 @@ class Air(Table):
         earth = "flat Earth, standard gravity" if self.earth is None else f"Earth {self.earth.model}"
         uniform = f"wind {self.wind.speed_m_s:g} m/s from {self.wind.from_deg:g} deg, {self.wind.up_m_s:g} m/s up"
         wind = "wind by layers" if self.wind.layers is not None else uniform
+        if self.wind.field is not None:
+            wind = f"wind field of SHA-256 {self.wind.field.sha256[:12]}, member {self.wind.member}"
         is_calm = self.wind.speed_max_m_s == 0.0
         turbulence = f"{self.turbulence.intensity} turbulence, seed {self.seed}"
         parts = [earth] if self.atmosphere is None else [earth, self.atmosphere.describe()]

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from anser.aircraft.actuators import without_lag
 from anser.aircraft.airframe import AbstractAirframe
@@ -23,7 +24,8 @@ from anser.compiling.options import compiled_by_older_generator, enable_compilat
 from anser.control.inversion_autopilot import InversionAutopilot
 from anser.environment.air import STANDARD_LAYERS, Layers
 from anser.environment.atmosphere import atmosphere_layers
-from anser.environment.environment import Environment
+from anser.environment.environment import AbstractWind, Environment
+from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.environment.gusts import AbstractGusts, NoGusts
 from anser.files import result_folder
 from anser.numerics.arrays import as_array, bucket_size
@@ -214,7 +216,8 @@ def simulate(
     Returns
     -------
     AircraftFlight
-        `dataset` ends before the ground is reached or a value becomes non-finite; its attribute `end` tells so.
+        `dataset` ends before the ground is reached, the wind field of a file ends or a value becomes non-finite; its
+        attribute `end` tells so.
 
     Raises
     ------
@@ -277,7 +280,24 @@ def simulate(
         **version_attributes(),
     }
     layers = atmosphere_layers(environment.atmosphere)
-    return AircraftFlight(flight_dataset(time_s[::stride], columns, airframe.actuators.names, attributes, layers))
+    is_outside = _outside_field(environment.wind, columns, time_s[::stride])
+    names = airframe.actuators.names
+    return AircraftFlight(flight_dataset(time_s[::stride], columns, names, attributes, layers, is_outside))
+
+
+@jax.jit
+def _outside(wind: AbstractWind, positions_n: Float[Array, "row 3"], times: Float[Array, " row"]) -> Array:
+    return jax.vmap(has_left_field, in_axes=(None, 0, 0))(wind, positions_n, times)
+
+
+def _outside_field(
+    wind: AbstractWind, history: Mapping[str, np.ndarray], time_s: Float[np.ndarray, " row"]
+) -> Bool[np.ndarray, " row"] | None:
+    """Return the rows of a flight beyond the wind field of a file; None for another wind."""
+    if not isinstance(wind, GriddedWind):
+        return None
+    positions_n = np.stack([history["north"], history["east"], -history["altitude"]], axis=1)
+    return np.asarray(_outside(wind, as_array(positions_n), as_array(time_s)))
 
 
 @compiled_by_older_generator(("count",), "flight")
@@ -459,25 +479,31 @@ def flight_dataset(
     surfaces: Sequence[str],
     attributes: Mapping[str, Any],
     air_layers: Layers = STANDARD_LAYERS,
+    is_outside: Bool[np.ndarray, " row"] | None = None,
 ) -> xr.Dataset:
     """Convert the recorded variables of one aircraft to a dataset over time, up to the end of the flight.
 
-    `air_layers` is the air of the flight, see `anser.environment.air`.
-    The flight ends before the first sample on the ground or with a non-finite motion; the attribute `end` says which.
+    `air_layers` is the air of the flight, see `anser.environment.air`; `is_outside` marks rows beyond its wind field.
+    The flight ends before the first sample on the ground, beyond the wind field or with a non-finite motion; the
+    attribute `end` says which.
     """
     motion = np.stack(
         [history[key] for key in ("airspeed", "alpha", "altitude", "roll_rate", "pitch_rate", "yaw_rate")]
     )
     is_lost = ~np.all(np.isfinite(motion), axis=0)
     is_grounded = history["altitude"] <= 0.0
-    over = np.flatnonzero(is_lost | is_grounded)
+    is_outside = np.zeros_like(is_lost) if is_outside is None else is_outside
+    over = np.flatnonzero(is_lost | is_grounded | is_outside)
     rows, end = time_s.size, "flown to the end"
     if over.size:
         rows = int(over[0])
-        reason = "the motion became non-finite" if is_lost[rows] else "the ground was reached"
+        reason = "the ground was reached" if is_grounded[rows] else "the wind field of the file ended"
+        reason = "the motion became non-finite" if is_lost[rows] else reason
         end = f"{reason} at {time_s[rows]:g} s"
     if rows == 0:
-        raise ValueError(f"start: {end}; expected a finite state above the ground (altitude_m > 0)")
+        raise ValueError(
+            f"start: {end}; expected a finite state above the ground (altitude_m > 0) and within the wind field, if any"
+        )
     left_out = {"status", *(CONTROLLER_KEYS if attributes["controller"] == OPEN_LOOP else ())}
     history = {**history, **air_variables(history["airspeed"], history["altitude"], air_layers)}
     data: dict[str, Any] = {

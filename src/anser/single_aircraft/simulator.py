@@ -11,9 +11,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from anser.aircraft.airframe import AbstractAirframe, AircraftState, Controls
-from anser.aircraft.motion import MotionState, to_motion_state
+from anser.aircraft.motion import MotionState, to_local_state, to_motion_state
 from anser.compiling.options import compiled_quickly, enable_compilation_cache
 from anser.environment.environment import Environment
+from anser.environment.gridded_wind import GriddedWind, has_left_field
 from anser.simulation.open_loop import dataset_variables
 from anser.simulation.vehicle import advance
 from anser.single_aircraft.air import read_air
@@ -114,7 +115,7 @@ class Simulator:
         constants, self._programs = _prepare(
             airframe, environment, motions[0], self.step_s, batched=self._count is not None
         )
-        self._constants = constants
+        self._constants, self._wind = constants, environment.wind
         self.reset()
 
     def reset(self) -> NamedState:
@@ -150,11 +151,14 @@ class Simulator:
         Raises
         ------
         ValueError
-            An input is unknown, or a shape does not fit.
+            An input is unknown, a shape does not fit, or the step leads beyond the wind field of a file, unless its
+            boundary values hold; the state then stays as it was.
         """
         inputs = self._merge(controls)
-        self._inputs = inputs
         result = self._programs.step(self._constants, self._motion, inputs)
+        if isinstance(self._wind, GriddedWind):
+            self._check_field(result if self._count is not None else result[0])
+        self._inputs = inputs
         self._number += 1
         if self._count is None:
             self._motion, rows = result
@@ -162,6 +166,18 @@ class Simulator:
         else:
             self._motion = result
         return self.state
+
+    def _check_field(self, motion: Array) -> None:
+        time_s = self.time_s + self.step_s
+        positions_n = self._programs.positions_n(self._constants, motion)
+        is_outside = jax.vmap(has_left_field, in_axes=(None, 0, None))(self._wind, positions_n, time_s)
+        if np.any(np.asarray(is_outside)):
+            north, east, down = np.asarray(positions_n)[int(np.argmax(is_outside))]
+            raise ValueError(
+                f"wind.field: the aircraft leaves the wind field of the file at {time_s:g} s, {north:.0f} m north, "
+                f"{east:.0f} m east, at {-down:.0f} m; expected a flight within the field, or wind "
+                '{"outside": "hold"}, with which the wind beyond is as at the boundary'
+            )
 
     def save(self) -> dict[str, Any]:
         """Return a checkpoint, from which `restore` continues bit by bit as without it; it can be pickled or copied."""
@@ -247,7 +263,15 @@ class _Programs:
             start = motion, jnp.zeros(len(self.indices))
             return jax.lax.fori_loop(0, (motion[-1] >= 0.0).astype(int), body, start)
 
+        def position_n(constants: Array, motion: Array) -> Array:
+            return to_local_state(unpack(constants[:-1])[1], unravel(motion[:-1])).position_n
+
         in_axes = (None, 0, 0)
+        self.positions_n = jax.jit(
+            jax.vmap(position_n, in_axes[:2])
+            if batched
+            else lambda constants, motion: position_n(constants, motion)[None]
+        )
         self.variables = jax.jit(jax.vmap(variables, in_axes) if batched else variables)
         self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else advance_and_read)
 

@@ -137,8 +137,8 @@ def geodetic_from_flat(
     tangent, so that the map covers the whole Earth, each longitude once within half a turn of the reference.
     """
     R_M, R_N = radii_of_curvature(reference_latitude, ellipsoid)
-    north = _angle_of(position_n[0], R_M + reference_height)
-    east = _angle_of(position_n[1], (R_N + reference_height) * jnp.cos(reference_latitude))
+    north = angle_on_flat_map(position_n[0], R_M + reference_height)
+    east = angle_on_flat_map(position_n[1], (R_N + reference_height) * jnp.cos(reference_latitude))
     return (
         jnp.asarray(reference_latitude) + north,
         jnp.asarray(reference_longitude) + east,
@@ -192,7 +192,11 @@ def flat_map_scale(length: ScalarLike, radius: ScalarLike) -> Scalar:
     return 1.0 + tangent * tangent
 
 
-def _angle_of(length: ScalarLike, radius: ScalarLike) -> Scalar:
+def angle_on_flat_map(length: ScalarLike, radius: ScalarLike) -> Scalar:
+    """Return the angle (rad) of latitude or longitude of a length on the flat map (m), both from the reference.
+
+    `radius` is the Earth's radius of curvature, for longitude times the cosine of the reference latitude, m.
+    """
     arctangent_part = jnp.clip(length, -radius, radius)
     return jnp.arctan2(arctangent_part, radius) + 0.5 * (length - arctangent_part) / radius
 

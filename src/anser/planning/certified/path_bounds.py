@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 from anser.environment.environment import AbstractWind, LayeredWind, SteadyWind
 from anser.numerics import bernstein
 from anser.numerics.arrays import namespace
+from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.limits import CERTIFIED_LIMITS, Limit, PathLimits
 from anser.planning.timed_path import TimedPath
 from anser.shapes import Scalar, ScalarLike
@@ -96,14 +97,20 @@ def _square(a: Float[Array, "cells axes n"]) -> Cells:
 
 
 def _wind_error(
-    wind: AbstractWind, down: Cells, slope: Float[Array, "cells 3 5"], drifting: Float[Array, " cells"]
+    wind: AbstractWind, ground: Float[Array, "cells 3 6"], slope: Float[Array, "cells 3 5"], drifting: Array
 ) -> Float[Array, " cells"]:
     """Upper bound of |slope of the drift - wind|, m/s, in each cell."""
+    if isinstance(wind, FittedWind):
+        residual = wind.residual_max(jnp.min(ground, axis=2), jnp.max(ground, axis=2))
+        return _wind_error(wind.layers, ground, slope, drifting) + jnp.where(drifting, residual, 0.0)
+    down = ground[:, 2]
     if isinstance(wind, SteadyWind):
         difference = jnp.max(jnp.abs(slope - wind.velocity_n[None, :, None]), axis=2)
         return jnp.where(drifting, safe_sqrt(jnp.sum(difference**2, axis=1)), 0.0)
     if not isinstance(wind, LayeredWind):
-        raise TypeError(f"no certificate for wind of type {type(wind).__name__}; expected a steady or a layered wind")
+        raise TypeError(
+            f"no certificate for wind of type {type(wind).__name__}; expected a steady, a layered or a fitted wind"
+        )
     low, high = bernstein.bounds(-down)
     slopes = bernstein.elevate(slope, down.shape[-1] - 1)
     # Below the lowest and above the highest altitude the wind is constant.
@@ -187,7 +194,7 @@ def _ratio_max(upper: Cells, lower: Cells, sound: Bool[Array, " cells"]) -> Floa
 
 
 def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> PathBounds:
-    """Compute the bounds of a path in a wind (steady or layered) under a gravity (m/s^2).
+    """Compute the bounds of a path in a wind (steady, layered or fitted to a field) under a gravity (m/s^2).
 
     Notes
     -----
@@ -201,7 +208,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
     ground, velocity_g, acceleration = bernstein_coefficients(air + path.drift_n, safe)
     _, drift_slope, _ = bernstein_coefficients(path.drift_n, safe)
     velocity = velocity_g - drift_slope
-    error = _wind_error(wind, ground[:, 2], drift_slope, nonempty)
+    error = _wind_error(wind, ground, drift_slope, nonempty)
 
     def least(low: Array) -> Scalar:
         return jnp.min(jnp.where(nonempty, low, jnp.inf))

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from anser.environment.environment import AbstractWind, LayeredWind
 from anser.numerics.integration import gauss_legendre
 from anser.numerics.linear import BlockTridiagonal
+from anser.planning.certified.fitted_wind import FittedWind
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import demand
 from anser.planning.limits import CERTIFIED_LIMITS, acceleration_limits
@@ -157,8 +158,9 @@ def spline_path(
     times = spline.duration * jnp.linspace(0.0, 1.0, intervals + 1)
     max_crossings = (knots - intervals - 1) // 2
     side = jnp.zeros(intervals + 1)
-    if isinstance(wind, LayeredWind):
-        crossed, direction = _crossings(spline, wind.altitudes, intervals, max_crossings)
+    layers = wind.layers if isinstance(wind, FittedWind) else wind
+    if isinstance(layers, LayeredWind):
+        crossed, direction = _crossings(spline, layers.altitudes, intervals, max_crossings)
         times = jnp.concatenate([times, jnp.repeat(crossed, 2)])
         side = jnp.concatenate([side, jnp.stack([-direction, direction], axis=1).ravel()])
     order = jnp.argsort(times, stable=True)

@@ -70,7 +70,7 @@ def no_keep_outs() -> KeepOuts:
 class Airspace(eqx.Module):
     """Environment that the aircraft of a fleet share."""
 
-    wind: AbstractWind  #: Steady or layered wind.
+    wind: AbstractWind  #: Steady or layered wind, or layers fitted to a field.
     gravity: Scalar  #: Acceleration of gravity, m/s^2.
     separation: Separation  #: Required distances between the aircraft.
     keep_outs: KeepOuts  #: Volumes that no path may enter.

@@ -16,6 +16,7 @@ from anser.planning.certified.clearance import (
     fleet_cylinders,
     path_track,
 )
+from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S
 from anser.planning.certified.path_bounds import excess, path_bounds
 from anser.planning.certified.task import AircraftTask, Airspace
 from anser.planning.demand import turn_radius
@@ -165,7 +166,8 @@ def assign_holds(
             (jax.vmap(safe_norm)(whole.positions_n - goal_n) >= goal_distance_min) | (times <= arrival)
         )
         keeps_altitudes = jnp.all(excess(bounds, task.limits, _ALTITUDES) <= _ROUNDING)
-        fits = keeps_altitudes & keeps_goal_distance & jnp.all(keep_out_clearance >= 0.0)
+        in_field = bounds.wind_error_max < BEYOND_FIELD_M_S
+        fits = keeps_altitudes & keeps_goal_distance & in_field & jnp.all(keep_out_clearance >= 0.0)
         cylinders, cylinders_after = (
             fleet_cylinders(track, fleet, HOLD_INTERVALS_PER_CYLINDER) for track in (whole, hold_only)
         )

@@ -1,0 +1,90 @@
+"""Wind on a grid in time, altitude and two horizontal axes, as weather models write it: linear in all dimensions."""
+
+from itertools import product
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from anser.environment.atmosphere import geopotential_from_geometric
+from anser.environment.environment import AbstractWind
+from anser.numerics.tables import Axes
+from anser.shapes import Flag, Scalar, ScalarLike, Vector3
+from anser.spatial.wgs84 import angle_on_flat_map
+
+
+class GriddedWind(AbstractWind):
+    """Wind at the nodes of a grid, interpolated linearly in the grid's own coordinates, and clamped beyond them.
+
+    The levels of the grid may have another altitude at every node and time, as pressure levels have: the altitudes are
+    interpolated like the velocities, so that the result is linear in pressure between two levels. `columns` is the same
+    for all aircraft and flights of a batch (`anser.numerics.arrays.Stacked.shared`).
+    """
+
+    #: Velocity of the air (NED, m/s) and altitude (m) of each level, lowest first, at every node: members, times,
+    #: northward and eastward nodes, in this order and row-major, along the first axis.
+    columns: Float[Array, "node level 4"]
+    member: Int[Array, ""]  #: Index of the ensemble's member.
+    #: Times (s), only if there are several, northward and eastward coordinates: m on the chart, or rad from its origin.
+    axes: Axes
+    #: Greatest altitude of each level, without the first and the last, m.
+    level_tops: Float[Array, " inner"]
+    altitude_min: Scalar  #: Altitude above which every column has wind, m.
+    altitude_max: Scalar  #: Altitude below which every column has wind, m.
+    #: Radii (m) with which the chart maps latitude and longitude; None for an axis in m.
+    radii: Float[Array, "2"] | None
+    is_geopotential: bool = eqx.field(static=True)  #: Whether the altitudes are geopotential.
+    #: Number of intervals between levels, above the lowest possible, that can contain an altitude.
+    interval_count: int = eqx.field(static=True)
+    is_held: bool = eqx.field(static=True)  #: Whether a flight may leave the grid, whose boundary values then hold.
+
+    def at(self, position_n: Vector3, time: ScalarLike) -> Vector3:
+        """Return the velocity of the air (3,), NED, m/s, at a chart position and a time (s)."""
+        index, fraction = self.axes.locate(self._coordinates(position_n, time))
+        sizes = self.axes.sizes
+        node = self.member
+        for k, size in enumerate(sizes):
+            node = node * size + index[k]
+        strides = [int(np.prod(sizes[k + 1 :])) for k in range(len(sizes))]
+        corners = np.array([sum(np.multiply(corner, strides)) for corner in product((0, 1), repeat=len(sizes))])
+        altitude = self._altitude(position_n)
+        lowest = jnp.sum(altitude >= self.level_tops, dtype=jnp.int32)
+        lowest = jnp.clip(lowest, 0, self.columns.shape[1] - 1 - self.interval_count)
+        levels = lowest + np.arange(self.interval_count + 1, dtype=np.int32)
+        nodes = node + corners.astype(np.int32)
+        profile = self.columns.at[nodes[:, None], levels[None, :]].get(mode="clip")  # the indices are within the grid
+        for k in reversed(range(len(sizes))):
+            profile = profile[0::2] + fraction[k] * (profile[1::2] - profile[0::2])
+        profile = profile[0]
+        lower, upper = profile[0], profile[1]
+        for k in range(1, self.interval_count):
+            is_above = altitude >= profile[k, 3]
+            lower, upper = jnp.where(is_above, profile[k], lower), jnp.where(is_above, profile[k + 1], upper)
+        share = jnp.clip((altitude - lower[3]) / (upper[3] - lower[3]), 0.0, 1.0)
+        return lower[:3] + share * (upper[:3] - lower[:3])
+
+    def is_outside(self, position_n: Vector3, time: ScalarLike) -> Flag:
+        """Whether a chart position or a time (s) lies beyond the grid."""
+        altitude = self._altitude(position_n)
+        is_beyond = jnp.any(self.axes.outside(self._coordinates(position_n, time)))
+        return is_beyond | (altitude < self.altitude_min) | (altitude > self.altitude_max)
+
+    def _altitude(self, position_n: Vector3) -> Scalar:
+        return geopotential_from_geometric(-position_n[2]) if self.is_geopotential else -position_n[2]
+
+    def _coordinates(self, position_n: Vector3, time: ScalarLike) -> Float[Array, " axes"]:
+        north, east = position_n[0], position_n[1]
+        if self.radii is not None:
+            north, east = angle_on_flat_map(north, self.radii[0]), angle_on_flat_map(east, self.radii[1])
+        horizontal = jnp.stack([north, east])
+        if len(self.axes.sizes) == 2:
+            return horizontal
+        return jnp.concatenate([jnp.asarray(time, horizontal.dtype)[None], horizontal])
+
+
+def has_left_field(wind: AbstractWind, position_n: Vector3, time: ScalarLike) -> Flag:
+    """Whether a chart position (NED, m) or a time (s) lies beyond a gridded wind whose boundary values do not hold."""
+    if isinstance(wind, GriddedWind) and not wind.is_held:
+        return wind.is_outside(position_n, time)
+    return jnp.zeros((), bool)

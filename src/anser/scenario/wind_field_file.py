@@ -1,0 +1,300 @@
+"""Wind fields from NetCDF files with CF conventions: pressure or altitude levels, geographic or metric axes."""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from anser.config.errors import Problem, ScenarioError, os_error_reason
+from anser.constants import STANDARD_GRAVITY_M_S2
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+_PATH = "wind.field"
+_ALIASES: dict[str, tuple[str, ...]] = {
+    "eastward": ("eastward_wind", "u", "x_wind"),
+    "northward": ("northward_wind", "v", "y_wind"),
+    "upward": ("upward_air_velocity", "w", "lagrangian_tendency_of_air_pressure", "omega"),
+    "height": ("geopotential", "geopotential_height", "z", "gh", "zg"),
+    "time": ("time", "valid_time"),
+    "member": ("realization", "number", "member"),
+    "pressure": ("air_pressure", "pressure_level", "isobaricInhPa", "level", "plev"),
+    "altitude": ("altitude", "height_above_mean_sea_level", "geopotential_height", "height", "z"),
+    "latitude": ("latitude", "lat"),
+    "longitude": ("longitude", "lon"),
+    "north": ("north", "y", "projection_y_coordinate"),
+    "east": ("east", "x", "projection_x_coordinate"),
+}
+"""Standard names and usual names of variables and coordinates."""
+_UNITS: dict[str, dict[str, float]] = {
+    "velocity": dict.fromkeys(("m s-1", "m/s", "m s^-1", "m.s-1", "meter second-1", "meters per second"), 1.0),
+    "pressure_rate": dict.fromkeys(("Pa s-1", "Pa/s", "Pa s^-1", "Pa.s-1"), 1.0),
+    "geopotential": dict.fromkeys(("m2 s-2", "m^2 s^-2", "m2/s2", "J kg-1"), 1.0 / STANDARD_GRAVITY_M_S2),
+    "length": dict.fromkeys(("m", "meter", "meters", "metre", "metres", "gpm"), 1.0),
+    "pressure": {
+        "Pa": 1.0,
+        "pascal": 1.0,
+        **dict.fromkeys(("hPa", "mbar", "mb", "millibar", "millibars", "hectopascal"), 100.0),
+    },
+    "angle": dict.fromkeys(
+        ("degrees_north", "degree_north", "degrees_east", "degree_east", "degrees", "degree", "deg"), 1.0
+    ),
+    "time": {"s": 1.0, "second": 1.0, "seconds": 1.0, "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0},
+}
+"""Units by quantity, with the factor to SI (geopotential: to geopotential metres; angles: degrees)."""
+_GLOBE_DEG = 360.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class WindField:
+    """Wind of a file in rising coordinates, in float64."""
+
+    epoch: np.datetime64 | None  #: Date and time (UTC) from which `times_s` count; None for times without a date.
+    times_s: np.ndarray  #: Times of the file, s, at least one.
+    #: Latitudes and longitudes, deg (longitudes continuous, in one turn), or distances to the north and east, m.
+    north: np.ndarray
+    east: np.ndarray
+    is_geographic: bool
+    #: Velocity of the air (north, east, down), m/s, and altitude of each level, lowest first, m; shape (member, time,
+    #: north, east, level, 4).
+    columns: np.ndarray
+    is_geopotential: bool  #: Whether the altitudes are geopotential.
+    has_vertical_wind: bool
+
+    @property
+    def altitude_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest altitude of each level over all nodes and times, m."""
+        heights = self.columns[..., 3].reshape(-1, self.columns.shape[-2])
+        return heights.min(axis=0), heights.max(axis=0)
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file, 64 hexadecimal digits; raises ScenarioError if the file cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        problem = Problem("", f"{path.name}: {os_error_reason(error)}", "a NetCDF file that can be read")
+        raise ScenarioError(str(path), [problem]) from None
+
+
+def read_wind_field(path: str, digest: str) -> WindField:
+    """Read the wind field of a file whose SHA-256 is `digest`.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read, has another content, or is not a wind field; the message names the variable, what
+        arrived and what would be right.
+    """
+    found_digest = file_digest(Path(path))
+    if found_digest != digest:
+        arrived = f"a file of another content (SHA-256 {found_digest[:12]}...)"
+        raise _refusal(Path(path), arrived, f"the file that the scenario was made with (SHA-256 {digest[:12]}...)")
+    return _read(path, digest)
+
+
+@functools.lru_cache(maxsize=4)
+def _read(path: str, _digest: str) -> WindField:
+    import xarray as xr
+
+    try:
+        dataset = xr.open_dataset(path, engine="netcdf4", decode_timedelta=False)
+    except (OSError, ValueError) as error:
+        raise _refusal(Path(path), f"a file that cannot be read ({error})", "NetCDF with CF conventions") from None
+    with dataset:
+        return _Reader(Path(path), dataset.load()).field()
+
+
+def _refusal(path: Path, arrived: str, expected: str) -> ScenarioError:
+    return ScenarioError(str(path), [Problem(_PATH, f"{path.name} with {arrived}", expected)])
+
+
+class _Reader:
+    """Reads one dataset; every irregularity raises ScenarioError."""
+
+    def __init__(self, path: Path, dataset: "xr.Dataset") -> None:
+        self.path, self.dataset = path, dataset
+
+    def field(self) -> WindField:
+        """Read velocities and altitudes, sort the axes, and check that nothing is missing."""
+        eastward, northward = self._variable("eastward"), self._variable("northward")
+        is_geographic = self._find("latitude", self.dataset.coords) is not None
+        horizontal = ("latitude", "longitude") if is_geographic else ("north", "east")
+        vertical = "pressure" if self._find("pressure", eastward.coords) is not None else "altitude"
+        roles = {role: self._find(role, eastward.coords) for role in ("member", "time", *horizontal, vertical)}
+        for role in (*horizontal, vertical):
+            if roles[role] is None or roles[role] not in eastward.dims:
+                expected = f"a coordinate {role} ({', '.join(_ALIASES[role])}) along one dimension"
+                raise self._refuse(f"{eastward.name} over ({', '.join(map(str, eastward.dims))})", expected)
+        dims = [name for name in roles.values() if name is not None and name in eastward.dims]
+        axes = {role: self._axis(name, role) for role, name in roles.items() if name in dims and role != "member"}
+
+        def values(variable: "xr.DataArray", factor: float) -> np.ndarray:
+            extra = [str(dim) for dim in variable.dims if dim not in dims]
+            if any(variable.sizes[dim] > 1 for dim in extra):
+                expected = "time, member, one vertical and two horizontal dimensions: a file with one of its entries"
+                raise self._refuse(f"{variable.name} with the dimension {extra[0]}", expected)
+            variable = variable.squeeze(extra, drop=True) if extra else variable
+            missing_dims = [dim for dim in dims if dim not in variable.dims]
+            variable = variable.expand_dims({dim: self.dataset.sizes[dim] for dim in missing_dims})
+            array = factor * np.asarray(variable.transpose(*dims), dtype=float)
+            absent = np.argwhere(~np.isfinite(array))
+            if absent.size:
+                place = ", ".join(f"{dim} {k}" for dim, k in zip(dims, absent[0], strict=True))
+                raise self._refuse(f"{len(absent)} missing values of {variable.name}, first at {place}", "no gaps")
+            return array
+
+        u, v = (values(part, self._factor(part, "velocity")) for part in (eastward, northward))
+        height, is_geopotential = self._heights(vertical, roles[vertical], axes[vertical], values, u.shape)
+        upward = self._upward(vertical, roles[vertical], axes[vertical], values, height, dims)
+        down = np.zeros_like(u) if upward is None else -upward
+        columns = np.stack([v, u, down, height], axis=-1)
+        for role in ("time", "member"):
+            if roles[role] not in dims:
+                columns = columns[None]
+        return self._sorted(columns, axes, horizontal, is_geographic, is_geopotential, upward is not None)
+
+    def _sorted(
+        self,
+        columns: np.ndarray,
+        axes: Mapping[str, np.ndarray],
+        horizontal: tuple[str, str],
+        is_geographic: bool,
+        is_geopotential: bool,
+        has_vertical_wind: bool,
+    ) -> WindField:
+        """Return the field with rising axes and levels; checks that the levels rise in the same order everywhere."""
+        times, epoch = axes.get("time", np.zeros(1)), None
+        if np.issubdtype(times.dtype, np.datetime64):
+            epoch = times[0]
+            times = (times - epoch) / np.timedelta64(1, "s")
+        coordinates = [times, *(axes[role] for role in horizontal)]
+        if is_geographic:
+            coordinates[2] = np.unwrap(coordinates[2], period=_GLOBE_DEG)
+        for k, (role, values) in enumerate(zip(("time", *horizontal), coordinates, strict=True)):
+            if values.size < 2 and role != "time":
+                raise self._refuse(f"one {role}", f"two or more along {role}, between which the wind is interpolated")
+            steps = np.diff(values)
+            if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+                raise self._refuse(f"a coordinate {role} that neither rises nor falls throughout", "a monotonic one")
+            if steps.size and steps[0] < 0.0:
+                coordinates[k], columns = values[::-1], np.flip(columns, axis=k + 1)
+        heights = columns[..., 3]
+        if heights.shape[-1] < 2:
+            raise self._refuse("one level", "two levels or more, between which the wind is interpolated")
+        if heights[0, 0, 0, 0, 0] > heights[0, 0, 0, 0, -1]:
+            columns = np.flip(columns, axis=-2)
+        if not np.all(np.diff(columns[..., 3], axis=-1) > 0.0):
+            raise self._refuse(
+                "levels whose altitudes do not rise from each to the next at every node", "rising levels"
+            )
+        return WindField(
+            epoch, *coordinates, is_geographic, np.ascontiguousarray(columns), is_geopotential, has_vertical_wind
+        )
+
+    def _heights(
+        self,
+        vertical: str,
+        name: str | None,
+        axis: np.ndarray,
+        values: Callable[["xr.DataArray", float], np.ndarray],
+        shape: tuple[int, ...],
+    ) -> tuple[np.ndarray, bool]:
+        """Return the altitude of every node, m, and whether it is geopotential."""
+        if vertical == "altitude":
+            standard = str(self.dataset[name].attrs.get("standard_name", ""))
+            return np.broadcast_to(axis, shape), standard == "geopotential_height"
+        found = self._find("height", self.dataset.data_vars)
+        if found is None:
+            expected = (
+                "a variable geopotential (z in m2 s-2) or geopotential_height beside it, from which altitudes follow"
+            )
+            raise self._refuse(f"pressure levels ({name}) alone", expected)
+        variable = self.dataset[found]
+        quantity = "geopotential" if self._units(variable) in _UNITS["geopotential"] else "length"
+        return values(variable, self._factor(variable, quantity, "m2 s-2 or m")), True
+
+    def _upward(
+        self,
+        vertical: str,
+        name: str | None,
+        axis: np.ndarray,
+        values: Callable[["xr.DataArray", float], np.ndarray],
+        height: np.ndarray,
+        dims: list[str],
+    ) -> np.ndarray | None:
+        """Return the vertical velocity of the air, m/s upwards; None if the file has none.
+
+        A pressure velocity omega (Pa/s) is converted by -omega/(rho g) with the density of the hydrostatic balance,
+        rho g = -dp/dz, in which z is the geopotential altitude of the pressure levels.
+        """
+        found = self._find("upward", self.dataset.data_vars)
+        if found is None:
+            return None
+        variable = self.dataset[found]
+        if self._units(variable) in _UNITS["velocity"]:
+            return values(variable, 1.0)
+        if vertical == "altitude":
+            self._factor(variable, "velocity")
+        omega = values(variable, self._factor(variable, "pressure_rate", "m s-1 or Pa s-1"))
+        level, log_pressure = dims.index(str(name)), np.log(axis)
+        if log_pressure.size < 2:
+            return np.zeros_like(omega)
+        thickness = np.gradient(height, log_pressure, axis=level, edge_order=1)
+        pressure = np.expand_dims(axis, tuple(k for k in range(height.ndim) if k != level))
+        return omega * thickness / pressure
+
+    def _axis(self, name: str | None, role: str) -> np.ndarray:
+        coordinate = self.dataset[name]
+        if coordinate.ndim != 1:
+            expected = "one dimension: a grid that is regular in its coordinates, as cdo remapbil makes one"
+            raise self._refuse(f"a coordinate {name} of {coordinate.ndim} dimensions", expected)
+        values = np.asarray(coordinate)
+        if role == "time":
+            if np.issubdtype(values.dtype, np.datetime64):
+                return values
+            if values.dtype == object:
+                raise self._refuse(f"{name} in the calendar {coordinate.dt.calendar}", "the standard calendar")
+        quantity = {"latitude": "angle", "longitude": "angle", "pressure": "pressure", "time": "time"}.get(
+            role, "length"
+        )
+        array = self._factor(coordinate, quantity) * np.asarray(values, dtype=float)
+        if not np.all(np.isfinite(array)):
+            raise self._refuse(f"missing values of the coordinate {name}", "a number at every node")
+        if role == "altitude" and coordinate.attrs.get("positive", "up") != "up":
+            raise self._refuse(f"{name} that is positive {coordinate.attrs['positive']}", "altitudes, positive up")
+        return array
+
+    def _variable(self, role: str) -> "xr.DataArray":
+        name = self._find(role, self.dataset.data_vars)
+        if name is None:
+            present = ", ".join(map(str, self.dataset.data_vars)) or "none"
+            raise self._refuse(f"the variables {present}", f"one of standard_name {_ALIASES[role][0]}")
+        return self.dataset[name]
+
+    def _find(self, role: str, variables: Mapping[Any, "xr.DataArray"] | Iterable[Any]) -> str | None:
+        """Return the variable or coordinate of a role: by standard name first, then by its own name."""
+        names = [str(name) for name in variables]
+        by_standard = {str(self.dataset[name].attrs.get("standard_name")): name for name in reversed(names)}
+        candidates = [by_standard.get(alias) for alias in _ALIASES[role]]
+        candidates += [alias if alias in names else None for alias in _ALIASES[role]]
+        return next((name for name in candidates if name is not None), None)
+
+    def _units(self, variable: "xr.DataArray") -> str:
+        return str(variable.attrs.get("units", "")).replace("**", "").strip()
+
+    def _factor(self, variable: "xr.DataArray", quantity: str, expected: str = "") -> float:
+        units, accepted = self._units(variable), _UNITS[quantity]
+        if units not in accepted:
+            arrived = f"{variable.name} in {variable.attrs['units']!r}" if units else f"{variable.name} without units"
+            raise self._refuse(arrived, f"units {expected or repr(next(iter(accepted)))}")
+        return accepted[units]
+
+    def _refuse(self, arrived: str, expected: str) -> ScenarioError:
+        return _refusal(self.path, arrived, expected)
