@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from wind_files import LEVELS_HPA, era5_file, metric_file
+from support.wind_files import LEVELS_HPA, era5_file, metric_file
 
 from anser.config.errors import ScenarioError
 from anser.constants import GEOPOTENTIAL_RADIUS_M, STANDARD_GRAVITY_M_S2

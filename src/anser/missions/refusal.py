@@ -17,7 +17,7 @@ from anser.planning.certified.arrival_times import (
     common_times,
     reachable,
 )
-from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S, FittedWind
+from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import Intervals
 from anser.planning.holds.hold_paths import PlannedHolds
@@ -65,11 +65,8 @@ def diagnose_wind_field(fleet: FleetTask, outcome: SearchOutcome, *, has_plan_wi
     if not has_plan_without:
         return ()
     attempts = [plan for plan in (outcome.plan_without_holds, outcome.best_attempt) if plan is not None]
-    wind = fleet.airspace.wind
-    assert isinstance(wind, FittedWind)
-    error_m_s = (
-        float(np.max(np.asarray(attempts[0].certificate.bounds.wind_error_max)[fleet.active])) if attempts else math.inf
-    )
+    errors_m_s = [float(np.max(np.asarray(p.certificate.bounds.wind_error_max)[fleet.active])) for p in attempts]
+    error_m_s = next(iter(errors_m_s), math.inf)
     if error_m_s >= BEYOND_FIELD_M_S:
         text = (
             "the paths or holds that the other constraints allow leave the wind field of the file; a larger field or "

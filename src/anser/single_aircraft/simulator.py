@@ -157,7 +157,7 @@ class Simulator:
         inputs = self._merge(controls)
         result = self._programs.step(self._constants, self._motion, inputs)
         if isinstance(self._wind, GriddedWind):
-            self._check_field(result if self._count is not None else result[0])
+            self._check_field(result if self._count is not None else result[0][None])
         self._inputs = inputs
         self._number += 1
         if self._count is None:
@@ -267,11 +267,7 @@ class _Programs:
             return to_local_state(unpack(constants[:-1])[1], unravel(motion[:-1])).position_n
 
         in_axes = (None, 0, 0)
-        self.positions_n = jax.jit(
-            jax.vmap(position_n, in_axes[:2])
-            if batched
-            else lambda constants, motion: position_n(constants, motion)[None]
-        )
+        self.positions_n = jax.jit(jax.vmap(position_n, in_axes[:2]))
         self.variables = jax.jit(jax.vmap(variables, in_axes) if batched else variables)
         self.step = jax.jit(jax.vmap(advance_once, in_axes) if batched else advance_and_read)
 

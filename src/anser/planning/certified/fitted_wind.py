@@ -21,7 +21,8 @@ from anser.shapes import ScalarLike, Vector3
 BEYOND_FIELD_M_S = 1e3
 """Bound of the difference outside of the blocks: no path satisfies its limits there."""
 _BLOCKS = 8  # blocks along each axis of the way; one more on each side reaches to the ends
-_LAYERS_MAX, _LAYER_BUCKET = 12, 4  # greatest number of layers; multiples of this number limit the compiled shapes
+_LAYERS = 8  # number of layers, with the padding: one shape, so that another field does not compile again
+_MISSED_M_S = 1e-6  # deviation of a level from the chosen layers below which it is left out
 _PADDING_SPACING_M = 1000.0  # between the altitudes of padding layers
 _PART_M, _PARTS_MAX = 300.0, 8  # thickness of the parts of an interval between levels, and their greatest number
 _FAR_M = 1e5  # distance of the levels that hold the boundary values
@@ -89,7 +90,7 @@ class Way(NamedTuple):
 def fit_layers(field: FieldSamples, way: Way) -> FittedWind:
     """Fit layers to a wind field: its mean over the horizontal box of the way and over the flight's time.
 
-    The layers lie at the mean altitudes of the field's levels, at most 12 of them. The bounds hold in the whole part of
+    The layers lie at the mean altitudes of up to eight levels of the field. The bounds hold in the whole part of
     the field within reach, to rounding.
     """
     times = np.unique(np.clip([0.0, *field.times, way.end_s], 0.0, way.end_s))
@@ -167,28 +168,32 @@ def _columns_at(field: FieldSamples, times: np.ndarray, north: np.ndarray, east:
 
 
 def _mean_layers(field: FieldSamples, columns: np.ndarray, way: Way) -> tuple[np.ndarray, np.ndarray]:
-    """Return altitudes (geometric, m) and velocities (NED, m/s) of layers: the means of columns.
+    """Return altitudes (geometric, m) and velocities (NED, m/s) of layers: the mean profile of columns.
 
-    The layers next to the altitudes of the way enclose them if the field does.
+    Of the levels next to the way's altitudes and between them, those are chosen that the straight lines between the
+    others miss most.
     """
     columns = columns.reshape(-1, *columns.shape[-2:])
     heights = _geometric(field, columns[..., 3])
-    levels = heights.mean(axis=0)
-    first = max(np.searchsorted(levels, way.least_m[2], side="right") - 1, int(field.is_held))
-    last = min(np.searchsorted(levels, way.greatest_m[2]), levels.size - 1 - int(field.is_held))
-    altitudes = levels[first : max(last, first + 1) + 1]
-    if altitudes.size > _LAYERS_MAX:
-        altitudes = np.linspace(altitudes[0], altitudes[-1], _LAYERS_MAX)
-    velocities_n = np.stack(
-        [
-            np.mean([np.interp(altitudes, h, v) for h, v in zip(heights, columns[..., k], strict=True)], 0)
-            for k in range(3)
-        ],
-        axis=1,
-    )
-    count = -altitudes.size % _LAYER_BUCKET
-    altitudes = np.concatenate([altitudes, altitudes[-1] + _PADDING_SPACING_M * np.arange(1, count + 1)])
-    return altitudes, np.concatenate([velocities_n, np.repeat(velocities_n[-1:], count, axis=0)])
+    levels = heights.mean(axis=0)[int(field.is_held) : heights.shape[1] - int(field.is_held)]
+    first = max(int(np.searchsorted(levels, way.least_m[2], side="right")) - 1, 0)
+    last = max(min(int(np.searchsorted(levels, way.greatest_m[2])), levels.size - 1), first + 1)
+    altitudes = levels[first : last + 1]
+    at_altitudes = [
+        [np.interp(altitudes, h, v) for h, v in zip(heights, columns[..., k], strict=True)] for k in range(3)
+    ]
+    profile_n = np.mean(at_altitudes, axis=1).T
+    chosen = [0, altitudes.size - 1]
+    while len(chosen) < min(_LAYERS, altitudes.size):
+        lines = [np.interp(altitudes, altitudes[chosen], profile_n[chosen, k]) for k in range(3)]
+        missed = np.linalg.norm(profile_n - np.transpose(lines), axis=1)
+        if np.max(missed) < _MISSED_M_S:
+            break
+        chosen = sorted([*chosen, int(np.argmax(missed))])
+    altitudes, velocities_n = altitudes[chosen], profile_n[chosen]
+    padding = np.arange(1, _LAYERS + 1 - altitudes.size)
+    altitudes = np.concatenate([altitudes, altitudes[-1] + _PADDING_SPACING_M * padding])
+    return altitudes, np.concatenate([velocities_n, np.repeat(velocities_n[-1:], padding.size, axis=0)])
 
 
 def _divide_levels(columns: np.ndarray) -> np.ndarray:
