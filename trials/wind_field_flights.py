@@ -20,7 +20,7 @@ from anser.missions import NoPlanError
 from anser.scenario import Scenario, validate
 
 SPEED_MAX_M_S, SHEAR_MAX_PER_S = 30.0, 0.02
-_WAVE_MAX_M_S, _ROTATION_MAX_PER_S, _THERMAL_MAX_M_S, _TREND_MAX = 2.5, 1e-4, 3.0, 0.1
+_WAVE_MAX_M_S, _ROTATION_MAX_PER_S, _THERMAL_MAX_M_S, _TREND_MAX = 4.0, 2e-4, 3.0, 0.1
 _HALF_M, _ALTITUDES_M, _DURATION_S = 30_000.0, np.linspace(0.0, 5000.0, 26), 420.0
 _APART_M = 2000.0
 
@@ -43,7 +43,7 @@ def write_field(path: Path, seed: int) -> tuple[float, float]:
     times, axis = np.array([0.0, 0.5, 1.0]) * _DURATION_S, np.linspace(-_HALF_M, _HALF_M, 41)
     t, h, n, e = np.meshgrid(times, _ALTITUDES_M, axis, axis, indexing="ij")
     course, turn = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(-0.5, 0.5)
-    base, shear, bottom = rng.uniform(0.0, 12.0), rng.uniform(0.0, SHEAR_MAX_PER_S), rng.uniform(500.0, 1500.0)
+    base, shear, bottom = rng.uniform(0.0, 18.0), rng.uniform(0.0, SHEAR_MAX_PER_S), rng.uniform(500.0, 1500.0)
     rise = np.clip(h - bottom, 0.0, rng.uniform(300.0, 1000.0))
     direction = course + turn * rise / 1000.0
     trend = 1.0 + rng.uniform(0.0, _TREND_MAX) * t / _DURATION_S

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
-from support.wind_files import LEVELS_HPA, era5_file, metric_file
 
 from anser.config.errors import ScenarioError
 from anser.constants import GEOPOTENTIAL_RADIUS_M, STANDARD_GRAVITY_M_S2
@@ -16,6 +15,7 @@ from anser.scenario.build_wind_field import build_wind_field
 from anser.scenario.schema_environment import Earth, Wind
 from anser.single_aircraft.air import read_air
 from anser.spatial.wgs84 import flat_from_geodetic
+from support.wind_files import LEVELS_HPA, era5_file, metric_file
 
 NORTH, EAST = np.linspace(-6000.0, 6000.0, 25), np.linspace(-5000.0, 5000.0, 21)
 ALTITUDE = np.linspace(0.0, 3000.0, 31)
