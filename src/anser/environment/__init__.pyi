@@ -2,7 +2,6 @@ from .air import calibrated_from_true, true_from_calibrated
 from .atmosphere import AbstractAtmosphere, Air, StandardAtmosphere
 from .earth import AbstractEarth, FlatEarth, RotatingEarth, wgs84_earth
 from .environment import AbstractWind, Environment, LayeredWind, SteadyWind, VaryingWind, standard_environment
-from .gridded_wind import GriddedWind
 from .gusts import AbstractGusts, DiscreteGust
 from .turbulence import Turbulence
 
@@ -15,7 +14,6 @@ __all__ = [
     "DiscreteGust",
     "Environment",
     "FlatEarth",
-    "GriddedWind",
     "LayeredWind",
     "RotatingEarth",
     "StandardAtmosphere",

@@ -302,7 +302,7 @@ def _wind_change_m_s(scenario: Scenario, wind: AbstractWind, aircraft: Aircraft,
         return math.dist(scenario.wind.velocity_m_s(up_m), scenario.wind.velocity_m_s(aircraft.start.altitude_m))
     rendezvous_m = np.add(scenario.goal_of(aircraft).position_m(arrival_s), aircraft.rendezvous.stand_off_m)
     at_rendezvous, at_start = (
-        np.asarray(wind.at(ned(position_m), time_s))
+        np.asarray(wind.at(ned([float(x) for x in position_m]), time_s))
         for position_m, time_s in ((rendezvous_m, arrival_s), (aircraft.start.position_m, 0.0))
     )
     return math.dist(at_rendezvous, at_start)

@@ -188,7 +188,9 @@ def stack_objects(
         strict=True,
     ):
         small = always or (tables_only and leaves[0].ndim < 2)
-        equal = not small and all(np.array_equal(leaves[0], leaf, equal_nan=_is_float(leaf)) for leaf in leaves[1:])
+        equal = not small and all(
+            leaf is leaves[0] or np.array_equal(leaves[0], leaf, equal_nan=_is_float(leaf)) for leaf in leaves[1:]
+        )
         stacks.append(None if equal else as_array(np.stack(leaves), None))
         shared.append(as_array(leaves[0], None) if equal else None)
     return Stacked(structure.unflatten(stacks), structure.unflatten(shared))

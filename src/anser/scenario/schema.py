@@ -62,10 +62,9 @@ def insert_aircraft_files(values: dict[str, Any], source: str) -> dict[str, Any]
 def insert_wind_field(values: dict[str, Any], source: str) -> dict[str, Any]:
     """Make the path of a wind field relative to the folder of the scenario file `source`; values not validated."""
     wind = values.get("wind")
-    path = wind.get("field") if isinstance(wind, dict) else None
-    return (
-        values if not isinstance(path, str) else {**values, "wind": {**wind, "field": str(Path(source).parent / path)}}
-    )
+    if not isinstance(wind, dict) or not isinstance(wind.get("field"), str):
+        return values
+    return {**values, "wind": {**wind, "field": str(Path(source).parent / wind["field"])}}
 
 
 def _aircraft_file_path(aircraft: object) -> str | None:

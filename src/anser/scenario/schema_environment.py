@@ -84,7 +84,7 @@ FIELD_SPEED_MAX_M_S = 150.0
 
 
 class WindFieldSource(Table):
-    """File of a wind field, with the checksum of its content."""
+    """File of a wind field, with the checksum of its content; in a file written as its path, `field = "FILE.nc"`."""
 
     path: str = Field(description="path of the NetCDF file", json_schema_extra=expects("a path in quotes"))
     sha256: str = Field(

@@ -177,7 +177,8 @@ class _Reader:
         coordinates = [times, *(axes[role] for role in horizontal)]
         if is_geographic:
             coordinates[2] = np.unwrap(coordinates[2], period=_GLOBE_DEG)
-        for k, (role, values) in enumerate(zip(("time", *horizontal), coordinates, strict=True)):
+        for k, role in enumerate(("time", *horizontal)):
+            values = coordinates[k]
             if values.size < 2 and role != "time":
                 raise self._refuse(f"one {role}", f"two or more along {role}, between which the wind is interpolated")
             steps = np.diff(values)
@@ -194,9 +195,9 @@ class _Reader:
             raise self._refuse(
                 "levels whose altitudes do not rise from each to the next at every node", "rising levels"
             )
-        return WindField(
-            epoch, *coordinates, is_geographic, np.ascontiguousarray(columns), is_geopotential, has_vertical_wind
-        )
+        times_s, north, east = coordinates
+        columns = np.ascontiguousarray(columns)
+        return WindField(epoch, times_s, north, east, is_geographic, columns, is_geopotential, has_vertical_wind)
 
     def _heights(
         self,

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from anser.environment import GriddedWind
+from anser.environment.gridded_wind import GriddedWind
 from anser.numerics.arrays import as_array
 from anser.numerics.tables import make_axes
 from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S, FieldSamples, Way, fit_layers
