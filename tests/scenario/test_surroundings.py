@@ -39,7 +39,7 @@ def test_the_earth_is_flat_by_default_and_round_by_word_or_table():
         ("earth = 3", 'earth: arrived 3; expected a table [earth], or the word "flat" or "wgs84"'),
         ('[earth]\nmodel = "round"', 'earth.model: arrived "round"; expected "flat" or "wgs84"'),
         ('[earth]\nmodle = "wgs84"', 'perhaps "model"'),
-        (f"{LAYERS}\nspeed_m_s = 3", "wind.speed_m_s: arrived 3 beside layers; expected either speed_m_s"),
+        (f"{LAYERS}\nspeed_m_s = 3", "wind.speed_m_s: arrived 3 beside layers; expected one of the three: speed_m_s"),
         (
             LAYERS.replace("2000", "0"),
             "wind.layers[1].altitude_m: arrived 0; expected more than the layer before it, 0 m",
