@@ -58,10 +58,11 @@ _BANK_MAX_DEG = 45.0
 
 
 class DerivedDefaults(NamedTuple):
-    """Values derived from an airframe: performance limits, and the loop bandwidths that its actuators allow."""
+    """Values derived from an airframe: performance limits, the loop bandwidths that its actuators allow, their gains."""
 
     capability: Capability
     bandwidths: Bandwidths
+    gains: AutopilotGains
 
 
 @dataclass(frozen=True)
@@ -148,7 +149,8 @@ def compute_defaults(
         airframe, standard_environment(), altitude, speed, step, (slow, fast)
     )
     capability = capability_from_points(airframe, jax.tree.map(np.asarray, points), speed_m_s, speeds_m_s)
-    return DerivedDefaults(capability, jax.tree.map(np.asarray, bandwidths))
+    bandwidths = jax.tree.map(np.asarray, bandwidths)
+    return DerivedDefaults(capability, bandwidths, automatic_gains(bandwidths))
 
 
 @compiled_quickly
@@ -173,7 +175,7 @@ def _with_derived_gains(
     scenario_gains: AutopilotGains, aircraft: Aircraft, defaults: DerivedDefaults
 ) -> AutopilotGains:
     """Return the gains derived from the bandwidths, except in loops for which the scenario gives gains."""
-    gains = automatic_gains(defaults.bandwidths)
+    gains = defaults.gains
     for loop in ("rates", "attitude", "velocity"):
         if loop in aircraft.gains.model_fields_set:
             gains = eqx.tree_at(lambda g, loop=loop: getattr(g, loop), gains, getattr(scenario_gains, loop))
