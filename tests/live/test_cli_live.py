@@ -7,7 +7,10 @@ import urllib.request
 
 import pytest
 
+from anser.config.shipped_files import shipped_files
 from anser.live.notebook import live
+from anser.scenario.files import load
+from anser.scenario.user_parts import UserParts, attach_parts
 
 
 def test_the_address_serves_until_ctrl_c(tmp_path):
@@ -36,10 +39,15 @@ def test_wrong_input_is_refused_before_anything_is_served(anser, tmp_path):
     assert "problems" in err
 
 
+def test_parts_attached_as_objects_are_refused():
+    """A file that the page saves could not name them."""
+    scenario = attach_parts(load(shipped_files()["single-aircraft"]), UserParts(controller=object()))
+    with pytest.raises(ValueError, match=r"parts attached as objects \(controller\).*table \[parts\]"):
+        live(scenario)
+
+
 def test_a_notebook_shows_the_page(tmp_path):
     file = tmp_path / "mine.toml"
-    from anser.config.shipped_files import shipped_files
-
     file.write_bytes(shipped_files()["single-aircraft"].read_bytes())
     page = live(file)
     try:

@@ -38,7 +38,7 @@ from anser.analysis.surveys import Survey, select_rows
 from anser.analysis.trim_points import ConditionError, Inversion, gains_for, resolve_airframe, steady_trim
 from anser.compiling.options import compiled
 from anser.control.allocation import deflection_for_moment, surface_moments
-from anser.control.gains import AutopilotGains, automatic_gains
+from anser.control.gains import AutopilotGains
 from anser.control.inversion_autopilot import Loop
 from anser.control.limits import FlightLimits, default_limits
 from anser.environment.environment import Environment, standard_environment
@@ -107,7 +107,7 @@ def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, i
     if isinstance(airframe, AbstractF16):
         return StepCase(airframe, trim, gains_for(inversion), limits, PUBLISHED_TIME_SCALE, None)
     derived_defaults = compute_defaults(airframe, altitude_m, speed_m_s, valid_airspeed_range(airframe), STEP_S)
-    capability, bandwidths = derived_defaults
+    capability, bandwidths = derived_defaults.capability, derived_defaults.bandwidths
     slowest, fastest = min(capability.speed_min, speed_m_s), max(capability.speed_max, speed_m_s)
     limits = dataclasses.replace(
         limits,
@@ -123,7 +123,7 @@ def step_case(airframe: AbstractAirframe, speed_m_s: float, altitude_m: float, i
             for loop, published in _PUBLISHED_BANDWIDTHS.items()
         }
     )
-    gains = gains_for(inversion, automatic_gains(bandwidths))
+    gains = gains_for(inversion, derived_defaults.gains)
     return StepCase(airframe, trim, gains, limits, time_scale, derived_defaults)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from anser.config.errors import Problem, ScenarioError
+from anser.live.controls import new_tables, sliders
 from anser.missions.first_plan import CertifiedFirstPlan, FirstPlan
 from anser.missions.plan_output import RecordedPlan, goal_positions_n, record_certified
 from anser.missions.plans import plan
@@ -41,6 +42,8 @@ def make_answer(scenario: Scenario, on_progress: Callable[[str], None]) -> tuple
         "problems": [],
         "notes": list(planned.notes()),
         "rule": scenario.arrival.rule,
+        "sliders": sliders(scenario),
+        "templates": new_tables(scenario),
         "first_s": None,
         "last_s": None,
         "aircraft": [],

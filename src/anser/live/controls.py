@@ -24,7 +24,7 @@ RULES = (
     {"value": "together", "label": "all together", "keys": []},
     {"value": "earliest", "label": "all as early as possible", "keys": []},
     {"value": "at", "label": "all at one time", "keys": ["arrival.time_s"]},
-    {"value": "sequence", "label": "one after another", "keys": ["arrival.spacing_s"]},
+    {"value": "sequence", "label": "one after another", "keys": ["arrival.spacing_s", "arrival.order"]},
     {"value": "times", "label": "each at its own time", "keys": ["aircraft[].arrive_s"]},
     {
         "value": "windows",

@@ -2,12 +2,14 @@
 
 import html
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anser.config.toml_text import read_text
 from anser.scenario.files import parse_scenario
 from anser.scenario.schema import Scenario
+from anser.scenario.user_parts import UserParts
 
 if TYPE_CHECKING:
     from anser.live.server import LiveServer
@@ -76,8 +78,16 @@ def live(scenario: Scenario | str | os.PathLike[str], *, height_px: int = 860) -
     ------
     ScenarioError
         If the file cannot be read or is not a valid scenario.
+    ValueError
+        If parts are attached to the scenario as objects: a file saved by the page could not name them.
     ImportError
         Without the extra `live`.
     """
+    if isinstance(scenario, Scenario) and scenario._attached_parts:
+        names = ", ".join(part.name for part in fields(UserParts) if getattr(scenario._attached_parts, part.name))
+        raise ValueError(
+            f"live: arrived a scenario with parts attached as objects ({names}), which the page could not save; "
+            'expected the parts in the table [parts], such as controller = "my_package:MyClass"'
+        )
     source = scenario.model_dump(mode="json", exclude_unset=True) if isinstance(scenario, Scenario) else scenario
     return LivePage(open_server(source, in_notebook=True), height_px)

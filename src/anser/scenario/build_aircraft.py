@@ -58,7 +58,7 @@ _BANK_MAX_DEG = 45.0
 
 
 class DerivedDefaults(NamedTuple):
-    """Values derived from an airframe: performance limits, the loop bandwidths that its actuators allow, their gains."""
+    """Values derived from an airframe: performance limits, and the autopilot's bandwidths and gains."""
 
     capability: Capability
     bandwidths: Bandwidths

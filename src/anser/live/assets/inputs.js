@@ -17,7 +17,7 @@ class Inputs {
   /** Build the inputs anew where their number or kind has changed; show the values. */
   draw() {
     const { scenario, welcome } = this.page;
-    const shape = JSON.stringify([["aircraft", "goal", "keep_out"].map((key) => scenario.list(key).map((one) => [one.name, one.kind, one.waypoints?.length])), scenario.get("arrival.rule"), welcome?.sliders.length, this.page.fixed]);
+    const shape = JSON.stringify([["aircraft", "goal", "keep_out"].map((key) => scenario.list(key).map((one) => [one.name, one.kind, one.waypoints?.length])), scenario.get("arrival.rule"), welcome?.sliders.map(({ key }) => key), this.page.fixed]);
     if (shape !== this.shape) {
       this.shape = shape;
       this._build();
@@ -122,16 +122,46 @@ class Inputs {
     const group = element("section"), fields = element("div", "fields"), now = this.page.scenario.get("arrival.rule") ?? rules[0].value;
     fields.append(this._choice("arrival.rule", "Rule", () => rules.map(({ value, label }) => [value, label]), rules[0].value));
     fields.firstChild.className = "wide";
-    for (const key of rules.find((rule) => rule.value === now)?.keys || []) if (key.startsWith("arrival.") && !key.endsWith("order")) fields.append(this._number(key, { "arrival.time_s": "Arrival", "arrival.spacing_s": "Spacing" }[key] ?? key, "s"));
+    for (const key of rules.find((rule) => rule.value === now)?.keys || []) if (key === "arrival.order") fields.append(this._order());
+    else if (key.startsWith("arrival.")) fields.append(this._number(key, { "arrival.time_s": "Arrival", "arrival.spacing_s": "Spacing" }[key] ?? key, "s"));
     group.append(element("h2", "", "Arrival times"), fields);
     return group;
   }
 
+  /** The order of the arrivals: each aircraft with a button that moves it before the one above. */
+  _order() {
+    const { scenario } = this.page, box = element("div", "wide"), list = element("ol", "order");
+    const order = () => { const names = scenario.list("aircraft").map((one) => one.name), set = scenario.get("arrival.order") || []; return [...set.filter((name) => names.includes(name)), ...names.filter((name) => !set.includes(name))]; };
+    const show = () => {
+      const names = order(), key = JSON.stringify(names);
+      if (list.dataset.shown === key) return;
+      list.dataset.shown = key;
+      list.replaceChildren(...names.map((name, k) => {
+        const item = element("li"), swatch = element("span", "swatch"), earlier = element("button", "plain", "earlier");
+        swatch.style.background = this.page.colorOf(name);
+        Object.assign(earlier, { type: "button", disabled: k === 0 });
+        earlier.setAttribute("aria-label", `${name} earlier`);
+        earlier.addEventListener("click", () => {
+          scenario.set("arrival.order", [...names.slice(0, k - 1), name, names[k - 1], ...names.slice(k + 1)]);
+          show();
+          list.children[k - 1].querySelector("button:not(:disabled)")?.focus();
+        });
+        item.append(swatch, name, earlier);
+        return item;
+      }));
+    };
+    list.tabIndex = -1;
+    box.append(element("span", "caption", "Order"), list);
+    this.fields.set("arrival.order", { input: list, show });
+    this.names.set("arrival.order", { text: "Order of the arrivals", input: list });
+    return box;
+  }
+
   _sliders(sliders) {
     const group = element("section"), { scenario } = this.page;
-    group.append(element("h2", "", "Wind, speeds, limits"), ...sliders.map(({ key, label, unit, min, max, step, value }) => {
+    group.append(element("h2", "", "Wind, speeds, limits"), ...sliders.map(({ key, label, unit, step }) => {
       const input = element("input"), output = element("output"), reset = element("button", "plain reset", "↺"), row = element("div", "slider");
-      Object.assign(input, { type: "range", min, max, step });
+      Object.assign(input, { type: "range", step });
       reset.type = "button";
       reset.title = "back to the default";
       reset.setAttribute("aria-label", `${label}: back to the default`);
@@ -139,7 +169,8 @@ class Inputs {
       input.addEventListener("change", (event) => this.page.released(event.timeStamp));
       reset.addEventListener("click", () => scenario.set(key, undefined));
       const show = () => {
-        const set = scenario.get(key), now = typeof set === "number" ? set : value;
+        const { min, max, value } = this.page.welcome.sliders.find((one) => one.key === key) ?? {}, set = scenario.get(key), now = typeof set === "number" ? set : value;
+        if (scenario.merge?.key !== key) Object.assign(input, { min: Math.min(min, now), max: Math.max(max, now) }); // the ends stay during a drag
         input.value = String(now);
         output.textContent = `${Number(now.toPrecision(4))} ${unit}`;
         input.setAttribute("aria-valuetext", output.textContent);

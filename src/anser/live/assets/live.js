@@ -70,9 +70,9 @@ class LivePage {
     at("zoom-out").addEventListener("click", () => this.map.zoom(1 / 1.4));
     document.addEventListener("keydown", (event) => this._key(event));
     scenario.on((stamp) => {
+      if (!this.fixed) this.requests.ask(stamp);
       this.draw();
       this.report();
-      if (!this.fixed) this.requests.ask(stamp);
     });
     Theme.on(() => this.draw());
   }
@@ -147,6 +147,7 @@ class LivePage {
     this.invalid = answer.status === "invalid";
     if (this.invalid && this.answer) return; // the last answer stays, in grey
     this.answer = answer;
+    if (this.welcome && answer.sliders) Object.assign(this.welcome, { sliders: answer.sliders, templates: answer.templates });
     if (answer.status === "planned") this.certified = answer;
     if (!this.map.fitted) this.map.fit();
   }

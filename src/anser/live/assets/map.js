@@ -14,7 +14,10 @@ class LiveMap {
     this.flown = new Layer(this.svg, "of-flight");
     this.handles = new Handles(this.svg, page);
     this.names = new Layer(this.svg, "names");
+    this.fingers = new Map(); // of a touch screen, by pointer
     this.svg.addEventListener("pointerdown", (event) => this._grab(event));
+    this.svg.addEventListener("pointermove", (event) => this._pinch(event));
+    for (const type of ["pointerup", "pointercancel"]) this.svg.addEventListener(type, (event) => this.fingers.delete(event.pointerId));
     this.svg.addEventListener("wheel", (event) => {
       event.preventDefault();
       const bounds = this.svg.getBoundingClientRect();
@@ -55,23 +58,41 @@ class LiveMap {
     this.draw();
   }
 
+  /** Two fingers zoom about their middle, and move the map. */
+  _pinch(event) {
+    const known = this.fingers.get(event.pointerId);
+    if (!known) return;
+    const bounds = this.svg.getBoundingClientRect(), middle = () => { const [a, b] = [...this.fingers.values()]; return { x: (a.x + b.x) / 2 - bounds.left, y: (a.y + b.y) / 2 - bounds.top, apart: Math.max(20, Math.hypot(a.x - b.x, a.y - b.y)) }; };
+    const before = this.fingers.size === 2 && middle();
+    Object.assign(known, { x: event.clientX, y: event.clientY });
+    if (!before) return;
+    const after = middle();
+    Object.assign(this.view, { east: this.view.east - (after.x - before.x) / this.view.scale, north: this.view.north + (after.y - before.y) / this.view.scale });
+    this.zoom(after.apart / before.apart, after.x, after.y);
+  }
+
   /** Pan by dragging the ground. */
   _grab(event) {
     if (event.button) return;
+    if (event.pointerType === "touch") this.fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    this.pinched = this.fingers.size > 1; // a finger that stays on the map no longer pans
     const from = [event.clientX, event.clientY], { north, east, scale } = this.view;
     const move = (next) => {
+      if (this.pinched || next.pointerId !== event.pointerId) return;
       Object.assign(this.view, { east: east - (next.clientX - from[0]) / scale, north: north + (next.clientY - from[1]) / scale });
       this.fitted = true;
       this.draw();
     };
-    const end = () => {
+    const end = (last) => {
+      if (last.pointerId !== event.pointerId) return;
       this.svg.removeEventListener("pointermove", move);
+      for (const type of ["pointerup", "pointercancel"]) this.svg.removeEventListener(type, end);
       this.svg.classList.remove("panned");
     };
     this.svg.setPointerCapture(event.pointerId);
     this.svg.classList.add("panned");
     this.svg.addEventListener("pointermove", move);
-    for (const type of ["pointerup", "pointercancel"]) this.svg.addEventListener(type, end, { once: true });
+    for (const type of ["pointerup", "pointercancel"]) this.svg.addEventListener(type, end);
   }
 
   /** Show everything. */

@@ -121,7 +121,10 @@ class Scenario {
   add(key, template) {
     const table = structuredClone(template);
     table.name = this._freeName(key, key.replace("_", "-"));
-    this.edit((scenario) => { (scenario[key] ??= []).push(table); });
+    this.edit((scenario) => {
+      (scenario[key] ??= []).push(table);
+      if (key === "aircraft") scenario.arrival?.order?.push(table.name);
+    });
     return this.list(key).length - 1;
   }
 
