@@ -8,21 +8,28 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.quiver import Quiver
 
 import anser
 from anser.config.errors import ScenarioError
+from anser.environments import make
 from anser.missions import NoPlanError
+from anser.numerics.arrays import stack_objects
 from anser.planning.demand import demand
+from anser.report.flight_sheet import FigureFormat, FlightSheet
+from anser.report.flight_tracks import _draw_wind
 from anser.scenario import Scenario, validate
+from anser.scenario.build import build_flight
 from anser.simulation import STATUS_MESSAGES
 from anser.simulation.closed_loop import OUTSIDE_WIND
-from support.wind_files import metric_file
+from support.wind_files import era5_file, metric_file
 
 
 @functools.cache
-def field(amplitude_m_s: float, *, north_max_m: float = 20e3, end_s: float = 0.0) -> str:
+def field(amplitude_m_s: float, *, half_m: float = 20e3, north_max_m: float | None = None, end_s: float = 0.0) -> str:
     """Write a field with a shear of 0.005 1/s and waves of 9 km, and return its path."""
 
     def velocity(t: Any, n: Any, e: Any, h: Any) -> tuple[Any, Any, Any]:
@@ -32,8 +39,8 @@ def field(amplitude_m_s: float, *, north_max_m: float = 20e3, end_s: float = 0.0
         metric_file(
             Path(tempfile.mkdtemp()) / "field.nc",
             velocity,
-            north=np.linspace(-20e3, north_max_m, 41),
-            east=np.linspace(-20e3, 20e3, 41),
+            north=np.linspace(-half_m, half_m if north_max_m is None else north_max_m, 41),
+            east=np.linspace(-half_m, half_m, 41),
             altitude=np.linspace(0.0, 3000.0, 7),
             times_s=np.array([0.0, end_s]) if end_s else None,
         )
@@ -105,12 +112,25 @@ def test_starts_goals_and_durations_beyond_the_field_are_refused() -> None:
 @pytest.mark.long
 def test_a_flight_that_leaves_the_field_ends_with_a_status() -> None:
     # the published planner does not know the end of the field, which lies between rendezvous and hold
-    flown = anser.run(scenario({"field": field(1.0, north_max_m=1600.0)}, "published"))
+    task = scenario({"field": field(1.0, north_max_m=1600.0)}, "published")
+    flown = anser.run(task)
     (entry,) = flown.summary["aircraft"]
     assert STATUS_MESSAGES[OUTSIDE_WIND] in entry["status"]
     north_m = flown.dataset.north_m.values[:, 0]
     assert np.nanmax(north_m) < 1600.0
     assert north_m[-1] == north_m[-2]
+    # the map draws the wind that the aircraft met
+    sheet = FlightSheet(flown.dataset, FigureFormat())
+    figure, axes = plt.subplots()
+    greatest_m_s = _draw_wind(axes, sheet, 1.0, 5.0)
+    arrows = next(part for part in axes.collections if isinstance(part, Quiver))
+    positions_n = np.stack([arrows.Y, arrows.X, np.full_like(arrows.X, -1100.0)], axis=1)
+    wind = anser.plan(task).flight.environment.wind
+    expected_n = np.asarray(jax.vmap(lambda p: wind.at(p, 0.0))(jnp.asarray(positions_n)))
+    # 100 m of altitude make 0.5 m/s of shear
+    np.testing.assert_allclose(np.stack([arrows.V, arrows.U], axis=1), expected_n[:, :2], atol=0.6)
+    assert greatest_m_s == pytest.approx(np.max(np.hypot(arrows.U, arrows.V)))
+    plt.close(figure)
 
 
 LEVEL = {"airspeed_m_s": 150.0, "altitude_m": 1000.0, "alpha_deg": 4.0, "pitch_deg": 4.0, "throttle": 0.2}
@@ -132,3 +152,33 @@ def test_a_simulator_stops_at_the_end_of_the_field(start: Any) -> None:
         collections.deque((simulator.step() for _ in range(100)), maxlen=0)
     assert np.all(simulator.state["north_m"] <= 500.0)
     assert 3.0 < simulator.time_s < 4.0
+
+
+@pytest.mark.long
+def test_an_episode_of_an_environment_fails_where_the_field_ends() -> None:
+    environment = make("VelocityCommand", "velocity", cases=4, wind={"field": field(1.0, half_m=500.0)})
+    state = environment.reset(jax.random.key(0))[1]
+    step = jax.jit(environment.step_env)
+    terminated = []
+    while state.time < 100 and not any(terminated):
+        _, state, _, is_terminated, _ = step(jax.random.key(1), state, jnp.zeros(3), environment.default_params)
+        terminated.append(bool(is_terminated))
+    position_n = environment.situation(state).truth.state.position_n
+    assert terminated[-1]
+    assert 500.0 < np.max(np.abs(np.asarray(position_n)[:2])) < 700.0
+
+
+def test_flights_of_all_members_share_the_data_of_the_field(tmp_path: Path) -> None:
+    path = str(era5_file(tmp_path / "era5.nc", members=2))
+    flights = []
+    for member in (0, 1):
+        flown = scenario({"field": path, "member": member}, "published")
+        flights.append(build_flight(flown.replace("earth", {"latitude_deg": 45.0, "longitude_deg": 9.0})))
+    stacked = stack_objects(flights)
+    assert stacked.shared.environment.wind.columns is not None
+    assert stacked.batched.environment.wind.columns is None
+    np.testing.assert_array_equal(stacked.batched.environment.wind.member, [0, 1])
+    at, single = jnp.array([500.0, -800.0, -1500.0]), [flight.environment.wind for flight in flights]
+    winds_n = stacked.map(lambda flight: flight.environment.wind.at(at, 60.0))
+    np.testing.assert_allclose(winds_n, [wind.at(at, 60.0) for wind in single], rtol=1e-12)
+    assert not np.allclose(winds_n[0], winds_n[1])

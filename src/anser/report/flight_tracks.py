@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _DOTTED = (0, (1, 1.2))
 _ASPECT_MIN, _ASPECT_MAX = 0.55, 1.0  # height of the map relative to its width
 _GOAL_SPEED_MAX_M_S = 1000.0  # a faster motion is a change of the goal
+_WIND_ARROW = 14.0  # width of the map over the length of the longest arrow of wind
 _DEFAULT_WIDTH = 6.5  # inches; labels are relatively larger in a narrower figure
 
 
@@ -43,6 +44,7 @@ def draw_tracks(sheet: FlightSheet) -> "Figure":
     period = _round_up(float(sheet.time[sheet.arrival_index.max()]) / 12)
     for line_style in sheet.line_styles:
         _draw_track(axes, sheet, line_style, factor, period)
+    greatest_m_s = _draw_wind(axes, sheet, factor, period) if _has_wind_field(sheet) else 0.0
     label_extent = factor * extent * _DEFAULT_WIDTH / sheet.figure_format.width
     _draw_names(axes, sheet, factor, label_extent)
     axes.set_aspect("equal", adjustable="datalim")
@@ -51,6 +53,7 @@ def draw_tracks(sheet: FlightSheet) -> "Figure":
     axes.set_ylabel(axis_label(sheet.dataset["north_m"], unit=unit))
     planned = "dashed: planned; " if sheet.has_few_aircraft else ""
     note = f"marks every {period:g} s; {planned}dotted: goal, from its square; star: rendezvous at the arrival"
+    note += f"; arrows: wind at the aircraft, up to {greatest_m_s:.1f} m/s" if greatest_m_s else ""
     sheet.finish(figure, [axes], "tracks over ground up to the arrival", note)
     figure.draw_without_rendering()  # equal scales change the ticks, and the layout needs the final ones
     return figure
@@ -93,6 +96,42 @@ def _draw_track(axes: "Axes", sheet: FlightSheet, line_style: LineStyle, factor:
     axes.plot(goal[0][0], goal[1][0], linestyle="none", **square)
     rendezvous = [factor * sheet.until_arrival(f"rendezvous_{axis}_m", line_style)[-1] for axis in _AXES]
     axes.plot(*rendezvous, linestyle="none", marker="*", color=INK, markersize=8 * mark_size, zorder=4)
+
+
+def _has_wind_field(sheet: FlightSheet) -> bool:
+    return bool((sheet.scenario.get("wind") or {}).get("field"))
+
+
+def _draw_wind(axes: "Axes", sheet: FlightSheet, factor: float, period: float) -> float:
+    """Draw the horizontal wind at the aircraft, at its marks; return the greatest wind speed drawn, m/s.
+
+    The wind is the velocity over the ground less the velocity through the air without gusts.
+    """
+    through_air = "airspeed_mean_wind_m_s" if "airspeed_mean_wind_m_s" in sheet.dataset else "airspeed_m_s"
+    arrows = []
+    for line_style in sheet.line_styles:
+        airspeed, path_angle_deg, course_deg, *ground, east, north = (
+            sheet.until_arrival(name, line_style)
+            for name in (
+                through_air,
+                "path_angle_deg",
+                "course_deg",
+                "velocity_east_m_s",
+                "velocity_north_m_s",
+                "east_m",
+                "north_m",
+            )
+        )
+        level, course = airspeed * np.cos(np.radians(path_angle_deg)), np.radians(course_deg)
+        wind = [ground[0] - level * np.sin(course), ground[1] - level * np.cos(course)]
+        marks = np.searchsorted(sheet.time[: east.size], np.arange(0.0, float(sheet.time[east.size - 1]), period))
+        arrows.append(np.stack([factor * east, factor * north, *wind])[:, marks])
+    east, north, *wind = np.concatenate(arrows, axis=1)
+    greatest_m_s = float(np.nanmax(np.hypot(*wind)))
+    axes.quiver(
+        east, north, *wind, angles="xy", scale=_WIND_ARROW * max(greatest_m_s, 1.0), color=INK, alpha=0.5, width=0.002
+    )
+    return greatest_m_s
 
 
 def _draw_names(axes: "Axes", sheet: FlightSheet, factor: float, extent: float) -> None:
