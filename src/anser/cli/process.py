@@ -7,7 +7,9 @@ import contextlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from importlib.machinery import ExtensionFileLoader
 from types import FrameType
 from typing import Any, TextIO
 
@@ -50,10 +52,26 @@ class Interrupts:
             sys.stderr.flush()
         os._exit(INTERRUPTED)
 
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
+    def _note(self, number: int, frame: FrameType | None) -> None:
         self.arrived = True
         sys.unraisablehook = lambda _: None  # no message for an interrupt inside a finaliser
+        if _loads_extension(frame):
+            threading.Timer(_POSTPONED_S, signal.raise_signal, (number,)).start()
+            return
         raise KeyboardInterrupt
+
+
+_POSTPONED_S = 0.02
+"""Time after which an interrupt arrives again that met the import of an extension module."""
+
+
+def _loads_extension(frame: FrameType | None) -> bool:
+    """Whether an extension module is being imported, whose initialization an exception may end in a memory fault."""
+    while frame is not None:
+        if isinstance(frame.f_locals.get("self"), ExtensionFileLoader):
+            return True
+        frame = frame.f_back
+    return False
 
 
 interrupts = Interrupts()
