@@ -18,6 +18,9 @@ import anser  # noqa: E402 - its annotations take the name on
 from anser.compiling.options import supported_options  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
+
+import notebooks  # noqa: E402
 
 project = "anser"
 author = "the authors of anser"
@@ -25,12 +28,13 @@ release = version = anser.__version__
 
 extensions = [
     "myst_nb",
+    "sphinx_gallery.gen_gallery",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "numpydoc",
     "sphinx.ext.mathjax",
 ]
-exclude_patterns = ["_templates"]
+exclude_patterns = ["_templates", "gallery", "notebooks", "auto_gallery/*.ipynb", "auto_gallery/*.py"]
 templates_path = ["_templates"]
 
 html_theme = "furo"
@@ -57,6 +61,20 @@ nb_execution_timeout = 900
 nb_merge_streams = True
 nb_render_markdown_format = "gfm"
 nb_mime_priority_overrides = [("html", "image/svg+xml", 5)]
+
+# Gallery: each script is a page with its picture, and a download as script and notebook.
+_scenarios = Path(__file__).with_name("gallery") / "scenarios"  # scripts run in their folder
+if not _scenarios.exists():
+    _scenarios.symlink_to(_ROOT / "scenarios")
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "auto_gallery",
+    "download_all_examples": False,
+    "show_memory": False,
+    "write_computation_times": False,
+    "abort_on_example_error": True,
+    "first_notebook_cell": notebooks.FIRST_CELL,
+}
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -150,4 +168,6 @@ def _make_accessible(app: Any, exception: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", _escape_bars)
+    app.connect("builder-inited", lambda app: notebooks.write(Path(app.srcdir)))
+    app.connect("source-read", notebooks.add_link)
     app.connect("build-finished", _make_accessible)
