@@ -18,9 +18,6 @@ import anser  # noqa: E402 - its annotations take the name on
 from anser.compiling.options import supported_options  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(Path(__file__).parent))
-
-import notebooks  # noqa: E402
 
 project = "anser"
 author = "the authors of anser"
@@ -34,7 +31,7 @@ extensions = [
     "numpydoc",
     "sphinx.ext.mathjax",
 ]
-exclude_patterns = ["_templates", "gallery", "notebooks", "auto_gallery/*.ipynb", "auto_gallery/*.py"]
+exclude_patterns = ["_templates", "gallery", "auto_gallery/*.ipynb", "auto_gallery/*.py"]
 templates_path = ["_templates"]
 
 html_theme = "furo"
@@ -73,7 +70,6 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "write_computation_times": False,
     "abort_on_example_error": True,
-    "first_notebook_cell": notebooks.FIRST_CELL,
 }
 
 autodoc_member_order = "bysource"
@@ -168,6 +164,4 @@ def _make_accessible(app: Any, exception: Exception | None) -> None:
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", _escape_bars)
-    app.connect("builder-inited", lambda app: notebooks.write(Path(app.srcdir)))
-    app.connect("source-read", notebooks.add_link)
     app.connect("build-finished", _make_accessible)

@@ -121,3 +121,11 @@ def _keys(schema):
         yield from _keys(value)
     if isinstance(schema.get("items"), dict):
         yield from _keys(schema["items"])
+
+
+def test_the_gallery_has_as_many_pictures_as_its_page_says():
+    scripts = sorted((DOCS / "gallery").glob("plot_*.py"))
+    assert len(scripts) == 16
+    assert "Sixteen pictures" in (DOCS / "gallery" / "GALLERY_HEADER.rst").read_text(encoding="utf-8")
+    for script in scripts:
+        assert "plt.show()" in script.read_text(encoding="utf-8"), script.name

@@ -1,8 +1,6 @@
 """Scenarios, studies and aircraft that come with anser: in a wheel beside the modules, in a clone at its root."""
 
-import os
 import re
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -18,22 +16,9 @@ _REFERENCE = re.compile(r'"([^"\n]+\.(?:toml|dml))"')
 
 def shipped_files() -> dict[str, Path]:
     """Return the paths of the shipped files by name: "three-aircraft" for scenarios/three-aircraft.toml."""
-    return {path.stem: path for pattern in _PATTERNS for path in sorted(_shipped_root().glob(pattern))}
-
-
-def _shipped_root() -> Path:
     packed = _PACKAGE / SHIPPED
-    return packed if packed.is_dir() else _PACKAGE.parents[1]
-
-
-def copy_shipped_folders(target: str | os.PathLike[str]) -> None:
-    """Copy the shipped scenarios and studies into the folders `scenarios` and `studies` of a folder.
-
-    A folder of this name that exists stays as it is.
-    """
-    for name in ("scenarios", "studies"):
-        if not (Path(target) / name).exists():
-            shutil.copytree(_shipped_root() / name, Path(target) / name)
+    folder = packed if packed.is_dir() else _PACKAGE.parents[1]
+    return {path.stem: path for pattern in _PATTERNS for path in sorted(folder.glob(pattern))}
 
 
 def copy_shipped_file(name: str, target: Path, edit: Callable[[str], str] = str) -> list[Path]:
