@@ -111,3 +111,6 @@ def test_code_and_files_from_elsewhere_are_refused(tmp_path):
     values = document() | {"atmosphere": {"sounding": "../sounding.csv"}}
     with pytest.raises(ScenarioError, match=r"atmosphere\.sounding.*a file in the folder"):
         folder.scenario(values)
+    values = document() | {"wind": {"field": "../winds.nc"}}
+    with pytest.raises(ScenarioError, match=r"wind\.field.*a file in the folder"):
+        folder.scenario(values)

@@ -92,11 +92,11 @@ class DocumentFolder:
 
 
 def _file_paths(value: Any, key_path: str = "") -> Iterator[tuple[str, str]]:
-    """Yield key path and text of each entry that names an aircraft file or a sounding."""
+    """Yield key path and text of each entry that names an aircraft file, a sounding or a wind field."""
     if isinstance(value, dict):
         for key, entry in value.items():
             entry_path = f"{key_path}.{key}".removeprefix(".")
-            if key in ("airframe", "sounding") and isinstance(entry, str):
+            if key in ("airframe", "sounding", "field") and isinstance(entry, str):
                 yield entry_path, entry
             yield from _file_paths(entry, entry_path)
     elif isinstance(value, list):
