@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import anser
 from anser.config.errors import ScenarioError
@@ -63,20 +65,24 @@ def test_a_step_has_the_six_values_of_the_contract():
     ]
 
 
-def test_a_finished_episode_is_reset_within_the_step():
+@settings(max_examples=25, deadline=None, derandomize=True)
+@given(seed=st.integers(0, 2**31), decisions=st.integers(1, 6), scale=st.floats(0.0, 1.0))
+def test_no_state_survives_the_reset_at_the_end_of_an_episode(seed, decisions, scale):
+    """After any episode, state and observation are those of a fresh reset with the same key, to the bit."""
     environment, reset, step = programs()
-    params = shortened(environment, 2).default_params
-    observation, state = reset(keys(4), params)
-    actions = jnp.zeros((4, environment.num_actions))
-    _, state, *_ = step(keys(4, 1), state, actions, params)
-    observation, state, _, terminated, truncated, info = step(keys(4, 2), state, actions, params)
-    assert not bool(terminated.any())
-    assert bool(truncated.all())
-    fresh_observation, fresh_state = reset(keys(4, 2), params)
+    params = shortened(environment, decisions).default_params
+    observation, state = reset(keys(4, seed), params)
+    for decision in range(decisions):
+        start_key = keys(4, seed + 1 + decision)
+        actions = scale * jax.random.uniform(start_key[0], (4, environment.num_actions), minval=-1.0)
+        observation, state, _, terminated, truncated, info = step(start_key, state, actions, params)
+    ended = np.asarray(terminated | truncated)
+    assert ended.all()
+    fresh_observation, fresh_state = reset(start_key, params)
     for ours, fresh in zip(
         jax.tree.leaves((observation, state)), jax.tree.leaves((fresh_observation, fresh_state)), strict=True
     ):
-        np.testing.assert_array_equal(ours, fresh)  # no state survives
+        np.testing.assert_array_equal(ours, fresh)
     assert not np.array_equal(info["final_observation"], observation)
 
 

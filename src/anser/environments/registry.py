@@ -43,6 +43,8 @@ TASKS: dict[str, Callable[[], AbstractTask]] = {
     "FleetArrival": FleetArrival,
 }
 """Tasks by name."""
+CASES = 4096
+"""Number of cases of a task without a study."""
 
 
 def make(
@@ -52,8 +54,8 @@ def make(
     aircraft: str | Mapping[str, Any] = "f16",
     flown: FlightRange | None = None,
     study: str | os.PathLike[str] | None = None,
-    cases: int = 4096,
-    seed: int = 0,
+    cases: int | None = None,
+    seed: int | None = None,
     precision: Precision = "float64",
     step_s: float = 0.01,
     **tables: Any,
@@ -74,12 +76,12 @@ def make(
     study
         Path of a study file whose flights are the cases of "PathTracking", "Arrival" and "FleetArrival", with the
         aircraft, goals, air and sensors of its scenario; None: a study of the package. Each flight is planned before;
-        flights without a plan are left out. Excludes `aircraft`, `flown` and tables;
-        `cases` and `seed` are those of the study.
+        flights without a plan are left out. The tasks with a plan exclude `aircraft`, `flown`, `cases`, `seed` and
+        tables, which are those of the study.
     cases
-        Number of cases: starts and commands from which a reset draws.
+        Number of cases: starts and commands from which a reset draws; None: 4,096.
     seed
-        Seed of the cases.
+        Seed of the cases; None: 0.
     precision
         Precision of the flight: "float64" or "float32".
     step_s
@@ -101,7 +103,7 @@ def make(
         raise ValueError(f"task: arrived {task!r}; expected one of {', '.join(TASKS)}, or an AbstractTask")
     if precision not in PRECISIONS:
         raise ValueError(f"precision: arrived {precision!r}; expected one of {', '.join(PRECISIONS)}")
-    if cases < 1:
+    if cases is not None and cases < 1:
         raise ValueError(f"cases: arrived {cases}; expected at least 1")
     level, chosen_task = LEVELS[action], TASKS[task]() if isinstance(task, str) else task
     if action not in chosen_task.levels:
@@ -117,11 +119,11 @@ def make(
     if study is not None and not isinstance(chosen_task, AbstractPlannedTask):
         raise ValueError(f"study: arrived {study}; expected a task with a plan, PathTracking, Arrival or FleetArrival")
     if isinstance(chosen_task, AbstractPlannedTask):
-        if tables or aircraft != "f16" or flown is not None:
-            arrived = ", ".join(
-                [*tables, *(("flown",) if flown is not None else ()), *(("aircraft",) if aircraft != "f16" else ())]
-            )
-            raise ValueError(f"{name}: arrived {arrived}; expected these in the scenario of a study, study=PATH")
+        given = {"flown": flown, "aircraft": None if aircraft == "f16" else aircraft, "cases": cases, "seed": seed}
+        excluded = [*tables, *(key for key, value in given.items() if value is not None)]
+        if excluded:
+            arrived = ", ".join(excluded)
+            raise ValueError(f"{name}: arrived {arrived}; expected these in a study and its scenario, study=PATH")
         bank, agents, separation_m = planned_cases(study, chosen_task.study, level.decision_s, np.dtype(precision))
         is_fleet = isinstance(chosen_task, FleetArrival)
         if not is_fleet and len(agents) > 1:
@@ -132,10 +134,10 @@ def make(
     else:
         vehicle, environment = single_aircraft(scenario_tables(aircraft, tables))
         flown = default_range(vehicle) if flown is None else flown
-        rng = np.random.default_rng(seed)
-        starts, numbers = chosen_task.draw(vehicle, environment, flown, cases, rng)
+        count, rng = CASES if cases is None else cases, np.random.default_rng(0 if seed is None else seed)
+        starts, numbers = chosen_task.draw(vehicle, environment, flown, count, rng)
         decisions = round(chosen_task.duration_s / level.decision_s)
-        winds = wind_rows(flown, cases, rng)
+        winds = wind_rows(flown, count, rng)
         bank = stack_cases(vehicle, environment, starts, winds, numbers, decisions, np.dtype(precision))
         agents, separation_m = (), 0.0
     made = AircraftEnvironment(
