@@ -25,9 +25,10 @@ tests: .venv/.installed-test
 test-long: .venv/.installed-test
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m long
 
-# Copies of files and tables of keys in the pages, anew. A test says when they are old.
-copies: .venv/.installed
+# Copies of files and tables of keys in the pages, and the notebooks of the tutorials, anew. A test says when they are old.
+copies: .venv/.installed-docs
 	$(BIN)/python docs/copies.py
+	$(BIN)/python docs/notebooks.py
 
 # The documentation site, every example executed: open build/docs/index.html.
 docs: .venv/.installed-docs

@@ -14,7 +14,13 @@ import numpy as np
 from anser.compiling.options import compiled, compiled_quickly
 from anser.compiling.program import PreparedProgram
 from anser.environment.environment import AbstractWind
-from anser.missions.refusal import diagnose_missing_holds, diagnose_refusal, diagnose_wind_field, unproven_paths
+from anser.missions.refusal import (
+    describe_sequence_start,
+    diagnose_missing_holds,
+    diagnose_refusal,
+    diagnose_wind_field,
+    unproven_paths,
+)
 from anser.numerics.arrays import as_array, first_rows
 from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.fitted_wind import FittedWind
@@ -402,27 +408,39 @@ class CertifiedFirstPlan(FirstPlan):
         return unproven_paths(self.scenario, np.asarray(self.plan.feasible))
 
     def notes(self) -> tuple[str, ...]:
-        """Difference between a wind field and the planner's layers; mean airspeeds other than the preferred ones."""
+        """Difference of a wind field from the planner's layers, mean airspeeds, and the start of a sequence."""
         if self.plan_state is None:
             return ()
-        notes = ()
-        if isinstance(self.airspace.wind, FittedWind):
-            error_m_s = float(np.max(np.asarray(self.plan.certificate.bounds.wind_error_max)))
-            notes = (
-                "the plan reckons with layers fitted to the wind field; along its paths the field differs from them by "
-                f"at most {error_m_s:.1f} m/s, which the certificate allows for",
-            )
+        return (*self._wind_notes(), *self._airspeed_notes(), *self._sequence_notes())
+
+    def _wind_notes(self) -> tuple[str, ...]:
+        if not isinstance(self.airspace.wind, FittedWind):
+            return ()
+        error_m_s = float(np.max(np.asarray(self.plan.certificate.bounds.wind_error_max)))
+        return (
+            "the plan reckons with layers fitted to the wind field; along its paths the field differs from them by "
+            f"at most {error_m_s:.1f} m/s, which the certificate allows for",
+        )
+
+    def _sequence_notes(self) -> tuple[str, ...]:
+        if self.scenario.arrival.rule != "sequence":
+            return ()
+        fleet_task = FleetTask(self.tasks, self.airspace, arrival_request(self.scenario))
+        outcome = None if self.outcome is None else self.outcome.leading(len(self.scenario.aircraft))
+        return (describe_sequence_start(self.scenario, fleet_task, self.arrivals_s, outcome),)
+
+    def _airspeed_notes(self) -> tuple[str, ...]:
         preferred_m_s = np.array([self.scenario.speed_for(aircraft) for aircraft in self.scenario.aircraft])
         plan = self.plan
         planned_m_s = np.asarray(plan.lengths) / np.asarray(plan.arrival_times)
         differing = np.flatnonzero(np.abs(planned_m_s / preferred_m_s - 1.0) > _SPEED_TOLERANCE)
         if not differing.size:
-            return notes
+            return ()
         names = ", ".join(f"{self.scenario.aircraft[k].name} {planned_m_s[k]:.1f} m/s" for k in differing)
         if np.ptp(preferred_m_s) > 0.0:
-            return (*notes, f"mean airspeeds other than preferred: {names}")
+            return (f"mean airspeeds other than preferred: {names}",)
         preferred = f"{self.scenario.fleet.airspeed_name('fleet')} = {preferred_m_s[0]:g} m/s"
-        return (*notes, f"mean airspeeds other than the preferred {preferred}: {names}")
+        return (f"mean airspeeds other than the preferred {preferred}: {names}",)
 
     def path_descriptions(self) -> tuple[str, ...]:
         """Shape of the path of each aircraft, such as "turns 83 deg"."""

@@ -1,7 +1,7 @@
 """Reasons for a missing plan: the binding constraint, the size of the conflict, and the nearest feasible request.
 
-Called by `anser.missions.first_plan` after a search of the certified planner without a plan. The sentences name the
-scenario's aircraft and keys, so that the diagnosis needs the scenario.
+Called by `anser.missions.first_plan` after a search of the certified planner. The sentences name the scenario's
+aircraft and keys, so that the diagnosis needs the scenario. The start of a planned sequence has a reason too.
 """
 
 import math
@@ -17,6 +17,7 @@ from anser.planning.certified.arrival_times import (
     common_times,
     reachable,
 )
+from anser.planning.certified.certified_plan import CertifiedPlan
 from anser.planning.certified.fitted_wind import BEYOND_FIELD_M_S
 from anser.planning.certified.search import FleetTask, SearchOutcome, search
 from anser.planning.certified.task import Intervals
@@ -29,6 +30,7 @@ _RELAXATIONS = 2.0 ** np.linspace(0.0, 2.0, 9)  # factors on a limit, from the r
 _MESSAGES_MAX = 3
 _BISECTIONS = 5
 _TIME_TOLERANCE_S = 0.5
+_SAME_START = 1.001  # ratio of two times up to which a sequence counts as begun at its preferred time
 _ALL_PAIRS_MAX = 20  # greatest fleet for which every pair is checked at every arrival time
 
 
@@ -102,6 +104,51 @@ def diagnose_refusal(scenario: Scenario, fleet: FleetTask, outcome: SearchOutcom
         if all(start > latest_s - float(np.max(offsets)) for start, _ in common):
             return (_no_common_time(names, arrival_intervals, offsets, latest_s),)
     return (_largest_feasible_separation(names, fleet, outcome),)
+
+
+def describe_sequence_start(
+    scenario: Scenario, fleet: FleetTask, arrivals_s: np.ndarray, outcome: SearchOutcome | None
+) -> str:
+    """Return one sentence: when a planned sequence begins, and which aircraft keeps it from beginning earlier.
+
+    `arrivals_s` are the planned times, s after the start; `outcome` is the result of the search without padding, or
+    None for a plan from a file or from a fleet without a central planner, whose later start then has no reason.
+    """
+    names, offsets = [aircraft.name for aircraft in scenario.aircraft], fleet.offsets
+    starts = fleet.preferred_times - offsets
+    binding, begin_s = int(np.argmax(starts)), float(np.min(arrivals_s - offsets))
+    begin = f"the sequence begins at {begin_s:.1f} s"
+    if begin_s <= starts[binding] * _SAME_START:
+        aircraft = scenario.aircraft[binding]
+        table = aircraft if aircraft.airspeed_forms else scenario.fleet
+        key = f"{f'aircraft[{binding}]' if table is aircraft else 'fleet'}.{table.airspeed_key}"
+        place = f"arrives {offsets[binding]:g} s after the first" if offsets[binding] > 0.0 else "arrives first"
+        return (
+            f'{begin}, no earlier because of "{aircraft.name}", which {place} and needs '
+            f"{fleet.preferred_times[binding]:.1f} s by its direct path at its preferred "
+            f"{scenario.speed_for(aircraft):g} m/s, the climb included; a higher {key} or another arrival.order "
+            "would let the sequence begin earlier"
+        )
+    text = f"{begin}, not at {starts[binding]:.1f} s as the preferred speeds would allow"
+    earlier = None if outcome is None else outcome.earlier_attempt
+    return text if earlier is None else f"{text}: {_earlier_failure(names, fleet, earlier)}"
+
+
+def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedPlan) -> str:
+    """Describe why an attempt at earlier times failed: an aircraft alone, the closest pair, or the holds."""
+    times = np.asarray(attempt.arrival_times)
+    alone = fleet.active & ~np.asarray(attempt.valid & attempt.certificate.satisfied_individually)
+    if alone.any():
+        aircraft = " and ".join(f'"{names[k]}" at {times[k]:.1f} s' for k in np.flatnonzero(alone)[:_MESSAGES_MAX])
+        return f"no path within its limits was found for {aircraft}"
+    if (fleet.active & ~np.asarray(attempt.feasible)).any():
+        ratios = np.asarray(attempt.certificate.clearance_ratio)
+        first, second = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
+        return (
+            f'for "{names[first]}" at {times[first]:.1f} s and "{names[second]}" at {times[second]:.1f} s no paths were '
+            f"found that keep the separation, {max(float(ratios[first, second]), 0.0):.2f} of it at most"
+        )
+    return f"the aircraft could arrive from {float(np.min(times)):.1f} s on, but no holds afterwards keep them apart"
 
 
 def diagnose_missing_holds(scenario: Scenario, fleet: FleetTask, holds: PlannedHolds) -> tuple[Refusal, ...]:

@@ -360,21 +360,24 @@ class SearchOutcome:
     arrivals: list[Intervals] | None = None
     #: Without a plan: a plan that satisfies every constraint up to the arrivals, but not after them.
     plan_without_holds: CertifiedPlan | None = None
+    #: With a plan: the failed attempt with the latest arrival times before those of the plan; None if none failed.
+    earlier_attempt: CertifiedPlan | None = None
 
     def leading(self, count: int) -> "SearchOutcome":
         """Result for the first `count` aircraft, without the padding."""
-        plan, best_attempt, plan_without_holds = (
+        plan, best_attempt, plan_without_holds, earlier_attempt = (
             None if plan is None else plan.leading(count)
-            for plan in (self.plan, self.best_attempt, self.plan_without_holds)
+            for plan in (self.plan, self.best_attempt, self.plan_without_holds, self.earlier_attempt)
         )
         arrivals = None if self.arrivals is None else self.arrivals[:count]
-        return SearchOutcome(plan, self.attempts, best_attempt, arrivals, plan_without_holds)
+        return SearchOutcome(plan, self.attempts, best_attempt, arrivals, plan_without_holds, earlier_attempt)
 
 
 class _Attempt(NamedTuple):
     times: ArrivalTimes
     candidate_set: CandidateSet
     failed: FailedAircraft  # without a valid path or without a hold at these times
+    plan: CertifiedPlan  # the paths of the attempt, proven or not
 
 
 @dataclass
@@ -394,8 +397,14 @@ class _Search:
 
     def outcome(self, arrivals: list[Intervals] | None = None) -> SearchOutcome:
         if self.plan is not None:
-            return SearchOutcome(self.plan, len(self.tried), arrivals=arrivals)
+            earlier = self._latest_failure_before(np.asarray(self.plan.arrival_times) - self.start_time)
+            return SearchOutcome(self.plan, len(self.tried), arrivals=arrivals, earlier_attempt=earlier)
         return SearchOutcome(None, len(self.tried), self.best_attempt, arrivals, self.plan_without_holds)
+
+    def _latest_failure_before(self, times: ArrivalTimes) -> CertifiedPlan | None:
+        """Failed attempt with the latest times before the given ones; of equal times, the one tried last."""
+        failures = [past for past in self.tried if past.failed.any() and np.sum(past.times) < np.sum(times)]
+        return max(reversed(failures), key=lambda past: float(np.sum(past.times))).plan if failures else None
 
     def run(self, stage: Stage, run_to_end: bool = False) -> None:
         """Attempt the proposals of a stage until a plan is found; with `run_to_end` every one: the last plan counts."""
@@ -443,7 +452,7 @@ class _Search:
             plan, failed = self._make_plan(times, candidate_set, extra_for)
         if np.sum(failed) < min((np.sum(past.failed) for past in self.tried), default=np.inf):
             self.best_attempt = plan
-        self.tried.append(_Attempt(times, candidate_set, failed))
+        self.tried.append(_Attempt(times, candidate_set, failed, plan))
         return None if failed.any() else plan
 
     def _make_plan(
