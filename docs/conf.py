@@ -163,5 +163,6 @@ def _make_accessible(app: Any, exception: Exception | None) -> None:
 
 def setup(app: Any) -> None:
     """Called by Sphinx."""
+    app.registry.source_suffix.pop(".ipynb")  # the notebooks, made from the tutorials, are files to download
     app.connect("autodoc-process-docstring", _escape_bars)
     app.connect("build-finished", _make_accessible)

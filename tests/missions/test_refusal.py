@@ -87,3 +87,52 @@ def test_missing_holds_are_reported_without_padding_aircraft():
     assert messages[0].startswith('"alpha" and "bravo" can arrive, but no holds afterwards keep them apart')
     assert "0.40 of the separation" in messages[0]
     assert messages[1].startswith('aircraft "charlie" can arrive, but no hold afterwards keeps it within')
+
+
+def sequence_case():
+    """Three aircraft, the third of which needs a sequence to begin at 70 s: 80 s for 12 km at 150 m/s, less 10 s."""
+    tasks = stack_tasks([aircraft_task((north, 0.0, -1700.0)) for north in (6000.0, 6000.0, 12000.0)])
+    request_ = ArrivalRequest("sequence", 300.0, offsets_s=np.array([0.0, 20.0, 10.0]))
+    fleet = FleetTask(tasks, airspace(SteadyWind(jnp.zeros(3))), request_)
+    aircraft = [SimpleNamespace(name=name, airspeed_forms=()) for name in NAMES]
+    return fleet, SimpleNamespace(
+        aircraft=aircraft, fleet=SimpleNamespace(airspeed_key="speed_m_s"), speed_for=lambda aircraft: 150.0
+    )
+
+
+def test_a_sequence_at_the_preferred_speed_names_the_aircraft_that_needs_longest():
+    fleet, scenario = sequence_case()
+    text = refusal.describe_sequence_start(scenario, fleet, 70.02 + fleet.offsets, None)
+    assert text.startswith(
+        'the sequence begins at 70.0 s, no earlier because of "charlie", which arrives 10 s after the first and needs '
+        "80.0 s by its direct path at its preferred 150 m/s"
+    )
+    assert "a higher fleet.speed_m_s or another arrival.order" in text
+    scenario.aircraft[2] = SimpleNamespace(name="charlie", airspeed_forms=("mach",), airspeed_key="mach")
+    assert "a higher aircraft[2].mach" in refusal.describe_sequence_start(scenario, fleet, 70.02 + fleet.offsets, None)
+
+
+@pytest.mark.parametrize(
+    ("proven_alone", "ratio", "feasible", "reason"),
+    [
+        ([True, False, True], 2.0, [True, False, True], 'no path within its limits was found for "bravo" at 94.4 s'),
+        ([True] * 3, 0.83, [False, True, False], '"alpha", at 74.4 s, and "charlie", at 84.4 s, apart: 0.83 of'),
+        ([True] * 3, 1.2, [True] * 3, "could arrive from 74.4 s on, but no holds afterwards"),
+    ],
+)
+def test_a_delayed_sequence_names_the_failure_of_the_attempt_before(proven_alone, ratio, feasible, reason):
+    fleet, scenario = sequence_case()
+    ratios = np.full((3, 3), np.inf)
+    ratios[0, 2] = ratios[2, 0] = ratio
+    earlier = SimpleNamespace(
+        arrival_times=74.4 + fleet.offsets,
+        valid=np.full(3, True),
+        feasible=np.array(feasible),
+        certificate=SimpleNamespace(satisfied_individually=np.array(proven_alone), clearance_ratio=ratios),
+    )
+    outcome = SearchOutcome(None, 9, earlier_attempt=earlier)
+    text = refusal.describe_sequence_start(scenario, fleet, 75.0 + fleet.offsets, outcome)
+    head = "the sequence begins at 75.0 s, not at 70.0 s as the preferred speeds would allow"
+    assert text.startswith(f"{head}: ")
+    assert reason in text
+    assert refusal.describe_sequence_start(scenario, fleet, 75.0 + fleet.offsets, None) == head

@@ -145,8 +145,8 @@ def _earlier_failure(names: Sequence[str], fleet: FleetTask, attempt: CertifiedP
         ratios = np.asarray(attempt.certificate.clearance_ratio)
         first, second = (int(k) for k in np.unravel_index(int(np.argmin(ratios)), ratios.shape))
         return (
-            f'for "{names[first]}" at {times[first]:.1f} s and "{names[second]}" at {times[second]:.1f} s no paths were '
-            f"found that keep the separation, {max(float(ratios[first, second]), 0.0):.2f} of it at most"
+            f'no paths were found that keep "{names[first]}", at {times[first]:.1f} s, and "{names[second]}", at '
+            f"{times[second]:.1f} s, apart: {max(float(ratios[first, second]), 0.0):.2f} of the separation at best"
         )
     return f"the aircraft could arrive from {float(np.min(times)):.1f} s on, but no holds afterwards keep them apart"
 

@@ -1,6 +1,7 @@
 """Proposed arrival times: the preferred times, or the earliest feasible times after them."""
 
 import contextlib
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +9,8 @@ import numpy as np
 import pytest
 
 from anser.environment import SteadyWind
-from anser.planning.certified.search import FleetTask, first_stage, later_stage
+from anser.planning.certified import search as search_module
+from anser.planning.certified.search import FleetTask, first_stage, later_stage, search
 from anser.planning.certified.task import ArrivalRequest, stack_tasks
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
 from support.aircraft_tasks import aircraft_task, airspace
@@ -149,3 +151,23 @@ def test_the_proposals_do_not_depend_on_the_heading():
         times, _ = planned(fleet, lambda times, kind: times > last_s)
         arrivals.append(times[0])
     assert np.ptp(arrivals) < 1e-6
+
+
+@pytest.mark.parametrize("standard_delay", [1.0, 1.1])
+def test_the_outcome_has_the_last_failed_attempt_before_the_plan(monkeypatch, standard_delay):
+    """Paths exist from 66 s on; with the standard candidates only later, so that some later attempts fail too."""
+    first_s = 66.0
+
+    def plan_at(start_time, tasks, airspace, times, intervals, candidate_set, *others):
+        is_late = np.asarray(times) >= first_s * (standard_delay if candidate_set in (MINIMAL, STANDARD) else 1.0)
+        return SimpleNamespace(arrival_times=np.asarray(times), feasible=is_late, candidate_set=candidate_set)
+
+    monkeypatch.setattr(search_module, "plan_at", plan_at)
+    fleet = fleet_of((9000.0, 0.0, -1700.0), (6000.0, 0.0, -1500.0))
+    outcome = search(0.0, fleet.tasks, fleet.airspace, fleet.request)
+    assert first_s <= outcome.plan.arrival_times[0] <= first_s * NEAR_ENOUGH
+    earlier = outcome.earlier_attempt
+    assert not earlier.feasible[0]
+    assert outcome.plan.arrival_times[0] / NEAR_ENOUGH <= earlier.arrival_times[0] < outcome.plan.arrival_times[0]
+    at_once = search(0.0, fleet.tasks, fleet.airspace, ArrivalRequest("at", LATEST_S, times_s=np.full(SIZE, 80.0)))
+    assert at_once.earlier_attempt is None
