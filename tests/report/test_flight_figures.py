@@ -164,6 +164,18 @@ def test_letters_keep_their_size_in_a_narrow_figure_and_titles_wrap(thin):
     assert narrow.get_suptitle().count("\n") > wide.get_suptitle().count("\n")
 
 
+@pytest.mark.parametrize("name", ["tracks", "separation", "surfaces"])
+def test_a_long_title_lies_within_a_column_of_a_paper(thin, name):
+    titled = thin.assign_attrs(title="three aircraft-with-a-long-name that meet three ships in moderate turbulence")
+    figure = FLIGHT_FIGURES[name].draw(FlightSheet(titled, FigureFormat(88.0)))
+    figure.canvas.draw()
+    assert figure.get_suptitle().count("\n") >= 1
+    for text in (figure._suptitle, *[title for axes in figure.axes for title in (axes.title, axes._left_title)]):
+        if text.get_text():
+            extent = text.get_window_extent()
+            assert figure.bbox.x0 <= extent.x0 < extent.x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize("width", [0.0, 59.0, 401.0, float("nan"), float("inf")])
 def test_a_width_out_of_range_is_refused(width):
     with pytest.raises(ValueError, match=r"arrived .*; expected 60 to 400 mm: one column of a paper is about 88"):
