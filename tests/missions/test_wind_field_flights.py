@@ -16,6 +16,7 @@ from matplotlib.quiver import Quiver
 import anser
 from anser.config.errors import ScenarioError
 from anser.environments import make
+from anser.environments.cases import FlightRange
 from anser.missions import NoPlanError
 from anser.numerics.arrays import stack_objects
 from anser.planning.demand import demand
@@ -156,7 +157,8 @@ def test_a_simulator_stops_at_the_end_of_the_field(start: Any) -> None:
 
 @pytest.mark.long
 def test_an_episode_of_an_environment_fails_where_the_field_ends() -> None:
-    environment = make("VelocityCommand", "velocity", cases=4, wind={"field": field(1.0, half_m=500.0)})
+    flown = FlightRange((140.0, 160.0), (1200.0, 2000.0))
+    environment = make("VelocityCommand", "velocity", cases=4, flown=flown, wind={"field": field(1.0, half_m=500.0)})
     state = environment.reset(jax.random.key(0))[1]
     step = jax.jit(environment.step_env)
     terminated = []

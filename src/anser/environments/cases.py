@@ -137,7 +137,7 @@ def single_aircraft(tables: Mapping[str, Any]) -> tuple[Vehicle, Environment]:
     ScenarioError
         A table is not valid; the message names the key, what arrived and what would be right.
     """
-    flight = build_flight(validate(dict(tables), "environment"))
+    flight = build_flight(validate(dict(tables), "environment"), mission_is_flown=False)
     vehicle, _, _ = flight.aircraft(0)
     return eqx.tree_at(lambda v: v.mission, vehicle, None, is_leaf=lambda x: x is None), flight.environment
 

@@ -94,7 +94,9 @@ _FLEET = 4  # padded fleets are multiples of this number of aircraft
 _WAYPOINTS = 4  # smallest bucket size of a route with waypoints
 
 
-def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0) -> Flight:
+def build_flight(
+    scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0, mission_is_flown: bool = True
+) -> Flight:
     """Build the flight (`anser.simulation.flight.Flight`) that a scenario describes.
 
     Every number of the scenario becomes an array, so another value of the same shape does not compile again. The shape
@@ -108,9 +110,12 @@ def build_flight(scenario: Scenario, *, pad_fleet: bool = False, flight: int = 0
         of aircraft then seldom compiles again.
     flight
         Number of the flight; together with the scenario's seed it determines all random numbers.
+    mission_is_flown
+        Whether starts, goals, rendezvous and duration must lie within the wind field of a file.
     """
     timing = scenario.timing
-    check_wind_field(scenario)
+    if mission_is_flown:
+        check_wind_field(scenario)
     resolved = resolve_fleet(scenario)
     fleet = [*resolved, *resolved[-1:] * (-len(resolved) % _FLEET if pad_fleet else 0)]
     goals = _goals([scenario.goal_of(aircraft.table) for aircraft in fleet], scenario.event)
