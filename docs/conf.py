@@ -17,6 +17,9 @@ jax.Array.__module__ = "jax"
 import anser  # noqa: E402 - its annotations take the name on
 from anser.compiling.options import supported_options  # noqa: E402
 
+sys.path.insert(0, str(Path(__file__).parent))
+from live_gallery import write_gallery  # noqa: E402
+
 _ROOT = Path(__file__).parents[1]
 
 project = "anser"
@@ -161,8 +164,15 @@ def _make_accessible(app: Any, exception: Exception | None) -> None:
         page.write_text(text, encoding="utf-8")
 
 
+def _write_live_gallery(app: Any, exception: Exception | None) -> None:
+    """Plan the situations of the live page and write their recorded pages beside the finished pages."""
+    if exception is None and app.builder.name == "html":
+        write_gallery(Path(app.outdir) / "live-gallery")
+
+
 def setup(app: Any) -> None:
     """Called by Sphinx."""
     app.registry.source_suffix.pop(".ipynb")  # the notebooks, made from the tutorials, are files to download
     app.connect("autodoc-process-docstring", _escape_bars)
     app.connect("build-finished", _make_accessible)
+    app.connect("build-finished", _write_live_gallery)  # after it: the pages forbid other scripts than their own

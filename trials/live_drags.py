@@ -45,7 +45,6 @@ _WAYPOINTS = """waypoints = [
   { time_s = 200.0, north_m = 3000.0, east_m = 2300.0, altitude_m = 0.0 },
 ]
 """
-_ANSWERED = "live.requests.answered === live.requests.number && !live.requests.due && !live.requests.flying"
 _HANDLES = """(() => {
   const found = [];
   for (const one of document.querySelectorAll("#map [data-key], #profile [data-key]")) {
@@ -85,6 +84,11 @@ def wait_for(browser: Chromium, condition: str) -> None:
         if time.monotonic() > end:
             raise TimeoutError(f"{condition}; {browser.run('live.status.textContent')}; {browser.faults}")
         time.sleep(0.02)
+
+
+def answered(browser: Chromium) -> None:
+    """Wait until the newest scenario has its answer."""
+    wait_for(browser, "live.requests.answered === live.requests.number && !live.requests.due && !live.requests.flying")
 
 
 def drag(browser: Chromium, draw: random.Random, reach_px: float) -> str:
@@ -173,10 +177,10 @@ def drag_often(folder: Path, drags: int, seed: int, reset: int, reach_px: float)
         for k in range(drags):
             if k % reset == 0:
                 browser.run("live.opened(JSON.parse(base), 'base.toml')")
-                wait_for(browser, _ANSWERED)
+                answered(browser)
             before = browser.run("JSON.stringify(live.scenario.table)")
             drag(browser, draw, reach_px)
-            wait_for(browser, _ANSWERED)
+            answered(browser)
             counts["unmoved"] += browser.run("JSON.stringify(live.scenario.table)") == before
             answer = save_answer(browser, f"drag-{k:05d}.toml")
             counts[answer["status"]] += 1

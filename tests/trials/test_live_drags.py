@@ -1,4 +1,4 @@
-"""The trial of random drags on the live page: a sample of it, and the faults that it finds."""
+"""The trials of the live page: samples of random drags and of a server that stands still, and the faults they find."""
 
 import pytest
 
@@ -8,6 +8,7 @@ skip_without_chromium()
 pytest.importorskip("starlette")
 
 from trials.live_drags import difference, drag_often, growth, scenario_text  # noqa: E402
+from trials.standing_server import stand_still  # noqa: E402
 
 
 @pytest.mark.long
@@ -29,3 +30,9 @@ def test_a_foreign_answer_is_a_difference(tmp_path):
 def test_growth_compares_the_quarter_of_the_readings_with_the_last():
     readings = [(500.0, 4.0)] * 5 + [(600.0, 4.0)] * 5 + [(750.0, 5.0)] * 3
     assert growth(readings) == pytest.approx((0.5, 0.25))
+
+
+@pytest.mark.long
+def test_a_page_whose_server_stood_still_has_lost_nothing(tmp_path):
+    faults, _ = stand_still(tmp_path, 45.0)
+    assert faults == []
