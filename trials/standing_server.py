@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from trials.live_drags import Chromium, answered, served, wait_for
+from trials.live_drags import Chromium, answered, served, wait_for  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def stand_still(folder: Path, seconds: float) -> tuple[list[str], float]:
