@@ -21,6 +21,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from live_gallery import write_gallery  # noqa: E402
 
 _ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(Path(__file__).parent))
+
+import notebooks  # noqa: E402
 
 project = "anser"
 author = "the authors of anser"
@@ -73,6 +76,7 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "write_computation_times": False,
     "abort_on_example_error": True,
+    "first_notebook_cell": notebooks.SETUP,
 }
 
 autodoc_member_order = "bysource"
