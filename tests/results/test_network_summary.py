@@ -3,15 +3,17 @@
 import numpy as np
 import pytest
 
+from anser.planning.certified.replanning import CORRECTED, UNCHANGED
 from anser.planning.decentralised.time_coordination import guaranteed_rate
 from anser.results.network_summary import decode_links, summarize_network
 from anser.scenario import loads
 from scenario.test_schema_network import ALONE
 
 STEP_S, END_S = 0.1, 60.0
+AXES = "north", "east", "altitude"
 
 
-def summary_of(heard_from, lag=None):
+def summary_of(heard_from, lag=None, renewal=CORRECTED, path_end_m=0.0):
     scenario = loads(ALONE + "[network]\nwindow_s = 4.0\n")
     time_s = np.arange(0.0, END_S, scenario.timing.step_s)
     heard = np.repeat(heard_from, time_s.size // heard_from.shape[0], axis=0)
@@ -19,6 +21,9 @@ def summary_of(heard_from, lag=None):
         "heard_from": heard,
         "clock_lag": np.zeros((time_s.size, 2)) if lag is None else np.broadcast_to(lag, (time_s.size, 2)),
         "arrival_time": np.full((time_s.size, 2), 50.0),
+        "renewal": np.broadcast_to(renewal, (time_s.size, 2)),
+        **{f"{point}_{axis}": np.zeros((time_s.size, 2)) for point in ("reference", "rendezvous") for axis in AXES},
+        "reference_east": np.broadcast_to([0.0, path_end_m], (time_s.size, 2)),
         "path_offered": np.arange(time_s.size)[:, None] // 1000 % 2 == np.array([1, 2]),
     }
     return summarize_network(time_s, history, scenario, 1.2)
@@ -69,3 +74,19 @@ def test_clock_differences_are_summarized():
     network_summary = summary_of(np.tile([2, 1], (600, 1)), lag=np.array([0.3, -0.1]))
     assert network_summary["clock_lag_max_s"] == pytest.approx(0.3)
     assert network_summary["coordination_error_max_s"] == pytest.approx(np.hypot(0.2, 0.2))
+
+
+def test_a_path_that_no_longer_leads_to_the_rendezvous_is_named():
+    network = loads(ALONE + "[network]\n").network
+    time_s = np.arange(0.0, END_S, loads(ALONE).timing.step_s)
+    kept = np.where(time_s[:, None] > 9.0, UNCHANGED, CORRECTED)
+    complete = np.tile([2, 1], (600, 1))
+    summary = summary_of(complete, renewal=kept, path_end_m=269.4)
+    (outdated,) = summary["outdated_paths"]
+    assert outdated["from_s"] == pytest.approx(9.0, abs=0.011)
+    assert outdated["distance_m"] == pytest.approx(269.4)
+    second = loads(ALONE).aircraft[1].name
+    assert f'"{second}" flew from 9.0 s on a path that ends 269 m from its rendezvous' in summary["message"]
+    # a path that was corrected, or ends within the tube, is not outdated
+    assert summary_of(complete, renewal=CORRECTED, path_end_m=269.4)["outdated_paths"] == []
+    assert summary_of(complete, renewal=kept, path_end_m=network.tube_m - 0.1)["outdated_paths"] == []

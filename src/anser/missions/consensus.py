@@ -1,8 +1,9 @@
 """First plan of a fleet without a central planner: consensus over the network on the arrival time, then on paths."""
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -22,10 +23,11 @@ from anser.missions.first_plan import (
     trim_and_build_tasks_compiled,
 )
 from anser.numerics.arrays import as_array, select_rows
+from anser.planning.certified.arrival_times import first_index
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, certify, choose_interval_count
 from anser.planning.certified.planner import CertifiedPlanState
 from anser.planning.certified.replanning import interval_count
-from anser.planning.certified.search import search
+from anser.planning.certified.search import DELAY_RATIO, search
 from anser.planning.certified.task import AircraftTask, ArrivalRequest
 from anser.planning.decentralised.network import Network
 from anser.planning.decentralised.planner import DecentralisedPlanner
@@ -37,8 +39,8 @@ from anser.shapes import Scalar
 from anser.simulation.flight import Flight
 from anser.simulation.start import TrimmedFleet
 
-DELAY_FACTORS = (1.0, 1.03, 1.08, 1.15, 1.3)
-"""Factors on the first agreed arrival time, proposed in this order."""
+_DELAY_COUNT = 34
+"""Number of arrival times that may be proposed, in steps of `DELAY_RATIO`: up to 1.3 times the first agreed time."""
 
 
 @compiled_quickly
@@ -55,6 +57,9 @@ def _links(network: Network, positions_n: Any, active: Any, randomness: Any, rou
 
     fleet_size = active.shape[0]
     return jax.lax.scan(links_at, jnp.zeros((fleet_size, fleet_size), dtype=bool), rounds)[1]
+
+
+_Plan = TypeVar("_Plan")
 
 
 class Agreement(eqx.Module):
@@ -80,7 +85,7 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         Every aircraft searches for its first arrival, and the fleet agrees on the latest of these times
         (max-consensus). Then the aircraft plan in the order of the scenario: a path with the agreed arrival time and
         with separation from the paths received so far. If a search fails, the aircraft proposes a later time and the
-        fleet plans anew. The holds follow from the paths by a common rule.
+        fleet plans anew, see `find_agreement`. The holds follow from the paths by a common rule.
         """
         on_progress("trimming")
         fleet, tasks = trim_and_build_tasks_compiled(flight, aircraft_planner(flight))
@@ -116,12 +121,12 @@ class DecentralisedFirstPlan(CertifiedFirstPlan):
         return (negotiation_note, *super().notes())
 
 
-class _NoAgreementError(Exception):
+class NoAgreementError(Exception):
     """The negotiation ended without a plan; the argument is the reason, in one sentence."""
 
 
 @dataclass
-class _MessageFlood:
+class MessageFlood:
     """Messages before the flight: each aircraft passes on every message that it has received."""
 
     links: np.ndarray  # whether each link is up at each exchange, (exchange, aircraft, aircraft)
@@ -145,7 +150,7 @@ class _MessageFlood:
             receives = (self.links[exchange][:fleet_size, :fleet_size] & senders[None, :]).any(axis=1)
             received_at = np.where(receives, np.minimum(received_at, exchange + max(self.delay, 1)), received_at)
         unreached = ", ".join(f'"{self.names[k]}"' for k in np.flatnonzero(received_at > len(self.links)))
-        raise _NoAgreementError(
+        raise NoAgreementError(
             f"the fleet does not agree within network.agree_within_s = {len(self.links) * self.period_s:g} s: what "
             f'aircraft "{self.names[source]}" says does not reach {unreached or "all others in time"}'
         )
@@ -162,12 +167,12 @@ def negotiate_plan(
     flood = _make_message_flood(scenario, flight, tasks)
     try:
         plan, holds = _reach_agreement(scenario, cast(DecentralisedPlanner, flight.planner), tasks, flood, on_progress)
-    except _NoAgreementError as error:
+    except NoAgreementError as error:
         return None, None, flood.exchange_index * flood.period_s, str(error)
     return plan, holds, flood.exchange_index * flood.period_s, ""
 
 
-def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> _MessageFlood:
+def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask) -> MessageFlood:
     table = scenario.network or NetworkTable()
     planner = cast(DecentralisedPlanner, flight.planner)
     rounds = np.arange(round(table.agree_within_s / table.period_s), 0, -1, dtype=np.int32)
@@ -180,7 +185,7 @@ def _make_message_flood(scenario: Scenario, flight: Flight, tasks: AircraftTask)
         as_array(-1 - rounds, np.int32),
     )
     names = tuple(aircraft.name for aircraft in scenario.aircraft)
-    return _MessageFlood(np.asarray(links), int(planner.network.delay), names, table.period_s)
+    return MessageFlood(np.asarray(links), int(planner.network.delay), names, table.period_s)
 
 
 def _single_task(tasks: AircraftTask, aircraft: int) -> AircraftTask:
@@ -194,10 +199,10 @@ def _reach_agreement(
     scenario: Scenario,
     planner: DecentralisedPlanner,
     tasks: AircraftTask,
-    flood: _MessageFlood,
+    flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan, PlannedHolds]:
-    """Agree on arrival times, then on paths and holds; raises `_NoAgreementError` with the reason if this fails."""
+    """Agree on arrival times, then on paths and holds; raises `NoAgreementError` with the reason if this fails."""
     names, request = flood.names, arrival_request(scenario, np.asarray(tasks.active).size)
     offsets = request.offsets(np.asarray(tasks.active).size)
     is_fixed = request.times_s is not None
@@ -210,33 +215,75 @@ def _reach_agreement(
             on_progress(f"{name} looks for its first arrival")
             first_plan = search(0.0, _single_task(tasks, k), airspace, ArrivalRequest("together", latest_s)).plan
             if first_plan is None:
-                raise _NoAgreementError(
-                    f'aircraft "{name}" finds no path of its own that arrives within {latest_s:g} s'
-                )
+                raise NoAgreementError(f'aircraft "{name}" finds no path of its own that arrives within {latest_s:g} s')
             first_arrivals.append(float(np.asarray(first_plan.arrival_times)[k]) - offsets[k])
         flood.broadcast(list(range(len(names))))
         agreed_times_s = max(first_arrivals) + offsets
-    failure = ""
-    for delay_factor in DELAY_FACTORS[:1] if is_fixed else DELAY_FACTORS:
-        arrival_times_s = (agreed_times_s - offsets) * delay_factor + offsets
-        if np.max(arrival_times_s[: len(names)]) > latest_s:
-            break
-        plan, failure = _plan_in_turn(planner, tasks, arrival_times_s, flood, on_progress)
+    delay_factors = DELAY_RATIO ** np.arange(1 if is_fixed else _DELAY_COUNT)
+    delayed_times_s = (agreed_times_s - offsets) * delay_factors[:, None] + offsets
+    delayed_times_s = delayed_times_s[np.max(delayed_times_s[:, : len(names)], axis=1) <= latest_s]
+
+    def propose(index: int) -> tuple[tuple[CertifiedPlan, PlannedHolds] | None, str]:
+        plan, failure = _plan_in_turn(planner, tasks, delayed_times_s[index], flood, on_progress)
         if plan is None:
-            continue
+            return None, failure
         on_progress("choosing the holds")
         holds = planner.aircraft_planner.assign_holds(plan.paths, tasks, 0.0, scenario.timing.duration_s)
         if np.asarray(holds.clear)[: len(names)].all():
-            return plan, holds
-        failure = "no holds keep the aircraft clear of each other after their arrivals"
-    raise _NoAgreementError(failure or f"the fleet agrees on no arrival within {latest_s:g} s")
+            return (plan, holds), ""
+        return None, "no holds keep the aircraft clear of each other after their arrivals"
+
+    agreement, failure = find_agreement(len(delayed_times_s), propose, flood)
+    if agreement is None:
+        raise NoAgreementError(failure or f"the fleet agrees on no arrival within {latest_s:g} s")
+    return agreement
+
+
+def find_agreement(
+    count: int, propose: Callable[[int], tuple[_Plan | None, str]], flood: MessageFlood
+) -> tuple[_Plan | None, str]:
+    """Find the earliest of `count` rising delays on which the fleet agrees.
+
+    The delays are proposed in doubled steps, because each proposal takes messages, and then between the last refused
+    and the first agreed delay. If the time for messages ends before this search, the last agreement holds.
+
+    Parameters
+    ----------
+    propose
+        Function of the index of a delay; returns the agreement and "", or None and the reason.
+
+    Returns
+    -------
+    tuple
+        Agreement and reason of the last refusal; None without an agreement.
+
+    Raises
+    ------
+    NoAgreementError
+        If the time for messages ends before the first agreement.
+    """
+    agreement, failure, is_agreed = None, "", None
+    scan = first_index(count)
+    with contextlib.suppress(StopIteration):
+        while True:
+            index = scan.send(is_agreed)
+            try:
+                proposed, failure = propose(index)
+            except NoAgreementError:
+                if agreement is None:
+                    raise
+                flood.exchange_index = len(flood.links)
+                break
+            is_agreed = proposed is not None
+            agreement = proposed if is_agreed else agreement
+    return agreement, failure
 
 
 def _plan_in_turn(
     planner: DecentralisedPlanner,
     tasks: AircraftTask,
     arrival_times_s: np.ndarray,
-    flood: _MessageFlood,
+    flood: MessageFlood,
     on_progress: Callable[[str], None],
 ) -> tuple[CertifiedPlan | None, str]:
     """Plan the aircraft one after the other, each separated from the aircraft planned before.

@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from anser.planning.certified.replanning import CORRECTED, REPLANNED
 from anser.planning.decentralised.time_coordination import coordination_error, guaranteed_rate, quality_of_service
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_settings import Network
 
 _SERIES_STEP_S = 1.0  # time between two entries of the series
 _QUALITY_ZERO = 1e-9  # greatest quality of service that counts as zero
+
+_PATH_END = [(point, axis) for point in ("reference", "rendezvous") for axis in ("north", "east", "altitude")]
 
 
 def summarize_network(
@@ -27,7 +30,8 @@ def summarize_network(
 
     `links_up` is the mean fraction of the pairs with a link, `quality_of_service_min` and `_mean` count over windows of
     `window_s`, `promised_rate_per_s` is the guaranteed rate of convergence at the least quality of service, and
-    `offers` is the number of paths offered.
+    `offers` is the number of paths offered, and `outdated_paths` lists the aircraft whose last path ends farther than
+    `tube_m` from the rendezvous, because the fleet agreed on no other path in time.
     """
     network, names = scenario.network or Network(), [aircraft.name for aircraft in scenario.aircraft]
     stride = round(network.period_s / scenario.timing.step_s)
@@ -44,6 +48,7 @@ def summarize_network(
     quality_min = float(quality.min())
     outage_times_s = time_s[samples[: quality.size]][quality <= _QUALITY_ZERO]
     path_offered = np.asarray(history["path_offered"])
+    outdated_paths = _outdated_paths(time_s, history, names, network)
     return {
         "agreed_after_s": float(agreed_after_s),
         "links_up": float(links.sum(axis=(1, 2)).mean() / pairs),
@@ -55,13 +60,46 @@ def summarize_network(
         "coordination_error_max_s": float(clock_error.max()),
         "offers": int(np.sum(np.diff(path_offered.astype(int), axis=0) > 0)),
         "condition_met": not outage_times_s.size,
-        "message": _message(outage_times_s, network, quality_min),
+        "outdated_paths": outdated_paths,
+        "message": "; ".join(
+            [
+                _message(outage_times_s, network, quality_min),
+                *(
+                    f'"{path["aircraft"]}" flew from {path["from_s"]:.1f} s on a path that ends '
+                    f"{path['distance_m']:.0f} m from its rendezvous, because the fleet agreed on no other in time"
+                    for path in outdated_paths
+                ),
+            ]
+        ),
         "series": {
             "time_s": time_s[samples[series_samples]].tolist(),
             "quality_of_service": quality[series_samples].tolist(),
             "coordination_error_s": clock_error[series_samples].tolist(),
         },
     }
+
+
+def _outdated_paths(
+    time_s: np.ndarray, history: Mapping[str, np.ndarray], names: list[str], network: Network
+) -> list[dict[str, Any]]:
+    """List the aircraft whose path ends farther than the tube from the rendezvous, at its planned arrival.
+
+    Entries: `aircraft`, `from_s` (time since which the path was neither corrected nor replaced, s) and `distance_m`.
+    """
+    outdated = []
+    for k, name in enumerate(names):
+        arrival_s = float(history["arrival_time"][-1, k])
+        if not arrival_s <= time_s[-1]:
+            continue
+        arrival = int(np.searchsorted(time_s, arrival_s))
+        ends = np.stack([history[f"{point}_{axis}"][arrival, k] for point, axis in _PATH_END])
+        distance_m = float(np.linalg.norm(ends[:3] - ends[3:]))
+        is_renewed = np.isin(history["renewal"][: arrival + 1, k], (CORRECTED, REPLANNED))
+        if distance_m > network.tube_m and not is_renewed[-1]:
+            renewed = np.flatnonzero(is_renewed)
+            from_s = float(time_s[renewed[-1] + 1]) if renewed.size else 0.0
+            outdated.append({"aircraft": name, "from_s": from_s, "distance_m": distance_m})
+    return outdated
 
 
 def decode_links(heard_from: np.ndarray, count: int) -> np.ndarray:

@@ -10,6 +10,7 @@ import pytest
 
 from anser.environment import SteadyWind
 from anser.planning.certified import search as search_module
+from anser.planning.certified.arrival_times import straight_times
 from anser.planning.certified.search import FleetTask, first_stage, later_stage, search
 from anser.planning.certified.task import ArrivalRequest, stack_tasks
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD
@@ -116,6 +117,27 @@ def test_aircraft_with_windows_are_delayed_individually():
     times, _ = planned(fleet, lambda times, kind: times >= np.where(kind in (MINIMAL, STANDARD), usual_s, first_s))
     assert np.all((times >= first_s) & (times <= NEAR_ENOUGH * first_s))
     assert planned(fleet, lambda times, kind: times >= np.array([60.0, 57.0, 130.0]))[0] is None
+
+
+@pytest.mark.parametrize("bearing_deg", [0.0, 20.0, 30.0, 60.0])
+def test_turns_before_a_window_are_made_up_for_by_half_a_percent_of_airspeed(bearing_deg):
+    """The start flies north in calm air; the straight line takes 60 s."""
+    bearing = np.radians(bearing_deg)
+    goal, windows_s = (9000.0 * np.cos(bearing), 9000.0 * np.sin(bearing), -1700.0), np.array([[1.0, 200.0]])
+    direct_s = fleet_of(goal).preferred_times[0]
+    window_s = fleet_of(goal, rule="windows", windows_s=windows_s).preferred_times[0]
+    np.testing.assert_allclose(window_s, max(direct_s / 1.005, min(60.0, direct_s)), rtol=1e-9)
+    assert (direct_s > 60.3) == (bearing_deg > 25.0)
+
+
+def test_the_time_of_the_straight_line_is_that_through_the_moving_air():
+    tasks = stack_tasks(
+        [aircraft_task((9000.0, -3000.0, -1900.0), (12.0, -7.0, 0.0)), aircraft_task((20.0, 500.0, 0.0))]
+    )
+    times = straight_times(tasks, airspace(STEADY))
+    drift = np.asarray(tasks.goal_velocity_n) - np.asarray(STEADY.velocity_n)
+    flown = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n) + times[:, None] * drift
+    np.testing.assert_allclose(np.linalg.norm(flown, axis=1), 150.0 * times, rtol=1e-6)
 
 
 def test_proposals_end_at_the_latest_arrival_or_the_window():

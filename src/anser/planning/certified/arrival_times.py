@@ -114,6 +114,25 @@ def _greatest_wind(wind: AbstractWind, heights: Float[Array, " n"]) -> tuple[Sca
     return jnp.max(jnp.linalg.norm(winds, axis=1)), jnp.max(jnp.abs(winds[:, 2]))
 
 
+def straight_times(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
+    """Compute the flight time, s, of the straight line to each moving rendezvous at the preferred mean airspeed.
+
+    The wind is that halfway along the line at the start.
+    """
+    line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
+    wind_n = _winds_at(airspace.wind, as_array(np.asarray(tasks.position_n) + 0.5 * line))
+    drift, speed = np.asarray(tasks.goal_velocity_n) - np.asarray(wind_n), np.asarray(tasks.speed)
+    times = np.linalg.norm(line, axis=1) / speed
+    for _ in range(ROUNDS):
+        times = np.linalg.norm(line + times[:, None] * drift, axis=1) / speed
+    return times
+
+
+@compiled_quickly
+def _winds_at(wind: AbstractWind, positions_n: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    return jax.vmap(lambda position_n: wind.at(position_n, 0.0))(positions_n)
+
+
 def climb_times_min(tasks: AircraftTask, airspace: Airspace) -> Float[np.ndarray, " aircraft"]:
     """Least time, s, in which each aircraft can change from its start altitude to that of its rendezvous.
 

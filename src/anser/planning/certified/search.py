@@ -25,18 +25,22 @@ from anser.planning.certified.arrival_times import (
     first_index,
     may_arrive,
     sample_interval,
+    straight_times,
 )
 from anser.planning.certified.certified_plan import CertifiedPlan, FixedPaths, choose_interval_count, plan_at
 from anser.planning.certified.task import AircraftTask, Airspace, ArrivalRequest, ArrivalTimes, Intervals
 from anser.planning.certified.timed_profiles import MINIMAL, STANDARD, WITH_SPLINES, WITH_TURN_LEG_PATHS, CandidateSet
 
 _DELAYS = (1.0, 1.01, 1.03, 1.06, 1.1, 1.15, 1.22, 1.3, 1.4, 1.55, 1.75, 2.0, 2.4, 3.0)  # factors of the first time
-_DELAY_RATIO = 1.008  # ratio of two consecutive arrival times of the search
+DELAY_RATIO = 1.008
+"""Ratio of two consecutive arrival times of the search."""
 # Factors of the first time: every kind of candidate is tried before a longer delay.
 _DELAY_BOUNDS = (1.0, 1.03, 1.3, 3.0)
 _LONG_DELAY = 1.3  # factor up to which the standard candidates are tried in single steps
 # Slightly later than by the direct path: a path of exactly its length may not exist, to rounding.
 _DIRECT_TIME_FACTOR = 1.0002
+# Greatest mean airspeed in windows, as a factor of the preferred one: it makes up for the turns of the direct path.
+_WINDOW_SPEED_FACTOR = 1.005
 _LIST_FRACTIONS = (0.0, 0.1, 0.25, 0.5, 0.8)  # positions in the list of open times for further candidates
 _GRID_S = 0.25  # spacing of the arrival times tested for the necessary conditions
 _SMALL_FLEET = 12  # largest fleet, in aircraft, for which every kind of candidate is tried
@@ -85,12 +89,19 @@ class FleetTask:
 
     @cached_property
     def preferred_times(self) -> ArrivalTimes:
-        """Flight time of each direct path at the preferred speed, s; longer if the climb certainly takes longer."""
+        """Flight time of each direct path at the preferred speed, s; longer if the climb certainly takes longer.
+
+        In windows, where no aircraft waits for another, the turns of the direct path are made up for by a mean airspeed
+        of up to `_WINDOW_SPEED_FACTOR` times the preferred one, but not beyond the time of the straight line.
+        """
         tasks = self.tasks
         times, converged = direct_times(tasks, self.airspace, tasks.speed, _DIRECT_INTERVALS)
         line = np.asarray(tasks.rendezvous_n) - np.asarray(tasks.position_n)
         straight = np.linalg.norm(line, axis=1) / np.asarray(tasks.speed)
         direct = np.where(np.asarray(converged), np.asarray(times), straight)
+        if self.request.windows_s is not None:
+            shortest = np.minimum(direct, straight_times(tasks, self.airspace))
+            direct = np.maximum(direct / _WINDOW_SPEED_FACTOR, shortest)
         return np.clip(np.maximum(direct, climb_times_min(tasks, self.airspace)), 1.0, self.request.latest_s)
 
     def admissible(self, times: Float[np.ndarray, "n aircraft"]) -> Bool[np.ndarray, " n"]:
@@ -188,7 +199,7 @@ class _Delays:
 
     def truncated(self, index: int | None) -> "_Delays":
         """Keep the times before an index (None: every time); empty if at most one step after the first time."""
-        is_close = index is not None and self.times[index, 0] <= _DELAY_RATIO**1.5 * self.times[0, 0]
+        is_close = index is not None and self.times[index, 0] <= DELAY_RATIO**1.5 * self.times[0, 0]
         return _Delays(self.indices, self.times[: 0 if is_close else index])
 
 
@@ -197,8 +208,8 @@ def _delays(
 ) -> _Delays:
     """Admissible arrival times between `delay_min` and `delay_max` times the first times; offsets stay."""
     windows, offsets = fleet.request.windows_s, fleet.offsets
-    factors = _DELAY_RATIO ** np.arange(
-        np.ceil(np.log(delay_min) / np.log(_DELAY_RATIO)), np.log(delay_max) / np.log(_DELAY_RATIO)
+    factors = DELAY_RATIO ** np.arange(
+        np.ceil(np.log(delay_min) / np.log(DELAY_RATIO)), np.log(delay_max) / np.log(DELAY_RATIO)
     )
     times = factors[:, None] * (first_times - offsets) + offsets
     latest = fleet.request.latest_s if windows is None else windows[indices, 1]
