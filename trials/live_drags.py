@@ -75,6 +75,8 @@ def served(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     finally:
         process.terminate()
         process.wait(30)
+        if process.stdout is not None:
+            process.stdout.close()
 
 
 def wait_for(browser: Chromium, condition: str) -> None:

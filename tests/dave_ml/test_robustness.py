@@ -28,7 +28,7 @@ def survive(seeds):
     memory_before = resident_max()
     for seed in seeds:
         mutations, text = mutated(seed, list(ALL.values()))
-        start = time.process_time()
+        start = time.thread_time()
         try:
             model = read_dave_ml(text, f"mutant {seed}")
         except DaveMlError as error:
@@ -40,7 +40,7 @@ def survive(seeds):
             read += 1
             if read % 10 == 1:
                 usable(model)
-        assert time.process_time() - start < SECONDS_MAX, (seed, mutations)
+        assert time.thread_time() - start < SECONDS_MAX, (seed, mutations)
     assert resident_max() - memory_before < MEGABYTES_MAX
     return read
 
@@ -118,12 +118,12 @@ HEAVY = {
 def test_time_and_memory_are_bounded_for_exhausting_files(case):
     make, says = HEAVY[case]
     content = make()
-    memory_before, start = resident_max(), time.process_time()
+    memory_before, start = resident_max(), time.thread_time()
     if says:
         with pytest.raises(DaveMlError) as caught:
             read_dave_ml(content, "heavy")
         assert says in str(caught.value)
     else:
         read_dave_ml(content, "heavy")
-    assert time.process_time() - start < SECONDS_MAX
+    assert time.thread_time() - start < SECONDS_MAX
     assert resident_max() - memory_before < 400
