@@ -176,6 +176,7 @@ def test_answers_are_those_of_anser_plan_of_the_saved_file(server):
         assert receive(page, "exists")["number"] == 3
 
 
+@pytest.mark.long
 def test_a_refusal_names_aircraft_keys_and_positions(server):
     crowded = json.loads(json.dumps(DOCUMENT))
     crowded["separation"] = {"horizontal_m": 6000.0}

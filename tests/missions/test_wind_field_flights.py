@@ -98,6 +98,7 @@ def test_a_difference_that_eats_the_limits_is_a_reason_for_a_missing_plan() -> N
     assert planned.refusals[0].keys == ("wind.field",)
 
 
+@pytest.mark.long
 def test_starts_goals_and_durations_beyond_the_field_are_refused() -> None:
     with pytest.raises(
         ScenarioError, match=r"rendezvous.*arrived 1000 m.*from -20000 to 500 m.*wind.outside"

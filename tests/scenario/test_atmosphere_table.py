@@ -220,6 +220,7 @@ def test_a_scenario_without_the_table_keeps_its_hash():
     )
 
 
+@pytest.mark.long
 def test_a_flight_in_hot_air_has_the_altitudes_of_that_air():
     flight = anser.run(with_air(temperature_offset_k=20.0, sea_level_pressure_hpa=1000.0))
     row = flight.dataset.isel(time=0, aircraft=0)
