@@ -378,6 +378,7 @@ RECORDED_KEYS: tuple[str, ...] = recorded_keys()
 
 PLAN_VARIABLES: tuple[Variable, ...] = (
     _variable("climb_rate", "m_s", _AIR, "V_h", "Climb rate"),
+    _variable("vertical_load_factor", "", _AIR, "n_v", "Load factor in the vertical plane"),
     _variable("thrust_surplus", "m_s2", _AIR, "a_T", "Surplus of thrust over drag per mass"),
     _variable("distance_min", "m", _NONE, "d_min", "Least distance between two aircraft"),
     _variable("separation", "m", _NED, "d_sep", "Least separation between two aircraft"),

@@ -52,12 +52,14 @@ def _record(valid=(True, True, True)):
         "altitude_min": 100,
         "altitude_max": 15240,
         "load_factor_max": 5,
+        "load_factor_min": 0.55,
     }
     bounds = {
         "speed_min": 149,
         "speed_max": 151,
         "bank_max": BANK,
         "load_factor_max": 1.5,
+        "load_factor_min": 0.9,
         "climb_rate_max": 1,
         "altitude_min": 990,
         "altitude_max": 1510,
@@ -117,6 +119,7 @@ def test_margins_are_proven(recorded):
             "airspeed_max_m_s": 89.0,
             "bank_max_deg": 60.0 - np.degrees(BANK),
             "load_factor_max": 3.5,
+            "load_factor_min": 0.4,  # of the autopilot's 0.5, for the scenario allows -1
             "climb_rate_max_m_s": 79.0,
             "altitude_min_m": 890.0,
             "altitude_max_m": 13730.0,

@@ -42,8 +42,14 @@ def test_a_level_turn_has_the_textbook_bank():
     turning = coordinated_demand(*(jnp.asarray(x) for x in (speed, 0.0, -(speed**2) / radius, 0.0, GRAVITY)))
     np.testing.assert_allclose(turning.bank, -0.6, rtol=1e-12)
     np.testing.assert_allclose(turning.normal, GRAVITY / np.cos(0.6), rtol=1e-12)
-    over = turning.excess(np.tan(0.6), GRAVITY / np.cos(0.6), 1.0, 1.0)
+    over = turning.excess(np.tan(0.6), GRAVITY / np.cos(0.6), 0.5 * GRAVITY, 1.0, 1.0)
     np.testing.assert_allclose(over, [0.0, 0.0, -1.0], atol=1e-6)
+
+
+def test_a_push_over_below_the_least_lift_exceeds_the_limit():
+    level = coordinated_demand(*(jnp.asarray(x) for x in (150.0, 0.0, 0.0, 0.0, GRAVITY - 6.0)))
+    over = level.excess(1.0, 2.0 * GRAVITY, 0.5 * GRAVITY, 1.0, 1.0)
+    np.testing.assert_allclose(over[1], 6.0 - 0.5 * GRAVITY, atol=1e-6)
 
 
 @pytest.mark.parametrize("load", [1.1, 2.0, np.inf])

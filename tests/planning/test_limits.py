@@ -68,7 +68,9 @@ def test_every_limit_names_a_setting_of_a_scenario_and_a_variable():
 
 
 def test_a_relaxed_limit_is_less_strict():
-    tight = limits(altitude_max=3e3, load_factor_max=4.0, acceleration_max=2.0, deceleration_max=2.0)
+    tight = limits(
+        altitude_max=3e3, load_factor_max=4.0, load_factor_min=0.5, acceleration_max=2.0, deceleration_max=2.0
+    )
     for limit in CERTIFIED_LIMITS:
         value = getattr(tight, limit.field)
         assert limit.excess(limit.relaxed(value, 1.5), value) > 0.0

@@ -164,6 +164,7 @@ class Dense:
             "speed_max": np.max(speed),
             "bank_max": np.max(np.abs(np.arctan2(side, lift))),
             "load_factor_max": np.max(np.hypot(side, lift)) / GRAVITY,
+            "load_factor_min": np.min(lift) / GRAVITY,
             "climb_rate_max": np.max(np.abs(through[:, 2])),
             "altitude_min": np.min(-self.position[:, 2]),
             "altitude_max": np.max(-self.position[:, 2]),

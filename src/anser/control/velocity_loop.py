@@ -14,7 +14,7 @@ from anser.spatial.rotations import safe_hypot
 _COS_BANK_MIN = 0.2  # between 78 and 102 deg of bank the lift demand fades out
 _COS_FULL_LIFT = 0.5  # cosine of the bank error up to which the full lift is demanded; none from 90 deg on
 _NORMAL_MIN_G = 0.2  # acceleration normal to the path, in g, below which no turn is demanded
-_NORMAL_TURNING_G = 0.5  # the same in a turn
+NORMAL_TURNING_G = 0.5  # the same in a turn; plans do not push over below it
 LIFT_SHARE = 0.9  # share of the lift at alpha_max for bank and commands; the remainder holds the path
 _SIDE_SHARE_MAX = 0.1  # of the lift: at most 6 deg of bank against a side force
 _NEWTON_STEPS = 2  # the lift curve is piecewise linear: a second step is exact after one breakpoint
@@ -110,8 +110,8 @@ def attitude_demand(model: OnboardModel, gamma_dot: ScalarLike, chi_dot: ScalarL
     side_command = motion.V * jnp.cos(motion.gamma) * chi_dot
     normal_command = motion.V * gamma_dot + gravity_normal
     # a push-over in a turn is limited so that enough lift remains for the turn
-    turning = jnp.clip(jnp.abs(side_command) / (_NORMAL_TURNING_G * gravity), 0.0, 1.0)
-    normal = normal_command + turning * jnp.maximum(_NORMAL_TURNING_G * gravity - normal_command, 0.0)
+    turning = jnp.clip(jnp.abs(side_command) / (NORMAL_TURNING_G * gravity), 0.0, 1.0)
+    normal = normal_command + turning * jnp.maximum(NORMAL_TURNING_G * gravity - normal_command, 0.0)
     other_force_b = condition.propulsive.force_b + model.residual.force_b
 
     def lift(alpha: Scalar) -> Scalar:

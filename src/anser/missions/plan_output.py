@@ -21,7 +21,7 @@ from anser.report.plan_figures import draw_plan
 from anser.results.plan_outputs import plan_summary, write_trajectories
 from anser.results.plan_record import PlanDetails, plan_dataset
 from anser.results.summary import write_summary
-from anser.scenario.build_aircraft import resolve_fleet
+from anser.scenario.build_aircraft import push_over_limit, resolve_fleet
 from anser.scenario.schema import Scenario
 from anser.scenario.schema_aircraft import Goal
 
@@ -182,7 +182,9 @@ def _limits_by_key(scenario: Scenario, derived: PathLimits | None = None) -> dic
     values_by_key, resolved = {}, [aircraft.limits for aircraft in resolve_fleet(scenario)]
     for limit in LIMITS if derived is None else CERTIFIED_LIMITS:
         scenario_values = [getattr(limits, limit.scenario_key) for limits in resolved]
-        if None not in scenario_values:
+        if limit.key == "load_factor_min":
+            values_by_key[limit.key] = np.asarray([push_over_limit(limits) for limits in resolved])
+        elif None not in scenario_values:
             values_by_key[limit.key] = np.asarray(scenario_values) / limit.factor
         elif derived is None:
             values_by_key[limit.key] = math.nan

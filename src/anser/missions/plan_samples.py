@@ -296,6 +296,7 @@ def motion_and_demand(path: PlannedPath, time: ScalarLike, gravity: ScalarLike) 
         "climb_rate": -air_velocity[2],
         "bank": path_demand.bank,
         "load_factor": path_demand.normal / gravity,
+        "vertical_load_factor": path_demand.lift / gravity,
         "thrust_surplus": path_demand.along,
     }
 

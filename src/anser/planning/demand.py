@@ -39,17 +39,22 @@ class Demand(eqx.Module):
         return jnp.sqrt(self.side**2 + self.lift**2 + 1e-6)
 
     def excess(
-        self, bank: ScalarLike, normal: ScalarLike, acceleration: ScalarLike, deceleration: ScalarLike
+        self,
+        bank: ScalarLike,
+        normal: ScalarLike,
+        lift_min: ScalarLike,
+        acceleration: ScalarLike,
+        deceleration: ScalarLike,
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Return how far the demand exceeds three limits, m/s^2; negative within a limit.
 
         1. Bank: the excess of `side` over `lift` times `bank`, the tangent of the greatest bank angle.
-        2. Force normal to the velocity: the limit `normal` is in m/s^2.
+        2. Force normal to the velocity: at most `normal`, and `lift` at least `lift_min`, m/s^2.
         3. Force along the velocity: the limits `acceleration` and `deceleration` are in m/s^2.
         """
         return (
             jnp.abs(self.side) - self.lift * bank,
-            self.smooth_normal - normal,
+            jnp.maximum(self.smooth_normal - normal, lift_min - self.lift),
             jnp.maximum(self.along - acceleration, -self.along - deceleration),
         )
 

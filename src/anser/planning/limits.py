@@ -27,6 +27,8 @@ class PathLimits(eqx.Module):
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
     #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
+    #: Least `Demand.lift` over weight: a push-over below it is not flown.
+    load_factor_min: Scalar = eqx.field(default_factory=lambda: as_array(-np.inf))
     #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     #: Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed.
@@ -138,6 +140,10 @@ LIMITS = (
     ),
     Limit("load_factor_max", "load_factor_max", "", "load_factor", np.max, "load factor"),
     Limit(
+        *("load_factor_min", "load_factor_min", "", "vertical_load_factor", np.min, "load factor of a push-over"),
+        heading="least load factor",
+    ),
+    Limit(
         *("climb_rate_max", "climb_rate_max", "m_s", "climb_rate", _largest_magnitude, "rate of climb or descent"),
         heading="climb rate",
         violation="climbs or descends faster than the limit",
@@ -180,7 +186,7 @@ RELAXED_TOGETHER = {
         ("speed window", ("speed_min", "speed_max")),
         ("rate of climb or descent", ("climb_rate_max",)),
         ("acceleration along the path", ("acceleration_max", "deceleration_max")),
-        ("bank angle", ("bank_max", "load_factor_max")),
+        ("bank angle", ("bank_max", "load_factor_max", "load_factor_min")),
         ("floor and ceiling", ("altitude_min", "altitude_max")),
     )
 }

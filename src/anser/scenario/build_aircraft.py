@@ -32,6 +32,7 @@ from anser.control.gains import (
 )
 from anser.control.guidance import GuidanceSettings
 from anser.control.limits import FlightLimits
+from anser.control.velocity_loop import NORMAL_TURNING_G
 from anser.environment.environment import Environment, standard_environment
 from anser.numerics.arrays import as_array
 from anser.planning.limits import PathLimits
@@ -305,11 +306,16 @@ def build_path_limits(scenario: Scenario) -> PathLimits:
         return limits.bank_max, limits.climb_rate_max, limits.load_factor_max
 
     smallest = tuple(min(values) for values in zip(*map(turn_and_climb, path_limits), strict=True))
-    return eqx.tree_at(turn_and_climb, path_limits[0], smallest)
+    greatest_push_over = max(limits.load_factor_min for limits in path_limits)
+    return eqx.tree_at(
+        lambda limits: (*turn_and_climb(limits), limits.load_factor_min),
+        path_limits[0],
+        (*smallest, greatest_push_over),
+    )
 
 
 def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fraction: float) -> PathLimits:
-    """Build path limits from a fraction of bank, bank rate, climb rate, and of the load factor's part above 1.
+    """Build path limits from a fraction of bank, bank rate, climb rate, and of the load factors' difference from 1.
 
     Airspeeds are as given, altitudes those of `limits`.
     """
@@ -321,8 +327,14 @@ def _path_limits(limits: Limits, speed_min_m_s: float, speed_max_m_s: float, fra
         altitude_min=as_array(limits.altitude_min_m),
         altitude_max=as_array(limits.altitude_max_m),
         load_factor_max=as_array(1.0 + fraction * (limits.load_factor_max - 1.0)),
+        load_factor_min=as_array(1.0 - fraction * (1.0 - push_over_limit(limits))),
         bank_rate_max=_bank_rate(limits, fraction),
     )
+
+
+def push_over_limit(limits: Limits) -> float:
+    """Return the least load factor of a path: the scenario's, or the least that the autopilot flies in a turn."""
+    return max(limits.load_factor_min, NORMAL_TURNING_G)
 
 
 def _bank_rate(limits: Limits, fraction: float = 1.0) -> Scalar | None:

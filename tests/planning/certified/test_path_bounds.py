@@ -120,6 +120,7 @@ def test_bounds_contain_the_extremes_and_little_more(flown):
         "speed_max": (0.003, 0.0),
         "bank_max": (0.04, 0.0),
         "load_factor_max": (0.04, 0.0),
+        "load_factor_min": (0.05, 0.0),
         "climb_rate_max": (0.02, 0.1),
         "altitude_min": (0.0, 0.5),
         "altitude_max": (0.0, 0.5),
@@ -198,6 +199,7 @@ _ORDER = (
     ("speed_max", 1),
     ("bank_max", 1),
     ("load_factor_max", 1),
+    ("load_factor_min", -1),
     ("climb_rate_max", 1),
     ("altitude_min", -1),
     ("altitude_max", 1),
@@ -247,7 +249,7 @@ def test_violations_between_the_knots_are_detected():
     np.testing.assert_allclose([level.speed_min, level.speed_max], 150.0, rtol=1e-12)
     np.testing.assert_allclose([level.bank_max, level.climb_rate_max], 0.0, atol=1e-9)
     np.testing.assert_allclose([level.altitude_min, level.altitude_max], 1000.0, rtol=1e-12)
-    np.testing.assert_allclose(level.load_factor_max, 1.0, rtol=1e-9)
+    np.testing.assert_allclose([level.load_factor_min, level.load_factor_max], 1.0, rtol=1e-9)
     # 300 m too few: the slope of 10u^3 - 15u^4 + 6u^5 is 1.875 in the middle, 150 - 1.875 x 30 m/s.
     slow = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1200, 0, -1000], [150, 0, 0])), CALM, GRAVITY)
     assert slow.speed_min <= 150.0 - 1.875 * 30.0
@@ -261,6 +263,7 @@ def test_violations_between_the_knots_are_detected():
     climb = bound_one(knots((0, [0, 0, -1000], [150, 0, 0]), (10, [1500, 0, -1200], [150, 0, 0])), CALM, GRAVITY)
     assert climb.climb_rate_max >= 1.875 * 20.0
     assert climb.load_factor_max > 1.0 + 5.7735 * 2.0 * 0.9 / GRAVITY
+    assert climb.load_factor_min < 1.0 - 5.7735 * 2.0 * 0.9 / GRAVITY
     # Up at the first knot, down at the last: over the top in between, 25 m/s x 10 s x 2 x 5/32.
     over = bound_one(knots((0, [0, 0, -1000], [150, 0, -25]), (10, [1500, 0, -1000], [150, 0, 25])), CALM, GRAVITY)
     assert over.altitude_max >= 1000.0 + 250.0 * 5 / 16

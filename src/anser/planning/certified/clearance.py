@@ -254,8 +254,10 @@ def _instant(
     up_rate = sample.climb + sample.wind_n[2]  # through the air
     required = coordinated_demand(sample.speed, up_rate, side, forward, gravity + sample.climb_dot)
     accelerations = limits.along(required.speed, required.normal / gravity)
-    bounds = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
-    bank_excess, load_excess, along_excess = required.excess(*(_LIMIT_FRACTION * limit for limit in bounds))
+    greatest = jnp.tan(limits.bank_max), normal_force_max(limits, gravity), *accelerations
+    bank, normal, faster, slower = (_LIMIT_FRACTION * limit for limit in greatest)
+    lift_min = (1.0 - _LIMIT_FRACTION * (1.0 - limits.load_factor_min)) * gravity
+    bank_excess, load_excess, along_excess = required.excess(bank, normal, lift_min, faster, slower)
     within = (bank_excess <= 0.0) & (load_excess <= 0.0) & (along_excess <= 0.0)
     position = jnp.stack([jnp.real(level) + air_drift[0], jnp.imag(level) + air_drift[1], down])
     return _Instant(position, jnp.sqrt(side**2 + forward**2 + sample.climb_dot**2), within | (sample.since_end > 0.0))

@@ -35,6 +35,7 @@ class PathBounds(eqx.Module):
     # bank angle and load factor required in coordinated flight, rad, 1
     bank_max: Scalar
     load_factor_max: Scalar
+    load_factor_min: Scalar  # least lift (`Demand.lift`) over weight
     climb_rate_max: Scalar  # relative to the air, up or down, m/s
     # altitude, m
     altitude_min: Scalar
@@ -179,11 +180,11 @@ def _bank_and_load(
     tangent = tangent * (1.0 + error / slow) * (safe + lift_error) / safe
     load = safe_sqrt(_ratio_max(side_square + lift_square, speed_product, banked)) + across_error / narrow
     load = (load + lift_error / (slow * narrow)) * (1.0 + error / slow) * (1.0 + error / narrow)
-    # Inverted or too slow for the bound: acceleration plus gravity still bounds the load factor.
+    # Inverted or too slow for the ratio: acceleration plus gravity still bounds the load factor.
     return (
         jnp.where(banked, jnp.arctan(tangent), jnp.pi / 2),
         jnp.where(banked, load / gravity, a_max / gravity + 1.0),
-        jnp.where(banked, lift_min / (jnp.maximum(speed_high * level_high, _TINY) * gravity), 0.0),
+        jnp.where(banked, lift_min / (jnp.maximum(speed_high * level_high, _TINY) * gravity), -a_max / gravity - 1.0),
     )
 
 
@@ -239,6 +240,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         speed_max=most(speed_high),
         bank_max=most(bank),
         load_factor_max=most(load),
+        load_factor_min=least(load_low),
         climb_rate_max=most(climb),
         altitude_min=least(-down_high),
         altitude_max=most(-down_low),
@@ -248,7 +250,7 @@ def path_bounds(path: TimedPath, wind: AbstractWind, gravity: ScalarLike) -> Pat
         cell_acceleration=jnp.where(nonempty, a_max, 0.0),
         cell_along=jnp.where(nonempty[:, None], jnp.stack([forward, backward], axis=-1), 0.0),
         cell_speeds=jnp.stack([speed_low, speed_high], axis=-1),
-        cell_load_factors=jnp.stack([load_low, jnp.where(nonempty, load, 0.0)], axis=-1),
+        cell_load_factors=jnp.stack([jnp.maximum(load_low, 0.0), jnp.where(nonempty, load, 0.0)], axis=-1),
     )
 
 

@@ -187,6 +187,7 @@ _STEP_M, _STEP_SPEED, _STEP_ACCELERATION = 3000.0, 30.0, 3.0
 """Changes that make a step of size 1: m, m/s, m/s^2."""
 _CLIMB_FRACTION = 0.998
 _VIOLATION_FACTOR, _TIGHTENING_MIN = 1.3, 0.5
+_PUSH_OVER_MAX = 0.95  # greatest tightened least load factor
 _SPEED_RESERVE, _SPEED_FRACTION = 0.15, 0.1  # m/s, but at most this fraction of the range
 _RESERVE_M, _RESERVE_UP_M = 30.0, 10.0
 _UP_WEIGHT = 3.0  # cost of one metre of vertical escape from a keep-out, in metres of lateral escape
@@ -209,7 +210,9 @@ class TightenedLimits(NamedTuple):
     speed_min: Scalar
     speed_max: Scalar
     bank: Scalar  # tangent of the bank angle
-    load_factor: Scalar  # load factor
+    # load factor, greatest and least
+    load_factor: Scalar
+    load_factor_min: Scalar
     climb_rate: Scalar  # climb rate, m/s
     # accelerations along the path, m/s^2
     acceleration: Scalar
@@ -244,17 +247,18 @@ def initial_limits(problem: SplineProblem, fraction: Scalar) -> TightenedLimits:
         highest - reserve,
         fraction * jnp.tan(limits.bank_max),
         fraction * jnp.minimum(limits.load_factor_max, _ANY_LOAD),
+        1.0 - fraction * (1.0 - jnp.maximum(limits.load_factor_min, -_ANY_LOAD)),
         _CLIMB_FRACTION * limits.climb_rate_max,
         fraction * limits.acceleration_max,
         fraction * limits.deceleration_max,
     )
 
 
-def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "9"]) -> TightenedLimits:
+def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float[Array, "10"]) -> TightenedLimits:
     """Tighten the limits imposed at the sample points, because the path violated the true limits between them.
 
-    `speed_min` is raised and the others are lowered, by the violation times a safety factor. `over` is the relative
-    excess over each limit (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
+    The lower limits are raised and the others are lowered, by the violation times a safety factor. `over` is the
+    relative excess over each limit (0.1 is 10 %), in the order of `CERTIFIED_LIMITS`.
     """
     limits = problem.task.limits
     fields = (limit.field for limit in CERTIFIED_LIMITS)
@@ -267,7 +271,9 @@ def tighten_limits(problem: SplineProblem, allowed: TightenedLimits, over: Float
         name: getattr(allowed, name) * jnp.maximum(1.0 - violated[f"{name}_max"], _TIGHTENING_MIN)
         for name in ("bank", "load_factor", "climb_rate", "acceleration", "deceleration")
     }
-    return TightenedLimits(jnp.minimum(low, middle), jnp.maximum(high, middle), **reduced)
+    # A violation of the least load factor is relative to 1.
+    push_over = jnp.minimum(allowed.load_factor_min + violated["load_factor_min"], _PUSH_OVER_MAX)
+    return TightenedLimits(jnp.minimum(low, middle), jnp.maximum(high, middle), load_factor_min=push_over, **reduced)
 
 
 def initial_state_n(problem: SplineProblem) -> Float[Array, "3 3"]:
@@ -290,10 +296,12 @@ def _limit_violations(
     limits, gravity = problem.task.limits, problem.airspace.gravity
     (wind,), _ = wind_along(problem.airspace.wind, altitude[None], jnp.ones(1))
     required = demand(velocity - wind, acceleration, gravity, _LEVEL_MIN)
-    normal_force_max = allowed.load_factor * gravity
     limits_along = eqx.tree_at(acceleration_limits, limits, (allowed.acceleration, allowed.deceleration))
     bank_excess, load_excess, along_excess = required.excess(
-        allowed.bank, normal_force_max, *limits_along.along(required.speed, required.smooth_normal / gravity)
+        allowed.bank,
+        allowed.load_factor * gravity,
+        allowed.load_factor_min * gravity,
+        *limits_along.along(required.speed, required.smooth_normal / gravity),
     )
     low, high = limits.altitude_min + _RESERVE_UP_M, limits.altitude_max - _RESERVE_UP_M
     violations = [
