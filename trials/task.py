@@ -69,6 +69,7 @@ def planner_task(case: PlanCase) -> PlanTask:
         load_factor_max=_array(limits.load_factor_max[indices]),
         acceleration_max=_array(limits.acceleration_max[indices]),
         deceleration_max=_array(limits.deceleration_max[indices]),
+        load_factor_min=jnp.full(_FLEET, -jnp.inf),
     )
     low, high = (1.0 + _SPEED_ROOM) * limits.speed_min, (1.0 - _SPEED_ROOM) * limits.speed_max
     tasks = AircraftTask(

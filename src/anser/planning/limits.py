@@ -27,8 +27,6 @@ class PathLimits(eqx.Module):
     altitude_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))  #: Greatest altitude, m.
     #: Greatest load factor, 1 in level flight.
     load_factor_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
-    #: Least `Demand.lift` over weight: a push-over below it is not flown.
-    load_factor_min: Scalar = eqx.field(default_factory=lambda: as_array(-np.inf))
     #: Greatest V_dot + g sin(gamma), m/s^2: engine force minus drag per mass; with `idle`, up to load factor 1.
     acceleration_max: Scalar = eqx.field(default_factory=lambda: as_array(np.inf))
     #: Greatest deceleration with idle engine, positive, m/s^2. With `idle`, for level flight at the start airspeed.
@@ -37,6 +35,8 @@ class PathLimits(eqx.Module):
     idle: IdleDeceleration | None = None
     #: Greatest bank rate, rad/s; paths are planned within it, but the certificate does not prove it. None: no limit.
     bank_rate_max: Scalar | None = None
+    #: Least `Demand.lift` over weight: a path does not push over further.
+    load_factor_min: Scalar = eqx.field(default_factory=lambda: as_array(-np.inf))
 
     def along(self, speed: ScalarLike, load_factor: ScalarLike) -> tuple[Scalar, Scalar]:
         """Return the greatest acceleration and deceleration, m/s^2, at an airspeed (m/s) and a load factor."""

@@ -313,7 +313,8 @@ def test_gradients_are_finite_with_empty_cells(flown):
 
 def _tasks(active):
     zeros = jnp.zeros((COUNT, 3))
-    limits = PathLimits(*(jnp.full(COUNT, x) for x in (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)))
+    numbers = (50.0, 400.0, 1.4, 100.0, -1e3, 2e4, 9.0, 99.0, 99.0)
+    limits = PathLimits(*(jnp.full(COUNT, x) for x in numbers), load_factor_min=jnp.full(COUNT, -9.0))
     return AircraftTask(
         zeros,
         zeros,

@@ -2,6 +2,7 @@
 
 import functools
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -163,19 +164,23 @@ def test_violations_agree_with_the_independent_checker():
 
 def test_limits_are_tightened_by_violations_and_never_empty():
     problem = problem_of(90, 3)
+    problem = eqx.tree_at(lambda p: p.task.limits.load_factor_min, problem, number(0.5))
     limits = problem.task.limits
     allowed = initial_limits(problem, number(0.99))
-    unchanged = tighten_limits(problem, allowed, jnp.full(9, -0.1))
+    unchanged = tighten_limits(problem, allowed, jnp.full(len(CERTIFIED_LIMITS), -0.1))
     for value, reference in zip(unchanged, allowed, strict=True):
         np.testing.assert_allclose(value, reference, rtol=1e-15)
-    over = np.zeros(9)
+    over = np.zeros(len(CERTIFIED_LIMITS))
     fields = [limit.field for limit in CERTIFIED_LIMITS]
     over[fields.index("bank_max")] = 0.02
     over[fields.index("speed_min")] = 0.001
+    over[fields.index("load_factor_min")] = 0.1
     tightened = tighten_limits(problem, allowed, jnp.asarray(over))
     assert float(tightened.bank) == pytest.approx(float(allowed.bank) * (1.0 - 0.026))
     assert float(tightened.speed_min) == pytest.approx(float(allowed.speed_min + 0.0013 * limits.speed_min))
     assert float(tightened.load_factor) == float(allowed.load_factor)
-    tightest = tighten_limits(problem, allowed, jnp.full(9, 50.0))
+    assert float(tightened.load_factor_min) == pytest.approx(1.0 - 0.99 * 0.5 + 0.13)
+    tightest = tighten_limits(problem, allowed, jnp.full(len(CERTIFIED_LIMITS), 50.0))
     assert float(tightest.speed_min) <= float(tightest.speed_max)
     assert float(tightest.bank) > 0.0
+    assert float(tightest.load_factor_min) < 1.0
