@@ -3,6 +3,7 @@
 import importlib
 import re
 import runpy
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,27 @@ def test_copies_in_the_pages_are_current(page):
     assert with_copies(text) == text, "make copies"
     for directive in ("{include}", "{literalinclude}"):
         assert directive not in text, "a page must be whole in a clone: docs/copies.py"
+
+
+def test_every_page_is_linked_from_the_contents_in_a_clone():
+    linked = set()
+    for page in (DOCS / "index.md", DOCS / "theory" / "index.md"):
+        targets = re.findall(r"\]\(([^)#\s:]+\.md)\)", page.read_text(encoding="utf-8"))
+        linked |= {(page.parent / target).resolve() for target in targets}
+    assert {page.resolve() for page in PAGES} - linked == {(DOCS / "index.md").resolve()}
+
+
+def test_jax_for_a_gpu_has_the_versions_that_the_package_allows():
+    allowed = re.search(r'"jax(>=[^"]+)"', (DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    assert allowed is not None
+    assert f"jax[cuda12]{allowed[1]}" in (DOCS / "how-to" / "gpu.md").read_text(encoding="utf-8")
+
+
+def test_the_extras_of_the_package_are_those_of_the_page():
+    extras = tomllib.loads((DOCS.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (DOCS / "how-to" / "install.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \|", page.partition("## Optional extras")[2], flags=re.MULTILINE)
+    assert set(listed) == set(extras["optional-dependencies"]) - {"docs", "test"}
 
 
 def test_the_copies_are_found():

@@ -72,6 +72,10 @@ def test_the_page_lists_passed_and_failed_checks(document, tmp_path):
     assert "| width |  |  | 2 |  | flown, not judged | m |" in text
     assert "\nFlown, not judged:\n" in text
     assert text.count("tolerance: half the last digit") == len(document["checks"]) - 1
+    assert (
+        "## Check | timed\n\n**Passed.** Figures within tolerance: 6 of 6; worst error, in tolerances: 0.2.\n" in text
+    )
+    assert "## Check | listed\n\n**Flown, not judged.**\n" in text
     assert "**Could not be computed:** ZeroDivisionError: no" in text
     assert "| length |  | 1 | 2 | 1 | 0.5 | m |" in text
     assert "| width |  | 1 |  |  | 0.5 | m |" in text

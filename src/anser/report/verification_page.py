@@ -111,20 +111,27 @@ def _provenance(document: Mapping[str, Any]) -> str:
 def _summary(checks: Sequence[Mapping[str, Any]]) -> str:
     table_rows = []
     for check in checks:
-        compared = [c for c in check["comparisons"] if c["expected"] is not None]
-        passed = sum(c["passed"] for c in compared)
-        without = len(check["comparisons"]) - len(compared)
-        figures = f"{passed} of {len(compared)}" if compared else "none"
-        if compared and without:
-            figures += f", {without} more not judged"
-        worst = f"{max(map(_severity, compared)):.2g}" if compared else ""
+        figures, worst = _counts(check)
         result = f"**{check['verdict']}**" if check["passed"] is False else check["verdict"]
         table_rows.append((f"[{check['title']}](#{_anchor(check['title'])})", figures, worst, result, check["source"]))
     return _table(("check", "figures within tolerance", "worst error, in tolerances", "result", "source"), table_rows)
 
 
+def _counts(check: Mapping[str, Any]) -> tuple[str, str]:
+    """Return how many figures of a check are within tolerance, and the worst error in tolerances, as texts."""
+    compared = [c for c in check["comparisons"] if c["expected"] is not None]
+    if not compared:
+        return "none", ""
+    figures = f"{sum(c['passed'] for c in compared)} of {len(compared)}"
+    not_judged = len(check["comparisons"]) - len(compared)
+    return figures + (f", {not_judged} more not judged" if not_judged else ""), f"{max(map(_severity, compared)):.2g}"
+
+
 def _section(check: Mapping[str, Any], plot: str | None) -> str:
-    lines = [f"## {check['title']}", "", check["explanation"], ""]
+    figures, worst = _counts(check)
+    counts = f" Figures within tolerance: {figures}; worst error, in tolerances: {worst}." if worst else ""
+    verdict = f"**{check['verdict'].capitalize()}.**{counts}"
+    lines = [f"## {check['title']}", "", verdict, "", check["explanation"], ""]
     tolerance = "" if check["passed"] is None else f"; tolerance: {check['why']}"
     lines += [f"Key `{check['key']}`; source: {check['source']}{tolerance}.", ""]
     if check["problem"]:

@@ -84,7 +84,7 @@ FIELD_SPEED_MAX_M_S = 150.0
 
 
 class WindFieldSource(Table):
-    """File of a wind field, with the checksum of its content; in a file written as its path, `field = "FILE.nc"`."""
+    """File of a wind field, with the checksum of its content; a scenario file has the path alone."""
 
     path: str = Field(description="path of the NetCDF file", json_schema_extra=expects("a path in quotes"))
     sha256: str = Field(
@@ -100,13 +100,6 @@ def _field_from_path(value: Any) -> Any:
         return value
     path = Path(value).absolute()
     return {"path": str(path), "sha256": file_digest(path)}
-
-
-class _FieldPathSchema:
-    """JSON Schema annotation: the path of a file."""
-
-    def __get_pydantic_json_schema__(self, core: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return {"anyOf": [{"type": "string"}, handler(core)]}
 
 
 def _field_key(description: str, expected: str, default: Any, **options: Any) -> Any:
@@ -129,8 +122,12 @@ class Wind(Table):
         at_least=1,
         default=None,
     )
-    field: Annotated[WindFieldSource, BeforeValidator(_field_from_path), _FieldPathSchema()] | None = _field_key(
-        "NetCDF file with the wind over time, altitude and two horizontal axes", "the path of a file, in quotes", None
+    field: Annotated[
+        WindFieldSource | None, BeforeValidator(_field_from_path), WithJsonSchema({"type": ["string", "object"]})
+    ] = _field_key(
+        "NetCDF file with the wind over time, altitude and two horizontal axes",
+        'the path of a file in quotes, such as "era5.nc"',
+        None,
     )
     start_time: float | str | None = _field_key(
         "time of the file at which the flight begins; left out: the first",

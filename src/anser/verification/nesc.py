@@ -1,8 +1,10 @@
 """NESC check-cases as checks against published checkpoints; cases without checkpoints list logged results."""
 
 import functools
+import math
 from typing import Any
 
+from anser.units import FOOT_M
 from anser.verification.checks import (
     NOT_JUDGED,
     Check,
@@ -19,6 +21,7 @@ from anser.verification.nesc_cases import (
     LawFlight,
     LawName,
     TrimmedFlight,
+    TrimmedStart,
     column_unit,
 )
 from anser.verification.nesc_flight import LOG_PERIOD_S, Log, fly_free, fly_laws, trimmed_logs
@@ -63,6 +66,11 @@ def _explanation(case: _Case, published: dict[str, Any] | None) -> str:
         else:
             times = " and ".join(f"{t:g} s" for t in published["not_judged_s"])
             sentences = [*law, texts["law_reference"].format(times=times)]
+    if isinstance(case, TrimmedStart):
+        speed_ft_s = math.hypot(*case.velocity_ft_s)
+        altitude_m, speed_m_s = FOOT_M * case.altitude_ft, FOOT_M * speed_ft_s
+        values = {"altitude_ft": case.altitude_ft, "speed_ft_s": speed_ft_s}
+        sentences.append(texts["start"].format(altitude_m=altitude_m, speed_m_s=speed_m_s, **values))
     return " ".join(" ".join([*sentences, case.note]).split())
 
 
