@@ -48,7 +48,9 @@ def era5_file(path: Path, *, packed: bool = True, members: int = 0, east_deg: fl
         "z": (geopotential, "geopotential", "m**2 s**-2"),
     }
     variables = {n: (dims, x, {"standard_name": s, "units": units}) for n, (x, s, units) in names.items()}
-    dataset = xr.Dataset(variables, coords).assign_coords(expver=((), "0001"))
+    dataset = xr.Dataset(variables, coords).assign_coords(expver=("valid_time", ["0001", "0001", "0005"]))
+    if not members:
+        dataset = dataset.assign_coords(number=((), 0, {"standard_name": "realization", "units": "1"}))
     encoding = {}
     for name, (values, _, _) in names.items():
         scale = float(np.ptp(values)) / 65000.0
